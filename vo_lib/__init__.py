@@ -1,0 +1,1 @@
+"""Stereo visual odometry by solution selection, with features on vehicles removed."""

@@ -1,0 +1,149 @@
+"""Settings declared once: default, unit, range and meaning of every threshold.
+
+A settings class is a frozen dataclass whose fields are made by `setting`. Command-line options, widgets,
+the JSON in a run folder and the reference page are all derived from these declarations.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from .errors import DataError
+
+
+def setting(
+    default: Any,
+    text: str,
+    *,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """A dataclass field with its unit, closed range (low, high) or choices, and one sentence of meaning."""
+    meta = {"text": text, "unit": unit, "low": low, "high": high, "choices": choices}
+    return dataclasses.field(default=default, metadata=meta)
+
+
+def section(cls: type) -> Any:
+    """A nested settings class as a field, with its own defaults."""
+    return dataclasses.field(default_factory=cls)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One declared setting: `name` is the dotted path such as "selection.sets", `kind` its Python type."""
+
+    name: str
+    kind: Any
+    default: Any
+    text: str
+    unit: str
+    low: float | None
+    high: float | None
+    choices: tuple[str, ...]
+
+    def parse(self, raw: str) -> Any:
+        """The value of a command-line word; `DataError` says what was expected."""
+        try:
+            if self.kind is bool:
+                return {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}[
+                    raw.lower()
+                ]
+            if typing.get_origin(self.kind) is tuple:
+                item = typing.get_args(self.kind)[0]
+                return tuple(item(word) for word in raw.split(",") if word)
+            if isinstance(self.kind, types.UnionType):
+                return None if raw.lower() == "none" else typing.get_args(self.kind)[0](raw)
+            return self.kind(raw)
+        except (KeyError, ValueError):
+            raise DataError(f"{self.name}: {raw!r} is not {self.describe()}") from None
+
+    def check(self, value: Any) -> None:
+        """Raise `DataError` unless the value has the declared type, range and choices."""
+        values = value if isinstance(value, tuple) else (value,)
+        kinds: tuple[Any, ...] = (self.kind,)
+        if typing.get_origin(self.kind) is tuple or isinstance(self.kind, types.UnionType):
+            kinds = tuple(k for k in typing.get_args(self.kind) if k is not Ellipsis)
+        for item in values:
+            fits = isinstance(item, kinds) or (float in kinds and isinstance(item, int))
+            if isinstance(item, bool) and bool not in kinds:
+                fits = False
+            if fits and item is not None and not isinstance(item, (str, bool)):
+                fits = item == item  # not NaN
+                fits = fits and (self.low is None or item >= self.low)
+                fits = fits and (self.high is None or item <= self.high)
+            if fits and self.choices:
+                fits = item in self.choices
+            if not fits:
+                raise DataError(f"{self.name}: {item!r} is not {self.describe()}")
+
+    def describe(self) -> str:
+        """The values allowed, in words: "a number from 0 to 5 px"."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        if self.kind is bool:
+            return "on or off"
+        many = typing.get_origin(self.kind) is tuple
+        inner = typing.get_args(self.kind)[0] if many or isinstance(self.kind, types.UnionType) else self.kind
+        noun = {int: "whole number", float: "number"}.get(inner, "text")
+        text = f"a comma-separated list of {noun}s" if many else f"a {noun}"
+        if self.low is not None and self.high is not None:
+            text += f" from {self.low:g} to {self.high:g}"
+        elif self.low is not None:
+            text += f" of {self.low:g} or more"
+        return text + (f" {self.unit}" if self.unit else "")
+
+
+class Checked:
+    """Base of settings classes: every instance is checked against its declarations when made."""
+
+    def __post_init__(self) -> None:
+        for item in declared(type(self), nested=False):
+            item.check(getattr(self, item.name))
+
+
+def declared(cls: type, prefix: str = "", nested: bool = True) -> Iterator[Setting]:
+    """All settings of a settings class, depth first, in the order of declaration."""
+    hints = typing.get_type_hints(cls)
+    for field in dataclasses.fields(cls):
+        kind = hints[field.name]
+        if dataclasses.is_dataclass(kind):
+            if nested:
+                yield from declared(typing.cast(type, kind), f"{prefix}{field.name}.")
+        elif field.metadata:
+            yield Setting(name=prefix + field.name, kind=kind, default=field.default, **field.metadata)
+
+
+def replace(config: Any, name: str, value: Any) -> Any:
+    """A copy of nested settings with one changed by its dotted name, checked."""
+    head, _, rest = name.partition(".")
+    if head not in {f.name for f in dataclasses.fields(config)}:
+        raise DataError(f"{name}: there is no such setting")
+    return dataclasses.replace(
+        config, **{head: replace(getattr(config, head), rest, value) if rest else value}
+    )
+
+
+def to_dict(config: Any) -> dict[str, Any]:
+    """Nested plain dict, ready for JSON."""
+    return dataclasses.asdict(config)
+
+
+def from_dict(cls: Any, data: dict[str, Any]) -> Any:
+    """Settings from a nested dict as `to_dict` gives it; absent fields keep their defaults."""
+    hints = typing.get_type_hints(cls)
+    values: dict[str, Any] = {}
+    for name, value in data.items():
+        if name not in hints:
+            raise DataError(f"{name}: there is no such setting")
+        kind = hints[name]
+        if dataclasses.is_dataclass(kind):
+            value = from_dict(kind, value)
+        values[name] = tuple(value) if isinstance(value, list) else value
+    return cls(**values)
