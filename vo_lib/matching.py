@@ -5,10 +5,17 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .camera import StereoCamera
+from .config import BucketConfig, FeatureConfig, MatchingConfig
+from .features import detect_corners, select_by_bucket
+from .reprojection import fit_motion
+
 Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -37,3 +44,172 @@ class StereoMatches:
     def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> StereoMatches:
         """The matches chosen by a boolean mask or an index array."""
         return StereoMatches(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
+
+
+def empty_matches() -> StereoMatches:
+    """Matches of a frame in which nothing was found."""
+    uv = np.zeros((0, 2))
+    whole = np.zeros(0, np.int64)
+    return StereoMatches(uv, uv, uv, uv, whole, np.zeros(0), whole)
+
+
+@dataclass(frozen=True)
+class _Features:
+    """Features of one stereo pair that wait for the next one."""
+
+    left: Array
+    right: Array
+    age: NDArray[np.int64]
+    strength: Array
+    id: NDArray[np.int64]
+
+    def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> _Features:
+        return _Features(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
+
+
+class LoopMatcher:
+    """Corners followed round the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
+
+    The search starts where the last motion and the stereo depth predict each feature (constant velocity).
+    The matcher fits that motion itself, so the matches depend on the images and on its own settings
+    only: whatever method comes after it, and whatever the seed, sees the same matches.
+    """
+
+    def __init__(self, camera: StereoCamera, features: FeatureConfig, matching: MatchingConfig):
+        self.camera = camera
+        self.features = features
+        self.config = matching
+        self._previous: tuple[Image, Image, _Features] | None = None
+        self._motion: tuple[Array, Array] | None = None
+        self._next_id = 0
+
+    def step(self, left: Image, right: Image) -> StereoMatches:
+        """Matches of the pair before with this one, (H, W) uint8 each; empty for the first pair."""
+        matches = empty_matches()
+        if self._previous is not None:
+            matches = self._follow(left, right)
+        kept = select_by_bucket(
+            matches.cur_left, matches.age, matches.strength, BucketConfig(size=self.features.cell, features=1)
+        )
+        followed = matches[kept]
+        known = _Features(
+            followed.cur_left, followed.cur_right, followed.age + 1, followed.strength, followed.id
+        )
+        self._previous = (left, right, self._add_corners(left, right, known))
+        return matches
+
+    def _follow(self, left: Image, right: Image) -> StereoMatches:
+        assert self._previous is not None
+        prev_left, prev_right, known = self._previous
+        X_p = self.camera.back_project(known.left, known.left[:, 0] - known.right[:, 0])
+        matches = empty_matches()
+        if self._motion is not None:
+            R, t = self._motion
+            guess = self.camera.project(X_p @ R.T + t)
+            matches = self._close_loop(prev_left, prev_right, left, right, known, guess, self.config.levels)
+        if len(matches) < 0.3 * len(known.id):
+            # No motion yet, or it changed abruptly: search from where the features were.
+            again = self._close_loop(
+                prev_left,
+                prev_right,
+                left,
+                right,
+                known,
+                (known.left, known.right),
+                self.config.search_levels,
+            )
+            matches = again if len(again) > len(matches) else matches
+        self._motion = self._fit(matches)
+        return matches
+
+    def _close_loop(
+        self,
+        prev_left: Image,
+        prev_right: Image,
+        left: Image,
+        right: Image,
+        known: _Features,
+        guess: tuple[Array, Array],
+        levels: int,
+    ) -> StereoMatches:
+        start = np.flatnonzero(self._inside(guess[0], left) & self._inside(guess[1], left))
+        cur_left, ok_left = self._track(prev_left, left, known.left[start], guess[0][start], levels)
+        over_time, ok_right = self._track(prev_right, right, known.right[start], guess[1][start], levels)
+        cur_right, ok_stereo = self._track(left, right, cur_left, over_time, 0)
+        ok = ok_left & ok_right & ok_stereo & self._is_stereo(cur_left, cur_right)
+        ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
+        source = known[start[ok]]
+        return StereoMatches(
+            source.left, source.right, cur_left[ok], cur_right[ok], source.age, source.strength, source.id
+        )
+
+    def _add_corners(self, left: Image, right: Image, known: _Features) -> _Features:
+        uv, strength = detect_corners(left, self.features, known.left)
+        disparity = coarse_disparity(left, right, uv, self.config.max_disparity)
+        uv, strength, disparity = (a[disparity > 0] for a in (uv, strength, disparity))
+        guess = uv - np.stack([disparity, np.zeros_like(disparity)], axis=1)
+        found, ok = self._track(left, right, uv, guess, 0)
+        ok &= self._is_stereo(uv, found)
+        number = int(np.count_nonzero(ok))
+        ids = np.arange(self._next_id, self._next_id + number)
+        self._next_id += number
+        return _Features(
+            np.concatenate([known.left, uv[ok]]),
+            np.concatenate([known.right, found[ok]]),
+            np.concatenate([known.age, np.ones(number, np.int64)]),
+            np.concatenate([known.strength, strength[ok]]),
+            np.concatenate([known.id, ids]),
+        )
+
+    def _fit(self, matches: StereoMatches) -> tuple[Array, Array] | None:
+        if len(matches) < 10:
+            return None
+        X_p = self.camera.back_project(matches.prev_left, matches.prev_left[:, 0] - matches.prev_right[:, 0])
+        start = self._motion or (np.eye(3), np.zeros(3))
+        return fit_motion(self.camera, X_p, matches.cur_left, matches.cur_right, *start)[:2]
+
+    def _track(
+        self, image: Image, target: Image, uv: Array, guess: Array, levels: int
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        if len(uv) == 0:
+            return np.zeros((0, 2)), np.zeros(0, np.bool_)
+        moved, status, difference = cv2.calcOpticalFlowPyrLK(
+            image,
+            target,
+            uv.astype(np.float32),
+            guess.astype(np.float32),
+            winSize=(self.config.window, self.config.window),
+            maxLevel=levels,
+            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005),
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        ok = (status.ravel() == 1) & (difference.ravel() <= self.config.max_difference)
+        found = np.asarray(moved, np.float64).reshape(-1, 2)
+        return found, ok & self._inside(found, target)
+
+    def _inside(self, uv: Array, image: Image) -> NDArray[np.bool_]:
+        # NaN (a point behind the camera) compares false.
+        inside = (uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))
+        return np.asarray(inside.all(axis=1))
+
+    def _is_stereo(self, left: Array, right: Array) -> NDArray[np.bool_]:
+        disparity, row = (left - right).T
+        return np.asarray(
+            (disparity >= self.config.min_disparity) & (np.abs(row) <= self.config.row_tolerance)
+        )
+
+
+def coarse_disparity(left: Image, right: Image, uv: Array, largest: int) -> Array:
+    """Disparity of pixels (N, 2) by block matching at half size, good to some pixels; -1 where none, (N,)."""
+    steps = -(-largest // 32) * 16
+    # Block matching sees nothing in its first `steps` columns: give it a margin to lose.
+    small = [
+        cv2.copyMakeBorder(cv2.pyrDown(image), 0, 0, steps, 0, cv2.BORDER_REPLICATE)
+        for image in (left, right)
+    ]
+    matcher = cv2.StereoBM.create(numDisparities=steps, blockSize=11)
+    matcher.setUniquenessRatio(5)
+    disparity = matcher.compute(*small).astype(np.float64) / 8.0
+    column, row = np.rint(uv / 2).astype(int).T
+    height, width = disparity.shape
+    return np.asarray(disparity[np.minimum(row, height - 1), np.minimum(column + steps, width - 1)])

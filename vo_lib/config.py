@@ -1,0 +1,156 @@
+"""Every threshold of the method, declared once, and the named presets of the paper's Table 1."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from dataclasses import dataclass
+
+from .errors import DataError
+from .settings import Checked, section, setting
+
+
+@dataclass(frozen=True)
+class FeatureConfig(Checked):
+    """Corner detection (chapter 1)."""
+
+    cell: int = setting(18, "at most one corner in each square of this size", unit="px", low=6, high=100)
+    quality: float = setting(
+        3.0,
+        "smallest corner strength, as contrast; higher: fewer, safer corners",
+        unit="grey levels",
+        low=0,
+        high=50,
+    )
+    border: int = setting(8, "no corners this close to the image border", unit="px", low=2, high=100)
+
+
+@dataclass(frozen=True)
+class MatchingConfig(Checked):
+    """Matching round the loop of four images (chapter 1)."""
+
+    window: int = setting(13, "side of the Lucas-Kanade window", unit="px", low=5, high=41)
+    levels: int = setting(1, "pyramid levels above the image where a prediction exists", low=0, high=5)
+    search_levels: int = setting(4, "pyramid levels where there is no prediction", low=0, high=6)
+    loop_tolerance: float = setting(
+        0.7, "largest distance between the two ways round the loop", unit="px", low=0.05, high=10
+    )
+    row_tolerance: float = setting(
+        1.0, "largest row difference in a stereo pair", unit="px", low=0.05, high=10
+    )
+    min_disparity: float = setting(
+        0.5, "smallest disparity; far points say little", unit="px", low=0.05, high=50
+    )
+    max_disparity: int = setting(
+        160, "largest disparity searched in a new stereo pair", unit="px", low=16, high=512
+    )
+    max_difference: float = setting(
+        20.0, "largest mean difference of matched windows", unit="grey levels", low=1, high=255
+    )
+
+
+@dataclass(frozen=True)
+class BucketConfig(Checked):
+    """Feature selection: equal squares, older features first, then stronger ones (chapter 1)."""
+
+    size: int = setting(50, "side of a bucket", unit="px", low=10, high=500)
+    features: int = setting(4, "features kept in a bucket", low=1, high=100)
+
+
+@dataclass(frozen=True)
+class FilterConfig(Checked):
+    """Removal of features in vehicle boxes (chapter 5)."""
+
+    rule: str = setting("all", "which boxes remove their features", choices=("none", "all"))
+    margin: float = setting(0.0, "a box grows by this share of its size on every side", low=-0.4, high=1.0)
+    classes: tuple[int, ...] = setting(
+        (2, 5, 7), "class ids of vehicles (COCO: car 2, bus 5, truck 7)", low=0
+    )
+    score: float = setting(
+        0.25, "boxes scored lower are ignored; a label without score counts as 1", low=0, high=1
+    )
+    min_matches: int = setting(
+        60, "with fewer matches left the filter is off for the frame", low=0, high=10000
+    )
+    min_share: float = setting(
+        0.3, "with a smaller share left the filter is off for the frame", low=0, high=1
+    )
+
+
+@dataclass(frozen=True)
+class SelectionConfig(Checked):
+    """The rotation: five-point sets, solution selection, refinement (chapters 2 and 3)."""
+
+    sets: int = setting(200, "five-point sets drawn in a frame (n of the paper)", low=1, high=5000)
+    prior: bool = setting(True, "choose by nearness to the previous essential vector; off: consensus alone")
+    keep: int = setting(
+        2, "solutions of a set kept by nearness to the previous one (k of the paper)", low=1, high=10
+    )
+    mode: str = setting(
+        "refined", "take the winner as it is, or refine it on its inliers", choices=("literal", "refined")
+    )
+    threshold: float = setting(
+        1.0, "a match is an inlier below this Sampson distance", unit="px", low=0.05, high=10
+    )
+    standstill_flow: float = setting(
+        0.5, "below this median flow the essential matrix is undefined", unit="px", low=0, high=5
+    )
+    turn_ratio: float = setting(
+        1.25,
+        "drop the prior when its best candidate scores worse than the best of all by this factor",
+        low=1,
+        high=10,
+    )
+
+
+@dataclass(frozen=True)
+class TranslationConfig(Checked):
+    """The translation by linear least squares, equations (2) and (3) (chapter 4)."""
+
+    scale: float = setting(
+        0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
+    )
+    iterations: int = setting(6, "robust re-weightings", low=0, high=50)
+    max_depth: float = setting(100.0, "features farther away are not used", unit="m", low=5, high=1000)
+
+
+@dataclass(frozen=True)
+class Config(Checked):
+    """Everything that decides a run's result, with the images."""
+
+    seed: int = setting(0, "seed of the random five-point sets", low=0)
+    min_matches: int = setting(
+        12, "with fewer matches the frame goes on with the last motion", low=5, high=1000
+    )
+    features: FeatureConfig = section(FeatureConfig)
+    matching: MatchingConfig = section(MatchingConfig)
+    buckets: BucketConfig = section(BucketConfig)
+    filter: FilterConfig = section(FilterConfig)
+    selection: SelectionConfig = section(SelectionConfig)
+    translation: TranslationConfig = section(TranslationConfig)
+
+
+def _method(prior: bool, rule: str) -> Config:
+    return Config(selection=SelectionConfig(prior=prior), filter=FilterConfig(rule=rule))
+
+
+METHODS: dict[str, Config] = {
+    "mesvo_f": _method(prior=False, rule="none"),
+    "solution_selection": _method(prior=True, rule="none"),
+    "feature_selection": _method(prior=True, rule="all"),
+}
+
+
+def preset(method: str, *, mode: str | None = None, seed: int | None = None) -> Config:
+    """The configuration of a method of Table 1, optionally `literal` or `refined`, with a seed.
+
+    Raises `DataError` for an unknown name, with the nearest known one.
+    """
+    if method not in METHODS:
+        near = difflib.get_close_matches(method, METHODS, n=1, cutoff=0.3)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise DataError(f"unknown method {method!r}: {hint}the methods are {', '.join(METHODS)}")
+    config = METHODS[method]
+    if mode is not None:
+        config = dataclasses.replace(config, selection=dataclasses.replace(config.selection, mode=mode))
+    return config if seed is None else dataclasses.replace(config, seed=seed)

@@ -1,0 +1,74 @@
+"""Chapter 5: vehicle boxes, read from label folders in YOLO's text form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import DataError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """K boxes in one image.
+
+    Attributes
+    ----------
+    xyxy : (K, 4) left, top, right, bottom, pixels (pixel centres at integers).
+    class_id : (K,) int; COCO numbers unless the labels say otherwise.
+    score : (K,) in [0, 1]; 1 for labels without a score.
+    """
+
+    xyxy: Array
+    class_id: NDArray[np.int64]
+    score: Array
+
+    def __len__(self) -> int:
+        return len(self.class_id)
+
+
+def no_boxes() -> Boxes:
+    """The boxes of an image without any."""
+    return Boxes(np.zeros((0, 4)), np.zeros(0, np.int64), np.zeros(0))
+
+
+def read_labels(path: str | Path, width: int, height: int) -> Boxes:
+    """Boxes of a YOLO label file: `class cx cy w h [score]` a line, shares of the image size.
+
+    Raises `DataError` with file and line for a wrong number of fields or a value outside 0..1.
+    """
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"cannot be read as text: {error}", path) from None
+    rows = []
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if not words:
+            continue
+        if len(words) not in (5, 6):
+            raise DataError(
+                f"expected 'class cx cy w h' or 'class cx cy w h score', found {len(words)} fields",
+                path,
+                number,
+            )
+        try:
+            class_id, values = int(words[0]), [float(word) for word in words[1:]]
+        except ValueError:
+            class_id, values = -1, []
+        if class_id < 0 or not all(0.0 <= value <= 1.0 for value in values):
+            found = line.strip()[:60]
+            raise DataError(f"expected a class number and values in 0..1, found {found!r}", path, number)
+        rows.append([float(class_id), *values, *([1.0] if len(values) == 4 else [])])
+    if not rows:
+        return no_boxes()
+    data = np.array(rows)
+    centre, size = data[:, 1:3] * (width, height), data[:, 3:5] * (width, height)
+    # YOLO measures from the outer edge of the first pixel, the kit from its centre.
+    xyxy = np.concatenate([centre - size / 2, centre + size / 2], axis=1) - 0.5
+    return Boxes(xyxy, data[:, 0].astype(np.int64), data[:, 5])

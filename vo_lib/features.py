@@ -1,0 +1,79 @@
+"""Chapter 1: corners of an image, and the choice of features by bucket, age and strength."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .config import BucketConfig, FeatureConfig
+
+Array = NDArray[np.float64]
+
+
+def corner_strength(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Shi and Tomasi's strength of every pixel, (H, W): root of the structure tensor's smaller eigenvalue.
+
+    In grey levels: the weakest contrast a 3×3 window sees in any direction, so a threshold means the
+    same in every image.
+    """
+    # OpenCV scales an 8-bit image so that the eigenvalue is that of grey / 255 over the window.
+    return np.asarray(255.0 * np.sqrt(np.maximum(cv2.cornerMinEigenVal(image, 3, ksize=3), 0.0)), np.float32)
+
+
+def detect_corners(
+    image: NDArray[np.uint8], config: FeatureConfig, taken: Array | None = None
+) -> tuple[Array, Array]:
+    """The strongest corner of each empty square cell.
+
+    Parameters
+    ----------
+    image : (H, W) uint8.
+    taken : (M, 2) pixels of features already followed; their cells get no new corner.
+
+    Returns
+    -------
+    (N, 2) pixels and (N,) strengths, in row-major order of the cells.
+    """
+    strength = corner_strength(image)
+    b, cell = config.border, config.cell
+    strength[:b], strength[-b:], strength[:, :b], strength[:, -b:] = 0, 0, 0, 0
+    # A corner is a local maximum: its neighbours in the next cell must not be stronger.
+    strength[strength < cv2.dilate(strength, np.ones((5, 5), np.uint8))] = 0
+    height, width = strength.shape
+    rows, cols = -(-height // cell), -(-width // cell)
+    padded = np.zeros((rows * cell, cols * cell), np.float32)
+    padded[:height, :width] = strength
+    blocks = padded.reshape(rows, cell, cols, cell).transpose(0, 2, 1, 3).reshape(rows * cols, cell * cell)
+    best = np.argmax(blocks, axis=1)
+    value = blocks[np.arange(rows * cols), best]
+    good = value > config.quality
+    if taken is not None and len(taken):
+        index = np.clip(np.rint(taken).astype(int) // cell, 0, (cols - 1, rows - 1))
+        good[index[:, 1] * cols + index[:, 0]] = False
+    which = np.flatnonzero(good)
+    v = (which // cols) * cell + best[which] // cell
+    u = (which % cols) * cell + best[which] % cell
+    return np.stack([u, v], axis=1).astype(np.float64), value[which].astype(np.float64)
+
+
+def select_by_bucket(
+    uv: Array, age: NDArray[np.int64], strength: Array, config: BucketConfig
+) -> NDArray[np.intp]:
+    """Feature selection of the paper's source: in each bucket the oldest features, then the strongest.
+
+    Parameters
+    ----------
+    uv : (N, 2) pixels; age : (N,) frames; strength : (N,).
+
+    Returns
+    -------
+    Indices of the features kept, at most `config.features` for each square of `config.size` pixels, sorted.
+    """
+    column, row = (uv // config.size).astype(np.int64).T if len(uv) else np.zeros((2, 0), np.int64)
+    bucket = row * (column.max(initial=0) + 1) + column
+    order = np.lexsort((-strength, -age, bucket))
+    sorted_bucket = bucket[order]
+    first = np.searchsorted(sorted_bucket, sorted_bucket)
+    rank = np.arange(len(order)) - first
+    return np.sort(order[rank < config.features])

@@ -1,0 +1,139 @@
+"""Files of a KITTI odometry folder: calib.txt, times.txt, numbered grey images."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import StereoCamera
+from .errors import DataError
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+
+def read_lines(path: Path) -> list[str]:
+    """Lines of a text file, without trailing blank ones; `DataError` where it cannot be read."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        raise DataError("the file is missing", path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"cannot be read as text: {error}", path) from None
+    while lines and not lines[-1].strip():
+        lines.pop()
+    return lines
+
+
+def read_calibration(path: Path) -> StereoCamera:
+    """Camera from calib.txt: f, cx, cy from P0, baseline b = -P1[0,3] / P1[0,0].
+
+    Raises `DataError` for a missing file or matrix, wrong numbers, cameras that are not rectified, or a
+    baseline that is not positive.
+    """
+    matrices: dict[str, tuple[Array, int]] = {}
+    for number, line in enumerate(read_lines(path), start=1):
+        name, colon, rest = line.partition(":")
+        if name.strip() not in ("P0", "P1") or not colon:
+            continue
+        try:
+            values = np.array([float(word) for word in rest.split()])
+        except ValueError:
+            raise DataError(f"{name.strip()}: expected 12 numbers", path, number) from None
+        if len(values) != 12 or not np.isfinite(values).all():
+            raise DataError(f"{name.strip()}: expected 12 finite numbers, found {len(values)}", path, number)
+        matrices[name.strip()] = values.reshape(3, 4), number
+    for name in ("P0", "P1"):
+        if name not in matrices:
+            raise DataError(f"{name} is missing: expected a line '{name}: ' with 12 numbers", path)
+    (P0, line0), (P1, line1) = matrices["P0"], matrices["P1"]
+    f = float(P0[0, 0])
+    if f <= 0 or abs(P0[1, 1] - f) > 1e-6 * f:
+        raise DataError("P0: expected one positive focal length for both axes", path, line0)
+    if np.abs(P0[:, :3] - P1[:, :3]).max() > 1e-6 * f:
+        raise DataError("P0 and P1 differ in their first three columns: not a rectified pair", path, line1)
+    baseline = float(-P1[0, 3] / P1[0, 0])
+    if baseline <= 0:
+        raise DataError(
+            f"P1: the baseline -P1[0,3] / P1[0,0] is {baseline:g} m, expected a positive one", path, line1
+        )
+    return StereoCamera(f, float(P0[0, 2]), float(P0[1, 2]), baseline)
+
+
+def read_times(path: Path) -> Array:
+    """Seconds of each frame, one number a line, never falling. (N,)"""
+    times = []
+    for number, line in enumerate(read_lines(path), start=1):
+        try:
+            times.append(float(line))
+        except ValueError:
+            raise DataError(f"expected one number of seconds, found {line.strip()!r}", path, number) from None
+        if not np.isfinite(times[-1]) or (number > 1 and times[-1] < times[-2]):
+            raise DataError(f"expected seconds that never fall, found {line.strip()!r}", path, number)
+    return np.array(times)
+
+
+def list_frames(folder: Path) -> list[str]:
+    """Names without ending of the stereo pairs in image_0 and image_1, in the order of their numbers.
+
+    Raises `DataError` for a missing folder, an image that has no partner or a gap in the numbers.
+    """
+    sides = []
+    for side in ("image_0", "image_1"):
+        path = folder / side
+        if not path.is_dir():
+            raise DataError(
+                f"the folder {side} is missing: expected PNG images in image_0 and image_1", folder
+            )
+        sides.append({p.stem for p in path.glob("*.png") if re.fullmatch(r"\d+", p.stem)})
+    for stem in sorted(sides[0] ^ sides[1], key=int):
+        there, missing = ("image_0", "image_1") if stem in sides[0] else ("image_1", "image_0")
+        raise DataError(f"the image is missing; {there} has its partner", folder / missing / f"{stem}.png")
+    names = sorted(sides[0], key=int)
+    for before, after in itertools.pairwise(names):
+        if int(after) != int(before) + 1:
+            lost = str(int(before) + 1).zfill(len(before))
+            raise DataError(
+                "the image is missing in the middle of the sequence", folder / "image_0" / f"{lost}.png"
+            )
+    return names
+
+
+def read_image(path: Path) -> Image:
+    """A grey PNG, (H, W) uint8. A truncated or damaged file raises `DataError`, never a half image."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"the image cannot be read: {error.strerror}", path) from None
+    if not _png_is_whole(data):
+        raise DataError("the image is truncated or damaged: expected a whole PNG file", path)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise DataError("the image cannot be decoded: expected a PNG file", path)
+    return np.asarray(image, np.uint8)
+
+
+def _png_is_whole(data: bytes) -> bool:
+    """Whether all chunks up to IEND are there with right checksums: decoders fill what is lost with grey."""
+    if not data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return False
+    start, view = 8, memoryview(data)
+    while start + 12 <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, start)
+        end = start + 12 + length
+        if (
+            end > len(data)
+            or zlib.crc32(view[start + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]
+        ):
+            return False
+        if kind == b"IEND":
+            return True
+        start = end
+    return False

@@ -1,0 +1,196 @@
+"""Sequences: KITTI-layout folders found by name or by path, read a stereo pair at a time."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import StereoCamera
+from .detection import Boxes, no_boxes, read_labels
+from .errors import DataError
+from .kitti import Image, list_frames, read_calibration, read_image, read_times
+from .poses import read_kitti_poses
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """A stereo sequence of N frames in a KITTI-layout folder. Images are read when asked for.
+
+    Attributes
+    ----------
+    name : as a person would call it, "kitti/07" or the folder's name.
+    folder : where image_0, image_1 and calib.txt are.
+    frames : (N) file names without ending, in order.
+    camera : with the image size.
+    times : (N,) seconds.
+    truth : (N, 4, 4) ground-truth poses T_w_c, or None.
+    labels : folder of YOLO label files, or None.
+    """
+
+    name: str
+    folder: Path
+    frames: tuple[str, ...]
+    camera: StereoCamera
+    times: Array
+    truth: Array | None
+    labels: Path | None
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def stereo(self, index: int) -> tuple[Image, Image]:
+        """Left and right image of a frame, (H, W) uint8; `DataError` names an image that cannot be used."""
+        size = (self.camera.height, self.camera.width)
+        images = []
+        for side in ("image_0", "image_1"):
+            path = self.folder / side / f"{self.frames[index]}.png"
+            image = read_image(path)
+            if image.shape != size:
+                found, expected = f"{image.shape[1]}×{image.shape[0]}", f"{size[1]}×{size[0]}"
+                raise DataError(f"the image is {found}, expected {expected} as the first left image", path)
+            images.append(image)
+        return images[0], images[1]
+
+    def boxes(self, index: int) -> Boxes:
+        """Labelled boxes of a frame's left image; none where there is no label file."""
+        path = None if self.labels is None else self.labels / f"{self.frames[index]}.txt"
+        if path is None or not path.exists():
+            return no_boxes()
+        return read_labels(path, self.camera.width, self.camera.height)
+
+    def part(self, start: int, stop: int) -> Sequence:
+        """The frames start … stop - 1; `DataError` unless these are two frames or more of the sequence."""
+        if not (0 <= start < stop <= len(self)) or stop - start < 2:
+            raise DataError(
+                f"frames {start}:{stop}: expected two frames or more of 0:{len(self)}, which {self.name} has"
+            )
+        return dataclasses.replace(
+            self,
+            frames=self.frames[start:stop],
+            times=self.times[start:stop],
+            truth=None if self.truth is None else self.truth[start:stop],
+        )
+
+
+def stereo_ahead(sequence: Sequence, ahead: int = 4) -> Iterator[tuple[Image, Image]]:
+    """All stereo pairs in order, decoded in threads a few frames ahead of their use."""
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        waiting = deque(pool.submit(sequence.stereo, i) for i in range(min(ahead, len(sequence))))
+        for index in range(len(sequence)):
+            pair = waiting.popleft().result()
+            if index + ahead < len(sequence):
+                waiting.append(pool.submit(sequence.stereo, index + ahead))
+            yield pair
+
+
+def kitti_roots() -> list[Path]:
+    """Where KITTI is looked for: KITTI_ROOT, then data/kitti here and beside the package."""
+    places = [
+        os.environ.get("KITTI_ROOT", ""),
+        "data/kitti",
+        str(Path(__file__).parent.parent / "data" / "kitti"),
+    ]
+    roots: list[Path] = []
+    for place in places:
+        # The archives unpack to a folder `dataset`; both it and its parent are accepted.
+        for root in (Path(place), Path(place) / "dataset") if place else ():
+            if (root / "sequences").is_dir() and root.resolve() not in roots:
+                roots.append(root.resolve())
+    return roots
+
+
+def available() -> dict[str, Path]:
+    """Sequences found, by name, in the order of their names."""
+    found: dict[str, Path] = {}
+    for root in kitti_roots():
+        for folder in sorted((root / "sequences").iterdir()):
+            if (folder / "image_0").is_dir():
+                found.setdefault(f"kitti/{folder.name}", folder)
+    return dict(sorted(found.items()))
+
+
+def open_sequence(where: str | Path, labels: str | Path | None = None) -> Sequence:
+    """A sequence by name ("kitti/07") or by the path of a KITTI-layout folder.
+
+    Everything that can be seen without decoding all images is checked here.
+
+    Parameters
+    ----------
+    labels : folder of YOLO label files; by default `labels` in the sequence's folder, if there.
+
+    Raises
+    ------
+    DataError : one line that names the file and what was expected.
+    """
+    name = str(where)
+    folder = Path(where)
+    if not folder.is_dir():
+        known = available()
+        if name in known:
+            folder = known[name]
+        elif name.startswith("kitti/"):
+            roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
+            raise DataError(f"the sequence {name} was not found; looked in {roots}")
+        else:
+            raise DataError(
+                "the folder is missing: expected a KITTI-layout folder or a name from `vo list`", folder
+            )
+    else:
+        name = folder.resolve().name
+    camera = read_calibration(folder / "calib.txt")
+    frames = list_frames(folder)
+    if len(frames) < 2:
+        raise DataError(f"expected two stereo pairs or more, found {len(frames)}", folder / "image_0")
+    first = read_image(folder / "image_0" / f"{frames[0]}.png")
+    camera = dataclasses.replace(camera, width=first.shape[1], height=first.shape[0])
+    times = folder / "times.txt"
+    if not times.exists():
+        raise DataError("the file is missing: expected the seconds of each frame, one number a line", times)
+    return Sequence(
+        name=name,
+        folder=folder,
+        frames=tuple(frames),
+        camera=camera,
+        times=_rows_of_frames(read_times(times), frames, times),
+        truth=_find_truth(folder, frames),
+        labels=_find_labels(folder, frames, labels),
+    )
+
+
+def _rows_of_frames(rows: Array, frames: list[str], path: Path) -> Array:
+    """A row for each frame: all rows in order, or, where the images are a part, the rows of their numbers."""
+    if len(rows) == len(frames):
+        return rows
+    if len(rows) > int(frames[-1]):
+        return rows[[int(frame) for frame in frames]]
+    raise DataError(f"{len(rows)} rows for {len(frames)} frames: expected one row a frame", path)
+
+
+def _find_truth(folder: Path, frames: list[str]) -> Array | None:
+    beside = folder.resolve().parent.parent / "poses" / f"{folder.resolve().name}.txt"
+    for path in (folder / "poses.txt", beside):
+        if path.exists():
+            return _rows_of_frames(read_kitti_poses(path), frames, path)
+    return None
+
+
+def _find_labels(folder: Path, frames: list[str], labels: str | Path | None) -> Path | None:
+    path = folder / "labels" if labels is None else Path(labels)
+    if not path.is_dir():
+        if labels is not None:
+            raise DataError("the label folder is missing", path)
+        return None
+    stems = {p.stem for p in path.glob("*.txt")}
+    if stems and not stems & set(frames):
+        raise DataError(f"no label file is named after a frame: expected names such as {frames[0]}.txt", path)
+    return path
