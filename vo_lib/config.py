@@ -29,7 +29,7 @@ class FeatureConfig(Checked):
 class MatchingConfig(Checked):
     """Matching round the loop of four images (chapter 1)."""
 
-    window: int = setting(13, "side of the Lucas-Kanade window", unit="px", low=5, high=41)
+    window: int = setting(9, "side of the Lucas-Kanade window", unit="px", low=5, high=41)
     levels: int = setting(1, "pyramid levels above the image where a prediction exists", low=0, high=5)
     search_levels: int = setting(4, "pyramid levels where there is no prediction", low=0, high=6)
     loop_tolerance: float = setting(
@@ -54,7 +54,7 @@ class BucketConfig(Checked):
     """Feature selection: equal squares, older features first, then stronger ones (chapter 1)."""
 
     size: int = setting(50, "side of a bucket", unit="px", low=10, high=500)
-    features: int = setting(4, "features kept in a bucket", low=1, high=100)
+    features: int = setting(3, "features kept in a bucket", low=1, high=100)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class TranslationConfig(Checked):
     scale: float = setting(
         0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
     )
-    iterations: int = setting(6, "robust re-weightings", low=0, high=50)
+    iterations: int = setting(6, "robust re-weightings", low=1, high=50)
     max_depth: float = setting(100.0, "features farther away are not used", unit="m", low=5, high=1000)
 
 

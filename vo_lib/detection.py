@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import DataError
+from .files import read_text
 
 Array = NDArray[np.float64]
 
@@ -42,21 +43,13 @@ def read_labels(path: str | Path, width: int, height: int) -> Boxes:
 
     Raises `DataError` with file and line for a wrong number of fields or a value outside 0..1.
     """
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"cannot be read as text: {error}", path) from None
     rows = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         words = line.split()
         if not words:
             continue
         if len(words) not in (5, 6):
-            raise DataError(
-                f"expected 'class cx cy w h' or 'class cx cy w h score', found {len(words)} fields",
-                path,
-                number,
-            )
+            raise DataError(f"expected class cx cy w h [score], found {len(words)} fields", path, number)
         try:
             class_id, values = int(words[0]), [float(word) for word in words[1:]]
         except ValueError:

@@ -14,22 +14,11 @@ from numpy.typing import NDArray
 
 from .camera import StereoCamera
 from .errors import DataError
+from .files import read_text
+from .poses import read_rows
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-
-
-def read_lines(path: Path) -> list[str]:
-    """Lines of a text file, without trailing blank ones; `DataError` where it cannot be read."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError:
-        raise DataError("the file is missing", path) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"cannot be read as text: {error}", path) from None
-    while lines and not lines[-1].strip():
-        lines.pop()
-    return lines
 
 
 def read_calibration(path: Path) -> StereoCamera:
@@ -39,7 +28,7 @@ def read_calibration(path: Path) -> StereoCamera:
     baseline that is not positive.
     """
     matrices: dict[str, tuple[Array, int]] = {}
-    for number, line in enumerate(read_lines(path), start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         name, colon, rest = line.partition(":")
         if name.strip() not in ("P0", "P1") or not colon:
             continue
@@ -69,15 +58,11 @@ def read_calibration(path: Path) -> StereoCamera:
 
 def read_times(path: Path) -> Array:
     """Seconds of each frame, one number a line, never falling. (N,)"""
-    times = []
-    for number, line in enumerate(read_lines(path), start=1):
-        try:
-            times.append(float(line))
-        except ValueError:
-            raise DataError(f"expected one number of seconds, found {line.strip()!r}", path, number) from None
-        if not np.isfinite(times[-1]) or (number > 1 and times[-1] < times[-2]):
-            raise DataError(f"expected seconds that never fall, found {line.strip()!r}", path, number)
-    return np.array(times)
+    rows, lines = read_rows(path, "one number, the seconds of a frame", 1)
+    falls = np.diff(rows[:, 0]) < 0
+    if falls.any():
+        raise DataError("time goes back", path, lines[int(np.argmax(falls)) + 1])
+    return rows[:, 0]
 
 
 def list_frames(folder: Path) -> list[str]:

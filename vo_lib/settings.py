@@ -122,11 +122,17 @@ def declared(cls: type, prefix: str = "", nested: bool = True) -> Iterator[Setti
 
 def replace(config: Any, name: str, value: Any) -> Any:
     """A copy of nested settings with one changed by its dotted name, checked."""
-    head, _, rest = name.partition(".")
-    if head not in {f.name for f in dataclasses.fields(config)}:
+    item = {item.name: item for item in declared(type(config))}.get(name)
+    if item is None:
         raise DataError(f"{name}: there is no such setting")
+    item.check(value)
+    return _replace(config, name.split("."), value)
+
+
+def _replace(config: Any, path: list[str], value: Any) -> Any:
+    head, *rest = path
     return dataclasses.replace(
-        config, **{head: replace(getattr(config, head), rest, value) if rest else value}
+        config, **{head: _replace(getattr(config, head), rest, value) if rest else value}
     )
 
 

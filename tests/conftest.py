@@ -1,0 +1,62 @@
+"""Shared data: a tiny exact stereo sequence made on the spot, and real KITTI clips where they exist."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
+
+BASELINE = 0.5
+FOCAL = 300.0
+WIDTH, HEIGHT = 480, 240
+BANDS = (4, 6, 9, 12, 16, 20)  # disparity of each band of rows, pixels
+
+
+@pytest.fixture(scope="session")
+def clips() -> Path:
+    """Root of the real KITTI clips; skips where they are absent."""
+    if not CLIPS.is_dir():
+        pytest.skip("the real KITTI clips are not beside this checkout (shared/data/kitti_clips)")
+    return CLIPS
+
+
+def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
+    """A KITTI-layout folder whose geometry is exact in whole pixels.
+
+    Six bands of texture stand at six depths; the camera moves to the right by one baseline a frame, so
+    the left image of a frame equals the right image of the frame before. `standing`: it does not move.
+    """
+    rng = np.random.default_rng(7)
+    for side in ("image_0", "image_1"):
+        (folder / side).mkdir(parents=True)
+    height = HEIGHT // len(BANDS)
+    width = WIDTH + max(BANDS) * (frames + 1)
+    textures = []
+    for _ in BANDS:
+        noise = cv2.GaussianBlur(rng.uniform(0, 255, (height, width)), (0, 0), 1.2)
+        textures.append(cv2.normalize(noise, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8))
+    for frame in range(frames):
+        for side in range(2):
+            place = side if standing else frame + side
+            rows = [t[:, d * place : d * place + WIDTH] for t, d in zip(textures, BANDS, strict=True)]
+            cv2.imwrite(str(folder / f"image_{side}" / f"{frame:06d}.png"), np.concatenate(rows))
+    matrix = f"{FOCAL} 0 {WIDTH / 2} {{}} 0 {FOCAL} {HEIGHT / 2} 0 0 0 1 0\n"
+    (folder / "calib.txt").write_text(
+        "P0: " + matrix.format(0) + "P1: " + matrix.format(-FOCAL * BASELINE), encoding="utf-8"
+    )
+    (folder / "times.txt").write_text("".join(f"{0.1 * i:.6e}\n" for i in range(frames)), encoding="utf-8")
+    steps = [0.0 if standing else BASELINE * i for i in range(frames)]
+    (folder / "poses.txt").write_text(
+        "".join(f"1 0 0 {x} 0 1 0 0 0 0 1 0\n" for x in steps), encoding="utf-8"
+    )
+    return folder
+
+
+@pytest.fixture
+def bands(tmp_path: Path) -> Path:
+    """The band sequence of six frames in a folder of its own."""
+    return write_bands(tmp_path / "bands")

@@ -1,0 +1,244 @@
+"""The command as a person uses it: files written, tables printed, one line and exit code 2 for bad input."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vo_lib import settings
+from vo_lib.cli import main
+from vo_lib.config import Config
+from vo_lib.poses import read_kitti_poses, read_tum, write_kitti_poses
+
+FILES = ["config.json", "frames.csv", "metrics.json", "poses.txt", "poses_tum.txt", "trajectory.png"]
+SMALL = ["--features.cell", "10"]
+
+
+def test_a_run_writes_its_files(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = bands.parent / "new" / "out"
+    assert main(["run", str(bands), "--method", "mesvo_f", "--out", str(out), *SMALL]) == 0
+    assert sorted(p.name for p in out.iterdir()) == FILES
+    poses = read_kitti_poses(out / "poses.txt")
+    assert poses.shape == (6, 4, 4)
+    np.testing.assert_array_equal(poses[0], np.eye(4))
+    times, tum = read_tum(out / "poses_tum.txt")
+    np.testing.assert_allclose(tum, poses, atol=1e-7)
+    assert times[1] == pytest.approx(0.1)
+    rows = read_log(out)
+    assert [row["frame"] for row in rows] == [f"{i:06d}" for i in range(1, 6)]
+    assert all(float(row["matching_ms"]) > 0 and int(row["inliers"]) > 20 for row in rows)
+    saved = json.loads((out / "config.json").read_text(encoding="utf-8"))
+    config = settings.from_dict(Config, saved["settings"])
+    assert config.features.cell == 10
+    assert not config.selection.prior
+    image = cv2.imread(str(out / "trajectory.png"))
+    assert image is not None
+    assert image.std() > 5
+    printed = capsys.readouterr().out
+    assert "matches a frame" in printed
+    assert str(out) in printed
+
+
+def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path) -> None:
+    labels = bands.parent / "boxes"
+    labels.mkdir()
+    (labels / "000002.txt").write_text("2 0.5 0.5 0.4 0.4 0.9\n", encoding="utf-8")
+    out = bands.parent / "out"
+    options = ["--frames", "1:4", "--labels", str(labels), "--filter.min_matches", "5", "--seed", "3", *SMALL]
+    assert main(["run", str(bands), "--out", str(out), *options]) == 0
+    rows = read_log(out)
+    assert [row["frame"] for row in rows] == ["000002", "000003"]
+    assert int(rows[0]["removed_by_boxes"]) > 0
+
+
+def test_a_run_without_truth_has_no_errors(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (bands / "poses.txt").unlink()
+    out = bands.parent / "out"
+    assert main(["run", str(bands), "--out", str(out), *SMALL]) == 0
+    assert not (out / "metrics.json").exists()
+    assert "no ground truth" in capsys.readouterr().out
+
+
+def read_log(out: Path) -> list[dict[str, str]]:
+    text = (out / "frames.csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+BAD_RUNS = {
+    "missing folder": (["nowhere"], "nowhere: the folder is missing"),
+    "unknown method": (["BANDS", "--method", "feature_selecton"], "did you mean feature_selection"),
+    "frames outside": (["BANDS", "--frames", "3:9"], "0:6"),
+    "frames text": (["BANDS", "--frames", "three"], "expected A:B"),
+    "labels missing": (["BANDS", "--labels", "nowhere"], "nowhere: the label folder is missing"),
+    "threshold range": (["BANDS", "--selection.sets", "0"], "selection.sets: 0 is not a whole number from 1"),
+    "threshold text": (["BANDS", "--selection.prior", "maybe"], "selection.prior: 'maybe' is not on or off"),
+    "unknown option": (["BANDS", "--selection.sats", "1"], "unrecognized arguments"),
+    "seed": (["BANDS", "--seed", "-1"], "seed: -1 is not"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_RUNS)
+def test_bad_input_is_one_line_and_code_2_and_leaves_nothing(
+    bands: Path, capsys: pytest.CaptureFixture[str], case: str
+) -> None:
+    words, expected = BAD_RUNS[case]
+    out = bands.parent / "out"
+    arguments = ["run", "--out", str(out), *(str(bands) if w == "BANDS" else w for w in words)]
+    try:
+        code = main(arguments)
+    except SystemExit as stop:
+        code = int(str(stop.code))
+    error = capsys.readouterr().err
+    assert code == 2
+    assert expected in error
+    assert len(error.splitlines()) == 1
+    assert not out.exists()
+
+
+def test_an_image_that_fails_in_the_middle_leaves_an_earlier_result_as_it_was(
+    bands: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = bands.parent / "out"
+    assert main(["run", str(bands), "--out", str(out), *SMALL]) == 0
+    before = {p.name: p.read_bytes() for p in out.iterdir()}
+    capsys.readouterr()
+    damaged = bands / "image_0" / "000004.png"
+    damaged.write_bytes(damaged.read_bytes()[:500])
+    assert main(["run", str(bands), "--out", str(out), *SMALL]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "000004.png: the image is truncated" in error
+    assert {p.name: p.read_bytes() for p in out.iterdir()} == before
+
+
+def test_an_image_that_fails_leaves_no_new_folder(bands: Path) -> None:
+    damaged = bands / "image_0" / "000004.png"
+    damaged.write_bytes(b"")
+    assert main(["run", str(bands), "--out", str(bands.parent / "deep" / "out"), *SMALL]) == 2
+    assert not (bands.parent / "deep").exists()
+
+
+def test_a_place_that_cannot_be_written_is_said_before_the_work(
+    bands: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (bands.parent / "file").write_text("", encoding="utf-8")
+    assert main(["run", str(bands), "--out", str(bands.parent / "file" / "out"), *SMALL]) == 2
+    assert main(["run", str(bands), "--out", str(bands.parent / "file"), *SMALL]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert all("cannot be" in line for line in errors)
+    assert len(errors) == 2
+
+
+def test_evaluate_prints_a_table_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    poses = np.tile(np.eye(4), (301, 1, 1))
+    poses[:, 2, 3] = np.arange(301.0)
+    write_kitti_poses(tmp_path / "truth.txt", poses)
+    poses[:, 2, 3] *= 1.02
+    write_kitti_poses(tmp_path / "estimate.txt", poses)
+    pair = ["--truth", str(tmp_path / "truth.txt"), "--estimate", str(tmp_path / "estimate.txt")]
+    assert main(["evaluate", *pair]) == 0
+    printed = capsys.readouterr().out
+    assert "pooled" in printed
+    assert "2.02 / 0.00" in printed
+    assert main(["evaluate", *pair, "--lengths", "20,50", "--step", "1", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["lengths_m"] == [20, 50]
+    # The sub-sequence ends one frame past its length: 2 % of 21 m is 2.1 % of 20 m.
+    assert data["sequences"][0]["by_length"][0]["te_percent"] == pytest.approx(2.1)
+    assert data["pooled"]["re_deg_per_100m"] == pytest.approx(0.0, abs=1e-9)
+    two = ["--truth", pair[1], pair[1], "--estimate", pair[3], pair[1]]
+    assert main(["evaluate", *two, "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["sequences"]) == 2
+
+
+def test_evaluate_names_file_and_row_of_what_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = "1 0 0 0 0 1 0 0 0 0 1 0\n"
+    (tmp_path / "good.txt").write_text(good * 5, encoding="utf-8")
+    for text, words in (
+        (good * 4, "has 4 rows"),
+        (good * 2 + good.replace("1 0 0 0 ", "1 0 0 nan ", 1) + good * 2, "line 3"),
+        (good * 3 + "1 2 3\n" + good, "line 4"),
+    ):
+        (tmp_path / "bad.txt").write_text(text, encoding="utf-8")
+        pair = ["--truth", str(tmp_path / "good.txt"), "--estimate", str(tmp_path / "bad.txt")]
+        assert main(["evaluate", *pair]) == 2
+        error = capsys.readouterr().err
+        assert "bad.txt" in error
+        assert words in error
+        assert len(error.splitlines()) == 1
+    for options in (["--lengths", "20;50"], ["--lengths", "-5"], ["--step", "0"], ["--step", "x"]):
+        both = ["--truth", str(tmp_path / "good.txt"), "--estimate", str(tmp_path / "good.txt")]
+        assert main(["evaluate", *both, *options]) == 2
+        assert options[0].strip("-") in capsys.readouterr().err
+
+
+def test_list_names_what_is_found(
+    bands: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = bands.parent / "root"
+    shutil.copytree(bands, root / "sequences" / "07")
+    monkeypatch.setenv("KITTI_ROOT", str(root))
+    assert main(["list"]) == 0
+    assert "kitti/07" in capsys.readouterr().out
+    assert main(["list", "--json"]) == 0
+    assert "kitti/07" in json.loads(capsys.readouterr().out)
+
+
+def test_check_finds_this_installation_healthy(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("KITTI_ROOT", "")
+    assert main(["check", "--json"]) == 0
+    findings = {f["what"]: f for f in json.loads(capsys.readouterr().out)}
+    assert findings["numpy"]["found"] == np.__version__
+    assert findings["one OpenCV only"]["state"] == "ok"
+    assert main(["check"]) == 0
+    assert "cv2" in capsys.readouterr().out
+
+
+def test_two_opencv_packages_are_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
+    import vo_lib.environment as environment
+
+    monkeypatch.setattr(environment, "installed_version", lambda name: "5.0")
+    broken = [f for f in environment.check() if f.state == "problem"]
+    assert [f.what for f in broken] == ["one OpenCV only"]
+    assert "pip uninstall" in broken[0].remedy
+    assert main(["check"]) == 1
+
+
+@pytest.mark.parametrize("words", [["--help"], ["run", "--help"], ["evaluate", "--help"]])
+def test_help_is_printed(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    assert stop.value.code == 0
+    assert "vo" in capsys.readouterr().out
+
+
+def test_every_threshold_is_an_option(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["run", "--help"])
+    text = capsys.readouterr().out
+    assert all(f"--{item.name}" in text for item in settings.declared(Config))
+
+
+def test_the_command_itself_starts(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "import sys; from vo_lib.cli import main; sys.exit(main())", "run", "x"]
+    done = subprocess.run(
+        [*command, "--out", "y"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("vo: error: x: the folder is missing")

@@ -1,0 +1,150 @@
+"""From candidates to one rotation: consensus, solution selection, depth, refinement."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vo_lib.config import SelectionConfig
+from vo_lib.essential import (
+    EssentialEstimate,
+    estimate_essential,
+    motion_by_depth,
+    nearest_to_prior,
+    refine,
+    sample_sets,
+    truncated_errors,
+)
+from vo_lib.five_point import five_point
+from vo_lib.geometry import (
+    Array,
+    essential_angle,
+    essential_vector,
+    rotation_angle,
+    rotation_from_vector,
+    sampson_distance,
+)
+from vo_lib.problems import PoseProblems, random_problems
+
+FOCAL = 718.856
+
+
+def estimate(
+    problem: PoseProblems, config: SelectionConfig, e_prev: Array | None = None, seed: int = 0
+) -> EssentialEstimate:
+    result = estimate_essential(
+        problem.x_p[0], problem.x_c[0], problem.X_p[0], e_prev, np.random.default_rng(seed), config, FOCAL
+    )
+    assert result is not None
+    return result
+
+
+def test_sets_hold_five_different_features_and_use_all_equally_often() -> None:
+    sets = sample_sets(np.random.default_rng(0), 52, 200)
+    assert sets.shape == (200, 5)
+    assert all(len(set(row)) == 5 for row in sets.tolist())
+    counts = np.bincount(sets.ravel(), minlength=52)
+    assert counts.max() - counts.min() <= 4
+
+
+def test_the_matrix_product_form_of_the_error_equals_the_sampson_distance() -> None:
+    problem = random_problems(np.random.default_rng(3), 4, 80, "forward", noise_px=1.0)
+    threshold = 1.5 / FOCAL
+    d = sampson_distance(problem.E, problem.x_p[0], problem.x_c[0])
+    expected = np.minimum((d / threshold) ** 2, 1.0).mean(axis=1)
+    found = truncated_errors(problem.E, problem.x_p[0], problem.x_c[0], threshold)
+    np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-4)
+
+
+def test_of_each_set_the_nearest_to_the_prior_stay() -> None:
+    rng = np.random.default_rng(5)
+    E = rng.normal(size=(12, 3, 3))
+    set_index = np.repeat([0, 2, 7], [1, 4, 7])
+    e_prev = essential_vector(rng.normal(size=(3, 3)))
+    kept = nearest_to_prior(E, set_index, e_prev, keep=2)
+    angle = essential_angle(essential_vector(E), e_prev)
+    for s in (0, 2, 7):
+        mine = np.flatnonzero(set_index == s)
+        assert set(mine[np.argsort(angle[mine])[:2]]) == set(mine[kept[mine]])
+
+
+@pytest.mark.parametrize("motion", ["general", "forward", "sideways", "planar"])
+def test_known_depth_tells_the_four_motions_of_an_essential_matrix_apart(motion: str) -> None:
+    problems = random_problems(np.random.default_rng(6), 40, 30, motion)  # type: ignore[arg-type]
+    for i in range(40):
+        for sign in (1.0, -1.0):
+            R, t = motion_by_depth(sign * problems.E[i], problems.x_p[i], problems.x_c[i], problems.X_p[i])
+            assert rotation_angle(R.T @ problems.R_cp[i]) < 1e-6
+            np.testing.assert_allclose(t, problems.t_cp[i] / np.linalg.norm(problems.t_cp[i]), atol=1e-6)
+
+
+def test_refinement_reaches_the_truth_on_exact_matches_and_shrugs_off_wrong_ones() -> None:
+    problem = random_problems(np.random.default_rng(8), 1, 100, "forward")
+    R, t = problem.R_cp[0], problem.t_cp[0]
+    x_c = problem.x_c[0].copy()
+    x_c[:20] += 0.05
+    start = rotation_from_vector(np.array([2e-3, -1e-3, 1e-3])) @ R
+    found, direction = refine(start, np.array([0.03, 0.02, -1.0]), problem.x_p[0], x_c, 0.5 / FOCAL, 30)
+    assert rotation_angle(found.T @ R) < 1e-4
+    assert np.arccos(np.clip(direction @ t, -1, 1)) < 3e-3
+
+
+def test_refined_is_better_than_literal_on_noisy_matches() -> None:
+    errors = {}
+    for mode in ("literal", "refined"):
+        angles = []
+        for seed in range(12):
+            problem = random_problems(np.random.default_rng(seed), 1, 300, "forward", noise_px=0.3)
+            result = estimate(problem, SelectionConfig(mode=mode, prior=False), seed=seed)
+            angles.append(np.degrees(rotation_angle(result.R_cp.T @ problem.R_cp[0])))
+            assert np.count_nonzero(result.inliers) > 250
+        errors[mode] = np.median(angles)
+    assert errors["refined"] < 0.6 * errors["literal"]
+    assert errors["refined"] < 0.02
+
+
+def test_without_a_previous_vector_the_prior_changes_nothing() -> None:
+    problem = random_problems(np.random.default_rng(2), 1, 100, "general", noise_px=0.5)
+    on, off = (estimate(problem, SelectionConfig(prior=prior)) for prior in (True, False))
+    np.testing.assert_array_equal(on.R_cp, off.R_cp)
+    assert np.isnan(on.prior_angle)
+
+
+def test_a_prior_that_allows_only_a_bad_candidate_is_dropped_and_said_so() -> None:
+    problem = random_problems(np.random.default_rng(4), 1, 200, "sideways", noise_px=0.2)
+    config = SelectionConfig(keep=1, sets=1)
+    sets = sample_sets(np.random.default_rng(0), 200, 1)
+    E, _ = five_point(problem.x_p[0][sets], problem.x_c[0][sets])
+    assert len(E) > 1
+    errors = truncated_errors(E, problem.x_p[0], problem.x_c[0], config.threshold / FOCAL)
+    worst = essential_vector(E[np.argmax(errors)])
+    free = estimate(problem, dataclasses.replace(config, prior=False))
+    result = estimate(problem, config, worst)
+    assert result.prior_dropped
+    np.testing.assert_array_equal(result.R_cp, free.R_cp)
+    trusting = estimate(problem, dataclasses.replace(config, mode="literal", turn_ratio=10.0), worst)
+    assert not trusting.prior_dropped
+    assert trusting.prior_angle < 1e-6
+
+
+def test_the_prior_of_the_same_motion_is_near() -> None:
+    problem = random_problems(np.random.default_rng(9), 1, 200, "forward", noise_px=0.2)
+    result = estimate(problem, SelectionConfig(), essential_vector(problem.E[0]))
+    assert result.prior_angle < 0.02
+    assert not result.prior_dropped
+
+
+def test_too_few_matches_give_none() -> None:
+    problem = random_problems(np.random.default_rng(9), 1, 4)
+    rng = np.random.default_rng(0)
+    args = problem.x_p[0], problem.x_c[0], problem.X_p[0], None, rng, SelectionConfig(), FOCAL
+    assert estimate_essential(*args) is None
+
+
+def test_the_same_point_many_times_gives_none() -> None:
+    same = np.tile([[0.1, 0.2]], (30, 1))
+    rng = np.random.default_rng(0)
+    X = np.tile([[1.0, 2.0, 10.0]], (30, 1))
+    assert estimate_essential(same, same, X, None, rng, SelectionConfig(), FOCAL) is None

@@ -1,0 +1,62 @@
+"""Corners lie where corners are; buckets keep the oldest, then the strongest."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vo_lib.config import BucketConfig, FeatureConfig
+from vo_lib.features import detect_corners, select_by_bucket
+
+
+def test_the_corners_of_a_square_are_found_and_its_edges_are_not() -> None:
+    image = np.zeros((120, 160), np.uint8)
+    image[40:80, 50:110] = 200
+    uv, strength = detect_corners(image, FeatureConfig())
+    expected = np.array([[50, 40], [109, 40], [50, 79], [109, 79]])
+    assert len(uv) == 4
+    assert max(np.linalg.norm(expected - p, axis=1).min() for p in uv) <= 2
+    assert (strength > FeatureConfig().quality).all()
+
+
+def test_a_flat_image_has_no_corners() -> None:
+    assert len(detect_corners(np.full((100, 100), 128, np.uint8), FeatureConfig())[0]) == 0
+
+
+def test_a_cell_holds_one_corner_and_none_where_one_is_followed() -> None:
+    image = np.random.default_rng(0).integers(0, 255, (108, 180)).astype(np.uint8)
+    config = FeatureConfig(cell=18)
+    uv, _ = detect_corners(image, config)
+    cells = {(int(u) // 18, int(v) // 18) for u, v in uv}
+    assert len(cells) == len(uv) > 30
+    taken = uv[:10] + 0.3
+    again, _ = detect_corners(image, config, taken)
+    assert {(int(u) // 18, int(v) // 18) for u, v in again} == cells - {
+        (int(u) // 18, int(v) // 18) for u, v in uv[:10]
+    }
+
+
+def test_age_goes_before_strength() -> None:
+    uv = np.array([[10.0, 10.0], [12.0, 12.0], [14.0, 14.0], [80.0, 10.0]])
+    kept = select_by_bucket(
+        uv, np.array([1, 3, 1, 1]), np.array([9.0, 1.0, 5.0, 2.0]), BucketConfig(size=50, features=2)
+    )
+    assert kept.tolist() == [0, 1, 3]
+
+
+@given(st.integers(0, 200), st.integers(1, 5), st.integers(0, 2**31))
+def test_no_bucket_overflows_and_none_is_left_emptier_than_it_could_be(n: int, most: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    uv = rng.uniform(0, 300, (n, 2))
+    age, strength = rng.integers(1, 4, n), rng.uniform(0, 9, n)
+    kept = select_by_bucket(uv, age, strength, BucketConfig(size=60, features=most))
+    bucket = (uv // 60).astype(int) @ [1, 1000]
+    for b in np.unique(bucket):
+        inside = np.flatnonzero(bucket == b)
+        chosen = np.intersect1d(inside, kept)
+        dropped = np.setdiff1d(inside, kept)
+        assert len(chosen) == min(most, len(inside))
+        if len(dropped):
+            worst = min((age[i], strength[i]) for i in chosen)
+            assert all((age[i], strength[i]) <= worst for i in dropped)

@@ -1,0 +1,97 @@
+"""Equations (2) and (3): eight rows a feature, one translation for all."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from vo_lib.camera import StereoCamera
+from vo_lib.config import TranslationConfig
+from vo_lib.geometry import Array, rotation_angle, rotation_from_vector
+from vo_lib.matching import StereoMatches
+from vo_lib.reprojection import fit_motion
+from vo_lib.translation import feature_rows, solve_translation
+
+CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
+R_CP = rotation_from_vector(np.array([0.002, 0.01, -0.001]))
+T_CP = np.array([0.01, 0.02, -1.0])
+
+
+def scene(n: int, noise: float = 0.0, seed: int = 0) -> tuple[StereoMatches, Array]:
+    """Matches of n points for the motion (R_CP, T_CP), and the points in the previous frame."""
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(5, 40, n)
+    uv = rng.uniform([0, 0], [1241, 376], (n, 2))
+    X_p = np.concatenate([CAMERA.normalise(uv) * depth[:, None], depth[:, None]], axis=1)
+    views = [*CAMERA.project(X_p), *CAMERA.project(X_p @ R_CP.T + T_CP)]
+    views = [view + rng.normal(0, noise, view.shape) for view in views]
+    ones = np.ones(n, np.int64)
+    return StereoMatches(*views, ones, np.ones(n), np.arange(n)), X_p
+
+
+def test_the_eight_rows_of_a_feature_hold_for_its_point_and_the_translation() -> None:
+    matches, X_p = scene(20)
+    A, B, c = feature_rows(CAMERA, matches, R_CP)
+    assert A.shape == B.shape == (20, 8, 3)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", A, X_p) + B @ T_CP, c, atol=1e-9)
+    assert np.linalg.matrix_rank(np.concatenate([A[0], B[0]], axis=1)) == 6
+
+
+def test_one_exact_feature_is_enough() -> None:
+    matches, _ = scene(1)
+    solved = solve_translation(CAMERA, matches, R_CP, TranslationConfig())
+    assert solved is not None
+    np.testing.assert_allclose(solved[0], T_CP, atol=1e-6)
+
+
+def test_exact_features_give_the_exact_translation_and_no_residual() -> None:
+    matches, _ = scene(100)
+    solved = solve_translation(CAMERA, matches, R_CP, TranslationConfig())
+    assert solved is not None
+    np.testing.assert_allclose(solved[0], T_CP, atol=1e-8)
+    assert solved[1].max() < 1e-6
+
+
+def test_noise_of_a_third_of_a_pixel_leaves_millimetres() -> None:
+    errors = []
+    for seed in range(15):
+        solved = solve_translation(CAMERA, scene(300, 0.3, seed)[0], R_CP, TranslationConfig())
+        assert solved is not None
+        errors.append(np.linalg.norm(solved[0] - T_CP))
+    assert np.median(errors) < 4.5e-3
+
+
+def test_thirty_percent_wrong_matches_hardly_matter() -> None:
+    matches, _ = scene(300, 0.2, 1)
+    rng = np.random.default_rng(2)
+    moved = matches.cur_left.copy(), matches.cur_right.copy()
+    shift = rng.uniform(-15, 15, (90, 2))
+    moved[0][:90] += shift
+    moved[1][:90] += shift
+    wrong = dataclasses.replace(matches, cur_left=moved[0], cur_right=moved[1])
+    solved = solve_translation(CAMERA, wrong, R_CP, TranslationConfig())
+    assert solved is not None
+    assert np.linalg.norm(solved[0] - T_CP) < 0.02
+    assert np.median(solved[1][:90]) > 5 * np.median(solved[1][90:])
+
+
+def test_far_features_are_left_out_and_none_left_is_said() -> None:
+    matches, X_p = scene(50)
+    config = TranslationConfig(max_depth=20.0)
+    solved = solve_translation(CAMERA, matches, R_CP, config)
+    assert solved is not None
+    np.testing.assert_array_equal(np.isinf(solved[1]), X_p[:, 2] > 20.0)
+    assert solve_translation(CAMERA, matches[X_p[:, 2] > 20.0], R_CP, config) is None
+
+
+def test_the_reprojection_fit_finds_the_motion_from_far_away_and_with_wrong_matches() -> None:
+    matches, X_p = scene(200, 0.1, 3)
+    cur_left = matches.cur_left.copy()
+    cur_left[:40] += 25.0
+    R, t, residual = fit_motion(
+        CAMERA, X_p, cur_left, matches.cur_right, np.eye(3), np.zeros(3), scale=0.5, iterations=15
+    )
+    assert rotation_angle(R.T @ R_CP) < 3e-4
+    assert np.linalg.norm(t - T_CP) < 0.02
+    assert residual[40:].max() < 2 < residual[:40].min()
