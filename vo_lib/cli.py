@@ -157,12 +157,11 @@ def _print_run(result: Run, method: str, errors: dict[str, Evaluation], folder: 
         table.add_row("TE / RE", "no ground truth")
     table.add_row("matches a frame, median", f"{np.median([m.matches for m in result.motions]):.0f}")
     removed = sum(m.removed for m in result.motions)
-    share = removed / max(sum(m.matches for m in result.motions), 1)
     boxes = "" if result.sequence.labels or result.config.filter.rule == "none" else ", no labels"
-    table.add_row("features removed by boxes", f"{removed} ({100 * share:.1f} %{boxes})")
+    table.add_row("features removed by boxes", f"{removed} ({100 * result.removed_share:.1f} %{boxes})")
     for flag in sorted({flag for m in result.motions for flag in m.flags}):
         table.add_row(f"frames flagged {flag}", str(sum(flag in m.flags for m in result.motions)))
-    table.add_row("time a frame", f"{1e3 * result.seconds / len(result.poses):.1f} ms")
+    table.add_row("time a frame", f"{result.ms_per_frame:.1f} ms")
     console = Console()
     console.print(table)
     console.print(f"written to {folder}", soft_wrap=True, highlight=False, markup=False)

@@ -23,6 +23,7 @@ from .sequence import Sequence, stereo_ahead
 from .translation import solve_translation
 
 Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
 
 # A feature agrees with a motion when its eight rows leave less than this, pixels.
 AGREEMENT = 2.0
@@ -140,50 +141,70 @@ class Run:
     sequence : what was run; config : how.
     poses : (N, 4, 4) T_w_c of the left camera, first one the identity, metres.
     motions : (N - 1) motions, from each frame to the next.
-    seconds : wall time of the loop.
     """
 
     sequence: Sequence
     config: Config
     poses: Array
     motions: list[Motion]
-    seconds: float
+
+    @property
+    def ms_per_frame(self) -> float:
+        """Mean time of all stages of this method, milliseconds."""
+        return float(np.mean([sum(motion.ms.values()) for motion in self.motions]))
+
+    @property
+    def removed_share(self) -> float:
+        """Share of the matches that boxes removed, over all frames, in [0, 1]."""
+        return sum(m.removed for m in self.motions) / max(sum(m.matches for m in self.motions), 1)
 
 
-def run(sequence: Sequence, config: Config, progress: Callable[[int, int], None] | None = None) -> Run:
-    """Visual odometry over a sequence.
+def run(sequence: Sequence, config: Config, progress: Progress | None = None) -> Run:
+    """Visual odometry over a sequence; `progress` as in `run_methods`."""
+    return run_methods(sequence, {"": config}, progress)[""]
+
+
+def run_methods(
+    sequence: Sequence, configs: dict[str, Config], progress: Progress | None = None
+) -> dict[str, Run]:
+    """Several methods over one sequence, all on the same matches, which are found once.
 
     Parameters
     ----------
+    configs : name and configuration of each method; their feature and matching settings must be equal.
     progress : called with (frames done, frames in all) after each frame.
 
     Raises
     ------
     DataError : an image or a label file is not as it should be.
+    ValueError : the methods do not share one front end.
     """
-    matcher = LoopMatcher(sequence.camera, config.features, config.matching)
-    odometry = Odometry(sequence.camera, config)
-    poses = np.tile(np.eye(4), (len(sequence), 1, 1))
-    motions: list[Motion] = []
-    begin = time.perf_counter()
+    front_ends = {(config.features, config.matching) for config in configs.values()}
+    if len(front_ends) != 1:
+        raise ValueError("the methods need the same feature and matching settings to share their matches")
+    matcher = LoopMatcher(sequence.camera, *front_ends.pop())
+    chains = {name: Odometry(sequence.camera, config) for name, config in configs.items()}
+    poses = {name: np.tile(np.eye(4), (len(sequence), 1, 1)) for name in configs}
+    motions: dict[str, list[Motion]] = {name: [] for name in configs}
     clock = _Clock()
     for index, (left, right) in enumerate(stereo_ahead(sequence)):
         clock.stage("wait_images")
         matches = matcher.step(left, right)
         boxes = sequence.boxes(index)
         clock.stage("matching")
-        if index == 0:
-            odometry.start(boxes)
-        else:
+        for name, odometry in chains.items():
+            if index == 0:
+                odometry.start(boxes)
+                continue
             motion = odometry.step(matches, boxes)
-            T_w_c = poses[index - 1] @ inverse(motion.T_cp)
+            T_w_c = poses[name][index - 1] @ inverse(motion.T_cp)
             T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
-            poses[index] = T_w_c
-            motions.append(dataclasses.replace(motion, ms={**clock.ms, **motion.ms}))
+            poses[name][index] = T_w_c
+            motions[name].append(dataclasses.replace(motion, ms={**clock.ms, **motion.ms}))
         if progress is not None:
             progress(index + 1, len(sequence))
         clock = _Clock()
-    return Run(sequence, config, poses, motions, time.perf_counter() - begin)
+    return {name: Run(sequence, configs[name], poses[name], motions[name]) for name in configs}
 
 
 class _Clock:
