@@ -1,0 +1,123 @@
+"""The same settings give the same bytes; a damaged cache is noticed."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from vo_lib.errors import DataError
+from vo_lib.synthetic import ensure_scene, is_complete, scene_config, scene_key
+
+TINY = scene_config("empty", width=160, height=64, length=2.0, speed=8.0)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return ensure_scene(TINY, tmp_path_factory.mktemp("cache"), jobs=1)
+
+
+def test_two_processes_draw_the_same_bytes_as_one(drawn: Path, tmp_path: Path) -> None:
+    counts: list[tuple[int, int]] = []
+    again = ensure_scene(TINY, tmp_path, lambda done, count: counts.append((done, count)), jobs=2)
+    assert again.name == drawn.name
+    assert contents(again) == contents(drawn)
+    assert counts[-1] == (3, 3)
+
+
+def test_a_new_python_process_draws_the_same_bytes(drawn: Path, tmp_path: Path) -> None:
+    code = (
+        "from vo_lib.synthetic import ensure_scene, scene_config;"
+        "tiny = scene_config('empty', width=160, height=64, length=2.0, speed=8.0);"
+        "ensure_scene(tiny, __import__('sys').argv[1], jobs=1)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)
+    assert contents(tmp_path / drawn.name) == contents(drawn)
+
+
+def test_a_complete_scene_is_not_drawn_again(drawn: Path) -> None:
+    before = (drawn / "calib.txt").stat().st_mtime_ns
+    drawing: list[int] = []
+    assert ensure_scene(TINY, drawn.parent, lambda done, count: drawing.append(done)) == drawn
+    assert not drawing
+    assert (drawn / "calib.txt").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("damage", ["missing", "truncated", "flipped", "no manifest", "bad manifest"])
+def test_damage_is_noticed(drawn: Path, tmp_path: Path, damage: str) -> None:
+    copy = shutil.copytree(drawn, tmp_path / drawn.name)
+    assert is_complete(copy)
+    picture = copy / "image_1" / "000001.png"
+    data = picture.read_bytes()
+    if damage == "missing":
+        picture.unlink()
+    elif damage == "truncated":
+        picture.write_bytes(data[: len(data) // 2])
+    elif damage == "flipped":
+        picture.write_bytes(data[:200] + bytes([data[200] ^ 1]) + data[201:])
+    elif damage == "no manifest":
+        (copy / "manifest.json").unlink()
+    else:
+        (copy / "manifest.json").write_text("[1, 2")
+    assert not is_complete(copy)
+
+
+def test_damage_is_repaired(drawn: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(drawn, tmp_path / drawn.name)
+    (copy / "image_0" / "000000.png").unlink()
+    assert contents(ensure_scene(TINY, tmp_path, jobs=1)) == contents(drawn)
+    assert [p.name for p in tmp_path.iterdir()] == [drawn.name]
+
+
+def test_two_at_once_leave_one_good_scene(drawn: Path, tmp_path: Path) -> None:
+    workers = [threading.Thread(target=ensure_scene, args=(TINY, tmp_path, None, 1)) for _ in range(2)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert contents(tmp_path / drawn.name) == contents(drawn)
+    assert [p.name for p in tmp_path.iterdir()] == [drawn.name]
+
+
+def test_every_setting_counts_in_the_key() -> None:
+    names = {
+        scene_key(scene_config("parked", **change))
+        for change in ({}, {"seed": 2}, {"noise": 1.0}, {"width": 400})
+    }
+    assert len(names) == 4
+    assert scene_key(scene_config("parked")).startswith("parked-")
+
+
+def test_a_cache_that_cannot_be_written_is_one_clear_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DataError, match="cannot be written"):
+        ensure_scene(TINY, tmp_path / "file")
+
+
+def test_the_script_explains_itself_and_refuses_nonsense(drawn: Path, tmp_path: Path) -> None:
+    script = Path(__file__).resolve().parents[1] / "data_scripts" / "render_synthetic.py"
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, str(script), *words]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    shown = run("--help")
+    assert shown.returncode == 0
+    assert "examples:" in shown.stdout
+    assert "--overtaking" in shown.stdout
+    size = ["--width", "160", "--height", "64", "--length", "2", "--speed", "8", "--cache", str(drawn.parent)]
+    assert run("empty", *size).stdout.strip() == str(drawn)
+    for words in (["nowhere"], ["empty", "--width", "ten"], ["empty", "--length", "-4"]):
+        refused = run(*words)
+        assert refused.returncode == 2
+        assert len(refused.stderr.strip().splitlines()) == 1

@@ -1,0 +1,137 @@
+"""Drawing a whole scene into a folder in KITTI's layout, with several processes if wanted."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import StereoCamera
+from ..settings import from_dict, to_dict
+from .blur import smear
+from .render import Renderer
+from .scenes import SceneConfig
+from .sensor import expose, exposures
+from .truth_files import FARTHEST, NEAREST, encode_depth, visible_boxes, write_objects
+from .world import World, make_world
+
+Progress = Callable[[int, int], None]
+SCENE_FILE = "truth/scene.json"
+
+
+def write_scene(config: SceneConfig, folder: Path, progress: Progress | None = None, jobs: int = 2) -> None:
+    """Draw all frames of a scene into an empty folder."""
+    for name in ("image_0", "image_1", "labels", "truth/depth", "truth/instance"):
+        (folder / name).mkdir(parents=True)
+    about = {"config": to_dict(config), "nearest": NEAREST, "farthest": FARTHEST}
+    _write_text(folder / SCENE_FILE, json.dumps(about, indent=1) + "\n")
+    # Helpers are programs of their own: that works from notebooks and unguarded scripts on any system.
+    helpers = [_start_helper(folder, first, jobs) for first in range(1, jobs)]
+    try:
+        world = make_world(config)
+        _write_tables(world, folder)
+        count = len(world.drive.times)
+
+        def report() -> None:
+            if progress:
+                progress(sum(entry.name.endswith(".txt") for entry in os.scandir(folder / "labels")), count)
+
+        _draw(world, folder, range(0, count, max(jobs, 1)), report)
+        for helper in helpers:
+            while helper.poll() is None:
+                try:
+                    helper.wait(timeout=0.5)
+                except subprocess.TimeoutExpired:
+                    report()
+        # What a helper could not draw is drawn here.
+        missing = [i for i in range(count) if not (folder / "labels" / f"{i:06d}.txt").exists()]
+        _draw(world, folder, missing, report)
+        report()
+    finally:
+        for helper in helpers:
+            helper.kill()
+            helper.wait()
+
+
+def _start_helper(folder: Path, first: int, step: int) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "vo_lib.synthetic", str(folder), str(first), str(step)]
+    package = str(Path(__file__).resolve().parents[2])
+    path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stdout=quiet, stderr=quiet)
+
+
+def draw_share(folder: Path, first: int, step: int) -> None:
+    """Draw frames first, first + step, … of a scene that `write_scene` has begun."""
+    config = from_dict(SceneConfig, json.loads((folder / SCENE_FILE).read_text())["config"])
+    world = make_world(config)
+    _draw(world, folder, range(first, len(world.drive.times), step), lambda: None)
+
+
+def _draw(world: World, folder: Path, frames: range | list[int], report: Callable[[], None]) -> None:
+    """Draw some frames, one after the other."""
+    renderer, exposure = Renderer(world), exposures(world.config, world.drive.times)
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # the processes share the work by frames
+    try:
+        for frame in frames:
+            write_frame(renderer, folder, frame, float(exposure[frame]))
+            report()
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def _write_tables(world: World, folder: Path) -> None:
+    """Calibration, times, poses and the motion of the vehicles."""
+    _write_text(folder / "calib.txt", calibration_text(world.config.camera))
+    _write_text(folder / "times.txt", "".join(f"{t:.6e}\n" for t in world.drive.times))
+    rows = [" ".join(f"{v:.9e}" for v in T[:3].ravel()) for T in world.poses]
+    _write_text(folder / "poses.txt", "".join(row + "\n" for row in rows))
+    write_objects(world, folder / "truth" / "objects.npz")
+
+
+def write_frame(renderer: Renderer, folder: Path, frame: int, exposure: float) -> None:
+    """Both pictures of a frame, its labels and its truth."""
+    config, name = renderer.world.config, f"{frame:06d}.png"
+    for right in (False, True):
+        view = renderer.view(frame, right)
+        light = smear(renderer.world, frame, view, right)
+        _write_png(folder / f"image_{int(right)}" / name, expose(light, config, exposure, frame, right))
+        if not right:
+            boxes = visible_boxes(renderer.world, frame, view)
+            _write_png(folder / "truth" / "depth" / name, encode_depth(view.inverse_depth))
+            few = 2 * len(renderer.world.vehicles) < 256
+            codes = view.instance.astype(np.uint8) if few else view.instance.astype(np.uint16)
+            _write_png(folder / "truth" / "instance" / name, codes)
+            lines = "".join(box.yolo(config.camera) + "\n" for box in boxes)
+            _write_text(folder / "labels" / f"{frame:06d}.txt", lines)
+
+
+def calibration_text(camera: StereoCamera) -> str:
+    """calib.txt: P0 to P3; odd ones are right cameras, with -f b at the end of the first row."""
+    lines = []
+    for k in range(4):
+        P = np.hstack([camera.K, np.zeros((3, 1))])
+        P[0, 3] = -camera.f * camera.baseline * (k % 2)
+        lines.append(f"P{k}: " + " ".join(f"{v:.12e}" for v in P.ravel()) + "\n")
+    return "".join(lines)
+
+
+def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+    # Run lengths only: noise holds no longer repetitions, and looking for them costs most of the time.
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+    done, data = cv2.imencode(".png", image, options)
+    if not done:
+        raise RuntimeError(f"{path}: OpenCV could not encode the picture")
+    path.write_bytes(data.tobytes())
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="ascii", newline="\n")

@@ -1,0 +1,80 @@
+"""Vehicle shapes: each is a side view given width.
+
+Vehicle frame: x right, y down, z forward; origin on the ground under the middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+CAR, BUS, TRUCK = 2, 5, 7  # COCO classes, as YOLO labels number them
+PAINTS = (46.0, 105.0, 165.0, 222.0)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Side view of a vehicle, metres; z runs from rear to front, heights above the ground.
+
+    Attributes
+    ----------
+    kind : COCO class number.
+    length, width : metres.
+    body : (z, height) of the upper edge of the lower body, rear to front.
+    cabin : (rear base z, rear roof z, front roof z, front base z, base height, roof height) or None.
+    wheels : z of the axles.
+    radius : of the wheels.
+    windows : (z0, z1) of side windows painted on a flat side (van, bus, truck), with their height band.
+    band : (low, high) heights of those windows.
+    """
+
+    kind: int
+    length: float
+    width: float
+    body: tuple[tuple[float, float], ...]
+    cabin: tuple[float, float, float, float, float, float] | None
+    wheels: tuple[float, ...]
+    radius: float = 0.32
+    windows: tuple[tuple[float, float], ...] = ()
+    band: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def height(self) -> float:
+        """Of the highest point, metres."""
+        return max(max(h for _, h in self.body), self.cabin[5] if self.cabin else 0.0)
+
+
+SHAPES: dict[str, Shape] = {
+    "hatchback": Shape(
+        CAR, 4.0, 1.74,
+        ((-2.0, 0.3), (-1.99, 0.62), (-1.9, 0.95), (0.95, 0.95), (1.85, 0.78), (1.98, 0.58), (2.0, 0.3)),
+        (-1.88, -1.45, 0.15, 1.1, 0.94, 1.47), (-1.25, 1.28),
+    ),
+    "sedan": Shape(
+        CAR, 4.6, 1.80,
+        ((-2.3, 0.32), (-2.29, 0.65), (-2.22, 0.96), (-1.45, 1.0), (0.95, 0.97), (2.05, 0.8), (2.27, 0.6),
+         (2.3, 0.3)),
+        (-1.75, -0.95, 0.15, 1.1, 0.96, 1.43), (-1.38, 1.42),
+    ),
+    "estate": Shape(
+        CAR, 4.7, 1.82,
+        ((-2.35, 0.32), (-2.34, 0.65), (-2.28, 0.98), (1.0, 0.97), (2.1, 0.82), (2.32, 0.6), (2.35, 0.3)),
+        (-2.26, -2.0, 0.2, 1.15, 0.96, 1.5), (-1.4, 1.45),
+    ),
+    "van": Shape(
+        CAR, 4.9, 1.94,
+        ((-2.45, 0.35), (-2.45, 1.1), (1.5, 1.12), (2.2, 1.0), (2.42, 0.7), (2.45, 0.35)),
+        (-2.44, -2.36, 0.85, 1.75, 1.1, 1.95), (-1.5, 1.55), 0.34,
+    ),
+    "truck": Shape(
+        TRUCK, 8.6, 2.5,
+        ((-4.3, 0.95), (-4.3, 3.5), (2.2, 3.5), (2.21, 2.9), (3.9, 2.85), (4.25, 1.6), (4.3, 0.45)),
+        None, (-2.7, 3.0), 0.48, ((2.75, 3.75),), (1.65, 2.5),
+    ),
+    "bus": Shape(
+        BUS, 11.5, 2.55,
+        ((-5.75, 0.4), (-5.72, 3.05), (5.5, 3.05), (5.72, 2.7), (5.75, 0.35)),
+        None, (-3.4, 3.3), 0.48,
+        ((-5.3, -3.9), (-3.8, -2.4), (-2.3, -0.9), (-0.8, 0.6), (0.7, 2.1), (2.2, 3.5), (4.9, 5.4)),
+        (1.25, 2.5),
+    ),
+}  # fmt: skip
