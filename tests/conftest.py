@@ -38,12 +38,13 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
     textures = []
     for _ in BANDS:
         noise = cv2.GaussianBlur(rng.uniform(0, 255, (height, width)), (0, 0), 1.2)
-        textures.append(cv2.normalize(noise, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8))
+        low, high = noise.min(), noise.max()
+        textures.append((255 * (noise - low) / (high - low)).astype(np.uint8))
     for frame in range(frames):
-        for side in range(2):
-            place = side if standing else frame + side
+        for view in range(2):
+            place = view if standing else frame + view
             rows = [t[:, d * place : d * place + WIDTH] for t, d in zip(textures, BANDS, strict=True)]
-            cv2.imwrite(str(folder / f"image_{side}" / f"{frame:06d}.png"), np.concatenate(rows))
+            cv2.imwrite(str(folder / f"image_{view}" / f"{frame:06d}.png"), np.concatenate(rows))
     matrix = f"{FOCAL} 0 {WIDTH / 2} {{}} 0 {FOCAL} {HEIGHT / 2} 0 0 0 1 0\n"
     (folder / "calib.txt").write_text(
         "P0: " + matrix.format(0) + "P1: " + matrix.format(-FOCAL * BASELINE), encoding="utf-8"

@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vo_lib.config import BucketConfig, FeatureConfig
-from vo_lib.features import detect_corners, select_by_bucket
+from vo_lib.features import corner_strength, detect_corners, select_by_bucket
 
 
 def test_the_corners_of_a_square_are_found_and_its_edges_are_not() -> None:
     image = np.zeros((120, 160), np.uint8)
     image[40:80, 50:110] = 200
-    uv, strength = detect_corners(image, FeatureConfig())
+    uv, strength = detect_corners(corner_strength(image), FeatureConfig())
     expected = np.array([[50, 40], [109, 40], [50, 79], [109, 79]])
     assert len(uv) == 4
     assert max(np.linalg.norm(expected - p, axis=1).min() for p in uv) <= 2
@@ -21,17 +21,17 @@ def test_the_corners_of_a_square_are_found_and_its_edges_are_not() -> None:
 
 
 def test_a_flat_image_has_no_corners() -> None:
-    assert len(detect_corners(np.full((100, 100), 128, np.uint8), FeatureConfig())[0]) == 0
+    assert len(detect_corners(corner_strength(np.full((100, 100), 128, np.uint8)), FeatureConfig())[0]) == 0
 
 
 def test_a_cell_holds_one_corner_and_none_where_one_is_followed() -> None:
     image = np.random.default_rng(0).integers(0, 255, (108, 180)).astype(np.uint8)
     config = FeatureConfig(cell=18)
-    uv, _ = detect_corners(image, config)
+    uv, _ = detect_corners(corner_strength(image), config)
     cells = {(int(u) // 18, int(v) // 18) for u, v in uv}
     assert len(cells) == len(uv) > 30
     taken = uv[:10] + 0.3
-    again, _ = detect_corners(image, config, taken)
+    again, _ = detect_corners(corner_strength(image), config, taken)
     assert {(int(u) // 18, int(v) // 18) for u, v in again} == cells - {
         (int(u) // 18, int(v) // 18) for u, v in uv[:10]
     }

@@ -10,6 +10,7 @@ from vo_lib import five_point as fp
 from vo_lib.five_point import Candidates, five_point
 from vo_lib.geometry import Array
 from vo_lib.problems import MOTIONS, Motion, PoseProblems, random_problems
+from vo_lib.real_roots import real_roots
 
 WITH_PARALLAX: list[Motion] = [motion for motion in MOTIONS if motion != "pure_rotation"]
 
@@ -225,7 +226,7 @@ def test_real_roots_are_all_found() -> None:
         for _ in range(complex_pairs):
             polynomial = np.polymul(polynomial, [1.0, rng.uniform(-1, 1), 2.0 + rng.uniform(0, 1)])
         polynomial = np.pad(polynomial, (11 - len(polynomial), 0))
-        z, w, index, doubtful = fp.real_roots(polynomial[:, None] / np.max(np.abs(polynomial)))
+        z, w, index, doubtful = real_roots(polynomial[:, None] / np.max(np.abs(polynomial)))
         finite = np.abs(w) > 1e-9  # a polynomial of odd degree has its last root at infinity
         np.testing.assert_allclose(np.sort(z[finite] / w[finite]), np.sort(known), rtol=1e-9)
         assert (~finite).sum() == len(known) % 2

@@ -20,7 +20,8 @@ METHODS = ("mesvo_f", "solution_selection", "feature_selection")
 
 def small(method: str = "solution_selection", seed: int = 0) -> Config:
     """A method with cells that suit the small images of the band sequence."""
-    return settings.replace(preset(method, seed=seed), "features.cell", 10)
+    config: Config = settings.replace(preset(method, seed=seed), "features.cell", 10)
+    return config
 
 
 def flags(result: Run) -> list[set[str]]:

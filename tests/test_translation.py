@@ -24,10 +24,10 @@ def scene(n: int, noise: float = 0.0, seed: int = 0) -> tuple[StereoMatches, Arr
     depth = rng.uniform(5, 40, n)
     uv = rng.uniform([0, 0], [1241, 376], (n, 2))
     X_p = np.concatenate([CAMERA.normalise(uv) * depth[:, None], depth[:, None]], axis=1)
-    views = [*CAMERA.project(X_p), *CAMERA.project(X_p @ R_CP.T + T_CP)]
-    views = [view + rng.normal(0, noise, view.shape) for view in views]
+    exact = [*CAMERA.project(X_p), *CAMERA.project(X_p @ R_CP.T + T_CP)]
+    views = [view + rng.normal(0, noise, view.shape) for view in exact]
     ones = np.ones(n, np.int64)
-    return StereoMatches(*views, ones, np.ones(n), np.arange(n)), X_p
+    return StereoMatches(views[0], views[1], views[2], views[3], ones, np.ones(n), np.arange(n)), X_p
 
 
 def test_the_eight_rows_of_a_feature_hold_for_its_point_and_the_translation() -> None:

@@ -5,34 +5,35 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
 from collections.abc import Sequence as Items
 from pathlib import Path
-from typing import Any, NoReturn
-
-import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from typing import Any
 
 from . import settings
 from .config import METHODS, Config, preset
+from .console import (
+    OneLineParser,
+    reporting,
+    say,
+    show_evaluation,
+    show_findings,
+    show_report_table,
+    show_run,
+    show_table,
+)
+from .demo import SCENE, run_demo
 from .environment import check
 from .errors import DataError
-from .evaluation import KITTI_LENGTHS, KITTI_STEP, Evaluation, evaluate
-from .files import write_bytes_atomic
-from .odometry import Run, run
+from .evaluation import KITTI_LENGTHS, KITTI_STEP, evaluate
+from .files import write_bytes_atomic, write_text_atomic
+from .odometry import run
 from .plots import png, trajectory_figure
 from .poses import read_kitti_pair
+from .report import ReportTable
+from .reproduce import COLUMNS, compare_methods, markdown, parse_sequences, table_rows
 from .results import run_folder, write_run
-from .sequence import available, open_sequence
-
-
-class _Parser(argparse.ArgumentParser):
-    """Wrong options get one line and exit code 2; the list of some forty options only on --help."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+from .sequence import SYNTHETIC, Sequence, available, open_sequence
+from .synthetic import SCENES, cache_folder
 
 
 def main(arguments: Items[str] | None = None) -> int:
@@ -44,22 +45,39 @@ def main(arguments: Items[str] | None = None) -> int:
         print(f"vo: error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("vo: interrupted; nothing was written", file=sys.stderr)
+        print("vo: interrupted", file=sys.stderr)
         return 130
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="vo", description="Stereo visual odometry without features on vehicles.")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=_Parser)
+    parser = OneLineParser(prog="vo", description="Stereo visual odometry without features on vehicles.")
+    commands = parser.add_subparsers(
+        title="commands", required=True, metavar="COMMAND", parser_class=OneLineParser
+    )
+    _add_demo(commands)
     _add_run(commands)
+    _add_reproduce(commands)
     _add_evaluate(commands)
-    listing = commands.add_parser("list", help="sequences found and where")
-    listing.add_argument("--json", action="store_true", help="print JSON")
-    listing.set_defaults(command=_list)
-    checking = commands.add_parser("check", help="packages and data: what is there, what is missing")
-    checking.add_argument("--json", action="store_true", help="print JSON")
-    checking.set_defaults(command=_check)
+    for name, command, text in (
+        ("list", _list, "sequences found and where"),
+        ("check", _check, "packages and data: what is there, what is missing"),
+    ):
+        simple = commands.add_parser(name, help=text)
+        simple.add_argument("--json", action="store_true", help="print JSON")
+        simple.set_defaults(command=command)
     return parser
+
+
+def _add_demo(commands: Any) -> None:
+    parser = commands.add_parser("demo", help="the main job with nothing downloaded: all methods on a street")
+    parser.add_argument("--out", default="runs/demo", metavar="DIR", help="folder for the report")
+    _add_cache(parser)
+    parser.set_defaults(command=_demo)
+
+
+def _add_cache(parser: argparse.ArgumentParser) -> None:
+    text = f"folder that keeps synthetic scenes; default {cache_folder()}"
+    parser.add_argument("--cache", type=Path, metavar="DIR", help=text.replace("%", "%%"))
 
 
 def _add_run(commands: Any) -> None:
@@ -73,6 +91,7 @@ def _add_run(commands: Any) -> None:
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for poses, log, errors, picture")
     parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
     parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
+    _add_cache(parser)
     group = None
     for item in settings.declared(Config):
         section = item.name.partition(".")[0] if "." in item.name else "run"
@@ -82,6 +101,25 @@ def _add_run(commands: Any) -> None:
         text = f"{item.text}; {item.describe()}; default {default}".replace("%", "%%")
         group.add_argument(f"--{item.name}", metavar="X", dest=item.name, help=text)
     parser.set_defaults(command=_run)
+
+
+def _add_reproduce(commands: Any) -> None:
+    parser = commands.add_parser(
+        "reproduce",
+        help="methods over sequences and seeds, as a table",
+        epilog="example: vo reproduce --sequences 00,02-10 --methods mesvo_f,feature_selection",
+    )
+    parser.add_argument(
+        "--sequences",
+        metavar="S,S,…",
+        default=",".join(f"{SYNTHETIC}{name}" for name in SCENES),
+        help="KITTI numbers and ranges, names from `vo list`, paths; default: the synthetic scenes",
+    )
+    parser.add_argument("--methods", metavar="M,M,…", default=",".join(METHODS), help="default: all")
+    parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")
+    parser.add_argument("--out", default="runs/table", metavar="DIR", help="folder for table.md")
+    _add_cache(parser)
+    parser.set_defaults(command=_reproduce)
 
 
 def _add_evaluate(commands: Any) -> None:
@@ -121,50 +159,70 @@ def parse_frames(text: str, number: int) -> tuple[int, int]:
         raise DataError(f"--frames {text!r}: expected A:B, two whole numbers") from None
 
 
-def _run(options: argparse.Namespace) -> int:
-    config = config_from_options(options)
-    sequence = open_sequence(options.sequence, options.labels)
-    if options.frames is not None:
-        sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
+def parse_whole(name: str, text: str) -> int:
+    """A whole number of 1 or more; `DataError` names the option."""
+    if not text.isdecimal() or int(text) < 1:
+        raise DataError(f"{name} {text!r}: expected a whole number of 1 or more")
+    return int(text)
+
+
+def _open(name: str, cache: Path | None, labels: str | None = None) -> Sequence:
+    """A sequence; a bar is shown while a synthetic scene is drawn."""
+    with reporting(f"drawing {name}") as report:
+        return open_sequence(name, labels, cache, report)
+
+
+def _demo(options: argparse.Namespace) -> int:
     with run_folder(options.out) as folder:
-        with _progress() as bar:
-            task = bar.add_task(f"{sequence.name}, {options.method}", total=len(sequence))
-            result = run(sequence, config, lambda done, total: bar.update(task, completed=done))
-        errors = write_run(folder, result, options.method)
-        title = f"{sequence.name}, {options.method}"
-        picture = trajectory_figure(title, sequence.truth, {options.method: result.poses})
-        write_bytes_atomic(folder / "trajectory.png", png(picture))
-    _print_run(result, options.method, errors, folder)
+        sequence = _open(SCENE, options.cache)
+        with reporting("all methods") as report:
+            table = run_demo(sequence, folder, report)
+    show_report_table(table)
+    say(
+        f"Look at {folder / 'report.html'} in a browser. What next:",
+        "  vo list                                    the other scenes and any KITTI sequences found",
+        "  vo run synthetic/jam --out runs/jam        one method on another scene",
+        "  vo run PATH --out runs/mine                a KITTI-layout folder of your own",
+        "  vo check                                   what is missing for KITTI, and how to get it",
+    )
     return 0
 
 
-def _progress() -> Progress:
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    return Progress(*columns, console=Console(stderr=True))
+def _run(options: argparse.Namespace) -> int:
+    config = config_from_options(options)
+    sequence = _open(options.sequence, options.cache, options.labels)
+    if options.frames is not None:
+        sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
+    label = f"{sequence.name}, {options.method}"
+    with run_folder(options.out) as folder:
+        with reporting(label) as report:
+            result = run(sequence, config, report)
+        errors = write_run(folder, result, options.method)
+        picture = trajectory_figure(label, sequence.truth, {options.method: result.poses})
+        write_bytes_atomic(folder / "trajectory.png", png(picture))
+    show_run(result, options.method, errors, folder)
+    return 0
 
 
-def _print_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Path) -> None:
-    table = Table(title=f"{result.sequence.name}, {method}, {len(result.poses)} frames", title_justify="left")
-    table.add_column("quantity")
-    table.add_column("value", justify="right")
-    for kind, label in (("kitti", "KITTI"), ("short", "short paths, every frame")):
-        if kind in errors:
-            for length, part in errors[kind].sequences[0].kitti.by_length(errors[kind].lengths).items():
-                if len(part):
-                    value = f"{part.te:.2f} % / {part.re:.2f} deg/100 m"
-                    table.add_row(f"TE / RE over {length:g} m ({label})", value)
-    if result.sequence.truth is None:
-        table.add_row("TE / RE", "no ground truth")
-    table.add_row("matches a frame, median", f"{np.median([m.matches for m in result.motions]):.0f}")
-    removed = sum(m.removed for m in result.motions)
-    boxes = "" if result.sequence.labels or result.config.filter.rule == "none" else ", no labels"
-    table.add_row("features removed by boxes", f"{removed} ({100 * result.removed_share:.1f} %{boxes})")
-    for flag in sorted({flag for m in result.motions for flag in m.flags}):
-        table.add_row(f"frames flagged {flag}", str(sum(flag in m.flags for m in result.motions)))
-    table.add_row("time a frame", f"{result.ms_per_frame:.1f} ms")
-    console = Console()
-    console.print(table)
-    console.print(f"written to {folder}", soft_wrap=True, highlight=False, markup=False)
+def _reproduce(options: argparse.Namespace) -> int:
+    names = parse_sequences(options.sequences)
+    methods = options.methods.split(",")
+    for method in methods:
+        preset(method)
+    seeds = parse_whole("--seeds", options.seeds)
+    everything: list[list[str]] = []
+    with run_folder(options.out) as folder:
+        for name in names:
+            sequence = _open(name, options.cache)
+            with reporting(sequence.name) as report:
+                errors, lengths = compare_methods(sequence, methods, seeds, report)
+            rows = table_rows(errors)
+            everything += [[sequence.name, lengths, *row] for row in rows]
+            title = f"{sequence.name}, {lengths}; mean ± standard deviation over {seeds} seeds"
+            show_report_table(ReportTable(title, COLUMNS, rows, []))
+        write_text_atomic(folder / "table.md", markdown(["sequence", "lengths", *COLUMNS], everything))
+    say(f"written to {folder / 'table.md'}")
+    return 0
 
 
 def _evaluate(options: argparse.Namespace) -> int:
@@ -173,16 +231,12 @@ def _evaluate(options: argparse.Namespace) -> int:
             f"{len(options.truth)} truth files and {len(options.estimate)} estimates: expected pairs"
         )
     lengths: tuple[float, ...] = KITTI_LENGTHS
-    step = KITTI_STEP
     try:
         if options.lengths is not None:
             lengths = tuple(float(word) for word in options.lengths.split(","))
     except ValueError:
         raise DataError(f"--lengths {options.lengths!r}: expected metres such as 20,50,100") from None
-    try:
-        step = step if options.step is None else int(options.step)
-    except ValueError:
-        raise DataError(f"--step {options.step!r}: expected a whole number of frames") from None
+    step = KITTI_STEP if options.step is None else parse_whole("--step", options.step)
     # Short names where they tell the sequences apart.
     stems = [Path(path).stem for path in options.truth]
     names = stems if len(set(stems)) == len(stems) else options.truth
@@ -194,54 +248,18 @@ def _evaluate(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(result.to_dict(), indent=2, allow_nan=False))
     else:
-        for table in _evaluation_tables(result):
-            Console().print(table)
+        show_evaluation(result)
     return 0
 
 
-SEQUENCES_A_TABLE = 4
-
-
-def _evaluation_tables(result: Evaluation) -> Iterator[Table]:
-    """Errors by length, a column for each sequence, a few to a table; then by sequence with both averages."""
-    title = f"TE % / RE deg/100 m by length, a start every {result.step} frames"
-    everything = [(s.name, s.kitti) for s in result.sequences] + [("pooled", result.pooled)]
-    for first in range(0, len(everything), SEQUENCES_A_TABLE):
-        part = everything[first : first + SEQUENCES_A_TABLE]
-        table = Table(title=title, title_justify="left")
-        table.add_column("length")
-        for name, _ in part:
-            table.add_column(name, justify="right", overflow="fold")
-        for length in result.lengths:
-            cells = [errors.by_length([length])[length] for _, errors in part]
-            table.add_row(f"{length:g} m", *(_pair(cell.te, cell.re) for cell in cells))
-        yield table
-    table = Table(title="all lengths", title_justify="left")
-    table.add_column("sequence", overflow="fold")
-    for name in ("frames", "sub-sequences", "TE / RE"):
-        table.add_column(name, justify="right")
-    for s in result.sequences:
-        table.add_row(s.name, str(s.frames), str(len(s.kitti)), _pair(s.kitti.te, s.kitti.re))
-    pooled, mean = result.pooled, result.mean()
-    table.add_section()
-    table.add_row("pooled, as the devkit", "", str(len(pooled)), _pair(pooled.te, pooled.re))
-    table.add_row("plain mean", "", "", _pair(mean["te_percent"], mean["re_deg_per_100m"]))
-    yield table
-
-
-def _pair(te: float | None, re: float | None) -> str:
-    return "–" if te is None or re is None else f"{te:.2f} / {re:.2f}"
-
-
 def _list(options: argparse.Namespace) -> int:
-    found = available()
+    found = {name: str(path or "drawn on first use") for name, path in available().items()}
     if options.json:
-        print(json.dumps({name: str(path) for name, path in found.items()}, indent=2))
+        print(json.dumps(found, indent=2))
         return 0
-    table = Table("name", "folder")
-    for name, path in found.items():
-        table.add_row(name, str(path))
-    Console().print(table if found else "no sequences found; `vo check` says how to get them")
+    show_table("", ["name", "folder"], [list(row) for row in found.items()], numbers=False)
+    if not any(name.startswith("kitti/") for name in found):
+        say("no KITTI sequences found; `vo check` says how to get them")
     return 0
 
 
@@ -250,12 +268,5 @@ def _check(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps([vars(finding) for finding in findings], indent=2))
     else:
-        table = Table("what", "state", "found")
-        for finding in findings:
-            table.add_row(finding.what, finding.state, finding.found)
-        console = Console()
-        console.print(table)
-        for finding in findings:
-            if finding.remedy:
-                console.print(f"{finding.what}: {finding.remedy}", highlight=False, markup=False)
+        show_findings(findings)
     return 1 if any(finding.state == "problem" for finding in findings) else 0

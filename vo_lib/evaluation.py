@@ -28,6 +28,8 @@ from .errors import DataError
 
 Array = NDArray[np.float64]
 
+# For paths too short for these lengths: from every frame, and labelled as such.
+SHORT_LENGTHS = (20.0, 50.0, 100.0)  # metres
 KITTI_LENGTHS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)  # metres
 KITTI_STEP = 10  # frames from one start to the next
 KITTI_SPEEDS = tuple(float(v) for v in range(2, 25, 2))  # bin centres, m/s
@@ -137,6 +139,14 @@ def kitti_errors(
         # Rounded as the devkit's, so that a speed on the edge of a bin falls on the same side.
         speed=speed.astype(np.float32).astype(np.float64),
     )
+
+
+def suitable_errors(truth: Array, estimate: Array) -> tuple[KittiErrors, str]:
+    """KITTI errors as the benchmark has them or, on a short path, over SHORT_LENGTHS; and which, in words."""
+    errors = kitti_errors(truth, estimate)
+    if len(errors):
+        return errors, f"100-{errors.length.max():g} m, every {KITTI_STEP} frames"
+    return kitti_errors(truth, estimate, SHORT_LENGTHS, 1), "20, 50, 100 m, every frame"
 
 
 def pooled(errors: Iterable[KittiErrors]) -> KittiErrors:

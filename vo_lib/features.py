@@ -22,28 +22,27 @@ def corner_strength(image: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def detect_corners(
-    image: NDArray[np.uint8], config: FeatureConfig, taken: Array | None = None
+    strength: NDArray[np.float32], config: FeatureConfig, taken: Array | None = None
 ) -> tuple[Array, Array]:
     """The strongest corner of each empty square cell.
 
     Parameters
     ----------
-    image : (H, W) uint8.
+    strength : (H, W) corner strength, from `corner_strength`.
     taken : (M, 2) pixels of features already followed; their cells get no new corner.
 
     Returns
     -------
     (N, 2) pixels and (N,) strengths, in row-major order of the cells.
     """
-    strength = corner_strength(image)
     b, cell = config.border, config.cell
-    strength[:b], strength[-b:], strength[:, :b], strength[:, -b:] = 0, 0, 0, 0
-    # A corner is a local maximum: its neighbours in the next cell must not be stronger.
-    strength[strength < cv2.dilate(strength, np.ones((5, 5), np.uint8))] = 0
     height, width = strength.shape
+    # A corner is a local maximum: its neighbours in the next cell must not be stronger.
+    peaks = np.where(strength < cv2.dilate(strength, np.ones((5, 5), np.uint8)), np.float32(0), strength)
+    peaks[:b], peaks[-b:], peaks[:, :b], peaks[:, -b:] = 0, 0, 0, 0
     rows, cols = -(-height // cell), -(-width // cell)
     padded = np.zeros((rows * cell, cols * cell), np.float32)
-    padded[:height, :width] = strength
+    padded[:height, :width] = peaks
     blocks = padded.reshape(rows, cell, cols, cell).transpose(0, 2, 1, 3).reshape(rows * cols, cell * cell)
     best = np.argmax(blocks, axis=1)
     value = blocks[np.arange(rows * cols), best]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .camera import StereoCamera
 from .config import BucketConfig, FeatureConfig, MatchingConfig
-from .features import detect_corners, select_by_bucket
+from .features import corner_strength, detect_corners, select_by_bucket
 from .reprojection import fit_motion
 
 Array = NDArray[np.float64]
@@ -67,6 +67,30 @@ class _Features:
         return _Features(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
 
 
+@dataclass(frozen=True)
+class PreparedPair:
+    """A stereo pair with all that can be computed without knowing the motion, ahead and in other threads.
+
+    Attributes
+    ----------
+    left, right : (H, W) uint8.
+    strength : (H, W) corner strength of the left image.
+    disparity : (H / 2, W / 2) coarse disparity, pixels of the full image; negative where none.
+    """
+
+    left: Image
+    right: Image
+    strength: NDArray[np.float32]
+    disparity: Array
+
+
+def prepare_pair(pair: tuple[Image, Image], matching: MatchingConfig) -> PreparedPair:
+    """Corner strength and coarse disparity of a stereo pair."""
+    left, right = pair
+    disparity = coarse_disparity(left, right, matching.max_disparity)
+    return PreparedPair(left, right, corner_strength(left), disparity)
+
+
 class LoopMatcher:
     """Corners followed round the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
 
@@ -79,15 +103,15 @@ class LoopMatcher:
         self.camera = camera
         self.features = features
         self.config = matching
-        self._previous: tuple[Image, Image, _Features] | None = None
+        self._previous: tuple[PreparedPair, _Features] | None = None
         self._motion: tuple[Array, Array] | None = None
         self._next_id = 0
 
-    def step(self, left: Image, right: Image) -> StereoMatches:
-        """Matches of the pair before with this one, (H, W) uint8 each; empty for the first pair."""
+    def step(self, pair: PreparedPair) -> StereoMatches:
+        """Matches of the pair before with this one; empty for the first pair."""
         matches = empty_matches()
         if self._previous is not None:
-            matches = self._follow(left, right)
+            matches = self._follow(pair)
         kept = select_by_bucket(
             matches.cur_left, matches.age, matches.strength, BucketConfig(size=self.features.cell, features=1)
         )
@@ -95,47 +119,40 @@ class LoopMatcher:
         known = _Features(
             followed.cur_left, followed.cur_right, followed.age + 1, followed.strength, followed.id
         )
-        self._previous = (left, right, self._add_corners(left, right, known))
+        self._previous = (pair, self._add_corners(pair, known))
         return matches
 
-    def _follow(self, left: Image, right: Image) -> StereoMatches:
+    def _follow(self, pair: PreparedPair) -> StereoMatches:
         assert self._previous is not None
-        prev_left, prev_right, known = self._previous
+        before, known = self._previous
         X_p = self.camera.back_project(known.left, known.left[:, 0] - known.right[:, 0])
         matches = empty_matches()
         if self._motion is not None:
             R, t = self._motion
             guess = self.camera.project(X_p @ R.T + t)
-            matches = self._close_loop(prev_left, prev_right, left, right, known, guess, self.config.levels)
+            matches = self._close_loop(before, pair, known, guess, self.config.levels)
         if len(matches) < 0.3 * len(known.id):
             # No motion yet, or it changed abruptly: search from where the features were.
-            again = self._close_loop(
-                prev_left,
-                prev_right,
-                left,
-                right,
-                known,
-                (known.left, known.right),
-                self.config.search_levels,
-            )
+            start = known.left, known.right
+            again = self._close_loop(before, pair, known, start, self.config.search_levels)
             matches = again if len(again) > len(matches) else matches
         self._motion = self._fit(matches)
         return matches
 
     def _close_loop(
         self,
-        prev_left: Image,
-        prev_right: Image,
-        left: Image,
-        right: Image,
+        before: PreparedPair,
+        pair: PreparedPair,
         known: _Features,
         guess: tuple[Array, Array],
         levels: int,
     ) -> StereoMatches:
-        start = np.flatnonzero(self._inside(guess[0], left) & self._inside(guess[1], left))
-        cur_left, ok_left = self._track(prev_left, left, known.left[start], guess[0][start], levels)
-        over_time, ok_right = self._track(prev_right, right, known.right[start], guess[1][start], levels)
-        cur_right, ok_stereo = self._track(left, right, cur_left, over_time, 0)
+        start = np.flatnonzero(self._inside(guess[0], pair.left) & self._inside(guess[1], pair.right))
+        cur_left, ok_left = self._track(before.left, pair.left, known.left[start], guess[0][start], levels)
+        over_time, ok_right = self._track(
+            before.right, pair.right, known.right[start], guess[1][start], levels
+        )
+        cur_right, ok_stereo = self._track(pair.left, pair.right, cur_left, over_time, 0)
         ok = ok_left & ok_right & ok_stereo & self._is_stereo(cur_left, cur_right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
         source = known[start[ok]]
@@ -143,12 +160,14 @@ class LoopMatcher:
             source.left, source.right, cur_left[ok], cur_right[ok], source.age, source.strength, source.id
         )
 
-    def _add_corners(self, left: Image, right: Image, known: _Features) -> _Features:
-        uv, strength = detect_corners(left, self.features, known.left)
-        disparity = coarse_disparity(left, right, uv, self.config.max_disparity)
+    def _add_corners(self, pair: PreparedPair, known: _Features) -> _Features:
+        uv, strength = detect_corners(pair.strength, self.features, known.left)
+        column, row = np.rint(uv / 2).astype(int).T
+        height, width = pair.disparity.shape
+        disparity = pair.disparity[np.minimum(row, height - 1), np.minimum(column, width - 1)]
         uv, strength, disparity = (a[disparity > 0] for a in (uv, strength, disparity))
         guess = uv - np.stack([disparity, np.zeros_like(disparity)], axis=1)
-        found, ok = self._track(left, right, uv, guess, 0)
+        found, ok = self._track(pair.left, pair.right, uv, guess, 0)
         ok &= self._is_stereo(uv, found)
         number = int(np.count_nonzero(ok))
         ids = np.arange(self._next_id, self._next_id + number)
@@ -199,8 +218,8 @@ class LoopMatcher:
         )
 
 
-def coarse_disparity(left: Image, right: Image, uv: Array, largest: int) -> Array:
-    """Disparity of pixels (N, 2) by block matching at half size, good to some pixels; -1 where none, (N,)."""
+def coarse_disparity(left: Image, right: Image, largest: int) -> Array:
+    """Disparity by block matching at half size, good to some pixels, (H / 2, W / 2); negative where none."""
     steps = -(-largest // 32) * 16
     # Block matching sees nothing in its first `steps` columns: give it a margin to lose.
     small = [
@@ -209,7 +228,5 @@ def coarse_disparity(left: Image, right: Image, uv: Array, largest: int) -> Arra
     ]
     matcher = cv2.StereoBM.create(numDisparities=steps, blockSize=11)
     matcher.setUniquenessRatio(5)
-    disparity = matcher.compute(*small).astype(np.float64) / 8.0
-    column, row = np.rint(uv / 2).astype(int).T
-    height, width = disparity.shape
-    return np.asarray(disparity[np.minimum(row, height - 1), np.minimum(column + steps, width - 1)])
+    # In sixteenths of a pixel of the half image.
+    return np.asarray(matcher.compute(*small)[:, steps:] / 8.0)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from .camera import StereoCamera
 from .config import Config
@@ -17,13 +17,12 @@ from .essential import estimate_essential
 from .features import select_by_bucket
 from .filtering import static_matches
 from .geometry import inverse, nearest_rotation, rigid
-from .matching import LoopMatcher, StereoMatches
+from .matching import LoopMatcher, StereoMatches, prepare_pair
 from .reprojection import fit_motion
-from .sequence import Sequence, stereo_ahead
+from .sequence import Progress, Sequence, stereo_ahead
 from .translation import solve_translation
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
 
 # A feature agrees with a motion when its eight rows leave less than this, pixels.
 AGREEMENT = 2.0
@@ -182,28 +181,31 @@ def run_methods(
     front_ends = {(config.features, config.matching) for config in configs.values()}
     if len(front_ends) != 1:
         raise ValueError("the methods need the same feature and matching settings to share their matches")
-    matcher = LoopMatcher(sequence.camera, *front_ends.pop())
+    features, matching = front_ends.pop()
+    matcher = LoopMatcher(sequence.camera, features, matching)
     chains = {name: Odometry(sequence.camera, config) for name, config in configs.items()}
     poses = {name: np.tile(np.eye(4), (len(sequence), 1, 1)) for name in configs}
     motions: dict[str, list[Motion]] = {name: [] for name in configs}
-    clock = _Clock()
-    for index, (left, right) in enumerate(stereo_ahead(sequence)):
-        clock.stage("wait_images")
-        matches = matcher.step(left, right)
-        boxes = sequence.boxes(index)
-        clock.stage("matching")
-        for name, odometry in chains.items():
-            if index == 0:
-                odometry.start(boxes)
-                continue
-            motion = odometry.step(matches, boxes)
-            T_w_c = poses[name][index - 1] @ inverse(motion.T_cp)
-            T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
-            poses[name][index] = T_w_c
-            motions[name].append(dataclasses.replace(motion, ms={**clock.ms, **motion.ms}))
-        if progress is not None:
-            progress(index + 1, len(sequence))
+    # The matrices are small: more BLAS threads only wait for each other and for the image threads.
+    with threadpool_limits(limits=1, user_api="blas"):
         clock = _Clock()
+        for index, pair in enumerate(stereo_ahead(sequence, lambda pair: prepare_pair(pair, matching))):
+            clock.stage("wait_images")
+            matches = matcher.step(pair)
+            boxes = sequence.boxes(index)
+            clock.stage("matching")
+            for name, odometry in chains.items():
+                if index == 0:
+                    odometry.start(boxes)
+                    continue
+                motion = odometry.step(matches, boxes)
+                T_w_c = poses[name][index - 1] @ inverse(motion.T_cp)
+                T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
+                poses[name][index] = T_w_c
+                motions[name].append(dataclasses.replace(motion, ms={**clock.ms, **motion.ms}))
+            if progress is not None:
+                progress(index + 1, len(sequence))
+            clock = _Clock()
     return {name: Run(sequence, configs[name], poses[name], motions[name]) for name in configs}
 
 

@@ -15,13 +15,10 @@ import numpy as np
 
 from . import settings
 from .errors import DataError
-from .evaluation import KITTI_LENGTHS, KITTI_STEP, Evaluation, evaluate, trajectory_distances
+from .evaluation import KITTI_LENGTHS, KITTI_STEP, SHORT_LENGTHS, Evaluation, evaluate, trajectory_distances
 from .files import write_bytes_atomic, write_text_atomic
 from .odometry import Motion, Run
 from .poses import format_kitti_poses, format_tum
-
-# For paths too short for the benchmark's 100 … 800 m: from every frame, and labelled as such.
-SHORT_LENGTHS = (20.0, 50.0, 100.0)
 
 STAGES = ("wait_images", "matching", "filter", "rotation", "translation")
 

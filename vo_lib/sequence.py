@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,13 @@ from .detection import Boxes, no_boxes, read_labels
 from .errors import DataError
 from .kitti import Image, list_frames, read_calibration, read_image, read_times
 from .poses import read_kitti_poses
+from .synthetic import SCENES, ensure_scene
 
 Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+Prepared = TypeVar("Prepared")
+
+SYNTHETIC = "synthetic/"
 
 
 @dataclass(frozen=True)
@@ -82,15 +88,17 @@ class Sequence:
         )
 
 
-def stereo_ahead(sequence: Sequence, ahead: int = 4) -> Iterator[tuple[Image, Image]]:
-    """All stereo pairs in order, decoded in threads a few frames ahead of their use."""
+def stereo_ahead(
+    sequence: Sequence, prepare: Callable[[tuple[Image, Image]], Prepared], ahead: int = 4
+) -> Iterator[Prepared]:
+    """What `prepare` makes of each stereo pair, in order; done in threads a few frames ahead of its use."""
     with ThreadPoolExecutor(max_workers=2) as pool:
-        waiting = deque(pool.submit(sequence.stereo, i) for i in range(min(ahead, len(sequence))))
-        for index in range(len(sequence)):
-            pair = waiting.popleft().result()
-            if index + ahead < len(sequence):
-                waiting.append(pool.submit(sequence.stereo, index + ahead))
-            yield pair
+        waiting: deque[Future[Prepared]] = deque()
+        for index in range(len(sequence) + ahead):
+            if index < len(sequence):
+                waiting.append(pool.submit(lambda i: prepare(sequence.stereo(i)), index))
+            if index >= ahead:
+                yield waiting.popleft().result()
 
 
 def kitti_roots() -> list[Path]:
@@ -109,44 +117,54 @@ def kitti_roots() -> list[Path]:
     return roots
 
 
-def available() -> dict[str, Path]:
-    """Sequences found, by name, in the order of their names."""
-    found: dict[str, Path] = {}
+def available() -> dict[str, Path | None]:
+    """Sequences by name with their folders; None for a synthetic scene, which is drawn on first use."""
+    found: dict[str, Path | None] = {f"{SYNTHETIC}{name}": None for name in SCENES}
     for root in kitti_roots():
         for folder in sorted((root / "sequences").iterdir()):
             if (folder / "image_0").is_dir():
                 found.setdefault(f"kitti/{folder.name}", folder)
-    return dict(sorted(found.items()))
+    return found
 
 
-def open_sequence(where: str | Path, labels: str | Path | None = None) -> Sequence:
-    """A sequence by name ("kitti/07") or by the path of a KITTI-layout folder.
+def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Path:
+    """Folder of a sequence by its name; a synthetic scene is drawn where it is not in the cache."""
+    if name.startswith(SYNTHETIC):
+        return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=os.cpu_count() or 1)
+    found = available().get(name)
+    if found is None and name.startswith("kitti/"):
+        roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
+        raise DataError(f"the sequence {name} was not found; looked in {roots}")
+    if found is None:
+        raise DataError("the folder is missing: expected a KITTI folder or a name from `vo list`", name)
+    return found
+
+
+def open_sequence(
+    where: str | Path,
+    labels: str | Path | None = None,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> Sequence:
+    """A sequence by name ("kitti/07", "synthetic/traffic") or by the path of a KITTI-layout folder.
 
     Everything that can be seen without decoding all images is checked here.
 
     Parameters
     ----------
     labels : folder of YOLO label files; by default `labels` in the sequence's folder, if there.
+    cache : folder that keeps synthetic scenes; by default the user's cache folder.
+    progress : called with (frames done, frames in all) while a synthetic scene is drawn.
 
     Raises
     ------
     DataError : one line that names the file and what was expected.
     """
-    name = str(where)
-    folder = Path(where)
-    if not folder.is_dir():
-        known = available()
-        if name in known:
-            folder = known[name]
-        elif name.startswith("kitti/"):
-            roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
-            raise DataError(f"the sequence {name} was not found; looked in {roots}")
-        else:
-            raise DataError(
-                "the folder is missing: expected a KITTI-layout folder or a name from `vo list`", folder
-            )
-    else:
+    folder, name = Path(where), str(where)
+    if folder.is_dir():
         name = folder.resolve().name
+    else:
+        folder = _find_folder(name, cache, progress)
     camera = read_calibration(folder / "calib.txt")
     frames = list_frames(folder)
     if len(frames) < 2:
