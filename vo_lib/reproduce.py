@@ -80,7 +80,7 @@ def compare_methods(
     return table, words
 
 
-COLUMNS = ["method", "TE %", "RE deg/100 m", "features removed", "ms a frame"]
+COLUMNS = ["method", "TE %", "RE deg/100 m", "removed", "ms a frame"]
 
 
 def table_rows(errors: dict[str, MethodErrors]) -> list[list[str]]:
