@@ -115,6 +115,25 @@ class TranslationConfig(Checked):
 
 
 @dataclass(frozen=True)
+class CalibrationConfig(Checked):
+    """The disparity offset of an imperfectly rectified pair, found on the way (not in the paper)."""
+
+    estimate: bool = setting(True, "estimate the disparity offset; off: the calibration is taken as it is")
+    initial_deviation: float = setting(
+        1.0, "standard deviation of the offset before the first frame", unit="px", low=0, high=10
+    )
+    drift: float = setting(
+        0.01, "standard deviation of its change from frame to frame", unit="px", low=0, high=1
+    )
+    caution: float = setting(
+        4.0, "a frame's estimate is trusted as if it scattered this much more than noise", low=1, high=100
+    )
+    scale: float = setting(
+        0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
+    )
+
+
+@dataclass(frozen=True)
 class Config(Checked):
     """Everything that decides a run's result, with the images."""
 
@@ -128,6 +147,7 @@ class Config(Checked):
     filter: FilterConfig = section(FilterConfig)
     selection: SelectionConfig = section(SelectionConfig)
     translation: TranslationConfig = section(TranslationConfig)
+    calibration: CalibrationConfig = section(CalibrationConfig)
 
 
 def _method(prior: bool, rule: str) -> Config:

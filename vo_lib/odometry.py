@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from .calibration import DisparityOffset
 from .camera import StereoCamera
 from .config import Config
 from .detection import Boxes, no_boxes
@@ -26,6 +27,8 @@ Array = NDArray[np.float64]
 
 # A feature agrees with a motion when its eight rows leave less than this, pixels.
 AGREEMENT = 2.0
+# A smaller change of the disparity offset moves a step by less than a thousandth, pixels.
+SMALL_OFFSET = 0.01
 # Median flow under which even a slow creep is below a millimetre a frame, pixels.
 STILL_FLOW = 0.05
 
@@ -39,6 +42,7 @@ class Motion:
     T_cp : (4, 4) motion from the previous to the current left camera, metres.
     matches : matches found; removed : matches removed by boxes; used : left after bucketing.
     inliers : matches in use that agree with the epipolar geometry.
+    offset : disparity offset known after the frame, pixels; NaN where the frame did not get that far.
     prior_angle : angle to the previous essential vector, degrees; NaN without one.
     flags : words such as "standstill"; empty when nothing was unusual.
     ms : milliseconds of each stage.
@@ -49,6 +53,7 @@ class Motion:
     removed: int = 0
     used: int = 0
     inliers: int = 0
+    offset: float = float("nan")
     prior_angle: float = float("nan")
     flags: tuple[str, ...] = ()
     ms: dict[str, float] = field(default_factory=dict)
@@ -68,6 +73,7 @@ class Odometry:
         self._e: Array | None = None
         self._last = np.eye(4)
         self._boxes = no_boxes()
+        self._offset = DisparityOffset(config.calibration)
 
     def start(self, boxes: Boxes) -> None:
         """The first frame: nothing but its boxes is needed."""
@@ -81,6 +87,7 @@ class Odometry:
         self._boxes = boxes
         chosen = matches[keep]
         chosen = chosen[select_by_bucket(chosen.cur_left, chosen.age, chosen.strength, self.config.buckets)]
+        chosen = self._offset.correct(chosen)
         clock.stage("filter")
         motion = self._motion(chosen, clock)
         self._last = motion.T_cp
@@ -92,6 +99,20 @@ class Odometry:
             flags=(*(("filter_off",) if off else ()), *motion.flags),
             ms=clock.ms,
         )
+
+    def _calibrate(self, chosen: StereoMatches, R_cp: Array, t_cp: Array) -> Array:
+        """Update the disparity offset; the translation is solved again where that changed the matches."""
+        before = self._offset.offset
+        self._offset.update(self.camera, chosen, R_cp, t_cp)
+        change = self._offset.offset - before
+        if abs(change) < SMALL_OFFSET:
+            return t_cp
+        shift = np.array([change, 0.0])
+        corrected = dataclasses.replace(
+            chosen, prev_right=chosen.prev_right + shift, cur_right=chosen.cur_right + shift
+        )
+        solved = solve_translation(self.camera, corrected, R_cp, self.config.translation)
+        return t_cp if solved is None else solved[0]
 
     def _motion(self, chosen: StereoMatches, clock: _Clock) -> Motion:
         if len(chosen) < self.config.min_matches:
@@ -123,8 +144,13 @@ class Odometry:
         if solved is None or np.count_nonzero(solved[1] < AGREEMENT) < self.config.min_matches:
             return Motion(self._last, flags=("no_motion",))
         self._e = estimate.e
+        t_cp = solved[0]
+        if self.config.calibration.estimate:
+            t_cp = self._calibrate(chosen, estimate.R_cp, t_cp)
+            clock.stage("calibration")
         return Motion(
-            rigid(estimate.R_cp, solved[0]),
+            rigid(estimate.R_cp, t_cp),
+            offset=self._offset.offset,
             inliers=int(np.count_nonzero(estimate.inliers)),
             prior_angle=float(np.degrees(estimate.prior_angle)),
             flags=("prior_dropped",) if estimate.prior_dropped else (),

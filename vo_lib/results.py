@@ -20,7 +20,7 @@ from .files import write_bytes_atomic, write_text_atomic
 from .odometry import Motion, Run
 from .poses import format_kitti_poses, format_tum
 
-STAGES = ("wait_images", "matching", "filter", "rotation", "translation")
+STAGES = ("wait_images", "matching", "filter", "rotation", "translation", "calibration")
 
 
 @contextmanager
@@ -85,14 +85,15 @@ def frames_csv(frames: tuple[str, ...], motions: list[Motion]) -> str:
     """The per-frame log as CSV: one row for the motion into each frame but the first."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
-    counts = ["frame", "matches", "removed_by_boxes", "used", "inliers", "prior_angle_deg", "step_m", "flags"]
+    counts = ["frame", "matches", "removed_by_boxes", "used", "inliers", "prior_angle_deg"]
+    counts += ["step_m", "disparity_offset_px", "flags"]
     writer.writerow(counts + [f"{stage}_ms" for stage in STAGES])
     for frame, motion in zip(frames, motions, strict=True):
-        angle = "" if math.isnan(motion.prior_angle) else f"{motion.prior_angle:.4f}"
+        angle, offset = ("" if math.isnan(x) else f"{x:.4f}" for x in (motion.prior_angle, motion.offset))
         step = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}"
         writer.writerow(
             [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step]
-            + [" ".join(motion.flags)]
+            + [offset, " ".join(motion.flags)]
             + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES]
         )
     return buffer.getvalue()

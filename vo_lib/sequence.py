@@ -130,7 +130,7 @@ def available() -> dict[str, Path | None]:
 def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Path:
     """Folder of a sequence by its name; a synthetic scene is drawn where it is not in the cache."""
     if name.startswith(SYNTHETIC):
-        return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=os.cpu_count() or 1)
+        return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=min(os.cpu_count() or 1, 4))
     found = available().get(name)
     if found is None and name.startswith("kitti/"):
         roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
