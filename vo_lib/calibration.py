@@ -23,6 +23,14 @@ Array = NDArray[np.float64]
 ITERATIONS = 4  # from the linear solution two suffice; wrong matches need a few more to lose their weight
 
 
+def without_offset(matches: StereoMatches, offset: float) -> StereoMatches:
+    """Matches whose disparities are smaller by `offset` pixels: the right positions move."""
+    shift = np.array([offset, 0.0])
+    return dataclasses.replace(
+        matches, prev_right=matches.prev_right + shift, cur_right=matches.cur_right + shift
+    )
+
+
 class DisparityOffset:
     """The offset, pixels, and its variance, from frame to frame.
 
@@ -35,11 +43,8 @@ class DisparityOffset:
         self.variance = config.initial_deviation**2
 
     def correct(self, matches: StereoMatches) -> StereoMatches:
-        """Matches whose right positions have the offset taken out of their disparity."""
-        shift = np.array([self.offset, 0.0])
-        return dataclasses.replace(
-            matches, prev_right=matches.prev_right + shift, cur_right=matches.cur_right + shift
-        )
+        """Matches without the offset known so far."""
+        return without_offset(matches, self.offset)
 
     def update(self, camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
         """Learn from a frame's corrected matches and its motion."""

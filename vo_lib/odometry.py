@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from .calibration import DisparityOffset
+from .calibration import DisparityOffset, without_offset
 from .camera import StereoCamera
 from .config import Config
 from .detection import Boxes, no_boxes
@@ -107,10 +107,7 @@ class Odometry:
         change = self._offset.offset - before
         if abs(change) < SMALL_OFFSET:
             return t_cp
-        shift = np.array([change, 0.0])
-        corrected = dataclasses.replace(
-            chosen, prev_right=chosen.prev_right + shift, cur_right=chosen.cur_right + shift
-        )
+        corrected = without_offset(chosen, change)
         solved = solve_translation(self.camera, corrected, R_cp, self.config.translation)
         return t_cp if solved is None else solved[0]
 
