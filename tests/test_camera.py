@@ -13,6 +13,9 @@ def test_back_projection_undoes_projection() -> None:
     X = np.random.default_rng(0).uniform([-10, -2, 3], [10, 2, 60], (100, 3))
     left, right = CAMERA.project(X)
     np.testing.assert_allclose(CAMERA.back_project(left, left[:, 0] - right[:, 0]), X, rtol=1e-9)
+    np.testing.assert_array_equal(
+        CAMERA.triangulate(left, right), CAMERA.back_project(left, left[:, 0] - right[:, 0])
+    )
     np.testing.assert_allclose(left[:, 1], right[:, 1])
 
 

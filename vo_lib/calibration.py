@@ -70,7 +70,7 @@ def estimate_offset(
     rotation held; each point is eliminated from the normal equations. Cauchy weights, `scale` in pixels.
     The linear rows of equation (3) will not do here: their noisy coefficients bias the offset.
     """
-    Q = camera.back_project(matches.prev_left, matches.prev_left[:, 0] - matches.prev_right[:, 0])
+    Q = camera.triangulate(matches.prev_left, matches.prev_right)
     good = np.isfinite(Q[:, 2])
     Q, matches = Q[good], matches[good]
     if len(Q) < 10:

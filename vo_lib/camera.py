@@ -58,3 +58,7 @@ class StereoCamera:
         d = np.where(disparity > 0, disparity, np.nan)
         z = self.f * self.baseline / d
         return np.concatenate([self.normalise(left) * z[:, None], z[:, None]], axis=1)
+
+    def triangulate(self, left: Array, right: Array) -> Array:
+        """Left and right pixels (N, 2) of the same points to points (N, 3), as `back_project`."""
+        return self.back_project(left, left[:, 0] - right[:, 0])

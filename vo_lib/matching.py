@@ -125,7 +125,7 @@ class LoopMatcher:
     def _follow(self, pair: PreparedPair) -> StereoMatches:
         assert self._previous is not None
         before, known = self._previous
-        X_p = self.camera.back_project(known.left, known.left[:, 0] - known.right[:, 0])
+        X_p = self.camera.triangulate(known.left, known.right)
         matches = empty_matches()
         if self._motion is not None:
             R, t = self._motion
@@ -183,7 +183,7 @@ class LoopMatcher:
     def _fit(self, matches: StereoMatches) -> tuple[Array, Array] | None:
         if len(matches) < 10:
             return None
-        X_p = self.camera.back_project(matches.prev_left, matches.prev_left[:, 0] - matches.prev_right[:, 0])
+        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
         start = self._motion or (np.eye(3), np.zeros(3))
         return fit_motion(self.camera, X_p, matches.cur_left, matches.cur_right, *start)[:2]
 

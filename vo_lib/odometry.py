@@ -114,7 +114,7 @@ class Odometry:
     def _motion(self, chosen: StereoMatches, clock: _Clock) -> Motion:
         if len(chosen) < self.config.min_matches:
             return Motion(self._last, flags=("few_matches",))
-        X_p = self.camera.back_project(chosen.prev_left, chosen.prev_left[:, 0] - chosen.prev_right[:, 0])
+        X_p = self.camera.triangulate(chosen.prev_left, chosen.prev_right)
         flow = float(np.median(np.linalg.norm(chosen.cur_left - chosen.prev_left, axis=1)))
         if flow < self.config.selection.standstill_flow:
             # The essential matrix of a camera that stands still is undefined: its vector is kept.

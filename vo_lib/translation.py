@@ -94,7 +94,7 @@ def solve_translation(
     for features not used: beyond the largest depth). None when no feature can be used or the system has
     no unique answer.
     """
-    X_p = camera.back_project(matches.prev_left, matches.prev_left[:, 0] - matches.prev_right[:, 0])
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     # NaN depth compares false.
     used = np.flatnonzero((X_p[:, 2] > 0) & (X_p[:, 2] <= config.max_depth))
     if len(used) == 0:

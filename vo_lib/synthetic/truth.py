@@ -16,6 +16,7 @@ from ..camera import StereoCamera
 from ..errors import DataError
 from ..geometry import inverse
 from ..matching import StereoMatches
+from ..poses import read_kitti_poses
 from ..settings import from_dict
 from .scenes import SceneConfig
 from .traffic import STILL
@@ -189,15 +190,12 @@ def open_truth(folder: Path | str) -> Truth:
         about: dict[str, Any] = json.loads((folder / "truth" / "scene.json").read_text())
         with np.load(folder / "truth" / "objects.npz", allow_pickle=False) as found:
             arrays = {name: found[name] for name in found.files}
-        rows = np.loadtxt(folder / "poses.txt", ndmin=2)
     except (OSError, ValueError) as error:
         raise DataError(f"no synthetic truth here: {error}", folder) from None
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3] = rows.reshape(-1, 3, 4)
     return Truth(
         folder=folder,
         config=from_dict(SceneConfig, about["config"]),
-        poses=poses,
+        poses=read_kitti_poses(folder / "poses.txt"),
         instance=arrays["instance"],
         kind=arrays["kind"],
         size=arrays["size"],
