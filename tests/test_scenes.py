@@ -9,7 +9,7 @@ import pytest
 
 from vo_lib import Sequence, open_sequence, preset
 from vo_lib.evaluation import kitti_errors
-from vo_lib.odometry import run_methods
+from vo_lib.runner import run_methods
 from vo_lib.synthetic import ensure_scene, scene_config
 
 

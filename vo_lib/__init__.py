@@ -7,7 +7,7 @@
 
 from .config import METHODS, Config, preset
 from .errors import DataError
-from .odometry import Run, run
+from .runner import Run, run
 from .sequence import Sequence, available, open_sequence
 
 __all__ = ["METHODS", "Config", "DataError", "Run", "Sequence", "available", "open_sequence", "preset", "run"]

@@ -15,8 +15,8 @@ from rich.table import Table
 
 from .environment import Finding
 from .evaluation import Evaluation
-from .odometry import Run
 from .report import ReportTable
+from .runner import Run
 from .sequence import Progress as Report
 
 SEQUENCES_A_TABLE = 4

@@ -10,12 +10,12 @@ from .config import METHODS, preset
 from .evaluation import suitable_errors, trajectory_distances
 from .files import write_bytes_atomic, write_text_atomic
 from .filtering import static_matches
-from .matching import LoopMatcher, prepare_pair
-from .odometry import Run, run_methods
+from .front_end import make_front_end
 from .plots import jpeg, match_image, png, trajectory_figure
 from .report import Picture, ReportTable, render_report
 from .reproduce import COLUMNS
 from .results import write_run
+from .runner import Run, run_methods
 from .sequence import Progress, Sequence
 
 SCENE = "synthetic/traffic"
@@ -73,9 +73,9 @@ def _example_frame(sequence: Sequence) -> bytes:
     tried = np.linspace(1, len(sequence) - 1, min(12, len(sequence) - 1)).astype(int).tolist()
     frame = max(tried, key=lambda i: _box_area(sequence, i))
     config = preset("feature_selection")
-    matcher = LoopMatcher(sequence.camera, config.features, config.matching)
+    matcher = make_front_end(sequence.camera, config.features, config.matching)
     pairs = [sequence.stereo(frame - 1), sequence.stereo(frame)]
-    matches = [matcher.step(prepare_pair(pair, config.matching)) for pair in pairs][-1]
+    matches = [matcher.step(matcher.prepare(pair)) for pair in pairs][-1]
     boxes = sequence.boxes(frame)
     kept, _ = static_matches(matches, sequence.boxes(frame - 1), boxes, config.filter)
     return jpeg(match_image(pairs[1][0], matches, kept, boxes))

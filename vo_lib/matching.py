@@ -107,6 +107,10 @@ class LoopMatcher:
         self._motion: tuple[Array, Array] | None = None
         self._next_id = 0
 
+    def prepare(self, pair: tuple[Image, Image]) -> PreparedPair:
+        """Corner strength and coarse disparity of a stereo pair."""
+        return prepare_pair(pair, self.config)
+
     def step(self, pair: PreparedPair) -> StereoMatches:
         """Matches of the pair before with this one; empty for the first pair."""
         matches = empty_matches()

@@ -1,4 +1,4 @@
-"""The loop over frames: matches in, motions out, poses accumulated."""
+"""The method: matches and boxes of a frame in, its motion out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from .calibration import DisparityOffset, without_offset
 from .camera import StereoCamera
@@ -17,10 +16,9 @@ from .detection import Boxes, no_boxes
 from .essential import estimate_essential
 from .features import select_by_bucket
 from .filtering import static_matches
-from .geometry import inverse, nearest_rotation, rigid
-from .matching import LoopMatcher, StereoMatches, prepare_pair
+from .geometry import rigid
+from .matching import StereoMatches
 from .reprojection import fit_motion
-from .sequence import Progress, Sequence, stereo_ahead
 from .translation import solve_translation
 
 Array = NDArray[np.float64]
@@ -82,7 +80,7 @@ class Odometry:
     def step(self, matches: StereoMatches, boxes: Boxes) -> Motion:
         """Motion of the next frame from its matches and the boxes in its left image."""
         self._frame += 1
-        clock = _Clock()
+        clock = Clock()
         keep, off = static_matches(matches, self._boxes, boxes, self.config.filter)
         self._boxes = boxes
         chosen = matches[keep]
@@ -111,7 +109,7 @@ class Odometry:
         solved = solve_translation(self.camera, corrected, R_cp, self.config.translation)
         return t_cp if solved is None else solved[0]
 
-    def _motion(self, chosen: StereoMatches, clock: _Clock) -> Motion:
+    def _motion(self, chosen: StereoMatches, clock: Clock) -> Motion:
         if len(chosen) < self.config.min_matches:
             return Motion(self._last, flags=("few_matches",))
         X_p = self.camera.triangulate(chosen.prev_left, chosen.prev_right)
@@ -154,85 +152,7 @@ class Odometry:
         )
 
 
-@dataclass(frozen=True)
-class Run:
-    """Result of a run over N frames.
-
-    Attributes
-    ----------
-    sequence : what was run; config : how.
-    poses : (N, 4, 4) T_w_c of the left camera, first one the identity, metres.
-    motions : (N - 1) motions, from each frame to the next.
-    """
-
-    sequence: Sequence
-    config: Config
-    poses: Array
-    motions: list[Motion]
-
-    @property
-    def ms_per_frame(self) -> float:
-        """Mean time of all stages of this method, milliseconds."""
-        return float(np.mean([sum(motion.ms.values()) for motion in self.motions]))
-
-    @property
-    def removed_share(self) -> float:
-        """Share of the matches that boxes removed, over all frames, in [0, 1]."""
-        return sum(m.removed for m in self.motions) / max(sum(m.matches for m in self.motions), 1)
-
-
-def run(sequence: Sequence, config: Config, progress: Progress | None = None) -> Run:
-    """Visual odometry over a sequence; `progress` as in `run_methods`."""
-    return run_methods(sequence, {"": config}, progress)[""]
-
-
-def run_methods(
-    sequence: Sequence, configs: dict[str, Config], progress: Progress | None = None
-) -> dict[str, Run]:
-    """Several methods over one sequence, all on the same matches, which are found once.
-
-    Parameters
-    ----------
-    configs : name and configuration of each method; their feature and matching settings must be equal.
-    progress : called with (frames done, frames in all) after each frame.
-
-    Raises
-    ------
-    DataError : an image or a label file is not as it should be.
-    ValueError : the methods do not share one front end.
-    """
-    front_ends = {(config.features, config.matching) for config in configs.values()}
-    if len(front_ends) != 1:
-        raise ValueError("the methods need the same feature and matching settings to share their matches")
-    features, matching = front_ends.pop()
-    matcher = LoopMatcher(sequence.camera, features, matching)
-    chains = {name: Odometry(sequence.camera, config) for name, config in configs.items()}
-    poses = {name: np.tile(np.eye(4), (len(sequence), 1, 1)) for name in configs}
-    motions: dict[str, list[Motion]] = {name: [] for name in configs}
-    # The matrices are small: more BLAS threads only wait for each other and for the image threads.
-    with threadpool_limits(limits=1, user_api="blas"):
-        clock = _Clock()
-        for index, pair in enumerate(stereo_ahead(sequence, lambda pair: prepare_pair(pair, matching))):
-            clock.stage("wait_images")
-            matches = matcher.step(pair)
-            boxes = sequence.boxes(index)
-            clock.stage("matching")
-            for name, odometry in chains.items():
-                if index == 0:
-                    odometry.start(boxes)
-                    continue
-                motion = odometry.step(matches, boxes)
-                T_w_c = poses[name][index - 1] @ inverse(motion.T_cp)
-                T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
-                poses[name][index] = T_w_c
-                motions[name].append(dataclasses.replace(motion, ms={**clock.ms, **motion.ms}))
-            if progress is not None:
-                progress(index + 1, len(sequence))
-            clock = _Clock()
-    return {name: Run(sequence, configs[name], poses[name], motions[name]) for name in configs}
-
-
-class _Clock:
+class Clock:
     """Milliseconds of stages, each measured from the end of the one before."""
 
     def __init__(self) -> None:

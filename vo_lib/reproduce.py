@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .config import preset
 from .errors import DataError
 from .evaluation import suitable_errors
-from .odometry import run_methods
+from .runner import run_methods
 from .sequence import Progress, Sequence
 
 Array = NDArray[np.float64]

@@ -17,8 +17,9 @@ from . import settings
 from .errors import DataError
 from .evaluation import KITTI_LENGTHS, KITTI_STEP, SHORT_LENGTHS, Evaluation, evaluate, trajectory_distances
 from .files import write_bytes_atomic, write_text_atomic
-from .odometry import Motion, Run
+from .odometry import Motion
 from .poses import format_kitti_poses, format_tum
+from .runner import Run
 
 STAGES = ("wait_images", "matching", "filter", "rotation", "translation", "calibration")
 

@@ -1,0 +1,47 @@
+"""What several commands need: opening sequences, options that are read alike."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..config import preset
+from ..console import reporting
+from ..errors import DataError
+from ..sequence import Sequence, open_sequence
+from ..synthetic import cache_folder
+
+
+def add_cache(parser: argparse.ArgumentParser) -> None:
+    """The option that chooses the cache folder."""
+    text = f"folder that keeps synthetic scenes; default {cache_folder()}"
+    parser.add_argument("--cache", type=Path, metavar="DIR", help=text.replace("%", "%%"))
+
+
+def open_with_bar(name: str, cache: Path | None, labels: str | None = None) -> Sequence:
+    """A sequence; a bar is shown while a synthetic scene is drawn."""
+    with reporting(f"drawing {name}") as report:
+        return open_sequence(name, labels, cache, report)
+
+
+def parse_whole(name: str, text: str) -> int:
+    """A whole number of 1 or more; `DataError` names the option."""
+    if not text.isdecimal() or int(text) < 1:
+        raise DataError(f"{name} {text!r}: expected a whole number of 1 or more")
+    return int(text)
+
+
+def parse_methods(text: str) -> list[str]:
+    """Known method names of a comma-separated list."""
+    methods = text.split(",")
+    for method in methods:
+        preset(method)
+    return methods
+
+
+def parse_lengths(text: str) -> tuple[float, ...]:
+    """Sub-sequence lengths of a comma-separated list, metres."""
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise DataError(f"--lengths {text!r}: expected metres such as 20,50,100") from None

@@ -1,0 +1,35 @@
+"""`vo demo`."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ..console import reporting, say, show_report_table
+from ..demo import SCENE, run_demo
+from ..results import run_folder
+from .common import add_cache, open_with_bar
+
+
+def add(commands: Any) -> None:
+    """Declare `vo demo`."""
+    parser = commands.add_parser("demo", help="the main job with nothing downloaded: all methods on a street")
+    parser.add_argument("--out", default="runs/demo", metavar="DIR", help="folder for the report")
+    add_cache(parser)
+    parser.set_defaults(command=_demo)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    with run_folder(options.out) as folder:
+        sequence = open_with_bar(SCENE, options.cache)
+        with reporting("all methods") as report:
+            table = run_demo(sequence, folder, report)
+    show_report_table(table)
+    say(
+        f"Look at {folder / 'report.html'} in a browser. What next:",
+        "  vo list                                    the other scenes and any KITTI sequences found",
+        "  vo run synthetic/jam --out runs/jam        one method on another scene",
+        "  vo run PATH --out runs/mine                a KITTI-layout folder of your own",
+        "  vo check                                   what is missing for KITTI, and how to get it",
+    )
+    return 0
