@@ -16,6 +16,7 @@ import cv2
 
 from vo_lib.console import OneLineParser, reporting
 from vo_lib.errors import DataError
+from vo_lib.script import guarded
 from vo_lib.settings import declared
 from vo_lib.synthetic import SCENES, SceneConfig, contact_sheet, ensure_scene, scene_config
 
@@ -45,21 +46,22 @@ def main(words: list[str] | None = None) -> int:
     """Run the command; the exit code is 2 for wrong input."""
     made = parser()
     options = made.parse_args(words)
-    try:
-        if options.contact_sheet:
-            write_sheet(options.contact_sheet)
-            return 0
-        if options.scene is None:
-            made.error("name a scene: " + ", ".join(SCENES))
-        given = {item.name: (item, getattr(options, f"set_{item.name}")) for item in declared(SceneConfig)}
-        changes = {name: item.parse(raw) for name, (item, raw) in given.items() if raw is not None}
-        config = scene_config(options.scene, **changes)
-        with reporting(f"drawing {options.scene}") as report:
-            folder = ensure_scene(config, options.cache, report, options.jobs)
-        print(folder)
-    except DataError as error:
-        print(f"render_synthetic.py: error: {error}", file=sys.stderr)
-        return 2
+    if options.scene is None and not options.contact_sheet:
+        made.error("name a scene: " + ", ".join(SCENES))
+    return guarded("render_synthetic.py", lambda: draw(options))
+
+
+def draw(options: argparse.Namespace) -> int:
+    """Draw a scene, or the sheet of all."""
+    if options.contact_sheet:
+        write_sheet(options.contact_sheet)
+        return 0
+    given = {item.name: (item, getattr(options, f"set_{item.name}")) for item in declared(SceneConfig)}
+    changes = {name: item.parse(raw) for name, (item, raw) in given.items() if raw is not None}
+    config = scene_config(options.scene, **changes)
+    with reporting(f"drawing {options.scene}") as report:
+        folder = ensure_scene(config, options.cache, report, options.jobs)
+    print(folder)
     return 0
 
 

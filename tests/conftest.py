@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from file_server import FileServer
+
+from vo_lib.sequence import Sequence, open_sequence
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
 
@@ -22,6 +28,26 @@ def clips() -> Path:
     if not CLIPS.is_dir():
         pytest.skip("the real KITTI clips are not beside this checkout (shared/data/kitti_clips)")
     return CLIPS
+
+
+@pytest.fixture(scope="session")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
+    """`synthetic/traffic` in the user's cache folder, as the demo and the notebooks use it.
+
+    Drawing it takes most of a minute: the first test process that asks does it, the others wait.
+    """
+    base = tmp_path_factory.getbasetemp()
+    lock = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "street.lock"
+    while True:
+        try:
+            lock.touch(exist_ok=False)
+            break
+        except FileExistsError:
+            time.sleep(0.5)
+    try:
+        return open_sequence("synthetic/traffic")
+    finally:
+        lock.unlink()
 
 
 def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
@@ -61,3 +87,12 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
 def bands(tmp_path: Path) -> Path:
     """The band sequence of six frames in a folder of its own."""
     return write_bands(tmp_path / "bands")
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[FileServer]:
+    """A web server on this machine; downloads do not pause before they try again."""
+    monkeypatch.setattr("vo_lib.download.PAUSE", 0.0)
+    made = FileServer()
+    yield made
+    made.close()

@@ -7,6 +7,10 @@ import platform
 import sys
 from dataclasses import dataclass
 
+from .detectors import known
+from .errors import DataError
+from .kitti_check import EXPECTED_FRAMES, count_pairs
+from .places import detector_folder, kitti_root, script_command
 from .sequence import available, kitti_roots
 
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "matplotlib", "jupyterlab", "ipywidgets")
@@ -38,6 +42,7 @@ def check() -> list[Finding]:
     findings += [_package(name) for name in PACKAGES]
     findings.append(_opencv())
     findings.append(_kitti())
+    findings.append(_detectors())
     return findings
 
 
@@ -75,15 +80,50 @@ def _opencv() -> Finding:
     return Finding("one OpenCV only", "ok", f"cv2 {cv2.__version__}")
 
 
+def data_steps() -> list[tuple[str, str]]:
+    """How one comes to data, step by step: a command that can be typed here, and what it does."""
+    get, check = script_command("get_kitti.py"), script_command("check_kitti.py")
+    return [
+        (f"{get} --sequences 07,04", f"two short sequences with true poses, 0.7 GB, into {kitti_root()}"),
+        (f"{get} --from-zip FILE", "the same out of KITTI's archives, where you have them"),
+        (f"{get} --sequences 00-10 --link DIR", "or out of a KITTI tree that you have (or set KITTI_ROOT)"),
+        (check, "what is complete, what is missing, and the command that gets it"),
+        (f"{script_command('get_detector.py')} yolox-tiny", "a vehicle detector for real images, 20 MB"),
+        (f"{script_command('from_folder.py')} --help", "stereo images or a video of your own"),
+    ]
+
+
+def _steps(*wanted: str) -> str:
+    """Those steps whose commands name one of the scripts wanted, a line each."""
+    steps = [step for step in data_steps() if any(name in step[0] for name in wanted)]
+    return "".join(f"\n  {command}\n      {text}" for command, text in steps)
+
+
 def _kitti() -> Finding:
-    roots = kitti_roots()
-    names = [name for name in available() if name.startswith("kitti/")]
-    if not names:
-        found = f"no sequences in {roots[0]}" if roots else "not found"
-        remedy = (
-            "optional, 22 GB grey images: download 'odometry data set (grayscale)', 'calibration files' and "
-            "'ground truth poses' from www.cvlibs.net/datasets/kitti/eval_odometry.php, unpack them into "
-            "data/kitti or set KITTI_ROOT to where they are"
+    found = {name: path for name, path in available().items() if name.startswith("kitti/") and path}
+    if not found:
+        remedy = "optional; the steps, in their order" + _steps(
+            "get_kitti.py", "check_kitti.py", "from_folder.py"
         )
-        return Finding("KITTI odometry", "note", found, remedy)
-    return Finding("KITTI odometry", "ok", f"{len(names)} sequences in {', '.join(map(str, roots))}")
+        return Finding("KITTI odometry", "note", "no sequences", remedy)
+    words = f"{len(found)} sequences in {', '.join(map(str, kitti_roots()))}"
+    folders = [path for path in found.values() if path is not None]
+    short = [path.name for path in folders if count_pairs(path) < EXPECTED_FRAMES.get(path.name, 0)]
+    if short:
+        return Finding(
+            "KITTI odometry", "note", f"{words}; incomplete: {', '.join(short)}", _steps("check_kitti.py")
+        )
+    return Finding("KITTI odometry", "ok", words)
+
+
+def _detectors() -> Finding:
+    steps = _steps("get_detector.py")
+    try:
+        here = [name for name, (_, path) in known().items() if path is not None]
+    except DataError as error:
+        return Finding("fetched detectors", "problem", str(error), steps)
+    if here:
+        return Finding("fetched detectors", "ok", ", ".join(here))
+    return Finding(
+        "fetched detectors", "note", f"none in {detector_folder()}", "optional, for real images" + steps
+    )

@@ -1,0 +1,126 @@
+"""Fetch single sequences of the KITTI odometry benchmark, without its 22 GB archive.
+
+Images, calibration and true poses of the sequences named come straight out of the official archives.
+What is complete on disk is not fetched again: after an interruption, call again.
+
+examples:
+  python get_kitti.py --sequences 07,04
+  python get_kitti.py --sequences 00-10 --root /data/kitti --yes
+  python get_kitti.py --from-zip data_odometry_gray.zip data_odometry_calib.zip data_odometry_poses.zip
+  python get_kitti.py --sequences 07 --link /mnt/kitti
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from vo_lib.console import OneLineParser, reporting, say
+from vo_lib.download import CONNECTIONS, in_words, require_space
+from vo_lib.errors import DataError
+from vo_lib.kitti_archive import (
+    CALIB,
+    COLOR,
+    GRAY,
+    HOST,
+    LICENCE,
+    POSES,
+    absent,
+    fetch,
+    link_tree,
+    note_changes,
+    plan,
+)
+from vo_lib.kitti_check import EXPECTED_FRAMES, parse_numbers
+from vo_lib.places import kitti_root, script_command
+from vo_lib.script import confirm, guarded, transferring
+from vo_lib.zip_archives import Archives
+
+
+def parser() -> argparse.ArgumentParser:
+    """Options of the script."""
+    made = OneLineParser(
+        prog="get_kitti.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    made.add_argument("--sequences", metavar="S,S-S,…", help="00 … 21; those of 00-10 have true poses")
+    made.add_argument(
+        "--color",
+        action="store_true",
+        help="also image_2 and image_3: the kit runs on grey images, but "
+        "detectors find vehicles better in colour",
+    )
+    made.add_argument("--root", type=Path, metavar="DIR", help=f"where to; default {kitti_root()}")
+    made.add_argument("--from-zip", type=Path, nargs="+", metavar="FILE", help="archives already on disk")
+    made.add_argument("--link", type=Path, metavar="DIR", help="link a KITTI tree that exists instead")
+    made.add_argument("--yes", action="store_true", help="start without asking")
+    made.add_argument("--jobs", type=int, default=4, metavar="N", help="files fetched at once (default 4)")
+    made.add_argument("--host", default=HOST, metavar="URL", help=f"a mirror; default {HOST}")
+    return made
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the script; the exit code is 2 for wrong input, 130 when interrupted."""
+    options = parser().parse_args(words)
+    return guarded("get_kitti.py", lambda: get(options))
+
+
+def get(options: argparse.Namespace) -> int:
+    """Link, unpack or fetch what the options name."""
+    root: Path = options.root or kitti_root()
+    if options.sequences is None and options.from_zip is None:
+        raise DataError("say which: --sequences 07,04 (or 00-21 for all)")
+    names = list(EXPECTED_FRAMES) if options.sequences is None else parse_numbers(options.sequences)
+    if not 1 <= options.jobs <= CONNECTIONS:
+        raise DataError(f"--jobs {options.jobs}: expected 1 … {CONNECTIONS}")
+    if not options.host.startswith(("http://", "https://")):
+        raise DataError(f"--host {options.host!r}: expected an address that begins with http:// or https://")
+    linked = [name for name in names if (root / "sequences" / name).is_symlink()]
+    if options.link is not None:
+        say(f"linked into {root}: {', '.join(link_tree(options.link, root, names))}")
+        return 0
+    if linked and options.sequences is not None:
+        raise DataError(
+            "is a link into another tree; nothing is written there", root / "sequences" / linked[0]
+        )
+    with Archives() as archives:
+        if options.from_zip is not None:
+            # Calibration and poses from their own archives win over older copies beside the images.
+            places = [str(path) for path in sorted(options.from_zip, key=lambda p: p.name in (CALIB, POSES))]
+        else:
+            kinds = [GRAY, *([COLOR] if options.color else []), CALIB, POSES]
+            places = [options.host.rstrip("/") + "/" + kind for kind in kinds]
+        return take(archives, places, root, set(names) - set(linked), options)
+
+
+def take(
+    archives: Archives, places: list[str], root: Path, names: set[str], options: argparse.Namespace
+) -> int:
+    """Find out what is not there yet, say how much it is, ask, and write it."""
+    with reporting("reading the archives' directories") as report:
+        members = plan(archives, places, names, report)
+    if not members:
+        raise DataError(f"nothing of the sequences {', '.join(sorted(names))} is in {', '.join(places)}")
+    with reporting("looking at what is there") as report:
+        todo = absent(members, root, report)
+    packed, size = sum(m.packed for m in todo), sum(m.size for m in todo)
+    say(f"{len(members) - len(todo)} of {len(members)} files are already whole in {root}")
+    if todo:
+        require_space(root, size)
+        say(*LICENCE)
+        verb = "unpacks" if options.from_zip else "fetches"
+        say(f"{verb} {len(todo)} files, {in_words(packed)}; takes {in_words(size)} of disk")
+        if not confirm("Go on?", options.yes):
+            say("nothing was written")
+            return 1
+        if not options.from_zip:
+            for place in note_changes(archives, places, root):
+                say(f"note: {place} changed since the last call; files that differ from it are replaced")
+        with transferring("unpacking" if options.from_zip else "fetching") as report:
+            fetch(archives, todo, root, options.jobs, report)
+    say(f"done. Check it: {script_command('check_kitti.py')} --root {root}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

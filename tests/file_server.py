@@ -1,0 +1,112 @@
+"""A web server on 127.0.0.1 for tests of downloads: ranges, ETags, and the ways in which servers fail."""
+
+from __future__ import annotations
+
+import re
+import threading
+import zlib
+from collections import Counter
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+
+class FileServer:
+    """Serves `files` by name.
+
+    Attributes
+    ----------
+    files : content by name. ranges : whether parts of a file are given.
+    drop_every : close the connection half-way through every n-th answer (0: never).
+    status : answer every GET with this code instead (0: as it should be).
+    after : once this many GETs are answered, call `event` (a change of the file, say).
+    gets, sent : how many GETs and body bytes were answered, by name.
+    """
+
+    def __init__(self) -> None:
+        self.files: dict[str, bytes] = {}
+        self.ranges = True
+        self.drop_every = 0
+        self.status = 0
+        self.after: tuple[int, Any] | None = None
+        self.gets: Counter[str] = Counter()
+        self.sent: Counter[str] = Counter()
+        self._lock = threading.Lock()
+        owner = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def log_message(self, *words: object) -> None:
+                """Be quiet."""
+
+            def do_HEAD(self) -> None:
+                self.answer(body=False)
+
+            def do_GET(self) -> None:
+                self.answer(body=True)
+
+            def answer(self, body: bool) -> None:
+                name = self.path.rpartition("/")[2]
+                drop = owner.count(name) if body else False
+                data = owner.files.get(name)
+                etag = f'"{zlib.crc32((data or b"")[:1000])}-{zlib.crc32((data or b"")[-1000:])}"'
+                status = owner.status if body and owner.status else 200
+                if data is None:
+                    status = 404
+                elif self.headers.get("If-Match", etag) != etag:
+                    status = 412
+                if status != 200:
+                    return self.send(status, {}, b"", body)
+                assert data is not None
+                extra = {"ETag": etag}
+                asked = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
+                if asked and owner.ranges:
+                    first, last = asked.groups()
+                    start = max(len(data) - int(last), 0) if first == "" else int(first)
+                    stop = len(data) if first == "" or last == "" else min(int(last) + 1, len(data))
+                    if start >= len(data):
+                        return self.send(416, {}, b"", body)
+                    extra["Content-Range"] = f"bytes {start}-{stop - 1}/{len(data)}"
+                    status, data = 206, data[start:stop]
+                self.send(status, extra, data, body, drop)
+                return None
+
+            def send(
+                self, status: int, extra: dict[str, str], data: bytes, body: bool, drop: bool = False
+            ) -> None:
+                self.send_response(status)
+                for name, value in {**extra, "Content-Length": str(len(data))}.items():
+                    self.send_header(name, value)
+                self.end_headers()
+                if body:
+                    sent = data[: (len(data) + 1) // 2] if drop else data
+                    self.wfile.write(sent)
+                    owner.sent[self.path.rpartition("/")[2]] += len(sent)
+                if drop:
+                    self.close_connection = True
+
+        class Quiet(ThreadingHTTPServer):
+            daemon_threads = True
+
+            def handle_error(self, *details: object) -> None:
+                """A client that goes away is part of the tests."""
+
+        self._server = Quiet(("127.0.0.1", 0), Handler)
+        self.url = f"http://127.0.0.1:{self._server.server_address[1]}/"
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True)
+        self._thread.start()
+
+    def count(self, name: str) -> bool:
+        """Note a GET; whether its connection is to break."""
+        with self._lock:
+            self.gets[name] += 1
+            number = sum(self.gets.values())
+            if self.after is not None and number == self.after[0]:
+                self.after[1]()
+            return bool(self.drop_every) and number % self.drop_every == 0
+
+    def close(self) -> None:
+        """Stop; later calls are refused."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()

@@ -1,0 +1,309 @@
+"""The data scripts as a person calls them: what is printed, what is written, and the exit code."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import write_bands
+from file_server import FileServer
+from test_kitti_archive import content, kitti, zipped  # noqa: F401  (one is a fixture)
+
+from vo_lib import environment, places
+from vo_lib.download import in_words
+from vo_lib.kitti_archive import COLOR
+from vo_lib.kitti_check import EXPECTED_FRAMES
+from vo_lib.script import confirm, guarded
+
+SCRIPTS = Path(__file__).resolve().parents[1] / "data_scripts"
+NAMES = ("get_kitti", "check_kitti", "from_folder", "get_detector")
+
+
+def load(name: str) -> Callable[[list[str]], int]:
+    """A script's `main`, which may also end as argparse ends it."""
+    spec = importlib.util.spec_from_file_location(f"script_{name}", SCRIPTS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+    def main(words: list[str]) -> int:
+        try:
+            return int(module.main(words))
+        except SystemExit as stop:
+            return int(str(stop.code))
+
+    return main
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_help_has_an_example_from_any_folder(name: str, tmp_path: Path) -> None:
+    command = [sys.executable, str(SCRIPTS / f"{name}.py"), "--help"]
+    package = {"PYTHONPATH": str(SCRIPTS.parent)}
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, check=False, env={**os.environ, **package}
+    )
+    assert done.returncode == 0, done.stderr
+    assert f"python {name}.py" in done.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_get_kitti_asks_fetches_and_goes_on(
+    kitti: FileServer,  # noqa: F811
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    main, root = load("get_kitti"), tmp_path / "data"
+    words = ["--sequences", "07", "--root", str(root), "--host", kitti.url]
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: False)
+    assert main(words) == 2
+    assert "--yes" in capsys.readouterr().err
+    assert not root.exists()
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
+    monkeypatch.setattr("builtins.input", lambda question: "n")
+    assert main(words) == 1
+    assert not root.exists()
+    monkeypatch.setattr("builtins.input", lambda question: "y")
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert "CC BY-NC-SA 3.0" in printed
+    assert "cvlibs.net" in printed
+    assert "27 files" in printed
+    assert len([p for p in root.rglob("*") if p.is_file()]) == 28  # and the record of the archives
+    colour = ["dataset/sequences/07/image_2/000000.png", "dataset/sequences/07/image_3/000000.png"]
+    kitti.files[COLOR] = zipped(colour)
+    assert main([*words, "--yes", "--color"]) == 0
+    assert "27 of 29 files" in capsys.readouterr().out
+    assert (root / "sequences" / "07" / "image_3" / "000000.png").read_bytes() == content(colour[1])
+    assert main([*words, "--yes"]) == 0
+    assert "27 of 27 files" in capsys.readouterr().out
+
+
+def test_get_kitti_from_zip_and_by_link(
+    kitti: FileServer,  # noqa: F811
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    main = load("get_kitti")
+    zips = []
+    for name, data in kitti.files.items():
+        (tmp_path / name).write_bytes(data)
+        zips.append(str(tmp_path / name))
+    assert main(["--from-zip", *zips, "--root", str(tmp_path / "a"), "--yes"]) == 0
+    assert (tmp_path / "a" / "sequences" / "04" / "image_1" / "000011.png").is_file()
+    assert sum(kitti.gets.values()) == 0
+    assert main(["--sequences", "04,07", "--link", str(tmp_path / "a"), "--root", str(tmp_path / "b")]) == 0
+    assert (tmp_path / "b" / "sequences" / "04").is_symlink()
+    assert "04, 07" in capsys.readouterr().out
+    assert main(["--sequences", "04", "--root", str(tmp_path / "b"), "--host", kitti.url, "--yes"]) == 2
+    assert "is a link into another tree" in capsys.readouterr().err
+
+
+BAD = {
+    "no sequences": ([], "say which"),
+    "no such sequence": (["--sequences", "33"], "'33' is no sequence"),
+    "jobs": (["--sequences", "07", "--jobs", "0"], "--jobs 0"),
+    "host": (["--sequences", "07", "--host", "data.zip"], "--host 'data.zip'"),
+    "option": (["--sequence", "x", "--nonsense"], "unrecognized"),
+    "nothing there": (["--sequences", "15", "--yes"], "nothing of the sequences 15"),
+    "not a zip": (["--from-zip", __file__, "--yes"], "is not a whole zip file"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_get_kitti_says_what_is_wrong_in_one_line(
+    case: str,
+    kitti: FileServer,  # noqa: F811
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words, expected = BAD[case]
+    assert load("get_kitti")(["--root", str(tmp_path / "data"), "--host", kitti.url, *words]) == 2
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("get_kitti.py: error")]
+    assert len(lines) == 1
+    assert expected in lines[0]
+    assert not (tmp_path / "data").exists()
+
+
+def test_check_kitti_draws_a_tree_and_names_the_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    main = load("check_kitti")
+    monkeypatch.setitem(EXPECTED_FRAMES, "04", 6)
+    folder = write_bands(tmp_path / "sequences" / "04")
+    assert main(["--root", str(tmp_path), "--deep"]) == 0
+    printed = capsys.readouterr().out
+    assert "04: 6 of 6 pairs, complete" in printed
+    assert "get_kitti.py" not in printed
+    (folder / "image_1" / "000003.png").unlink()
+    assert main(["--root", str(tmp_path)]) == 1
+    printed = capsys.readouterr().out
+    assert "image_1: missing 3" in printed
+    assert f"get_kitti.py --root {tmp_path} --sequences 04" in printed
+    assert main(["--root", str(tmp_path), "--json"]) == 1
+    (report,) = json.loads(capsys.readouterr().out)
+    assert report["problems"] == ["image_1: missing 3"]
+    for words in (["--root", str(tmp_path / "nowhere")], ["--root", str(folder)], ["--sequences", "40"]):
+        assert main(words) == 2
+        assert capsys.readouterr().err.startswith("check_kitti.py: error: ")
+
+
+def test_from_folder_checks_the_pair_and_writes_a_sequence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main, out = load("from_folder"), tmp_path / "mine"
+    bands = write_bands(tmp_path / "bands", 2)
+    left, right = str(bands / "image_0"), str(bands / "image_1")
+    camera = ["--focal", "300", "--centre", "240,120", "--baseline"]
+    assert main(["--left", right, "--right", left, *camera, "0.5", "--out", str(out)]) == 2
+    assert "left and right are swapped" in capsys.readouterr().err
+    assert not out.exists()
+    swapped = ["--left", right, "--right", left, "--swap"]
+    assert (
+        main(
+            [*swapped, *camera, "500", "--unit", "mm", "--poses", str(bands / "poses.txt"), "--out", str(out)]
+        )
+        == 0
+    )
+    printed = capsys.readouterr().out
+    assert "baseline 0.500 m, with true poses" in printed
+    assert f"vo run {out}" in printed
+    assert main([*swapped, *camera, "0.5", "--out", str(out)]) == 2
+    assert "not empty" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ([], "say where the images are"),
+        (["--left", "L", "--video", "v.mp4"], "say where the images are"),
+        (["--left", "L"], "--right is missing"),
+        (["--left", "L", "--right", "R"], "the folder is missing"),
+        (["--left", "BANDS", "--right", "BANDS"], "say the calibration"),
+        (["--left", "BANDS", "--right", "BANDS", "--focal", "1", "--calibration", "x"], "give either"),
+        (["--left", "BANDS", "--right", "BANDS", "--calibration", "x.yml"], "x.yml: the file is missing"),
+        (["--raw", "BANDS"], "is no raw drive"),
+        (["--video", "v.mp4", "--fps", "0"], "--fps 0"),
+        (["--video", "v.mp4"], "v.mp4: the file is missing"),
+    ],
+)
+def test_from_folder_says_what_is_wrong_in_one_line(
+    words: list[str], expected: str, bands: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = bands.parent / "out"
+    given = [str(bands / "image_0") if word == "BANDS" else word for word in words]
+    assert load("from_folder")([*given, "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("from_folder.py: error: ")
+    assert expected in error
+    assert len(error.splitlines()) == 1
+    assert not out.exists()
+
+
+def test_from_folder_takes_real_pairs(
+    clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for side in ("image_0", "image_1"):
+        (tmp_path / side).mkdir()
+        for frame in (0, 30):
+            source = clips / "sequences" / "drive_0005" / side / f"{frame:06d}.png"
+            (tmp_path / side / f"{frame}.png").write_bytes(source.read_bytes())
+    folders = ["--left", str(tmp_path / "image_0"), "--right", str(tmp_path / "image_1")]
+    camera = ["--focal", "721.5377", "--centre", "609.5593,172.854", "--baseline", "0.5372"]
+    assert load("from_folder")([*folders, *camera, "--out", str(tmp_path / "mine")]) == 0
+    printed = capsys.readouterr().out
+    assert "2 pairs of 1242×375" in printed
+    assert "rows differ by -0." in printed
+
+
+def test_get_detector_lists_explains_and_refuses(
+    server: FileServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main, folder = load("get_detector"), ["--folder", str(tmp_path / "models")]
+    assert main(folder) == 0
+    assert "yolox-tiny" in capsys.readouterr().out
+    assert main(["yolov8n", *folder]) == 0
+    printed = capsys.readouterr().out
+    assert "AGPL-3.0" in printed
+    assert "pip install ultralytics" in printed
+    assert "yolo export model=yolov8n.pt format=onnx" in printed
+    server.files["yolox_nano.onnx"] = bytes(3_659_407)
+    words = ["yolox-nano", "--yes", "--url", server.url + "yolox_nano.onnx", *folder]
+    assert main(words) == 2
+    captured = capsys.readouterr()
+    assert "Apache-2.0" in captured.out
+    assert "c789161ed43c8269" in captured.out
+    assert "not the file expected" in captured.err
+    assert list((tmp_path / "models").iterdir()) == []
+    for wrong, expected in ((["yolo"], "expected one of"), (["--from", "x"], "under which name")):
+        assert main([*wrong, *folder]) == 2
+        assert expected in capsys.readouterr().err
+
+
+def test_an_interrupted_script_ends_with_130(capsys: pytest.CaptureFixture[str]) -> None:
+    def work() -> int:
+        raise KeyboardInterrupt
+
+    assert guarded("x.py", work) == 130
+    assert capsys.readouterr().err == "x.py: interrupted\n"
+
+
+def test_no_answer_means_no(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(question: str) -> str:
+        raise EOFError
+
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
+    monkeypatch.setattr("builtins.input", gone)
+    assert not confirm("Go on?", yes=False)
+    assert confirm("Go on?", yes=True)
+
+
+def test_bytes_are_written_as_people_read_them() -> None:
+    assert [in_words(n) for n in (5, 1500, 20_219_662, 22_000_000_000)] == [
+        "5 bytes",
+        "1.5 kB",
+        "20.2 MB",
+        "22.0 GB",
+    ]
+
+
+def test_a_user_without_data_is_told_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KITTI_ROOT", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(environment, "available", lambda: {"synthetic/jam": None})
+    monkeypatch.setattr(environment, "detector_folder", lambda: tmp_path)
+    monkeypatch.setattr(environment, "known", lambda: {})
+    remedies = {finding.what: finding.remedy for finding in environment.check()}
+    steps = [command for command, _ in environment.data_steps()]
+    told = remedies["KITTI odometry"] + remedies["fetched detectors"]
+    assert all(command in told for command in steps)
+    for command in steps:
+        assert Path(command.split()[1]).is_file()
+
+
+def test_incomplete_sequences_are_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = write_bands(tmp_path / "sequences" / "04")
+    monkeypatch.setattr(environment, "available", lambda: {"kitti/04": folder})
+    finding = next(f for f in environment.check() if f.what == "KITTI odometry")
+    assert finding.state == "note"
+    assert "incomplete: 04" in finding.found
+    monkeypatch.setitem(EXPECTED_FRAMES, "04", 6)
+    finding = next(f for f in environment.check() if f.what == "KITTI odometry")
+    assert finding.state == "ok"
+
+
+def test_data_goes_where_the_kit_looks_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(places, "kitti_roots", lambda: [])
+    monkeypatch.setenv("KITTI_ROOT", str(tmp_path / "kitti"))
+    assert places.kitti_root() == tmp_path / "kitti"
+    monkeypatch.setenv("KITTI_ROOT", "")
+    assert places.kitti_root() == places.PROJECT / "data" / "kitti"
+    monkeypatch.chdir(places.PROJECT)
+    assert places.script_command("get_kitti.py") == f"python {Path('data_scripts') / 'get_kitti.py'}"

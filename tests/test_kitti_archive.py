@@ -1,0 +1,253 @@
+"""Sequences out of zip archives, over ranges and from disk: whole files, checksums, second calls."""
+
+from __future__ import annotations
+
+import errno
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from file_server import FileServer
+
+from vo_lib import kitti_archive
+from vo_lib.errors import DataError
+from vo_lib.kitti_archive import CALIB, GRAY, POSES, absent, fetch, link_tree, plan
+from vo_lib.zip_archives import Archives, Member
+
+FRAMES = 12
+
+
+def content(name: str) -> bytes:
+    """Bytes of a member, different for every name, that do not compress."""
+    return np.random.default_rng(list(name.encode())).bytes(3000 + len(name))
+
+
+def zipped(names: list[str], method: int = zipfile.ZIP_STORED) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", method) as archive:
+        for name in names:
+            archive.writestr(name, content(name))
+    return buffer.getvalue()
+
+
+def gray_names(sequences: tuple[str, ...] = ("04", "07")) -> list[str]:
+    return [
+        f"dataset/sequences/{sequence}/{side}/{frame:06d}.png"
+        for sequence in sequences
+        for side in ("image_0", "image_1")
+        for frame in range(FRAMES)
+    ]
+
+
+@pytest.fixture
+def kitti(server: FileServer) -> FileServer:
+    """The three archives of the benchmark, small."""
+    server.files[GRAY] = zipped([*gray_names(), "dataset/sequences/07/calib.txt", "dataset/readme.txt"])
+    texts = [f"dataset/sequences/{s}/{name}" for s in ("04", "07") for name in ("calib.txt", "times.txt")]
+    server.files[CALIB] = zipped(texts, zipfile.ZIP_DEFLATED)
+    server.files[POSES] = zipped(["dataset/poses/04.txt", "dataset/poses/07.txt"], zipfile.ZIP_DEFLATED)
+    return server
+
+
+def take(server: FileServer, root: Path, names: tuple[str, ...] = ("07",), jobs: int = 4) -> list[Member]:
+    """What a call of the script does; returns what was fetched."""
+    with Archives() as archives:
+        members = plan(archives, [server.url + kind for kind in (GRAY, CALIB, POSES)], names)
+        todo = absent(members, root)
+        fetch(archives, todo, root, jobs)
+    return todo
+
+
+def files_below(root: Path) -> list[str]:
+    return sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
+
+
+EXPECTED = sorted(
+    [name.removeprefix("dataset/") for name in gray_names(("07",))]
+    + ["sequences/07/calib.txt", "sequences/07/times.txt", "poses/07.txt"]
+)
+
+
+def assert_whole(root: Path) -> None:
+    assert files_below(root) == EXPECTED
+    for name in EXPECTED:
+        assert (root / name).read_bytes() == content(f"dataset/{name}"), name
+
+
+def test_only_the_sequences_wanted_come_and_only_their_bytes(kitti: FileServer, tmp_path: Path) -> None:
+    take(kitti, tmp_path / "kitti")
+    assert_whole(tmp_path / "kitti")
+    # Half of the images and, for each thread, the archive's directory.
+    assert kitti.sent[GRAY] < 0.9 * len(kitti.files[GRAY]) + 5 * 70_000
+    assert take(kitti, tmp_path / "kitti") == []
+
+
+def test_a_file_that_is_damaged_or_cut_on_disk_is_fetched_again(kitti: FileServer, tmp_path: Path) -> None:
+    take(kitti, tmp_path)
+    cut, changed = (tmp_path / name for name in EXPECTED[3:5])
+    cut.write_bytes(cut.read_bytes()[:100])
+    changed.write_bytes(b"x" + changed.read_bytes()[1:])
+    assert [str(member.target) for member in take(kitti, tmp_path)] == EXPECTED[3:5]
+    assert_whole(tmp_path)
+
+
+def test_lost_connections_are_taken_up_again(kitti: FileServer, tmp_path: Path) -> None:
+    # With several threads it would be chance which requests fail.
+    kitti.drop_every = 4
+    take(kitti, tmp_path, jobs=1)
+    assert_whole(tmp_path)
+
+
+def test_a_server_that_goes_away_leaves_whole_files_and_a_second_call_goes_on(
+    kitti: FileServer, tmp_path: Path
+) -> None:
+    def fail() -> None:
+        kitti.drop_every = 1
+
+    kitti.after = (16, fail)
+    with pytest.raises(DataError, match="connection was lost"):
+        take(kitti, tmp_path)
+    there = files_below(tmp_path)
+    assert 0 < len(there) < len(EXPECTED)
+    assert all((tmp_path / name).read_bytes() == content(f"dataset/{name}") for name in there)
+    kitti.drop_every = 0
+    assert len(take(kitti, tmp_path)) == len(EXPECTED) - len(there)
+    assert_whole(tmp_path)
+
+
+def test_a_server_without_ranges_is_said_with_the_way_out(kitti: FileServer, tmp_path: Path) -> None:
+    kitti.ranges = False
+    with pytest.raises(DataError, match="--from-zip"):
+        take(kitti, tmp_path)
+    assert files_below(tmp_path) == []
+
+
+def test_a_wrong_checksum_writes_nothing_of_the_member(kitti: FileServer, tmp_path: Path) -> None:
+    bad = gray_names()[-1]
+    kitti.files[GRAY] = kitti.files[GRAY].replace(content(bad), b"\0" * len(content(bad)))
+    with pytest.raises(DataError, match=r"image_1/000011\.png is damaged.*CRC"):
+        take(kitti, tmp_path)
+    assert bad.removeprefix("dataset/") not in files_below(tmp_path)
+    assert not list(tmp_path.rglob("*.tmp"))
+
+
+def test_an_archive_that_changes_meanwhile_ends_the_call(kitti: FileServer, tmp_path: Path) -> None:
+    def change() -> None:
+        kitti.files[GRAY] = zipped(list(reversed(gray_names())))
+
+    kitti.after = (12, change)
+    with pytest.raises(DataError, match="changed"):
+        take(kitti, tmp_path)
+    take(kitti, tmp_path)
+    images = [name for name in files_below(tmp_path) if name.endswith(".png")]
+    assert len(images) == 2 * FRAMES
+
+
+def test_an_archive_that_changed_between_calls_is_noted_once(kitti: FileServer, tmp_path: Path) -> None:
+    url = kitti.url + CALIB
+
+    def changes() -> list[str]:
+        with Archives() as archives:
+            return kitti_archive.note_changes(archives, [url], tmp_path / "new")
+
+    assert changes() == []
+    kitti.files[CALIB] = zipped(["dataset/sequences/07/calib.txt"])
+    assert changes() == [url]
+    assert changes() == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../07.txt", "dataset/../../sequences/07/calib.txt", "/etc/x", "C:/x", "a\\..\\..\\x", "//host/x/y"],
+)
+def test_a_member_that_would_leave_the_root_is_refused(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("dataset/poses/07.txt", b"1 0 0 0 0 1 0 0 0 0 1 0\n")
+        archive.writestr(name, b"x")
+    with Archives() as archives, pytest.raises(DataError, match="leave the folder"):
+        plan(archives, [str(path)], ["07"])
+
+
+def test_archives_on_disk_are_unpacked_and_the_calibration_archive_wins(
+    kitti: FileServer, tmp_path: Path
+) -> None:
+    places = []
+    for kind in (GRAY, CALIB, POSES):
+        (tmp_path / kind).write_bytes(kitti.files[kind])
+        places.append(str(tmp_path / kind))
+    with Archives() as archives:
+        members = plan(archives, places, ["07"])
+        fetch(archives, members, tmp_path / "root")
+    assert_whole(tmp_path / "root")
+    by_target = {str(member.target): member.archive for member in members}
+    assert by_target["sequences/07/calib.txt"] == places[1]
+
+
+def test_a_file_that_is_no_archive_is_said(tmp_path: Path) -> None:
+    (tmp_path / "page.zip").write_text("<html>log in first</html>", encoding="utf-8")
+    for name, words in (("page.zip", "not a whole zip"), ("nowhere.zip", "cannot be read: No such file")):
+        with Archives() as archives, pytest.raises(DataError, match=words):
+            plan(archives, [str(tmp_path / name)], ["07"])
+
+
+def test_a_member_larger_than_any_image_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kitti_archive, "LARGEST_MEMBER", 1000)
+    (tmp_path / "big.zip").write_bytes(zipped(["poses/07.txt"]))
+    with Archives() as archives, pytest.raises(DataError, match="no KITTI file"):
+        plan(archives, [str(tmp_path / "big.zip")], ["07"])
+
+
+def test_a_disk_that_fills_up_leaves_no_half_file(
+    kitti: FileServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = 0
+
+    def full(file: int) -> None:
+        nonlocal written
+        written += 1
+        if written > 5:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("vo_lib.files.os.fsync", full)
+    with pytest.raises(DataError, match="No space left"):
+        take(kitti, tmp_path)
+    there = files_below(tmp_path)
+    assert len(there) == 5
+    assert all((tmp_path / name).read_bytes() == content(f"dataset/{name}") for name in there)
+
+
+def test_a_folder_that_cannot_be_written_leaves_nothing(kitti: FileServer, tmp_path: Path) -> None:
+    (tmp_path / "sequences").write_text("a file", encoding="utf-8")
+    with pytest.raises(DataError, match="the folder cannot be made"):
+        take(kitti, tmp_path)
+    assert [path for path in files_below(tmp_path) if path.endswith(".png")] == []
+
+
+def test_a_tree_elsewhere_is_linked(tmp_path: Path) -> None:
+    tree, root = tmp_path / "tree", tmp_path / "root"
+    (tree / "dataset" / "sequences" / "07").mkdir(parents=True)
+    (tree / "dataset" / "poses").mkdir()
+    (tree / "dataset" / "poses" / "07.txt").write_text("poses", encoding="utf-8")
+    assert link_tree(tree, root, ["04", "07"]) == ["07"]
+    assert (root / "sequences" / "07").resolve() == tree / "dataset" / "sequences" / "07"
+    assert (root / "poses" / "07.txt").read_text(encoding="utf-8") == "poses"
+    assert link_tree(tree, root, ["07"]) == ["07"]
+    with pytest.raises(DataError, match="none of these sequences"):
+        link_tree(tree, root, ["04"])
+    (root / "sequences" / "07").unlink()
+    (root / "sequences" / "07").mkdir()
+    with pytest.raises(DataError, match="is there already"):
+        link_tree(tree, root, ["07"])
+
+
+def test_a_system_without_links_says_what_else_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*arguments: object, **options: object) -> None:
+        raise OSError(1, "a required privilege is not held")
+
+    (tmp_path / "tree" / "sequences" / "07").mkdir(parents=True)
+    monkeypatch.setattr(Path, "symlink_to", refuse)
+    with pytest.raises(DataError, match="KITTI_ROOT"):
+        link_tree(tmp_path / "tree", tmp_path / "root", ["07"])

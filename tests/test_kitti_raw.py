@@ -1,0 +1,157 @@
+"""A drive of KITTI's raw data: names, times, calibration, and the left camera's path from the GPS/IMU."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from vo_lib.errors import DataError
+from vo_lib.geometry import inverse, rigid, rotation_from_vector
+from vo_lib.kitti_raw import EARTH_RADIUS, imu_poses, read_raw_drive
+
+Array = NDArray[np.float64]
+
+P0 = np.array([[720.0, 0, 60, 0], [0, 720, 20, 0], [0, 0, 1, 0]])
+P1 = P0 - np.array([[0, 0, 0, 387.0], [0, 0, 0, 0], [0, 0, 0, 0]])
+VELO_IMU = rigid(rotation_from_vector(np.array([0.001, -0.002, 0.015])), np.array([-0.81, 0.32, -0.8]))
+# Camera axes (x right, y down, z forward) of the laser's (x forward, y left, z up), turned a little.
+CAM_VELO = rigid(
+    np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]) @ rotation_from_vector(np.array([0.01, -0.005, 0.008])),
+    np.array([-0.004, -0.076, -0.27]),
+)
+R_RECT = rotation_from_vector(np.array([0.004, 0.007, -0.01]))
+
+
+def path_of_the_camera(frames: int = 8) -> Array:
+    """A drive forward in a bend and uphill, as poses T_w_c of the left camera."""
+    T = [np.eye(4)]
+    for _ in range(frames - 1):
+        T.append(
+            T[-1] @ rigid(rotation_from_vector(np.array([0.002, 0.04, -0.001])), np.array([0.0, -0.02, 1.2]))
+        )
+    return np.stack(T)
+
+
+def packets(T_w_c: Array) -> list[str]:
+    """GPS/IMU rows of a vehicle whose left camera moves so, by the inverse of the Mercator projection."""
+    T_cam_imu = rigid(R_RECT, np.zeros(3)) @ CAM_VELO @ VELO_IMU
+    start = rigid(rotation_from_vector(np.array([0.0, 0.0, 0.7])), np.array([0.0, 0.0, 116.0]))
+    T = start @ inverse(T_cam_imu) @ T_w_c @ T_cam_imu
+    lat0, lon0 = np.radians([49.0, 8.4])
+    scale = EARTH_RADIUS * np.cos(lat0)
+    mercator0 = np.array([scale * lon0, scale * np.log(np.tan(np.pi / 4 + lat0 / 2))])
+    rows = []
+    for pose in T:
+        x, y = mercator0 + pose[:2, 3] - T[0, :2, 3]
+        lat, lon = 2 * np.arctan(np.exp(y / scale)) - np.pi / 2, x / scale
+        R = pose[:3, :3]
+        roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
+        pitch = np.arcsin(-R[2, 0])
+        numbers = [np.degrees(lat), np.degrees(lon), pose[2, 3], roll, pitch, yaw, *([0.0] * 24)]
+        rows.append(" ".join(f"{number:.15g}" for number in numbers) + "\n")
+    return rows
+
+
+def numbers(matrix: Array) -> str:
+    return " ".join(f"{value:.12e}" for value in matrix.ravel())
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    """A synced and rectified drive of eight pairs, with its day's calibration above it."""
+    day = tmp_path / "2011_09_26"
+    folder = day / "2011_09_26_drive_0005_sync"
+    truth = path_of_the_camera()
+    for camera in (0, 1):
+        (folder / f"image_0{camera}" / "data").mkdir(parents=True)
+        for frame in range(len(truth)):
+            image = np.full((40, 120), 10 * frame + camera, np.uint8)
+            cv2.imwrite(str(folder / f"image_0{camera}" / "data" / f"{frame:010d}.png"), image)
+    stamps = [f"2011-09-26 23:59:59.{i}64389445\n" for i in range(6)]
+    stamps += [f"2011-09-27 00:00:00.{i}64389445\n" for i in range(2)]
+    (folder / "image_00" / "timestamps.txt").write_text("".join(stamps), encoding="utf-8")
+    (folder / "oxts" / "data").mkdir(parents=True)
+    for frame, row in enumerate(packets(truth)):
+        (folder / "oxts" / "data" / f"{frame:010d}.txt").write_text(row, encoding="utf-8")
+    lines = ["calib_time: 09-Jan-2012 13:57:47", "S_rect_00: 1.2e2 4.0e1", f"R_rect_00: {numbers(R_RECT)}"]
+    lines += [f"P_rect_00: {numbers(P0)}", f"P_rect_01: {numbers(P1)}"]
+    (day / "calib_cam_to_cam.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    for name, T in (("calib_imu_to_velo", VELO_IMU), ("calib_velo_to_cam", CAM_VELO)):
+        text = f"calib_time: 25-May-2012\nR: {numbers(T[:3, :3])}\nT: {numbers(T[:3, 3])}\n"
+        (day / f"{name}.txt").write_text(text, encoding="utf-8")
+    return folder
+
+
+def test_the_path_of_the_left_camera_comes_out_of_the_packets(drive: Path) -> None:
+    found = read_raw_drive(drive)
+    assert found.poses is not None
+    assert found.note == ""
+    # Over 10 m the map's scale, that of the first latitude, changes by parts of a million.
+    np.testing.assert_allclose(found.poses, path_of_the_camera(), atol=1e-4)
+
+
+def test_a_vehicle_facing_east_moves_along_x() -> None:
+    rows = np.zeros((2, 30))
+    rows[:, 0] = 49.0
+    rows[1, 1] = np.degrees(10.0 / (EARTH_RADIUS * np.cos(np.radians(49.0))))
+    T = imu_poses(rows)
+    np.testing.assert_allclose((inverse(T[:1]) @ T)[1, :3, 3], [10.0, 0.0, 0.0], atol=1e-6)
+
+
+def test_images_times_and_calibration_are_read(drive: Path) -> None:
+    found = read_raw_drive(drive)
+    assert [path.stem for path in found.left] == [f"{i:010d}" for i in range(8)]
+    assert found.right[3].parent.parent.name == "image_01"
+    np.testing.assert_allclose(found.P1, P1)
+    # Midnight passes between the sixth frame and the seventh.
+    np.testing.assert_allclose(found.times, [0, 0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 1.1], atol=1e-6)
+
+
+def test_a_frame_that_the_drive_lacks_is_left_out_of_times_and_poses(drive: Path) -> None:
+    for camera in (0, 1):
+        (drive / f"image_0{camera}" / "data" / "0000000002.png").unlink()
+    found = read_raw_drive(drive)
+    assert found.poses is not None
+    np.testing.assert_allclose(found.poses, np.delete(path_of_the_camera(), 2, axis=0), atol=1e-4)
+    assert found.times[2] == pytest.approx(0.3)
+
+
+def test_without_the_imu_there_are_images_and_a_note(drive: Path) -> None:
+    (drive.parent / "calib_imu_to_velo.txt").unlink()
+    found = read_raw_drive(drive)
+    assert found.poses is None
+    assert "calib_imu_to_velo.txt is missing" in found.note
+
+
+def test_calibration_from_another_folder(drive: Path, tmp_path: Path) -> None:
+    (tmp_path / "calib").mkdir()
+    for path in list(drive.parent.glob("calib_*.txt")):
+        path.rename(tmp_path / "calib" / path.name)
+    with pytest.raises(DataError, match=r"calib_cam_to_cam\.txt: the file is missing"):
+        read_raw_drive(drive)
+    assert read_raw_drive(drive, tmp_path / "calib").poses is not None
+
+
+def test_what_is_wrong_with_a_drive_is_named(drive: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="is no raw drive"):
+        read_raw_drive(tmp_path)
+    stamps = drive / "image_00" / "timestamps.txt"
+    text = stamps.read_text(encoding="utf-8")
+    stamps.write_text(text.replace("2011-09-26 23:59:59.2", "yesterday", 1), encoding="utf-8")
+    with pytest.raises(DataError, match=r"timestamps.txt, line 3: expected a time"):
+        read_raw_drive(drive)
+    stamps.write_text("\n".join(text.splitlines()[:3]) + "\n", encoding="utf-8")
+    with pytest.raises(DataError, match="3 rows"):
+        read_raw_drive(drive)
+    stamps.write_text(text, encoding="utf-8")
+    first = drive / "image_00" / "data" / "0000000000.png"
+    cv2.imwrite(str(first), np.zeros((51, 139), np.uint8))
+    with pytest.raises(DataError, match="unrectified _extract"):
+        read_raw_drive(drive)
+    first.unlink()
+    with pytest.raises(DataError, match=r"0000000000\.png is in one camera's folder only"):
+        read_raw_drive(drive)

@@ -1,0 +1,204 @@
+"""Calibration files as tools write them; rectification brings both cameras to equal rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from vo_lib.errors import DataError
+from vo_lib.geometry import rotation_from_vector
+from vo_lib.stereo_calibration import read_opencv, rig_from_matrices, rig_from_numbers
+
+Array = NDArray[np.float64]
+
+SIZE = (640, 400)
+BASELINE = 0.25
+K1 = np.array([[400.0, 0.0, 318.0], [0.0, 402.0, 203.0], [0.0, 0.0, 1.0]])
+K2 = np.array([[405.0, 0.0, 325.0], [0.0, 404.0, 196.0], [0.0, 0.0, 1.0]])
+D1 = np.array([-0.1, 0.02, 0.0005, -0.0005, 0.0])
+D2 = np.array([-0.12, 0.03, -0.0005, 0.0005, 0.0])
+R = rotation_from_vector(np.array([0.012, -0.02, 0.015]))
+T = R @ np.array([-BASELINE, 0.004, -0.003])
+MATRICES = {"K1": K1, "D1": D1, "K2": K2, "D2": D2, "R": R, "T": T}
+
+
+def write(path: Path, matrices: dict[str, Array]) -> Path:
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", SIZE[0])
+    for name, matrix in matrices.items():
+        storage.write(name, matrix)
+    storage.release()
+    return path
+
+
+def rectified_pixels(maps: tuple[NDArray[np.uint8], NDArray[np.uint8]], uv: Array) -> Array:
+    """Where raw pixels (N, 2) land in the rectified image, by search in the map."""
+    back = cv2.convertMaps(maps[0], maps[1], cv2.CV_32FC1)[:2]
+    source = np.stack(back, axis=-1)
+    landed = []
+    for point in uv:
+        v, u = np.unravel_index(np.argmin(np.linalg.norm(source - point, axis=2)), source.shape[:2])
+        # One linear step from the nearest pixel.
+        J = np.stack(
+            [(source[v, u + 1] - source[v, u - 1]) / 2, (source[v + 1, u] - source[v - 1, u]) / 2], 1
+        )
+        landed.append(np.array([u, v]) + np.linalg.solve(J, point - source[v, u]))
+    return np.array(landed)
+
+
+def test_a_point_of_space_lands_in_equal_rows_with_the_disparity_of_its_depth() -> None:
+    rig = rig_from_matrices(MATRICES, SIZE, Path("rig.yml"))
+    assert rig.baseline == pytest.approx(np.linalg.norm(T), rel=1e-9)
+    assert rig.maps is not None
+    X = np.array([[0.3, -0.2, 4.0], [-0.8, 0.4, 5.0], [0.1, 0.3, 3.0], [1.0, -0.4, 8.0]])
+    left = cv2.projectPoints(X, np.zeros(3), np.zeros(3), K1, D1)[0].reshape(-1, 2)
+    right = cv2.projectPoints(X, cv2.Rodrigues(R)[0], T, K2, D2)[0].reshape(-1, 2)
+    a, b = (
+        rectified_pixels(m, np.asarray(uv, np.float64)) for m, uv in zip(rig.maps, (left, right), strict=True)
+    )
+    np.testing.assert_allclose(a[:, 1], b[:, 1], atol=0.1)
+    depth = rig.f * rig.baseline / (a[:, 0] - b[:, 0])
+    # The rectified camera is turned a little, so depths along its axis are those of X to some percent.
+    np.testing.assert_allclose(depth, X[:, 2], rtol=0.04)
+
+
+def test_images_are_rectified_to_the_size_they_had() -> None:
+    rig = rig_from_matrices(MATRICES, SIZE, Path("rig.yml"))
+    image = np.full((SIZE[1], SIZE[0]), 200, np.uint8)
+    left, right = rig.rectify(image, image)
+    assert left.shape == right.shape == image.shape
+    # Only pixels that both cameras saw are left: no black border.
+    assert left.min() == right.min() == 200
+    with pytest.raises(DataError, match="all must be of one size"):
+        rig.rectify(image[:-2], image)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("K1", "D1", "K2", "D2", "R", "T"),
+        ("M1", "D1", "M2", "D2", "R", "T"),
+        ("cameraMatrix1", "distCoeffs1", "cameraMatrix2", "distCoeffs2", "R", "T"),
+        ("camera_matrix_left", "dist_coeffs_left", "camera_matrix_right", "dist_coeffs_right", "R", "T"),
+    ],
+)
+def test_names_of_several_tools_are_understood(names: tuple[str, ...], tmp_path: Path) -> None:
+    renamed = dict(zip(names, MATRICES.values(), strict=True))
+    found = read_opencv([write(tmp_path / "rig.yml", renamed)])
+    assert set(found) == set(MATRICES)
+    for name, matrix in MATRICES.items():
+        np.testing.assert_allclose(found[name].ravel(), matrix.ravel())
+
+
+def test_two_files_and_millimetres_make_one_rig(tmp_path: Path) -> None:
+    inner = {name: MATRICES[name] for name in ("K1", "D1", "K2", "D2")}
+    outer = {"R": R, "T": 1000 * T.reshape(3, 1)}
+    paths = [write(tmp_path / "intrinsics.yml", inner), write(tmp_path / "extrinsics.xml", outer)]
+    found = read_opencv(paths)
+    rig = rig_from_matrices(found, SIZE, paths[0], unit=0.001)
+    assert rig.baseline == pytest.approx(np.linalg.norm(T), rel=1e-6)
+    with pytest.raises(DataError, match="in millimetres"):
+        rig_from_matrices(found, SIZE, paths[0])
+
+
+def test_rectification_that_the_file_gives_is_taken(tmp_path: Path) -> None:
+    R1, R2, P1, P2 = cv2.stereoRectify(
+        K1, D1, K2, D2, SIZE, R, T.reshape(3, 1), alpha=0, flags=cv2.CALIB_ZERO_DISPARITY
+    )[:4]
+    left = {"LEFT.K": K1, "LEFT.D": D1, "LEFT.R": R1, "LEFT.P": P1}
+    right = {"RIGHT.K": K2, "RIGHT.D": D2, "RIGHT.R": R2, "RIGHT.P": P2}
+    path = tmp_path / "rig.yml"
+    # OpenCV writes no names with dots, but reads them.
+    lines = ["%YAML:1.0", "---"]
+    for name, matrix in {**left, **right}.items():
+        rows, cols = np.atleast_2d(matrix).shape
+        data = ", ".join(f"{value!r}" for value in np.ravel(matrix).tolist())
+        lines += [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {cols}", "   dt: d"]
+        lines += [f"   data: [{data}]"]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    given = rig_from_matrices(read_opencv([path]), SIZE, path)
+    computed = rig_from_matrices(MATRICES, SIZE, path)
+    assert given.maps is not None
+    assert computed.maps is not None
+    for a, b in zip(given.maps, computed.maps, strict=True):
+        np.testing.assert_array_equal(a[0], b[0])
+
+
+def test_projections_alone_mean_rectified_images() -> None:
+    P1 = np.array([[500.0, 0, 320, 0], [0, 500, 200, 0], [0, 0, 1, 0]])
+    P2 = P1.copy()
+    P2[0, 3] = -500 * BASELINE
+    rig = rig_from_matrices({"P1": P1, "P2": P2}, SIZE, Path("p.yml"))
+    assert (rig.f, rig.cx, rig.cy, rig.baseline, rig.maps) == (500, 320, 200, BASELINE, None)
+    P2[0, 3] *= -1
+    assert rig_from_matrices({"P1": P1, "P2": P2}, SIZE, Path("p.yml")).baseline == -BASELINE
+    P2[0, 3], P2[1, 3] = 0, -500 * BASELINE
+    with pytest.raises(DataError, match="above or below"):
+        rig_from_matrices({"P1": P1, "P2": P2}, SIZE, Path("p.yml"))
+    with pytest.raises(DataError, match="rectified pair"):
+        rig_from_matrices({"P1": P1, "P2": K_with_other_centre(P1)}, SIZE, Path("p.yml"))
+    everything = {**MATRICES, "P1": P1, "P2": rig_projection(P1)}
+    assert rig_from_matrices(everything, SIZE, Path("p.yml"), rectified=True).maps is None
+
+
+def K_with_other_centre(P1: Array) -> Array:
+    P2 = rig_projection(P1)
+    P2[0, 2] += 5
+    return P2
+
+
+def rig_projection(P1: Array) -> Array:
+    P2 = P1.copy()
+    P2[0, 3] = -P1[0, 0] * BASELINE
+    return P2
+
+
+def test_a_camera_on_the_wrong_side_has_a_negative_baseline() -> None:
+    turned = {**MATRICES, "R": R.T, "T": -R.T @ T}
+    assert rig_from_matrices(turned, SIZE, Path("rig.yml")).baseline == pytest.approx(-np.linalg.norm(T))
+
+
+def test_matrices_of_no_camera_are_refused() -> None:
+    for broken in ({"K1": np.zeros((3, 3))}, {"T": np.zeros(3)}):
+        with pytest.raises(DataError):
+            rig_from_matrices({**MATRICES, **broken}, SIZE, Path("rig.yml"))
+
+
+def test_what_is_missing_or_wrong_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"lacks D2, T \(or P1 and P2"):
+        rig_from_matrices({k: v for k, v in MATRICES.items() if k not in ("D2", "T")}, SIZE, Path("x.yml"))
+    with pytest.raises(DataError, match="lacks P1 and P2"):
+        rig_from_matrices(MATRICES, SIZE, Path("x.yml"), rectified=True)
+    for name, matrix, words in (
+        ("K1", np.eye(2), "K1: expected 3×3"),
+        ("D1", np.zeros(6), "D1: expected 4, 5, 8"),
+        ("T", np.zeros(2), "T: expected 3 numbers"),
+        ("R", np.full((3, 3), np.nan), "R: expected finite"),
+    ):
+        with pytest.raises(DataError, match=words):
+            read_opencv([write(tmp_path / "bad.yml", {name: matrix})])
+    with pytest.raises(DataError, match="no calibration in it"):
+        read_opencv([write(tmp_path / "bad.yml", {"other": np.eye(3)})])
+    (tmp_path / "broken.yml").write_text("%YAML:1.0\n---\nK1: [1, 2\nx", encoding="utf-8")
+    (tmp_path / "empty.yml").write_text("", encoding="utf-8")
+    for name in ("broken.yml", "empty.yml"):
+        with pytest.raises(DataError, match=f"{name}: is not a file of OpenCV"):
+            read_opencv([tmp_path / name])
+    with pytest.raises(DataError, match="the file is missing"):
+        read_opencv([tmp_path / "nowhere.yml"])
+
+
+def test_numbers_must_be_those_of_a_camera() -> None:
+    assert rig_from_numbers(700, 600, 180, -0.5).baseline == -0.5
+    for numbers, words in (
+        ((0, 600, 180, 0.5), "positive"),
+        ((np.nan, 600, 180, 0.5), "positive"),
+        ((700, 600, 180, 0), "baseline is 0"),
+        ((700, 600, 180, 540), "in millimetres"),
+    ):
+        with pytest.raises(DataError, match=words):
+            rig_from_numbers(*numbers)
