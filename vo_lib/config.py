@@ -23,17 +23,37 @@ class FeatureConfig(Checked):
         high=50,
     )
     border: int = setting(8, "no corners this close to the image border", unit="px", low=2, high=100)
+    blob_cell: int = setting(
+        19,
+        "blob_corner: side of the square of which a blob or corner is the extremum",
+        unit="px",
+        low=3,
+        high=101,
+    )
+    blob_quality: float = setting(
+        50.0, "blob_corner: smallest response of the 5×5 masks", unit="grey levels", low=0, high=2000
+    )
 
 
 @dataclass(frozen=True)
 class MatchingConfig(Checked):
     """Matching round the loop of four images (chapter 1)."""
 
+    front_end: str = setting("klt", "how features are found and followed", choices=("klt", "blob_corner"))
     window: int = setting(9, "side of the Lucas-Kanade window", unit="px", low=5, high=41)
     levels: int = setting(1, "pyramid levels above the image where a prediction exists", low=0, high=5)
     search_levels: int = setting(4, "pyramid levels where there is no prediction", low=0, high=6)
+    finish_window: int = setting(
+        11, "side of the bent window of the sub-pixel finish, odd", unit="px", low=5, high=41
+    )
+    surface_share: float = setting(
+        0.6, "share of a feature's surroundings that must lie on its surface", low=0, high=1
+    )
+    surface_tolerance: float = setting(
+        0.7, "largest distance of a feature's disparity from its surface", unit="px", low=0.05, high=10
+    )
     loop_tolerance: float = setting(
-        0.7, "largest distance between the two ways round the loop", unit="px", low=0.05, high=10
+        0.35, "largest distance between the two ways round the loop", unit="px", low=0.05, high=10
     )
     row_tolerance: float = setting(
         1.0, "largest row difference in a stereo pair", unit="px", low=0.05, high=10
@@ -58,10 +78,67 @@ class BucketConfig(Checked):
 
 
 @dataclass(frozen=True)
+class MovingConfig(Checked):
+    """The judgement whether the vehicle in a box moves (chapter 5, beyond the paper)."""
+
+    noise: float = setting(
+        0.2,
+        "smallest standard deviation of a match; more where the street shows more",
+        unit="px",
+        low=0.01,
+        high=5,
+    )
+    motion_error: float = setting(
+        0.01, "standard deviation of the camera's step from features outside boxes", unit="m", low=0, high=1
+    )
+    turn_error: float = setting(
+        0.01, "standard deviation of the camera's rotation", unit="deg", low=0, high=1
+    )
+    heights: tuple[float, ...] = setting(
+        (2.3, 4.2, 4.2),
+        "tallest vehicle of each of the classes; what is farther than such a one in its box is background",
+        unit="m",
+        low=0.5,
+        high=10,
+    )
+    min_matches: int = setting(3, "a box with fewer matches is judged by its history", low=1, high=100)
+    min_street: int = setting(
+        30, "with fewer features outside boxes those in parked boxes join them", low=5, high=1000
+    )
+    moved_share: float = setting(
+        0.3, "share of a box's matches that must move together; the rest may be background", low=0, high=1
+    )
+    overlap: float = setting(
+        0.3, "a box is known again above this overlap (IoU) with its place expected", low=0.01, high=1
+    )
+    patience: int = setting(3, "frames for which a track waits for its box to be seen again", low=0, high=100)
+    memory: float = setting(
+        0.7, "share of a track's evidence that is kept from frame to frame", low=0, high=0.99
+    )
+    significance: float = setting(
+        4.0, "a box moves when its step is this many standard deviations from none", low=1, high=50
+    )
+    min_step: float = setting(
+        0.05, "a box moves when its step between two frames is longer than this", unit="m", low=0, high=5
+    )
+    unknown: str = setting(
+        "keep", "what happens to features in boxes of which too little is known", choices=("keep", "remove")
+    )
+    agreement: float = setting(
+        2.0,
+        "a feature in any box must agree with the street within this many standard deviations",
+        low=0.1,
+        high=1000,
+    )
+
+
+@dataclass(frozen=True)
 class FilterConfig(Checked):
     """Removal of features in vehicle boxes (chapter 5)."""
 
-    rule: str = setting("all", "which boxes remove their features", choices=("none", "all"))
+    rule: str = setting(
+        "all", "which boxes remove their features", choices=("none", "all", "moving", "truth")
+    )
     margin: float = setting(0.0, "a box grows by this share of its size on every side", low=-0.4, high=1.0)
     classes: tuple[int, ...] = setting(
         (2, 5, 7), "class ids of vehicles (COCO: car 2, bus 5, truck 7)", low=0
@@ -75,6 +152,7 @@ class FilterConfig(Checked):
     min_share: float = setting(
         0.3, "with a smaller share left the filter is off for the frame", low=0, high=1
     )
+    moving: MovingConfig = section(MovingConfig)
 
 
 @dataclass(frozen=True)
@@ -95,11 +173,14 @@ class SelectionConfig(Checked):
     standstill_flow: float = setting(
         0.5, "below this median flow the essential matrix is undefined", unit="px", low=0, high=5
     )
+    rest_flow: float = setting(
+        0.05, "below this median flow, under a millimetre a frame, the camera rests", unit="px", low=0, high=5
+    )
     turn_ratio: float = setting(
         1.25,
         "drop the prior when its best candidate scores worse than the best of all by this factor",
         low=1,
-        high=10,
+        high=1000,
     )
 
 
@@ -107,11 +188,40 @@ class SelectionConfig(Checked):
 class TranslationConfig(Checked):
     """The translation by linear least squares, equations (2) and (3) (chapter 4)."""
 
+    variant: str = setting(
+        "stacked",
+        "all features stacked, weighted and robust: the method; the others are for comparison",
+        choices=("stacked", "unweighted", "feature_median", "feature_mean"),
+    )
     scale: float = setting(
         0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
     )
-    iterations: int = setting(6, "robust re-weightings", low=1, high=50)
+    iterations: int = setting(6, "largest number of robust re-weightings", low=1, high=50)
     max_depth: float = setting(100.0, "features farther away are not used", unit="m", low=5, high=1000)
+    agreement: float = setting(
+        2.0, "a feature agrees with the motion where its rows leave less", unit="px", low=0.1, high=50
+    )
+
+
+@dataclass(frozen=True)
+class ReprojectionConfig(Checked):
+    """The VISO2 estimator: three matches a trial, Gauss-Newton on the reprojection error (StereoScan)."""
+
+    trials: int = setting(200, "motions from three random matches in a frame", low=1, high=5000)
+    threshold: float = setting(
+        2.0,
+        "a match is an inlier below this residual norm over its four current coordinates",
+        unit="px",
+        low=0.05,
+        high=20,
+    )
+    iterations: int = setting(20, "largest number of Gauss-Newton steps", low=1, high=100)
+    centre: float = setting(
+        0.05,
+        "a residual weighs 1 / (|u - cu| / |cu| + this): smaller, the middle counts more",
+        low=1e-3,
+        high=100,
+    )
 
 
 @dataclass(frozen=True)
@@ -131,6 +241,84 @@ class CalibrationConfig(Checked):
     scale: float = setting(
         0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
     )
+    least_change: float = setting(
+        0.01, "a smaller change of the offset does not solve the step again", unit="px", low=0, high=1
+    )
+
+
+@dataclass(frozen=True)
+class DetectorConfig(Checked):
+    """Vehicle boxes from a YOLO network (chapter 5). They decide a run only through the boxes they give."""
+
+    size: int = setting(
+        640,
+        "longer side of the network's image, where the model leaves it open",
+        unit="px",
+        low=32,
+        high=4096,
+    )
+    score: float = setting(0.25, "boxes scored lower are not reported", low=0.001, high=1)
+    nms: float = setting(
+        0.5, "of two boxes of one class that overlap more (IoU) the better stays", low=0.05, high=1
+    )
+    classes: tuple[str, ...] = setting(
+        ("car", "bus", "truck"), "classes reported, by name or COCO number; none given: every class"
+    )
+    threads: int = setting(1, "processor threads of the network", low=1, high=64)
+
+
+@dataclass(frozen=True)
+class DetectionSetConfig(Checked):
+    """The drawn data set that a detector of the synthetic street is trained on."""
+
+    seed: int = setting(0, "shifts all seeds of the streets", low=0, high=99_999)
+    train: int = setting(4000, "images to train on", low=1, high=1_000_000)
+    valid: int = setting(240, "images for the curve of mAP while training", low=1, high=100_000)
+    test_seeds: int = setting(2, "seeds of each named scene kept for the test", low=1, high=100)
+    frames: int = setting(24, "images taken from a street, far apart", low=1, high=1000)
+    min_pixels: int = setting(
+        40, "a vehicle with fewer visible pixels is ignored", unit="px", low=1, high=10_000
+    )
+    min_height: int = setting(8, "a vehicle lower than this is ignored", unit="px", low=1, high=200)
+    min_share: float = setting(
+        0.2, "a vehicle seen by a smaller share of its outline is ignored", low=0, high=1
+    )
+
+
+@dataclass(frozen=True)
+class TrainingConfig(Checked):
+    """Training of a detector (chapter 5; needs the extra `[train]`)."""
+
+    seed: int = setting(0, "seed of the first weights, the order of the images and their changes", low=0)
+    epochs: int = setting(6, "times every image is shown", low=1, high=10_000)
+    batch: int = setting(8, "images in one step", low=1, high=1024)
+    rate: float = setting(
+        1.5e-3, "highest learning rate; it rises at first, then falls as a cosine", low=1e-6, high=1
+    )
+    decay: float = setting(0.02, "weight decay", low=0, high=1)
+    average: float = setting(
+        0.998, "the weights kept are a moving average with this memory a step", low=0, high=1
+    )
+    size: int = setting(
+        640, "longer side of a whole image as the network sees it", unit="px", low=64, high=4096
+    )
+    width: int = setting(
+        320, "width of the windows trained on; a multiple of 32", unit="px", low=64, high=4096
+    )
+    height: int = setting(
+        160, "height of the windows trained on; a multiple of 32", unit="px", low=64, high=4096
+    )
+    aim: float = setting(0.6, "chance that a window is laid over a box, not anywhere", low=0, high=1)
+    smallest: float = setting(0.75, "images are made smaller by up to this factor", low=0.1, high=1)
+    largest: float = setting(2.0, "images are made larger by up to this factor", low=1, high=10)
+    mirror: float = setting(0.5, "chance of a mirrored image", low=0, high=1)
+    mosaic: float = setting(0.15, "chance of a mosaic of four images; none in the last fifth", low=0, high=1)
+    tones: float = setting(0.4, "range of gain and gamma, as a logarithm", low=0, high=2)
+    blur: float = setting(0.2, "chance of blur", low=0, high=1)
+    noise: float = setting(0.3, "chance of noise", low=0, high=1)
+    box_weight: float = setting(5.0, "weight of the box loss beside the class loss", low=0, high=100)
+    candidates: int = setting(10, "cells that learn one box", low=1, high=100)
+    threads: int = setting(1, "processor threads", low=1, high=64)
 
 
 @dataclass(frozen=True)
@@ -141,12 +329,18 @@ class Config(Checked):
     min_matches: int = setting(
         12, "with fewer matches the frame goes on with the last motion", low=5, high=1000
     )
+    estimator: str = setting(
+        "essential",
+        "rotation from the essential matrix, then the translation; or both from the reprojection error",
+        choices=("essential", "reprojection"),
+    )
     features: FeatureConfig = section(FeatureConfig)
     matching: MatchingConfig = section(MatchingConfig)
     buckets: BucketConfig = section(BucketConfig)
     filter: FilterConfig = section(FilterConfig)
     selection: SelectionConfig = section(SelectionConfig)
     translation: TranslationConfig = section(TranslationConfig)
+    reprojection: ReprojectionConfig = section(ReprojectionConfig)
     calibration: CalibrationConfig = section(CalibrationConfig)
 
 
@@ -155,9 +349,13 @@ def _method(prior: bool, rule: str) -> Config:
 
 
 METHODS: dict[str, Config] = {
+    "viso2": Config(
+        estimator="reprojection", buckets=BucketConfig(features=2), filter=FilterConfig(rule="none")
+    ),
     "mesvo_f": _method(prior=False, rule="none"),
     "solution_selection": _method(prior=True, rule="none"),
     "feature_selection": _method(prior=True, rule="all"),
+    "moving_selection": _method(prior=True, rule="moving"),
 }
 
 

@@ -1,4 +1,4 @@
-"""Chapter 5: vehicle boxes, read from label folders in YOLO's text form."""
+"""Chapter 5: vehicle boxes, read from and written to label folders in YOLO's text form."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import DataError
-from .files import read_text
+from .files import read_text, write_text_atomic
 
 Array = NDArray[np.float64]
 
@@ -65,3 +65,15 @@ def read_labels(path: str | Path, width: int, height: int) -> Boxes:
     # YOLO measures from the outer edge of the first pixel, the kit from its centre.
     xyxy = np.concatenate([centre - size / 2, centre + size / 2], axis=1) - 0.5
     return Boxes(xyxy, data[:, 0].astype(np.int64), data[:, 5])
+
+
+def write_labels(path: str | Path, boxes: Boxes, width: int, height: int, scores: bool = True) -> None:
+    """Write a YOLO label file: `class cx cy w h [score]` a line; boxes are cut at the image border."""
+    corners = np.clip((boxes.xyxy + 0.5) / (width, height, width, height), 0.0, 1.0)
+    centre, size = (corners[:, :2] + corners[:, 2:]) / 2, corners[:, 2:] - corners[:, :2]
+    values = np.hstack([centre, size, boxes.score[:, None]])[:, : 5 if scores else 4]
+    lines = [
+        " ".join([str(kind), *(f"{value:.6f}" for value in row)]) + "\n"
+        for kind, row in zip(boxes.class_id.tolist(), values.tolist(), strict=True)
+    ]
+    write_text_atomic(path, "".join(lines))

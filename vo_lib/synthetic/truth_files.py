@@ -57,18 +57,25 @@ class Box:
         return f"{self.kind} " + " ".join(f"{share:.6f}" for share in shares)
 
 
-def visible_boxes(world: World, frame: int, view: View) -> list[Box]:
+def visible_boxes(
+    world: World,
+    frame: int,
+    view: View,
+    min_pixels: int = MIN_PIXELS,
+    min_height: int = MIN_HEIGHT,
+    min_share: float = MIN_SHARE,
+) -> list[Box]:
     """Boxes round what is visible of each vehicle in the left image.
 
-    A vehicle is left out when fewer than `MIN_PIXELS` of it are seen, when its box is lower than `MIN_HEIGHT`
-    pixels, or when less than `MIN_SHARE` of its outline within the image is seen: the rest is hidden.
+    A vehicle is left out when fewer than `min_pixels` of it are seen, when its box is lower than `min_height`
+    pixels, or when less than `min_share` of its outline within the image is seen: the rest is hidden.
     """
     count = len(world.vehicles)
     boxes = []
     pixels = np.bincount(view.instance.ravel(), minlength=count + 1)
     for number in range(1, count + 1):
         area = int(pixels[number])
-        if area < MIN_PIXELS:
+        if area < min_pixels:
             continue
         mask = view.instance == number
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
@@ -80,8 +87,8 @@ def visible_boxes(world: World, frame: int, view: View) -> list[Box]:
             int(columns[-1]),
             int(rows[-1]),
         )
-        tall_enough = box.bottom - box.top + 1 >= MIN_HEIGHT
-        if tall_enough and area >= MIN_SHARE * outline_area(world, number - 1, frame):
+        tall_enough = box.bottom - box.top + 1 >= min_height
+        if tall_enough and area >= min_share * outline_area(world, number - 1, frame):
             boxes.append(box)
     return boxes
 

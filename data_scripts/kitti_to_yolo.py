@@ -1,0 +1,100 @@
+"""Turn KITTI's object or tracking labels into a data set for train_detector.py.
+
+examples:
+  python kitti_to_yolo.py object kitti/training data/cars --mapping train_mapping.txt --order train_rand.txt
+  python kitti_to_yolo.py tracking kitti/training data/cars --drive 0000=2011_09_26_drive_0005
+
+Car and Van become car, Truck truck, Tram train; Misc and DontCare are neither object nor background. Images
+of the raw drives behind the odometry sequences 00-10 are left out, and images of unknown origin are refused:
+a detector that learnt the images it is tested on makes the errors look smaller than they are. The object
+development kit's mapping folder holds the two files that tell each object image's drive.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from vo_lib.console import OneLineParser, reporting, say
+from vo_lib.errors import DataError
+from vo_lib.script import guarded
+from vo_lib.training.evaluated import DRIVE
+from vo_lib.training.kitti_set import (
+    NAMES,
+    boxes_by_class,
+    check_origin,
+    read_object_set,
+    read_tracking_set,
+    split,
+    write_set,
+)
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the script."""
+    options = parser().parse_args(words)
+    return guarded("kitti_to_yolo.py", lambda: convert(options))
+
+
+def convert(options: argparse.Namespace) -> int:
+    """Read the labels, leave out what is evaluated, write the data set."""
+    if options.kind == "object":
+        found = read_object_set(options.kitti, options.mapping, options.order)
+    else:
+        found = read_tracking_set(options.kitti, parse_drives(options.drive))
+    used = check_origin(found, options.allow_evaluated)
+    if len(used) < 2:
+        raise DataError(f"{len(used)} images may be trained on: expected two or more", options.kitti)
+    parts = split(used, options.valid, options.seed)
+    with reporting("writing the data set") as report:
+        write_set(parts, options.out, report)
+    counts = ", ".join(f"{n} {name}" for n, name in zip(boxes_by_class(used), NAMES, strict=True))
+    sizes = f"{len(parts['train'])} images to train, {len(parts['valid'])} to validate"
+    say(f"{options.out}: {sizes}; {counts}")
+    say(f"{len(found) - len(used)} images of evaluated odometry sequences were left out")
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The options."""
+    made = OneLineParser(
+        prog="kitti_to_yolo.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    made.add_argument("kind", choices=("object", "tracking"), help="which of KITTI's benchmarks")
+    made.add_argument("kitti", type=Path, help="its training folder, with label_2 or label_02")
+    made.add_argument("out", type=Path, help="where the data set is written")
+    made.add_argument("--mapping", type=Path, metavar="FILE", help="train_mapping.txt, for object labels")
+    made.add_argument("--order", type=Path, metavar="FILE", help="train_rand.txt, for object labels")
+    made.add_argument(
+        "--drive", action="append", default=[], metavar="0000=DRIVE", help="raw drive of a tracking sequence"
+    )
+    made.add_argument(
+        "--valid", type=share, default=0.15, metavar="X", help="share to validate, default 0.15"
+    )
+    made.add_argument("--seed", type=int, default=0, help="of the choice of these, default 0")
+    made.add_argument("--allow-evaluated", action="store_true", help="take evaluated and unknown drives too")
+    return made
+
+
+def share(text: str) -> float:
+    """A number between 0 and 1."""
+    value = float(text)
+    if not 0.0 < value < 1.0:
+        raise ValueError
+    return value
+
+
+def parse_drives(items: list[str]) -> dict[str, str]:
+    """Raw drive by tracking sequence."""
+    drives = {}
+    for item in items:
+        sequence, equals, drive = item.partition("=")
+        if not equals or not DRIVE.fullmatch(drive):
+            raise DataError(f"--drive {item!r}: expected such as 0000=2011_09_26_drive_0005")
+        drives[sequence] = drive
+    return drives
+
+
+if __name__ == "__main__":
+    sys.exit(main())

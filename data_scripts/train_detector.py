@@ -1,0 +1,121 @@
+"""Train a small vehicle detector on a data set in YOLO form, and export it as ONNX (extra `[train]`).
+
+examples:
+  python train_detector.py data/street --out runs/street --one-class vehicle
+  python train_detector.py roboflow/data.yaml --out runs/cars --epochs 400 --width 640 --height 192
+
+A training that was stopped goes on at its last whole epoch. The folder gets last.pt, curves.png and
+detector.onnx, which `vo run --detector` and write_labels.py take.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from vo_lib.config import TrainingConfig
+from vo_lib.console import OneLineParser, reporting, say, show_table
+from vo_lib.detection_plots import training_figure
+from vo_lib.errors import DataError
+from vo_lib.files import write_bytes_atomic
+from vo_lib.plots import png
+from vo_lib.script import guarded
+from vo_lib.setting_options import add_options, from_options
+from vo_lib.settings import to_dict
+from vo_lib.training.assess import assess
+from vo_lib.training.dataset import DetectionSet, open_set
+from vo_lib.training.evaluated import refuse_evaluated
+
+MODEL, CURVES = "detector.onnx", "curves.png"
+FREE = ("epochs", "threads")  # settings that a training may change when it goes on
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the script."""
+    options = parser().parse_args(words)
+    return guarded("train_detector.py", lambda: train_and_judge(options))
+
+
+def train_and_judge(options: argparse.Namespace) -> int:
+    """Train, export, and say how good the exported model is."""
+    config = from_options(options, TrainingConfig)
+    data = dataclasses.replace(open_set(options.data), merged=options.one_class)
+    if not options.allow_evaluated:
+        refuse_evaluated(path for part in data.images.values() for path in part)
+    train(data, config, options.out, options.start)
+    report_quality(options.out / MODEL, data, config)
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """Options: every setting of the training has one."""
+    made = OneLineParser(
+        prog="train_detector.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    made.add_argument("data", type=Path, help="folder with data.yaml, or that file")
+    made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the training")
+    made.add_argument("--one-class", metavar="NAME", help="take all classes for one of this name")
+    made.add_argument("--start", type=Path, metavar="FILE", help="begin with the weights of another last.pt")
+    made.add_argument("--allow-evaluated", action="store_true", help="train on KITTI odometry images too")
+    add_options(made, TrainingConfig)
+    return made
+
+
+def train(data: DetectionSet, config: TrainingConfig, out: Path, start: Path | None) -> None:
+    """Train from where the folder stands; curves after each epoch, the ONNX file at the end."""
+    try:
+        from vo_lib.training import trainer
+        from vo_lib.training.export import export_onnx
+    except ImportError as error:
+        raise DataError(f'{error.name} is missing: pip install ".[train]"') from None
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / trainer.CHECKPOINT
+    if path.exists():
+        state = trainer.load_state(path)
+        check_same(state.config, config, state.classes, data, path)
+        state.config = config
+    else:
+        state = trainer.new_state(config, data.classes, trainer.load_state(start).average if start else None)
+    with reporting(f"training, {config.epochs} epochs") as report:
+        for _ in trainer.train(data, state, out, report):
+            title = f"{len(data.images['train'])} images, epoch {state.epoch} of {config.epochs}"
+            figure = training_figure(np.array(state.losses), np.array(state.maps), title)
+            write_bytes_atomic(out / CURVES, png(figure))
+    export_onnx(state.average, state.classes, out / MODEL)
+    say(f"{out / MODEL}: validation mAP50 {state.maps[-1]:.3f} after {state.epoch} epochs")
+
+
+def check_same(
+    was: TrainingConfig, now: TrainingConfig, classes: tuple[str, ...], data: DetectionSet, path: Path
+) -> None:
+    """`DataError` where the folder holds a training of something else."""
+    old, new = to_dict(was), to_dict(now)
+    changed = [name for name in old if old[name] != new[name] and name not in FREE]
+    if changed or classes != data.classes:
+        what = f"{changed[0]} {old[changed[0]]}" if changed else f"classes {', '.join(classes)}"
+        raise DataError(f"is a training with {what}: give another --out or the same settings", path)
+
+
+def report_quality(model: Path, data: DetectionSet, config: TrainingConfig) -> None:
+    """A table of the exported model's quality on the test split, or the validation split without one."""
+    split = "test" if data.images["test"] else "valid"
+    heights = (16.0, 25.0, 32.0)
+    with reporting(f"judging on {split}") as report:
+        results = assess(model, data, split, heights, progress=report)
+    rows = [
+        [f"{r.min_height:g} px", str(r.vehicles), f"{r.map50:.3f}", f"{r.recall:.3f}", f"{r.precision:.3f}"]
+        for r in results
+    ]
+    show_table(
+        f"{split}: {results[0].images} images, IoU 0.5, score 0.25",
+        ["vehicles at least", "how many", "mAP50", "recall", "precision"],
+        rows,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,140 @@
+"""KITTI's labels as a YOLO data set: classes, ignored regions, where the images come from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from test_data_scripts import load
+
+from vo_lib.detection import read_labels
+from vo_lib.errors import DataError
+from vo_lib.training.kitti_set import check_origin, read_object_set, read_tracking_set, split
+
+kitti_to_yolo = load("kitti_to_yolo")
+WIDTH, HEIGHT = 200, 100
+REST = "0 0 0 0 0 0 0"  # size, place and angle in space
+FREE, EVALUATED = "2011_09_26_drive_0005", "2011_09_30_drive_0027"
+
+ROWS = [
+    f"Car 0.00 0 -1.5 20.00 30.00 60.00 70.00 {REST}",
+    f"Van 0.00 1 -1.5 100.00 30.00 140.00 70.00 {REST}",
+    f"Truck 0.00 0 -1.5 150.00 10.00 190.00 90.00 {REST}",
+    f"Car 0.00 0 -1.5 70.00 40.00 76.00 45.00 {REST}",
+    f"Pedestrian 0.00 0 -1.5 80.00 40.00 90.00 70.00 {REST}",
+    "DontCare -1 -1 -10 0.00 0.00 10.00 10.00 -1 -1 -1 -1000 -1000 -1000 -10",
+]
+
+
+def write_image(path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
+
+
+@pytest.fixture
+def objects(tmp_path: Path) -> Path:
+    """Six object images; the mapping has them in another order, two from an evaluated drive."""
+    root = tmp_path / "object"
+    (root / "label_2").mkdir(parents=True)
+    for k in range(6):
+        write_image(root / "image_2" / f"{k:06d}.png")
+        (root / "label_2" / f"{k:06d}.txt").write_text("\n".join(ROWS) + "\n")
+    drives = [FREE, EVALUATED, FREE, "2011_09_26_drive_0009", EVALUATED, FREE]
+    lines = [f"{drive[:10]} {drive}_sync {k:010d}" for k, drive in enumerate(drives)]
+    (root / "train_mapping.txt").write_text("\n".join(lines) + "\n")
+    (root / "train_rand.txt").write_text("2,1,3,4,6,5\n")
+    return root
+
+
+def test_classes_and_regions_go_where_they_belong(objects: Path) -> None:
+    first = read_object_set(objects)[0]
+    assert first.boxes.class_id.tolist() == [0, 0, 1]  # car, van as car, truck
+    assert first.boxes.xyxy[0].tolist() == [20, 30, 60, 70]
+    # A car 5 px high and the DontCare region are ignored; a pedestrian is background.
+    assert first.ignored.xyxy.tolist() == [[70, 40, 76, 45], [0, 0, 10, 10]]
+
+
+def test_the_permutation_leads_to_each_images_drive(objects: Path) -> None:
+    found = read_object_set(objects, objects / "train_mapping.txt", objects / "train_rand.txt")
+    evaluated = [one.image.stem for one in found if one.drive == EVALUATED]
+    assert evaluated == ["000000", "000005"]
+    kept = check_origin(found, allow_evaluated=False)
+    assert [one.image.stem for one in kept] == ["000001", "000002", "000003", "000004"]
+    assert check_origin(found, allow_evaluated=True) == found
+
+
+def test_images_of_unknown_origin_are_refused_with_the_reason(objects: Path) -> None:
+    with pytest.raises(DataError, match=r"drive it comes from is not known, .* --allow-evaluated"):
+        check_origin(read_object_set(objects), allow_evaluated=False)
+
+
+def test_no_drive_is_in_both_parts(objects: Path) -> None:
+    found = read_object_set(objects, objects / "train_mapping.txt", objects / "train_rand.txt")
+    for seed in range(8):
+        parts = split(found, 0.3, seed)
+        drives = [{one.drive for one in parts[name]} for name in ("train", "valid")]
+        assert all(drives)
+        assert not drives[0] & drives[1]
+        assert len(parts["train"]) + len(parts["valid"]) == 6
+
+
+def test_the_written_set_is_read_back(objects: Path, tmp_path: Path) -> None:
+    words = ["object", str(objects), str(tmp_path / "set"), "--mapping", str(objects / "train_mapping.txt")]
+    assert kitti_to_yolo([*words, "--order", str(objects / "train_rand.txt")]) == 0
+    labels = sorted((tmp_path / "set").glob("*/labels/*.txt"))
+    assert len(labels) == 4
+    assert all(FREE in path.name or "drive_0009" in path.name for path in labels)
+    boxes = read_labels(labels[0], WIDTH, HEIGHT)
+    assert boxes.xyxy[1] == pytest.approx([100, 30, 140, 70], abs=1e-3)
+    ignored = read_labels(labels[0].parent.parent / "ignored" / labels[0].name, WIDTH, HEIGHT)
+    assert len(ignored) == 2
+    image = labels[0].parent.parent / "images" / f"{labels[0].stem}.png"
+    assert cv2.imread(str(image)) is not None
+    assert "  - car\n  - truck\n  - train\n" in (tmp_path / "set" / "data.yaml").read_text()
+
+
+def test_tracking_labels_belong_to_their_frames(tmp_path: Path) -> None:
+    root = tmp_path / "tracking"
+    (root / "label_02").mkdir(parents=True)
+    for k in range(3):
+        write_image(root / "image_02" / "0000" / f"{k:06d}.png")
+    rows = [f"0 1 {ROWS[0]}", f"2 1 {ROWS[1]}", f"2 -1 {ROWS[5]}"]
+    (root / "label_02" / "0000.txt").write_text("\n".join(rows) + "\n")
+    found = read_tracking_set(root, {"0000": FREE})
+    assert [len(one.boxes) for one in found] == [1, 0, 1]
+    assert [len(one.ignored) for one in found] == [0, 0, 1]
+    assert found[2].boxes.xyxy[0].tolist() == [100, 30, 140, 70]
+    words = ["tracking", str(root), str(tmp_path / "set"), "--drive", f"0000={FREE}"]
+    assert kitti_to_yolo(words) == 0
+    # One drive alone: its last frame validates.
+    assert [p.stem for p in (tmp_path / "set" / "valid" / "images").iterdir()] == [f"{FREE}_000002"]
+    assert kitti_to_yolo([*words[:4], f"0000={EVALUATED}"]) == 2
+
+
+@pytest.mark.parametrize(
+    "row", ["Car 0 0 0 1 2 3", "Car 0 0 0 1 2 x 4", "Spaceship 0 0 0 1 2 30 40", "Car 0 0 0 1 2 nan 4"]
+)
+def test_a_wrong_line_is_named(objects: Path, row: str) -> None:
+    (objects / "label_2" / "000003.txt").write_text(f"{ROWS[0]}\n{row}\n")
+    with pytest.raises(DataError, match=r"000003\.txt, line 2: "):
+        read_object_set(objects)
+
+
+def test_wrong_options_end_with_one_line(
+    objects: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(tmp_path / "set")
+    for words in (
+        ["object", str(tmp_path), out],
+        ["object", str(objects), out],
+        ["object", str(objects), out, "--valid", "2"],
+        ["tracking", str(objects), out, "--drive", "0000"],
+    ):
+        assert kitti_to_yolo(words) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+    (objects / "train_rand.txt").write_text("1,2,2\n")
+    words = ["object", str(objects), out, "--mapping", str(objects / "train_mapping.txt")]
+    assert kitti_to_yolo([*words, "--order", str(objects / "train_rand.txt")]) == 2
+    assert "expected the numbers 1 to 6, each once" in capsys.readouterr().err

@@ -1,0 +1,164 @@
+"""Label folders of a detector: resumable, guarded, equal from the cache, ahead of the odometry."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from test_data_scripts import load
+from tiny_onnx import write_answering
+
+from vo_lib.config import DetectorConfig, preset
+from vo_lib.errors import DataError
+from vo_lib.label_cache import RECORD, detected_sequence, labelled_sequence, write_label_folder
+from vo_lib.runner import run
+from vo_lib.sequence import open_sequence
+from vo_lib.yolo import YoloDetector
+from vo_lib.yolo_layout import yolox_cells
+
+write_labels = load("write_labels")
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """A network that sees one car in the middle of every image."""
+    answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
+    answer[0, :, 0] = 32, 32, 20, 10, 0.9
+    return write_answering(tmp_path / "model.onnx", answer, names="['car']")
+
+
+def texts(folder: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in sorted(folder.glob("*.txt"))}
+
+
+def test_labels_stand_beside_the_images_with_the_models_hash(bands: Path, model: Path) -> None:
+    assert write_labels([str(bands), "--model", str(model)]) == 0
+    assert len(texts(bands / "labels")) == 6
+    record = json.loads((bands / "labels" / RECORD).read_text())
+    assert record["sha256"] == hashlib.sha256(model.read_bytes()).hexdigest()
+    boxes = open_sequence(bands).boxes(3)
+    assert boxes.class_id.tolist() == [2]
+    assert boxes.score == pytest.approx([0.9], abs=1e-6)
+    # 480 × 240 into 64 × 64: a scale of 7.5, 16 rows of border above and below.
+    assert boxes.xyxy == pytest.approx(np.array([[164.5, 82.0, 314.5, 157.0]]), abs=0.6)
+
+
+def test_a_stopped_call_goes_on_and_detects_only_what_is_missing(
+    bands: Path, model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert write_labels([str(bands), "--model", str(model)]) == 0
+    whole = texts(bands / "labels")
+    (bands / "labels" / "000002.txt").unlink()
+    (bands / "labels" / "000004.txt").unlink()
+    capsys.readouterr()
+    assert write_labels([str(bands), "--model", str(model)]) == 0
+    assert "2 of them detected now" in capsys.readouterr().out
+    assert texts(bands / "labels") == whole
+
+
+def test_a_changed_image_is_detected_again(bands: Path, model: Path) -> None:
+    sequence = open_sequence(bands)
+    assert write_label_folder(sequence, model, DetectorConfig(), bands / "labels") == 6
+    image = bands / "image_0" / "000003.png"
+    later = (bands / "labels" / "000003.txt").stat().st_mtime_ns + 10**9
+    os.utime(image, ns=(later, later))
+    assert write_label_folder(sequence, model, DetectorConfig(), bands / "labels") == 1
+
+
+def test_labels_made_otherwise_are_not_overwritten(
+    bands: Path, model: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (bands / "labels").mkdir()
+    (bands / "labels" / "000000.txt").write_text("2 0.5 0.5 0.1 0.1\n")
+    words = [str(bands), "--model", str(model)]
+    assert write_labels(words) == 2
+    assert "labels that no detector of the kit wrote" in capsys.readouterr().err
+    assert texts(bands / "labels") == {"000000.txt": "2 0.5 0.5 0.1 0.1\n"}
+    assert write_labels([*words, "--replace"]) == 0
+    assert write_labels([*words, "--score", "0.95"]) == 2
+    assert "another detector's labels" in capsys.readouterr().err
+
+
+def test_pictures_show_the_boxes(bands: Path, model: Path, tmp_path: Path) -> None:
+    words = [
+        str(bands),
+        "--model",
+        str(model),
+        "--out",
+        str(tmp_path / "l"),
+        "--pictures",
+        str(tmp_path / "p"),
+    ]
+    assert write_labels(words) == 0
+    picture = cv2.imread(str(tmp_path / "p" / "000001.jpg"))
+    assert picture is not None
+    grey = np.ptp(picture.astype(int), axis=2) < 40
+    assert not grey[100:150, 163:166].any()  # the box's left side is coloured
+    assert grey[200:, 400:].all()
+
+
+def test_a_run_on_cached_labels_equals_the_first_one(bands: Path, model: Path, tmp_path: Path) -> None:
+    sequence, config = open_sequence(bands), preset("feature_selection")
+    poses = []
+    for _ in range(2):
+        with detected_sequence(sequence, model, cache=tmp_path / "cache") as detected:
+            poses.append(run(detected, config).poses)
+            labels = detected.labels
+    assert labels is not None
+    assert len(texts(labels)) == 6
+    assert np.array_equal(poses[0], poses[1])
+    whole = labelled_sequence(sequence, model, cache=tmp_path / "cache")
+    assert whole.labels == labels
+    assert np.array_equal(run(whole, config).poses, poses[0])
+
+
+def test_another_score_or_model_has_a_folder_of_its_own(bands: Path, model: Path, tmp_path: Path) -> None:
+    sequence = open_sequence(bands)
+    folders = set()
+    for config in (DetectorConfig(), DetectorConfig(score=0.5), DetectorConfig(threads=2)):
+        with detected_sequence(sequence, model, config, cache=tmp_path / "cache") as detected:
+            folders.add(detected.labels)
+    assert len(folders) == 2  # the number of threads changes no box
+
+
+def test_boxes_wait_for_their_frame_while_the_detector_is_at_work(
+    bands: Path, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go, real = threading.Event(), YoloDetector.detect
+
+    def held(self: YoloDetector, image: np.ndarray) -> object:
+        go.wait(20)
+        return real(self, image)
+
+    monkeypatch.setattr(YoloDetector, "detect", held)
+    with detected_sequence(open_sequence(bands), model, cache=tmp_path / "cache") as detected:
+        assert detected.labels is not None
+        assert not texts(detected.labels)
+        threading.Timer(0.2, go.set).start()
+        # A part of the sequence keeps its frames' own labels.
+        assert len(detected.part(2, 5).boxes(1)) == 1
+        assert "000003.txt" in texts(detected.labels)
+
+
+def test_an_error_in_the_detectors_thread_reaches_the_run(bands: Path, model: Path, tmp_path: Path) -> None:
+    sequence = open_sequence(bands)
+    (bands / "image_0" / "000004.png").write_bytes(b"no image")
+    with detected_sequence(sequence, model, cache=tmp_path / "cache") as detected:
+        assert len(detected.boxes(3)) == 1
+        with pytest.raises(DataError, match=r"000004\.png"):
+            detected.boxes(4)
+
+
+def test_wrong_options_end_with_one_line_and_code_two(
+    bands: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert write_labels([str(bands), "--model", "nothing.onnx"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert write_labels([str(bands), "--model", "street", "--score", "2"]) == 2
+    assert "score: 2.0 is not a number from 0.001 to 1" in capsys.readouterr().err

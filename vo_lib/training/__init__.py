@@ -1,0 +1,1 @@
+"""Training a vehicle detector: data sets in YOLO form, network, loss, loop and export (extra `[train]`)."""
