@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,9 +14,13 @@ from .camera import StereoCamera
 from .config import BucketConfig, FeatureConfig, MatchingConfig
 from .features import corner_strength, detect_corners, select_by_bucket
 from .reprojection import fit_motion
+from .subpixel import finish_over_time, finish_stereo, is_stereo
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+
+# Before the finish, the two ways round the loop may end this far apart, pixels.
+COARSE_GAP = 1.5
 
 
 @dataclass(frozen=True)
@@ -55,10 +60,11 @@ def empty_matches() -> StereoMatches:
 
 @dataclass(frozen=True)
 class _Features:
-    """Features of one stereo pair that wait for the next one."""
+    """Features of one stereo pair that wait for the next one; slope is that of their surface."""
 
     left: Array
     right: Array
+    slope: Array
     age: NDArray[np.int64]
     strength: Array
     id: NDArray[np.int64]
@@ -82,6 +88,11 @@ class PreparedPair:
     right: Image
     strength: NDArray[np.float32]
     disparity: Array
+
+    @property
+    def images(self) -> tuple[Image, Image]:
+        """Left and right image."""
+        return self.left, self.right
 
 
 def prepare_pair(pair: tuple[Image, Image], matching: MatchingConfig) -> PreparedPair:
@@ -113,35 +124,61 @@ class LoopMatcher:
 
     def step(self, pair: PreparedPair) -> StereoMatches:
         """Matches of the pair before with this one; empty for the first pair."""
-        matches = empty_matches()
+        matches, slope = empty_matches(), np.zeros((0, 2))
         if self._previous is not None:
-            matches = self._follow(pair)
+            matches, slope = self._follow(pair)
         kept = select_by_bucket(
             matches.cur_left, matches.age, matches.strength, BucketConfig(size=self.features.cell, features=1)
         )
         followed = matches[kept]
         known = _Features(
-            followed.cur_left, followed.cur_right, followed.age + 1, followed.strength, followed.id
+            followed.cur_left,
+            followed.cur_right,
+            slope[kept],
+            followed.age + 1,
+            followed.strength,
+            followed.id,
         )
         self._previous = (pair, self._add_corners(pair, known))
         return matches
 
-    def _follow(self, pair: PreparedPair) -> StereoMatches:
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What the pairs so far left behind, as plain arrays, without the images; empty before the first."""
+        if self._previous is None:
+            return {}
+        known = self._previous[1]
+        motion = [] if self._motion is None else [np.hstack([self._motion[0], self._motion[1][:, None]])]
+        return {
+            **{f.name: getattr(known, f.name) for f in dataclasses.fields(known)},
+            "motion": np.array(motion),
+            "next_id": np.array(self._next_id),
+        }
+
+    def restore(self, state: dict[str, NDArray[Any]], previous: PreparedPair) -> None:
+        """Go on as the matcher whose `state` this was after the pair `previous`; same settings."""
+        known = _Features(*(state[f.name] for f in dataclasses.fields(_Features)))
+        self._previous = (previous, known)
+        motion = state["motion"]
+        # A copy: arithmetic on a view with other strides may round differently.
+        self._motion = (motion[0, :, :3].copy(), motion[0, :, 3].copy()) if len(motion) else None
+        self._next_id = int(state["next_id"])
+
+    def _follow(self, pair: PreparedPair) -> tuple[StereoMatches, Array]:
         assert self._previous is not None
         before, known = self._previous
-        X_p = self.camera.triangulate(known.left, known.right)
-        matches = empty_matches()
+        found = empty_matches(), np.zeros((0, 2))
         if self._motion is not None:
             R, t = self._motion
+            X_p = self.camera.triangulate(known.left, known.right)
             guess = self.camera.project(X_p @ R.T + t)
-            matches = self._close_loop(before, pair, known, guess, self.config.levels)
-        if len(matches) < 0.3 * len(known.id):
+            found = self._close_loop(before, pair, known, guess, self.config.levels)
+        if len(found[0]) < 0.3 * len(known.id):
             # No motion yet, or it changed abruptly: search from where the features were.
             start = known.left, known.right
             again = self._close_loop(before, pair, known, start, self.config.search_levels)
-            matches = again if len(again) > len(matches) else matches
-        self._motion = self._fit(matches)
-        return matches
+            found = max(found, again, key=lambda each: len(each[0]))
+        self._motion = self._fit(found[0])
+        return found
 
     def _close_loop(
         self,
@@ -150,19 +187,46 @@ class LoopMatcher:
         known: _Features,
         guess: tuple[Array, Array],
         levels: int,
-    ) -> StereoMatches:
+    ) -> tuple[StereoMatches, Array]:
+        """Lucas-Kanade finds the features coarsely; returns the finished matches and their slopes (N, 2)."""
         start = np.flatnonzero(self._inside(guess[0], pair.left) & self._inside(guess[1], pair.right))
         cur_left, ok_left = self._track(before.left, pair.left, known.left[start], guess[0][start], levels)
         over_time, ok_right = self._track(
             before.right, pair.right, known.right[start], guess[1][start], levels
         )
         cur_right, ok_stereo = self._track(pair.left, pair.right, cur_left, over_time, 0)
-        ok = ok_left & ok_right & ok_stereo & self._is_stereo(cur_left, cur_right)
-        ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
-        source = known[start[ok]]
-        return StereoMatches(
-            source.left, source.right, cur_left[ok], cur_right[ok], source.age, source.strength, source.id
+        ok = ok_left & ok_right & ok_stereo & is_stereo(cur_left, cur_right, self.config)
+        ok &= np.linalg.norm(cur_right - over_time, axis=1) <= COARSE_GAP
+        return self._finish(before, pair, known[start[ok]], cur_left[ok], cur_right[ok], over_time[ok])
+
+    def _finish(
+        self,
+        before: PreparedPair,
+        pair: PreparedPair,
+        seen: _Features,
+        cur_left: Array,
+        cur_right: Array,
+        over_time: Array,
+    ) -> tuple[StereoMatches, Array]:
+        """Sub-pixel places, and the checks: the loop closes, windows look alike, the surface is known."""
+        cur_left, over_time, ok = finish_over_time(
+            self.camera,
+            before.images,
+            pair.images,
+            (seen.left, seen.right),
+            seen.slope,
+            (cur_left, over_time),
+            self._motion or (np.eye(3), np.zeros(3)),
+            self.config,
         )
+        cur_right, slope, good = finish_stereo(pair.images, pair.disparity, cur_left, cur_right, self.config)
+        ok &= good & self._inside(cur_left, pair.left) & self._inside(cur_right, pair.right)
+        ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
+        seen = seen[ok]
+        matches = StereoMatches(
+            seen.left, seen.right, cur_left[ok], cur_right[ok], seen.age, seen.strength, seen.id
+        )
+        return matches, slope[ok]
 
     def _add_corners(self, pair: PreparedPair, known: _Features) -> _Features:
         uv, strength = detect_corners(pair.strength, self.features, known.left)
@@ -172,13 +236,16 @@ class LoopMatcher:
         uv, strength, disparity = (a[disparity > 0] for a in (uv, strength, disparity))
         guess = uv - np.stack([disparity, np.zeros_like(disparity)], axis=1)
         found, ok = self._track(pair.left, pair.right, uv, guess, 0)
-        ok &= self._is_stereo(uv, found)
+        uv, strength, found = uv[ok], strength[ok], found[ok]
+        found, slope, ok = finish_stereo(pair.images, pair.disparity, uv, found, self.config)
+        ok &= self._inside(found, pair.right)
         number = int(np.count_nonzero(ok))
         ids = np.arange(self._next_id, self._next_id + number)
         self._next_id += number
         return _Features(
             np.concatenate([known.left, uv[ok]]),
             np.concatenate([known.right, found[ok]]),
+            np.concatenate([known.slope, slope[ok]]),
             np.concatenate([known.age, np.ones(number, np.int64)]),
             np.concatenate([known.strength, strength[ok]]),
             np.concatenate([known.id, ids]),
@@ -214,12 +281,6 @@ class LoopMatcher:
         # NaN (a point behind the camera) compares false.
         inside = (uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))
         return np.asarray(inside.all(axis=1))
-
-    def _is_stereo(self, left: Array, right: Array) -> NDArray[np.bool_]:
-        disparity, row = (left - right).T
-        return np.asarray(
-            (disparity >= self.config.min_disparity) & (np.abs(row) <= self.config.row_tolerance)
-        )
 
 
 def coarse_disparity(left: Image, right: Image, largest: int) -> Array:

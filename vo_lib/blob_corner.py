@@ -1,0 +1,288 @@
+"""Chapter 1: the paper's front end: blobs and corners, described by Sobel responses, matched in a loop.
+
+Features are the extrema of two 5×5 masks; each is compared only with features of its own kind, by the sum
+of absolute differences of 16 places of the two Sobel images around it. A match goes left current → left
+previous → right previous → right current → left current, and has to end at the feature it started from.
+Source: Geiger, Ziegler and Stiller, "StereoScan: dense 3d reconstruction in real-time", IV 2011, section III.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import StereoCamera
+from .config import FeatureConfig, MatchingConfig
+from .matching import StereoMatches, coarse_disparity, empty_matches
+from .reprojection import fit_motion
+from .subpixel import finish_over_time, finish_stereo
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Whole = NDArray[np.int64]
+
+BLOB = np.full((5, 5), -1, np.float32)
+BLOB[1:4, 1:4] = 1
+BLOB[2, 2] = 8
+CORNER = np.zeros((5, 5), np.float32)
+CORNER[:2, :2] = CORNER[3:, 3:] = -1
+CORNER[:2, 3:] = CORNER[3:, :2] = 1
+
+# Sixteen places of an 11×11 neighbourhood (u, v) where the two Sobel images are read.
+PLACES = np.array(
+    [(u, v) for v in (-5, -1, 1, 5) for u in (-5, 5)] + [(u, v) for v in (-3, -1, 1, 3) for u in (-1, 1)],
+    np.intp,
+)
+# Search radius round a predicted place and without a prediction, pixels.
+NEAR, FAR = 20, 120
+# Rows of a stereo pair agree to this before the finish, pixels.
+ROWS = 2
+
+
+@dataclass(frozen=True)
+class Described:
+    """N features of one image: uv (N, 2) pixels, kind (N,) 0 … 3, strength (N,), descriptor (N, 32)."""
+
+    uv: Array
+    kind: Whole
+    strength: Array
+    descriptor: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DescribedPair:
+    """A stereo pair with its features, found ahead and in other threads."""
+
+    left: Image
+    right: Image
+    disparity: Array
+    found_left: Described
+    found_right: Described
+
+    @property
+    def images(self) -> tuple[Image, Image]:
+        """Left and right image."""
+        return self.left, self.right
+
+
+def describe(image: Image, config: FeatureConfig) -> Described:
+    """Blob maxima and minima, corner maxima and minima (kinds 0 … 3) of an image, with descriptors.
+
+    In each square of `config.blob_cell` pixels the strongest of each kind is kept, if it is the extremum of
+    its neighbourhood and stronger than `config.blob_quality`.
+    """
+    responses = [np.asarray(cv2.filter2D(image, cv2.CV_32F, m), np.float32) for m in (BLOB, CORNER)]
+    uv, kind, strength = [], [], []
+    for number, response in enumerate(r for each in responses for r in (each, -each)):
+        places, values = _peaks(response, config)
+        uv.append(places)
+        kind.append(np.full(len(places), number))
+        strength.append(values)
+    places = np.concatenate(uv)
+    sobel = np.stack([cv2.Sobel(image, cv2.CV_32F, dx, 1 - dx, ksize=3) for dx in (1, 0)], axis=2)
+    column, row = (places[:, None].astype(np.intp) + PLACES).transpose(2, 0, 1)
+    descriptor = sobel[row, column].reshape(len(places), 2 * len(PLACES))
+    return Described(places, np.concatenate(kind), np.concatenate(strength), descriptor)
+
+
+def _peaks(response: NDArray[np.float32], config: FeatureConfig) -> tuple[Array, Array]:
+    reach = config.blob_cell
+    top = cv2.dilate(response, np.ones((reach, reach), np.uint8))
+    border = max(config.border, 6)
+    inner = slice(border, -border)
+    row, column = np.nonzero((response == top)[inner, inner] & (response[inner, inner] > config.blob_quality))
+    row, column = row + border, column + border
+    return np.stack([column, row], axis=1).astype(np.float64), response[row, column].astype(np.float64)
+
+
+def best_matches(
+    query: Described, train: Described, guess: Array, radius: tuple[float, float]
+) -> NDArray[np.intp]:
+    """For each query feature the train feature of its kind that looks most alike near a guess.
+
+    Parameters
+    ----------
+    guess : (N, 2) where to look, pixels; NaN: nowhere. radius : largest distance along u and v, pixels.
+
+    Returns
+    -------
+    (N,) index into `train`; -1 where no feature is near.
+    """
+    found = np.full(len(query.kind), -1, np.intp)
+    matcher = cv2.BFMatcher(cv2.NORM_L1)
+    for kind in range(4):
+        a, b = (np.flatnonzero(side.kind == kind) for side in (query, train))
+        if len(a) == 0 or len(b) == 0:
+            continue
+        near = np.ones((len(a), len(b)), np.bool_)
+        for axis in (0, 1):
+            place = train.uv[b, axis].astype(np.float32)
+            near &= np.abs(guess[a, axis].astype(np.float32)[:, None] - place) <= radius[axis]
+        for match in matcher.match(query.descriptor[a], train.descriptor[b], mask=near.view(np.uint8)):
+            found[a[match.queryIdx]] = b[match.trainIdx]
+    return found
+
+
+class BlobCornerMatcher:
+    """Blobs and corners matched round the loop; the interface is `FrontEnd`.
+
+    Search starts where the last motion and the stereo depth predict each feature (constant velocity); the
+    finish is that of the other front end. A feature found again keeps its number and its sub-pixel place.
+    """
+
+    def __init__(self, camera: StereoCamera, features: FeatureConfig, matching: MatchingConfig):
+        self.camera = camera
+        self.features = features
+        self.config = matching
+        self._previous: tuple[DescribedPair, dict[str, NDArray[Any]]] | None = None
+        self._motion: tuple[Array, Array] | None = None
+        self._next_id = 0
+
+    def prepare(self, pair: tuple[Image, Image]) -> DescribedPair:
+        """Features and coarse disparity of a stereo pair."""
+        left, right = pair
+        disparity = coarse_disparity(left, right, self.config.max_disparity)
+        return DescribedPair(
+            left, right, disparity, describe(left, self.features), describe(right, self.features)
+        )
+
+    def step(self, pair: DescribedPair) -> StereoMatches:
+        """Matches of the pair before with this one; empty for the first pair."""
+        place = _stereo_places(pair, self.config)
+        matches, slope, index = empty_matches(), np.zeros((0, 2)), np.zeros(0, np.intp)
+        if self._previous is not None:
+            matches, slope, index = self._match(pair, place)
+        self._motion = self._fit(matches)
+        place["age"][index] = matches.age + 1
+        place["id"][index] = matches.id
+        for name, values in (("left", matches.cur_left), ("right", matches.cur_right), ("slope", slope)):
+            place[name][index] = values
+        new = place["id"] < 0
+        place["id"][new] = self._next_id + np.arange(np.count_nonzero(new))
+        self._next_id += int(np.count_nonzero(new))
+        self._previous = (pair, place)
+        return matches
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What the pairs so far left behind, as plain arrays, without the images; empty before the first."""
+        if self._previous is None:
+            return {}
+        motion = [] if self._motion is None else [np.hstack([self._motion[0], self._motion[1][:, None]])]
+        return {**self._previous[1], "motion": np.array(motion), "next_id": np.array(self._next_id)}
+
+    def restore(self, state: dict[str, NDArray[Any]], previous: DescribedPair) -> None:
+        """Go on as the matcher whose `state` this was after the pair `previous`; same settings."""
+        place = {name: a.copy() for name, a in state.items() if name not in ("motion", "next_id")}
+        self._previous = (previous, place)
+        motion = state["motion"]
+        self._motion = (motion[0, :, :3].copy(), motion[0, :, 3].copy()) if len(motion) else None
+        self._next_id = int(state["next_id"])
+
+    def _match(
+        self, pair: DescribedPair, place: dict[str, NDArray[Any]]
+    ) -> tuple[StereoMatches, Array, NDArray[np.intp]]:
+        assert self._previous is not None
+        before, seen = self._previous
+        found = self._loop(before, pair, seen, place, self._motion)
+        if self._motion is not None and len(found[0]) < 0.3 * np.count_nonzero(seen["stereo"]):
+            again = self._loop(before, pair, seen, place, None)
+            found = max(found, again, key=lambda each: len(each[0]))
+        return found
+
+    def _loop(
+        self,
+        before: DescribedPair,
+        pair: DescribedPair,
+        seen: dict[str, NDArray[Any]],
+        place: dict[str, NDArray[Any]],
+        motion: tuple[Array, Array] | None,
+    ) -> tuple[StereoMatches, Array, NDArray[np.intp]]:
+        """Matches, slopes of their surfaces, and their index among the current left features."""
+        R, t = motion or (np.eye(3), np.zeros(3))
+        reach = FAR if motion is None else NEAR
+        source = np.flatnonzero(seen["stereo"])
+        left, right = seen["left"][source], seen["right"][source]
+        guess_left, guess_right = left, right
+        if motion is not None:
+            guess_left, guess_right = self.camera.project(self.camera.triangulate(left, right) @ R.T + t)
+        in_left = best_matches(_pick(before.found_left, source), pair.found_left, guess_left, (reach, reach))
+        right_index = seen["match"][source]
+        in_right = best_matches(
+            _pick(before.found_right, right_index), pair.found_right, guess_right, (reach, reach)
+        )
+        # The loop closes: what was found left from left and right from right is a stereo match.
+        ok = (in_left >= 0) & (in_right >= 0)
+        ok[ok] = place["stereo"][in_left[ok]] & (place["match"][in_left[ok]] == in_right[ok])
+        # Where two come to one feature, the older one keeps it.
+        order = np.lexsort((-seen["strength"][source], -seen["age"][source]))
+        first = np.zeros(len(source), np.bool_)
+        first[order[np.unique(np.where(ok, in_left, -1)[order], return_index=True)[1]]] = True
+        ok &= first
+        return self._finish(before, pair, seen, source[ok], in_left[ok], in_right[ok], (R, t))
+
+    def _finish(
+        self,
+        before: DescribedPair,
+        pair: DescribedPair,
+        seen: dict[str, NDArray[Any]],
+        source: NDArray[np.intp],
+        in_left: NDArray[np.intp],
+        in_right: NDArray[np.intp],
+        motion: tuple[Array, Array],
+    ) -> tuple[StereoMatches, Array, NDArray[np.intp]]:
+        left, right, slope = (seen[name][source] for name in ("left", "right", "slope"))
+        coarse = pair.found_left.uv[in_left], pair.found_right.uv[in_right]
+        cur_left, over_time, ok = finish_over_time(
+            self.camera, before.images, pair.images, (left, right), slope, coarse, motion, self.config
+        )
+        cur_right, cur_slope, good = finish_stereo(
+            pair.images, pair.disparity, cur_left, over_time, self.config
+        )
+        ok &= good & (np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance)
+        for uv in (cur_left, cur_right):
+            ok &= np.all((uv >= 0) & (uv <= (pair.left.shape[1] - 1, pair.left.shape[0] - 1)), axis=1)
+        age, strength, number = (seen[name][source][ok] for name in ("age", "strength", "id"))
+        matches = StereoMatches(left[ok], right[ok], cur_left[ok], cur_right[ok], age, strength, number)
+        return matches, cur_slope[ok], in_left[ok]
+
+    def _fit(self, matches: StereoMatches) -> tuple[Array, Array] | None:
+        if len(matches) < 10:
+            return None
+        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
+        start = self._motion or (np.eye(3), np.zeros(3))
+        return fit_motion(self.camera, X_p, matches.cur_left, matches.cur_right, *start)[:2]
+
+
+def _pick(found: Described, index: NDArray[np.intp]) -> Described:
+    return Described(found.uv[index], found.kind[index], found.strength[index], found.descriptor[index])
+
+
+def _stereo_places(pair: DescribedPair, config: MatchingConfig) -> dict[str, NDArray[Any]]:
+    """The left features with their stereo matches, each the other's best, and their sub-pixel places."""
+    left, right = pair.found_left, pair.found_right
+    half = np.array([config.max_disparity / 2, 0.0])
+    to_right = best_matches(left, right, left.uv - half, (half[0], ROWS))
+    to_left = best_matches(right, left, right.uv + half, (half[0], ROWS))
+    ok = to_right >= 0
+    ok[ok] = to_left[to_right[ok]] == np.flatnonzero(ok)
+    index = np.flatnonzero(ok)
+    place = left.uv[index]
+    found, slope, good = finish_stereo(pair.images, pair.disparity, place, right.uv[to_right[index]], config)
+    good &= found[:, 0] >= 0
+    number = len(left.kind)
+    stereo = np.zeros(number, np.bool_)
+    stereo[index[good]] = True
+    places = {"left": left.uv.copy(), "right": np.full((number, 2), np.nan), "slope": np.zeros((number, 2))}
+    places["right"][index], places["slope"][index] = found, slope
+    return {
+        **places,
+        "match": to_right,
+        "stereo": stereo,
+        "age": np.ones(number, np.int64),
+        "strength": left.strength,
+        "id": np.full(number, -1, np.int64),
+    }
