@@ -60,6 +60,41 @@ def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path) -> None:
     assert int(rows[0]["removed_by_boxes"]) > 0
 
 
+def test_a_run_with_cached_matches_writes_the_same_poses(
+    bands: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vo_lib.match_cache.cache_folder", lambda: bands.parent / "user" / "synthetic")
+    poses = []
+    for name, cache in (
+        ("plain", []),
+        ("filled", ["--cache"]),
+        ("used", ["--cache"]),
+        ("elsewhere", ["--cache", str(bands.parent / "mine")]),
+    ):
+        assert main(["run", str(bands), "--out", str(bands.parent / name), *SMALL, *cache]) == 0
+        poses.append((bands.parent / name / "poses.txt").read_bytes())
+    assert poses == [poses[0]] * 4
+    kept = {p.relative_to(bands.parent).parts[:2] for p in bands.parent.rglob("*.npz")}
+    assert kept == {("user", "matches"), ("mine", "matches")}
+    row = read_log(bands.parent / "used")[0]
+    assert (row["matching_ms"], row["wait_images_ms"]) == ("", "")
+    assert float(row["cached_matches_ms"]) >= 0
+    assert main(["run", str(bands), "--out", str(bands.parent / "used"), *SMALL, "--cache"]) == 0
+    assert "finished before" in capsys.readouterr().out
+
+
+def test_a_folder_belongs_to_one_run(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["run", str(bands), "--out", str(bands.parent / "out"), *SMALL]
+    assert main(words) == 0
+    assert main([*words, "--selection.sets", "50"]) == 2
+    assert "selection.sets is 200 there and 50 here" in capsys.readouterr().err
+    assert main([*words, "--selection.sets", "50", "--fresh"]) == 0
+    saved = json.loads((bands.parent / "out" / "config.json").read_text(encoding="utf-8"))
+    assert saved["settings"]["selection"]["sets"] == 50
+    assert saved["made_with"]["numpy"] == np.__version__
+    assert saved["timing"]["ms_per_frame"] > 0
+
+
 def test_a_run_without_truth_has_no_errors(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (bands / "poses.txt").unlink()
     out = bands.parent / "out"
@@ -114,6 +149,8 @@ def test_an_image_that_fails_in_the_middle_leaves_an_earlier_result_as_it_was(
     damaged = bands / "image_0" / "000004.png"
     damaged.write_bytes(damaged.read_bytes()[:500])
     assert main(["run", str(bands), "--out", str(out), *SMALL]) == 2
+    assert "the folder holds another run: other images" in capsys.readouterr().err.splitlines()[-1]
+    assert main(["run", str(bands), "--out", str(out), *SMALL, "--fresh"]) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert "000004.png: the image is truncated" in error
     assert {p.name: p.read_bytes() for p in out.iterdir()} == before

@@ -10,10 +10,10 @@ import pytest
 from vo_lib.config import SelectionConfig
 from vo_lib.essential import (
     EssentialEstimate,
+    contender_errors,
     estimate_essential,
     motion_by_depth,
     nearest_to_prior,
-    refine,
     sample_sets,
     truncated_errors,
 )
@@ -27,6 +27,7 @@ from vo_lib.geometry import (
     sampson_distance,
 )
 from vo_lib.problems import PoseProblems, random_problems
+from vo_lib.refinement import refine
 
 FOCAL = 718.856
 
@@ -56,6 +57,26 @@ def test_the_matrix_product_form_of_the_error_equals_the_sampson_distance() -> N
     expected = np.minimum((d / threshold) ** 2, 1.0).mean(axis=1)
     found = truncated_errors(problem.E, problem.x_p[0], problem.x_c[0], threshold)
     np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("wrong", [0, 60])
+def test_early_rejection_spares_work_and_never_the_best(wrong: int) -> None:
+    threshold = 1.0 / FOCAL
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        problem = random_problems(rng, 1, 200, "forward", noise_px=0.3)
+        x_p, x_c = problem.x_p[0], problem.x_c[0].copy()
+        x_c[:wrong] += rng.uniform(-0.05, 0.05, (wrong, 2))
+        sets = sample_sets(rng, 200, 60)
+        E, _ = five_point(x_p[sets], x_c[sets])
+        kept = rng.random(len(E)) < 0.4
+        full, found = truncated_errors(E, x_p, x_c, threshold), contender_errors(E, kept, x_p, x_c, threshold)
+        assert found[np.argmin(full)] == pytest.approx(full.min(), rel=1e-4)
+        best_kept = np.flatnonzero(kept)[np.argmin(full[kept])]
+        assert np.min(found[kept]) == pytest.approx(full[best_kept], rel=1e-4)
+        known = np.isfinite(found)
+        np.testing.assert_allclose(found[known], full[known], rtol=1e-4)
+        assert np.count_nonzero(known) < 0.6 * len(E)
 
 
 def test_of_each_set_the_nearest_to_the_prior_stay() -> None:

@@ -15,8 +15,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from vo_lib.ate_rpe import Alignment, absolute_error, align, relative_error
+from vo_lib.cli import main
 from vo_lib.errors import DataError
 from vo_lib.evaluation import (
+    KITTI_BIN_MINIMUM,
     KITTI_LENGTHS,
     KittiErrors,
     evaluate,
@@ -25,7 +27,7 @@ from vo_lib.evaluation import (
     trajectory_distances,
 )
 from vo_lib.geometry import nearest_rotation, rigid, rotation_from_vector
-from vo_lib.poses import read_kitti_poses
+from vo_lib.poses import read_kitti_poses, read_tum_pair, write_kitti_poses, write_tum
 
 Array = NDArray[np.float64]
 
@@ -390,3 +392,82 @@ def test_ate_and_rpe_equal_those_of_evo(seed: int) -> None:
             rpe = metrics.RPE(relation, delta=delta, delta_unit=metrics.Unit.frames)
             rpe.process_data(pair)
             np.testing.assert_allclose(errors, rpe.error, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_evo_reads_our_files_as_we_do(tmp_path: Path, seed: int) -> None:
+    interface = pytest.importorskip("evo.tools.file_interface", reason="evo is not installed")
+    truth, _ = random_pair(seed)
+    truth[:, :3, :3] = [nearest_rotation(R) for R in truth[:, :3, :3]]
+    write_kitti_poses(tmp_path / "kitti.txt", truth)
+    path = interface.read_kitti_poses_file(tmp_path / "kitti.txt")
+    np.testing.assert_allclose(path.poses_se3, truth, atol=1e-7)
+    times = 1e9 + np.arange(0.0, len(truth)) / 10
+    write_tum(tmp_path / "tum.txt", times, truth)
+    trajectory = interface.read_tum_trajectory_file(tmp_path / "tum.txt")
+    assert trajectory.check()[0]
+    np.testing.assert_allclose(trajectory.timestamps, times, atol=1e-6)
+    np.testing.assert_allclose(trajectory.poses_se3, truth, atol=1e-7)
+    # And the other way round.
+    interface.write_tum_trajectory_file(tmp_path / "evo.txt", trajectory)
+    _, ours = read_tum_pair(tmp_path / "tum.txt", tmp_path / "evo.txt")
+    np.testing.assert_allclose(ours, truth, atol=1e-6)
+
+
+def test_poses_of_two_clocks_go_together_by_time_as_in_evo(tmp_path: Path) -> None:
+    truth, estimate = random_pair(4, 60)
+    rng = np.random.default_rng(4)
+    times = np.arange(0.0, 60) / 10
+    kept = np.sort(rng.choice(60, 40, replace=False))
+    write_tum(tmp_path / "truth.txt", times, truth)
+    write_tum(tmp_path / "estimate.txt", times[kept] + rng.uniform(-0.008, 0.008, 40), estimate[kept])
+    for first, second, at in (
+        ("truth", "estimate", (truth, estimate)),
+        ("estimate", "truth", (estimate, truth)),
+    ):
+        a, b = read_tum_pair(tmp_path / f"{first}.txt", tmp_path / f"{second}.txt")
+        np.testing.assert_allclose(a, at[0][kept], atol=1e-6)
+        np.testing.assert_allclose(b, at[1][kept], atol=1e-6)
+    write_tum(tmp_path / "later.txt", times + 0.05, estimate)
+    with pytest.raises(DataError, match=r"later\.txt: fewer than two times are within 0\.01 s"):
+        read_tum_pair(tmp_path / "truth.txt", tmp_path / "later.txt")
+    sync = pytest.importorskip("evo.core.sync", reason="evo is not installed")
+    interface = pytest.importorskip("evo.tools.file_interface")
+    pair = (interface.read_tum_trajectory_file(tmp_path / f"{n}.txt") for n in ("truth", "estimate"))
+    theirs = sync.associate_trajectories(*pair)
+    ours = read_tum_pair(tmp_path / "truth.txt", tmp_path / "estimate.txt")
+    for their, our in zip(theirs, ours, strict=True):
+        np.testing.assert_allclose(their.poses_se3, our, atol=1e-9)
+
+
+def test_the_command_names_the_alignment_and_reads_tum(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth, estimate = random_pair(2)
+    estimate[:, :3, 3] *= 1.2
+    for name, poses in (("truth", truth), ("estimate", estimate)):
+        write_tum(tmp_path / f"{name}.txt", np.arange(0.0, len(poses)) / 10, poses)
+    words = ["--truth", str(tmp_path / "truth.txt"), "--estimate", str(tmp_path / "estimate.txt")]
+    words = ["evaluate", *words, "--format", "tum", "--lengths", "20", "--step", "1"]
+    assert main(words) == 0
+    assert "best rotation and translation (SE3)" in capsys.readouterr().out
+    found = {}
+    for alignment in Alignment:
+        assert main([*words, "--alignment", alignment.value, "--delta", "5", "--json"]) == 0
+        (sequence,) = json.loads(capsys.readouterr().out)["sequences"]
+        assert sequence["ate"]["alignment"] == alignment.value
+        assert sequence["rpe"]["delta_frames"] == 5
+        found[alignment] = sequence["ate"]["rmse_m"]
+    assert found[Alignment.SIM3] < found[Alignment.SE3] < found[Alignment.ORIGIN]
+
+
+def test_a_curve_has_a_point_for_each_bin_of_three_and_more() -> None:
+    errors = kitti_errors(straight(400), straight(400, 1.01), (100.0, 390.0))
+    counts = {at: len(part) for at, part in errors.by_length((100.0, 390.0)).items()}
+    assert 0 < counts[390.0] < KITTI_BIN_MINIMUM <= counts[100.0]
+    ((length, te, re),) = errors.curve("length", (100.0, 390.0))
+    assert length == 100.0
+    assert te == pytest.approx(1.01)
+    assert re == pytest.approx(0.0, abs=1e-6)
+    # Bins of 2 m/s round 8 and 10 m/s hold 9.8 m/s.
+    assert [at for at, _, _ in errors.curve("speed")] == pytest.approx([3.6 * 8, 3.6 * 10])

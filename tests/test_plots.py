@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+import itertools
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from vo_lib.config import METHODS
 from vo_lib.detection import Boxes
 from vo_lib.geometry import rigid, rotation_from_vector
 from vo_lib.matching import StereoMatches
-from vo_lib.plots import KEPT, REMOVED, jpeg, match_image, png, trajectory_figure
+from vo_lib.plots import (
+    KEPT,
+    METHOD_COLOURS,
+    REMOVED,
+    TRUTH_COLOUR,
+    error_curves_figure,
+    jpeg,
+    match_image,
+    method_colour,
+    pdf,
+    png,
+    trajectories_figure,
+    trajectory_figure,
+)
 
 
 def test_kept_and_removed_matches_have_their_colours_where_they_are() -> None:
@@ -38,3 +55,73 @@ def test_the_truth_is_drawn_from_the_place_where_the_estimate_starts() -> None:
     np.testing.assert_allclose(truth, mine, atol=1e-12)
     assert figure.axes[0].get_aspect() == 1.0
     assert png(figure) == png(figure)
+
+
+Array = NDArray[np.float64]
+
+
+def drives(n: int) -> Array:
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, 2, 3] = np.arange(float(n))
+    return poses
+
+
+def test_every_method_has_its_colour_and_it_is_the_papers() -> None:
+    assert set(METHODS) <= set(METHOD_COLOURS)
+    assert len({*METHOD_COLOURS.values(), TRUTH_COLOUR}) == len(METHOD_COLOURS) + 1
+
+    def strongest(colour: str) -> int:
+        red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+        return int(np.argmax([red, green, blue]))
+
+    assert strongest(TRUTH_COLOUR) == 0
+    assert strongest(METHOD_COLOURS["viso2"]) == 1
+    assert METHOD_COLOURS["mesvo_f"] == "#000000"
+    assert (
+        strongest(METHOD_COLOURS["solution_selection"]) == strongest(METHOD_COLOURS["feature_selection"]) == 2
+    )
+    assert method_colour("mine", 0) != method_colour("yours", 1)
+
+
+def test_of_paths_that_lie_on_each_other_every_one_is_seen() -> None:
+    names = list(METHOD_COLOURS)
+    figure = trajectories_figure({"street": (drives(30), {name: drives(30) for name in names})})
+    widths = [line.get_linewidth() for line in figure.axes[0].get_lines() if line.get_marker() != "o"]
+    assert all(before > after for before, after in itertools.pairwise(widths))
+    picture = cv2.imdecode(np.frombuffer(png(figure), np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    # A row through the middle of the drive, above the legend: the truth and every method show in it.
+    rows = picture[picture.shape[0] // 3]
+    for colour in (TRUTH_COLOUR, *METHOD_COLOURS.values()):
+        bgr = [int(colour[i : i + 2], 16) for i in (5, 3, 1)]
+        assert (np.abs(rows.astype(int) - bgr).max(axis=1) < 60).any(), colour
+
+
+def test_sequences_side_by_side_share_one_legend_and_keep_their_titles() -> None:
+    panels: dict[str, tuple[Array | None, dict[str, Array]]] = {
+        f"kitti/{n:02d}": (drives(5), {"viso2": drives(5)}) for n in (2, 7, 8)
+    }
+    panels["kitti/11"] = (None, {"viso2": drives(5), "mesvo_f": drives(5)})
+    figure = trajectories_figure(panels)
+    assert [axis.get_title() for axis in figure.axes] == list(panels)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["ground truth", "viso2", "mesvo_f"]
+
+
+def test_error_curves_go_through_their_points_and_start_at_zero() -> None:
+    points = [(100.0, 1.5, 0.5), (200.0, 1.0, 0.25)]
+    figure = error_curves_figure("title", "length", {"viso2": points, "empty": []})
+    upper, lower = figure.axes
+    np.testing.assert_array_equal(upper.get_lines()[0].get_xydata(), [(x, te) for x, te, _ in points])
+    np.testing.assert_array_equal(lower.get_lines()[0].get_xydata(), [(x, re) for x, _, re in points])
+    assert upper.get_ylim()[0] == lower.get_ylim()[0] == 0.0
+    assert "length [m]" in lower.get_xlabel()
+    assert "speed" in error_curves_figure("title", "speed", {"viso2": points}).axes[1].get_xlabel()
+    assert upper.get_lines()[0].get_color() == METHOD_COLOURS["viso2"]
+
+
+def test_a_figure_gives_the_same_bytes_each_time() -> None:
+    figure, same = (trajectories_figure({"a": (drives(5), {"viso2": drives(5)})}) for _ in range(2))
+    assert pdf(figure) == pdf(same)
+    assert pdf(figure).startswith(b"%PDF")
+    assert png(figure) == png(same)

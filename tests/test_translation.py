@@ -11,7 +11,8 @@ from vo_lib.config import TranslationConfig
 from vo_lib.geometry import Array, rotation_angle, rotation_from_vector
 from vo_lib.matching import StereoMatches
 from vo_lib.reprojection import fit_motion
-from vo_lib.translation import feature_rows, solve_translation
+from vo_lib.stereo_points import FULL, stereo_points
+from vo_lib.translation import feature_rows, solve_translation, stack
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
 R_CP = rotation_from_vector(np.array([0.002, 0.01, -0.001]))
@@ -36,6 +37,60 @@ def test_the_eight_rows_of_a_feature_hold_for_its_point_and_the_translation() ->
     assert A.shape == B.shape == (20, 8, 3)
     np.testing.assert_allclose(np.einsum("nij,nj->ni", A, X_p) + B @ T_CP, c, atol=1e-9)
     assert np.linalg.matrix_rank(np.concatenate([A[0], B[0]], axis=1)) == 6
+
+
+def least_squares(matches: StereoMatches, depth: Array) -> Array:
+    """t of the whole system of all features, points included, solved densely; rows divided by depth (N,)."""
+    A, B, c = feature_rows(CAMERA, matches, R_CP)
+    n = len(matches)
+    whole = np.zeros((n, 8, 3 * n + 3))
+    for i in range(n):
+        whole[i, :, 3 * i : 3 * i + 3], whole[i, :, -3:] = A[i], B[i]
+    whole /= depth[:, None, None]
+    solved = np.linalg.lstsq(whole.reshape(8 * n, -1), (c / depth[:, None]).ravel(), rcond=None)[0]
+    return np.asarray(solved[-3:])
+
+
+def stacked_once(matches: StereoMatches, depth: Array) -> Array:
+    """The same by elimination of the points, as the library does it."""
+    before = stereo_points(CAMERA, matches.prev_left, matches.prev_right).turned(R_CP)
+    now = stereo_points(CAMERA, matches.cur_left, matches.cur_right)
+    H, g = stack(before, now, depth, depth).normal_equations()
+    return np.linalg.solve(H.sum(axis=1)[FULL], g.sum(axis=1))
+
+
+def test_eliminating_the_points_changes_nothing() -> None:
+    matches, X_p = scene(25, 0.5)
+    for depth in (np.ones(25), X_p[:, 2]):
+        np.testing.assert_allclose(stacked_once(matches, depth), least_squares(matches, depth), atol=1e-8)
+    plain = solve_translation(CAMERA, matches, R_CP, TranslationConfig(variant="unweighted"))
+    assert plain is not None
+    np.testing.assert_allclose(plain[0], least_squares(matches, np.ones(25)), atol=1e-8)
+
+
+def test_a_feature_alone_says_where_its_points_differ() -> None:
+    """The eight rows and six unknowns of one feature have one solution: t = P - R Q."""
+    matches, _ = scene(9, 0.5)
+    A, B, c = feature_rows(CAMERA, matches, R_CP)
+    each = [np.linalg.lstsq(np.concatenate([A[i], B[i]], axis=1), c[i], rcond=None)[0][3:] for i in range(9)]
+    for variant, middle in (("feature_median", np.median), ("feature_mean", np.mean)):
+        solved = solve_translation(CAMERA, matches, R_CP, TranslationConfig(variant=variant))
+        assert solved is not None
+        np.testing.assert_allclose(solved[0], middle(each, axis=0), atol=1e-7)
+
+
+def test_residuals_are_those_of_the_eight_rows_in_pixels() -> None:
+    matches, _ = scene(40, 0.4)
+    config = TranslationConfig(variant="feature_mean")
+    solved = solve_translation(CAMERA, matches, R_CP, config)
+    assert solved is not None
+    A, B, c = feature_rows(CAMERA, matches, R_CP)
+    depth = CAMERA.triangulate(matches.prev_left, matches.prev_right)[:, 2]
+    for i in range(40):
+        right = c[i] - B[i] @ solved[0]
+        residual = right - A[i] @ np.linalg.lstsq(A[i], right, rcond=None)[0]
+        expected = CAMERA.f * np.linalg.norm(residual) / depth[i]
+        np.testing.assert_allclose(solved[1][i], expected, rtol=1e-5, atol=1e-8)
 
 
 def test_one_exact_feature_is_enough() -> None:

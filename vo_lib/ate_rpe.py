@@ -26,6 +26,16 @@ class Alignment(Enum):
     SE3 = "se3"  # best rotation and translation
     SIM3 = "sim3"  # and the best scale
 
+    @property
+    def words(self) -> str:
+        """As a table's note says it."""
+        return {
+            "none": "without alignment",
+            "origin": "with the first poses made equal",
+            "se3": "after the best rotation and translation (SE3)",
+            "sim3": "after the best rotation, translation and scale (Sim3)",
+        }[self.value]
+
 
 @dataclass(frozen=True)
 class AbsoluteError:

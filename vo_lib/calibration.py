@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from .camera import StereoCamera
 from .config import CalibrationConfig
 from .matching import StereoMatches
+from .stereo_points import FULL, linearised_points, times
+from .translation import NEAREST, stack
 
 Array = NDArray[np.float64]
 
@@ -72,49 +74,41 @@ def estimate_offset(
     """
     Q = camera.triangulate(matches.prev_left, matches.prev_right)
     good = np.isfinite(Q[:, 2])
-    Q, matches = Q[good], matches[good]
-    if len(Q) < 10:
+    Q, matches = Q[good].T, matches[good]
+    if Q.shape[1] < 10:
         return None
-    views = (matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right)
-    measured = np.concatenate(views, axis=1) - np.tile([camera.cx, camera.cy], 4)
-    unknown = np.append(t_cp, 0.0)  # translation and offset
-    G = np.zeros((len(Q), 8, 4))
-    G[:, 2, 3] = G[:, 6, 3] = -1.0
+    t, offset, fb = t_cp, 0.0, camera.f * camera.baseline
+    H, right = np.empty((4, 4)), np.empty(4)
     try:
         for _ in range(ITERATIONS):
-            P = Q @ R_cp.T + unknown[:3]
-            predicted_p, D_p = _project(camera, Q)
-            predicted_c, D_c = _project(camera, P)
-            r = measured - np.concatenate([predicted_p, predicted_c], axis=1)
-            r[:, [2, 6]] += unknown[3]
-            J = np.concatenate([D_p, D_c @ R_cp], axis=1)
-            G[:, 4:, :3] = D_c
-            Jt = np.swapaxes(J, 1, 2)
-            back = np.linalg.solve(Jt @ J, Jt @ np.concatenate([G, r[:, :, None]], axis=2))
-            M = G - J @ back[:, :, :4]
-            y = r - (J @ back[:, :, 4:])[:, :, 0]
-            squared = np.sum(y * y, axis=1)
+            P = R_cp @ Q + t[:, None]
+            P[2] = np.maximum(P[2], NEAREST)
+            before = linearised_points(camera, Q, matches.prev_left, matches.prev_right).turned(R_cp)
+            now = linearised_points(camera, P, matches.cur_left, matches.cur_right)
+            system = stack(before, now, Q[2], P[2])
+            # A disparity smaller by a pixel takes a point X away to X (1 + Z / f b):
+            # now + offset moved_c = before + offset moved_p + t, for every feature.
+            moved_p = R_cp @ Q * (Q[2] / fb)
+            moved = P * (P[2] / fb) - moved_p
+            apart = now.X - before.X
+            v = apart + offset * moved - t[:, None]
+            squared = camera.f**2 * (np.sum(v * times(system.W, v), axis=0) + system.rest)
             weight = 1.0 / (1.0 + squared / scale**2)
-            weighted = M * weight[:, None, None]
-            H = np.einsum("nij,nik->jk", weighted, M)
-            step = np.linalg.solve(H, np.einsum("nij,ni->j", weighted, y))
-            unknown = unknown + step
-            Q = Q + back[:, :, 4] - back[:, :, :4] @ step
-            Q[:, 2] = np.maximum(Q[:, 2], 0.5)
-        covariance = np.linalg.inv(H)
+            W_moved = times(system.W, moved)
+            H[:3, :3] = (system.W @ weight)[FULL]
+            H[:3, 3] = H[3, :3] = -W_moved @ weight
+            H[3, 3] = np.sum(moved * W_moved, axis=0) @ weight
+            right[:3] = times(system.W, apart) @ weight
+            right[3] = -np.sum(apart * W_moved, axis=0) @ weight
+            solved = np.linalg.solve(H, right)
+            t, offset = np.asarray(solved[:3]), float(solved[3])
+            v = apart + offset * moved - t[:, None]
+            Q = R_cp.T @ (before.X + offset * moved_p + times(system.C_p, times(system.W, v)))
+            Q[2] = np.maximum(Q[2], 0.5)
+        covariance = np.linalg.inv(H) / camera.f**2
     except np.linalg.LinAlgError:
         return None
     # Eight rows less three for the point leave five that see the noise.
     noise = float(np.median(squared)) / 5.0
     deviation = float(np.sqrt(covariance[3, 3] * noise))
-    return (float(unknown[3]), deviation) if np.isfinite(deviation) and deviation > 0 else None
-
-
-def _project(camera: StereoCamera, X: Array) -> tuple[Array, Array]:
-    """Left and right pixels of X (N, 3) from the principal point, (N, 4), and derivatives (N, 4, 3)."""
-    x, y, z = X[:, 0], X[:, 1], np.maximum(X[:, 2], 0.1)
-    s, zero = camera.f / z, np.zeros(len(X))
-    u, v, right = s * x, s * y, s * (x - camera.baseline)
-    row_v = np.stack([zero, s, -v / z], axis=1)
-    rows = [np.stack([s, zero, -u / z], axis=1), row_v, np.stack([s, zero, -right / z], axis=1), row_v]
-    return np.stack([u, v, right, v], axis=1), np.stack(rows, axis=1)
+    return (offset, deviation) if np.isfinite(deviation) and deviation > 0 else None

@@ -6,11 +6,11 @@ import argparse
 import sys
 from collections.abc import Sequence as Items
 
-from .commands import demo, evaluate, inspect, reproduce, run
+from .commands import bench, boxes, compare, demo, evaluate, inspect, lab, lesson, reproduce, run, sweep
 from .console import OneLineParser
 from .errors import DataError
 
-COMMANDS = (demo, run, reproduce, evaluate, inspect)
+COMMANDS = (demo, run, reproduce, sweep, compare, evaluate, boxes, inspect, lab, bench, lesson)
 
 
 def main(arguments: Items[str] | None = None) -> int:

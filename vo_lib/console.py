@@ -18,6 +18,7 @@ from .evaluation import Evaluation
 from .report import ReportTable
 from .runner import Run
 from .sequence import Progress as Report
+from .table1 import number
 
 SEQUENCES_A_TABLE = 4
 
@@ -112,6 +113,14 @@ def show_evaluation(result: Evaluation) -> None:
     rows.append(["pooled, as the devkit", "", str(len(pooled)), _pair(pooled.te, pooled.re)])
     rows.append(["plain mean", "", "", _pair(mean["te_percent"], mean["re_deg_per_100m"])])
     show_table("all lengths", ["sequence", "frames", "sub-sequences", "TE / RE"], rows)
+    rows = []
+    for sequence in result.sequences:
+        ate, rpe = sequence.ate.to_dict(), sequence.rpe.to_dict()
+        values = [ate["rmse_m"], rpe["translation"]["rmse_m"], rpe["rotation"]["rmse_deg"]]
+        rows.append([sequence.name, *(number(value, 4) for value in values)])
+    show_table("ATE and RPE, root mean squares", ["sequence", "ATE m", "RPE m", "RPE deg"], rows)
+    alignment, delta = result.sequences[0].ate.alignment, result.sequences[0].rpe.delta
+    say(f"ATE {alignment.words}; RPE from frame to frame + {delta}, which needs no alignment")
 
 
 def _pair(te: float | None, re: float | None) -> str:

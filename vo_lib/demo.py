@@ -7,18 +7,25 @@ from pathlib import Path
 import numpy as np
 
 from .config import METHODS, preset
-from .evaluation import suitable_errors, trajectory_distances
+from .entries import measure_runs
+from .evaluation import trajectory_distances
 from .files import write_bytes_atomic, write_text_atomic
 from .filtering import static_matches
 from .front_end import make_front_end
 from .plots import jpeg, match_image, png, trajectory_figure
 from .report import Picture, ReportTable, render_report
-from .reproduce import COLUMNS
 from .results import write_run
-from .runner import Run, run_methods
+from .runner import run_methods
 from .sequence import Progress, Sequence
+from .table1 import method_table
 
 SCENE = "synthetic/traffic"
+METHODS_IN_WORDS = (
+    "viso2 fits rotation and translation together; mesvo_f chooses the rotation by consensus; "
+    "solution_selection prefers solutions near the previous frame's; feature_selection also removes the "
+    "features in vehicle boxes, which is the paper's proposal; moving_selection, not in the paper, removes "
+    "only those of boxes that are judged to move."
+)
 
 
 def run_demo(sequence: Sequence, folder: Path, progress: Progress | None = None) -> ReportTable:
@@ -27,14 +34,14 @@ def run_demo(sequence: Sequence, folder: Path, progress: Progress | None = None)
     Returns
     -------
     The table of the report: TE and RE over the sub-sequence lengths that the path allows, the share of the
-    features that boxes removed, and the mean time of a frame.
+    features that boxes removed, and the mean time that a method takes of a frame.
     """
     assert sequence.truth is not None
     runs = run_methods(sequence, {name: preset(name) for name in METHODS}, progress)
     for name, result in runs.items():
         (folder / name).mkdir(exist_ok=True)
         write_run(folder / name, result, name)
-    table = _table(sequence, runs)
+    table = method_table([measure_runs(name, [result]) for name, result in runs.items()])
     estimates = {name: result.poses for name, result in runs.items()}
     picture = png(trajectory_figure(sequence.name, sequence.truth, estimates))
     write_bytes_atomic(folder / "trajectory.png", picture)
@@ -49,23 +56,11 @@ def run_demo(sequence: Sequence, folder: Path, progress: Progress | None = None)
     introduction = [
         f"{len(sequence)} stereo pairs of {sequence.name}, {trajectory_distances(sequence.truth)[-1]:.0f} m. "
         "The street is drawn by the kit, so its ground truth is exact.",
-        "mesvo_f chooses the rotation by consensus; solution_selection prefers solutions near the previous "
-        "frame's; feature_selection also removes features in vehicle boxes (the paper's proposal).",
+        METHODS_IN_WORDS,
     ]
     page = render_report("Stereo visual odometry: demo", introduction, [table], pictures, ["vo demo"])
     write_text_atomic(folder / "report.html", page)
     return table
-
-
-def _table(sequence: Sequence, runs: dict[str, Run]) -> ReportTable:
-    assert sequence.truth is not None
-    rows, lengths = [], ""
-    for name, result in runs.items():
-        errors, lengths = suitable_errors(sequence.truth, result.poses)
-        numbers = ["–", "–"] if errors.te is None else [f"{errors.te:.3f}", f"{errors.re:.3f}"]
-        rows.append([name, *numbers, f"{100 * result.removed_share:.1f} %", f"{result.ms_per_frame:.0f}"])
-    notes = [f"TE and RE over sub-sequences of {lengths}; one seed."]
-    return ReportTable(f"Errors on {sequence.name}", COLUMNS, rows, notes)
 
 
 def _example_frame(sequence: Sequence) -> bytes:

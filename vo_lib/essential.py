@@ -19,11 +19,14 @@ from .geometry import (
     essential_angle,
     essential_from_motion,
     essential_vector,
-    rotation_from_vector,
     sampson_distance,
 )
+from .refinement import refine
+from .sampson import MatchTerms, candidate_terms, match_terms, squared_distances
 
 Array = NDArray[np.float64]
+
+PARTS = 4  # in which the candidates meet the matches
 
 
 @dataclass(frozen=True)
@@ -69,24 +72,38 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
 
     Returns
     -------
-    mean(min(d² / threshold², 1)), in [0, 1]. Numerator and denominator of d² are matrix products over
-    all candidates and matches at once, in single precision: enough to rank, twice as fast.
+    mean(min(d² / threshold², 1)), in [0, 1]. In single precision: enough to rank, twice as fast.
     """
-    p = np.concatenate([x_p, np.ones((len(x_p), 1))], axis=1)
-    c = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
-    outer = (c[:, :, None] * p[:, None, :]).reshape(-1, 9).astype(np.float32)
-    numerator = E.reshape(-1, 9).astype(np.float32) @ outer.T
-    # |(E p)_{1,2}|² = pᵀ A p with A = E_{1,2}ᵀ E_{1,2}; likewise for Eᵀ c.
-    A = np.swapaxes(E[:, :2], 1, 2) @ E[:, :2]
-    B = E[:, :, :2] @ np.swapaxes(E[:, :, :2], 1, 2)
-    forms = np.concatenate([A.reshape(-1, 9), B.reshape(-1, 9)], axis=1).astype(np.float32)
-    squares = np.concatenate([(h[:, :, None] * h[:, None, :]).reshape(-1, 9) for h in (p, c)], axis=1)
-    denominator = forms @ squares.astype(np.float32).T
-    np.multiply(numerator, numerator, out=numerator)
-    np.maximum(denominator, np.float32(1e-20), out=denominator)
-    np.divide(numerator, denominator, out=numerator)
-    np.minimum(numerator, np.float32(threshold**2), out=numerator)
-    return np.asarray(numerator.mean(axis=1, dtype=np.float64) / threshold**2)
+    single = np.float32
+    candidates, matches = candidate_terms(E, single), match_terms(x_p, x_c, single)
+    return _truncated_sums(candidates, matches, threshold) / len(x_p)
+
+
+def _truncated_sums(candidates: MatchTerms, matches: MatchTerms, threshold: float) -> Array:
+    d2 = squared_distances(candidates, matches)
+    np.minimum(d2, d2.dtype.type(threshold**2), out=d2)
+    return np.asarray(d2.sum(axis=1, dtype=np.float64) / threshold**2)
+
+
+def contender_errors(E: Array, kept: NDArray[np.bool_], x_p: Array, x_c: Array, threshold: float) -> Array:
+    """`truncated_errors`, but infinite for candidates that are surely neither the best nor the best kept.
+
+    The errors only grow with each match. The candidates meet the matches in parts; the best kept one after
+    the first part meets all others at once, and whoever is worse than its total already goes no further.
+    """
+    candidates, matches = candidate_terms(E, np.float32), match_terms(x_p, x_c, np.float32)
+    parts = [np.arange(first, len(x_p), PARTS) for first in range(PARTS)]
+    sums = _truncated_sums(candidates, matches.take(parts[0]), threshold)
+    leader = np.array([np.argmin(np.where(kept, sums, np.inf))])
+    # A little more than its total: sums of single precision depend on their order.
+    bound = (1.0 + 1e-5) * _truncated_sums(candidates.take(leader), matches, threshold)[0]
+    left = np.flatnonzero(sums <= bound)
+    for part in parts[1:]:
+        sums[left] += _truncated_sums(candidates.take(left), matches.take(part), threshold)
+        left = left[sums[left] <= bound]
+    errors = np.full(len(E), np.inf)
+    errors[left] = sums[left] / len(x_p)
+    return errors
 
 
 def nearest_to_prior(E: Array, set_index: NDArray[np.intp], e_prev: Array, keep: int) -> NDArray[np.bool_]:
@@ -110,6 +127,37 @@ def nearest_to_prior(E: Array, set_index: NDArray[np.intp], e_prev: Array, keep:
     return kept
 
 
+def choose(
+    E: Array,
+    set_index: NDArray[np.intp],
+    x_p: Array,
+    x_c: Array,
+    e_prev: Array | None,
+    config: SelectionConfig,
+    focal: float,
+) -> tuple[int, bool]:
+    """The winner among the candidates, by consensus or by solution selection (paper, section 2.2).
+
+    Parameters
+    ----------
+    E, set_index : all candidates of a frame, from `five_point`; x_p, x_c : (N, 2) normalised points.
+    e_prev : (9,) previous essential vector, or None: then nothing can be near it and consensus decides.
+
+    Returns
+    -------
+    Its index, and whether the prior was dropped: with it the best candidate would have been worse than the
+    best of all by more than `config.turn_ratio`. So it is in a sharp turn, and after a wrong vector.
+    """
+    kept = np.ones(len(E), np.bool_)
+    if config.prior and e_prev is not None:
+        kept = nearest_to_prior(E, set_index, e_prev, config.keep)
+    errors = contender_errors(E, kept, x_p, x_c, config.threshold / focal)
+    winner = int(np.argmin(errors))
+    choice = int(np.argmin(np.where(kept, errors, np.inf)))
+    dropped = bool(errors[choice] > config.turn_ratio * errors[winner])
+    return (winner if dropped else choice), dropped
+
+
 def motion_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:
     """Of the four (R, ±t) of E the one that agrees with the stereo depth of the matches.
 
@@ -127,60 +175,19 @@ def motion_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Array
     rotations, t = decompose_essential(E)
     ray = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    across_t = np.cross(ray, t)
+    ray_t = ray @ t
+    length2 = np.maximum(np.sum(X_p**2, axis=1), 1e-12)
     best = (np.inf, rotations[0], t)
     for R in rotations:
         rotated = X_p @ R.T
-        across = np.cross(ray, rotated)
-        # Nearer points know the length better: residuals in angle, not in metres.
-        weight = 1.0 / np.maximum(np.sum(rotated**2, axis=1), 1e-12)
-        s = -np.sum(weight * np.sum(across * across_t, axis=1)) / max(
-            float(np.sum(weight * np.sum(across_t**2, axis=1))), 1e-12
-        )
-        moved = rotated + s * t
-        cosine = np.sum(ray * moved, axis=1) / np.maximum(np.linalg.norm(moved, axis=1), 1e-12)
-        error = float(np.median(np.arccos(np.clip(cosine, -1.0, 1.0))))
+        along, across = np.sum(ray * rotated, axis=1), rotated @ t
+        # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer points know the length better: weight 1 / |X|².
+        s = -np.sum((across - ray_t * along) / length2) / max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
+        moved = np.sqrt(np.maximum(length2 + 2.0 * s * across + s * s, 1e-12))
+        error = float(np.median(np.arccos(np.clip((along + s * ray_t) / moved, -1.0, 1.0))))
         if error < best[0]:
             best = (error, R, t if s >= 0 else -t)
     return best[1], best[2]
-
-
-def refine(
-    R_cp: Array, direction: Array, x_p: Array, x_c: Array, scale: float, iterations: int = 10
-) -> tuple[Array, Array]:
-    """R and the direction of t refined together by robust Gauss-Newton on the Sampson distance.
-
-    Parameters
-    ----------
-    R_cp, direction : start; x_p, x_c : (N, 2) normalised points.
-    scale : Sampson distance, in the unit of the points, at which a match's weight is halved.
-
-    Returns
-    -------
-    R_cp (3, 3) and unit direction (3,).
-    """
-    R, t = R_cp, direction
-    p = np.concatenate([x_p, np.ones((len(x_p), 1))], axis=1)
-    c = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
-    for _ in range(iterations):
-        E = essential_from_motion(R, t)
-        q = p @ R.T
-        line_c, line_p = p @ E.T, c @ E
-        norm2 = np.sum(line_c[:, :2] ** 2, axis=1) + np.sum(line_p[:, :2] ** 2, axis=1)
-        norm = np.sqrt(np.maximum(norm2, 1e-20))
-        r = np.sum(c * line_c, axis=1) / norm
-        weight = 1.0 / (1.0 + (r / scale) ** 2)
-        # cᵀ [t]× δω × q = δω · (q × (c × t)) and cᵀ (δt × q) = δt · (q × c), δt in the plane across t.
-        basis = np.linalg.svd(t[None])[2][1:].T
-        jac = np.concatenate([np.cross(q, np.cross(c, t)), np.cross(q, c) @ basis], axis=1) / norm[:, None]
-        H = (jac * weight[:, None]).T @ jac
-        delta = -np.linalg.solve(H + 1e-12 * np.trace(H) * np.eye(5), jac.T @ (weight * r))
-        R = rotation_from_vector(delta[:3]) @ R
-        t = t + basis @ delta[3:]
-        t = t / np.linalg.norm(t)
-        if float(delta @ delta) < 1e-18:
-            break
-    return R, t
 
 
 def estimate_essential(
@@ -210,23 +217,26 @@ def estimate_essential(
     E, set_index = five_point(x_p[sets], x_c[sets])
     if len(E) == 0:
         return None
-    threshold = config.threshold / focal
-    errors = truncated_errors(E, x_p, x_c, threshold)
-    winner = int(np.argmin(errors))
-    dropped = False
-    if config.prior and e_prev is not None:
-        kept = np.flatnonzero(nearest_to_prior(E, set_index, e_prev, config.keep))
-        choice = int(kept[np.argmin(errors[kept])])
-        dropped = bool(errors[choice] > config.turn_ratio * errors[winner])
-        winner = winner if dropped else choice
-    best = E[winner]
-    inliers = np.abs(sampson_distance(best, x_p, x_c)) < threshold
-    trusted = inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers)
-    R, t = motion_by_depth(best, x_p[trusted], x_c[trusted], X_p[trusted])
-    if config.mode == "refined":
-        R, t = refine(R, t, x_p[trusted], x_c[trusted], threshold / 2)
-        best = essential_from_motion(R, t)
-        inliers = np.abs(sampson_distance(best, x_p, x_c)) < threshold
+    winner, dropped = choose(E, set_index, x_p, x_c, e_prev, config, focal)
+    R, t, best, inliers = motion_of_winner(E[winner], x_p, x_c, X_p, config, focal)
     e = essential_vector(best)
     angle = float("nan") if e_prev is None else float(essential_angle(e, e_prev))
     return EssentialEstimate(R, t, e, inliers, angle, dropped)
+
+
+def motion_of_winner(
+    E: Array, x_p: Array, x_c: Array, X_p: Array, config: SelectionConfig, focal: float
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Rotation, unit translation, essential matrix (3, 3) and inliers (N,) of the winner E (3, 3).
+
+    `literal` leaves E as it is, `refined` improves it on its inliers.
+    """
+    threshold = config.threshold / focal
+    inliers = np.abs(sampson_distance(E, x_p, x_c)) < threshold
+    trusted = inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers)
+    R, t = motion_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
+    if config.mode == "refined":
+        R, t = refine(R, t, x_p[trusted], x_c[trusted], threshold / 2)
+        E = essential_from_motion(R, t)
+        inliers = np.abs(sampson_distance(E, x_p, x_c)) < threshold
+    return R, t, E, inliers

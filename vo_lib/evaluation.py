@@ -82,9 +82,23 @@ class KittiErrors:
         """The sub-sequences within 2 m/s of each bin centre; bins overlap, as in the devkit."""
         return {float(speed): self.where(np.abs(self.speed - speed) < 2.0) for speed in speeds}
 
+    def curve(
+        self, by: str, lengths: Sequence[float] = KITTI_LENGTHS
+    ) -> list[tuple[float, float | None, float | None]]:
+        """The devkit's curve by "length", metres, or by "speed", km/h: (place, TE, RE) of each full bin."""
+        bins = self.by_length(lengths) if by == "length" else {3.6 * v: e for v, e in self.by_speed().items()}
+        return [(at, e.te, e.re) for at, e in bins.items() if len(e) >= KITTI_BIN_MINIMUM]
+
     def to_dict(self) -> dict[str, Any]:
         """Count and means, for JSON; None where there is no sub-sequence."""
         return {"subsequences": len(self), "te_percent": self.te, "re_deg_per_100m": self.re}
+
+    def to_tables(self, lengths: Sequence[float] = KITTI_LENGTHS) -> dict[str, Any]:
+        """`to_dict` of all sub-sequences, of each length and of each speed, for JSON."""
+        return self.to_dict() | {
+            "by_length": [{"length_m": at} | part.to_dict() for at, part in self.by_length(lengths).items()],
+            "by_speed": [{"speed_m_s": at} | part.to_dict() for at, part in self.by_speed().items()],
+        }
 
 
 def trajectory_distances(T: Array, dtype: type[np.floating[Any]] = np.float64) -> NDArray[np.floating[Any]]:
@@ -141,12 +155,30 @@ def kitti_errors(
     )
 
 
-def suitable_errors(truth: Array, estimate: Array) -> tuple[KittiErrors, str]:
-    """KITTI errors as the benchmark has them or, on a short path, over SHORT_LENGTHS; and which, in words."""
-    errors = kitti_errors(truth, estimate)
-    if len(errors):
-        return errors, f"100-{errors.length.max():g} m, every {KITTI_STEP} frames"
-    return kitti_errors(truth, estimate, SHORT_LENGTHS, 1), "20, 50, 100 m, every frame"
+@dataclass(frozen=True)
+class Measure:
+    """Which sub-sequences errors are taken over: their lengths, metres, and the frames between starts."""
+
+    lengths: tuple[float, ...]
+    step: int
+
+    @property
+    def words(self) -> str:
+        """As a table's label says it: "100, 200, … 800 m, every 10 frames (as KITTI)"."""
+        numbers = [f"{length:g}" for length in self.lengths]
+        if len(numbers) > 4:
+            numbers = [*numbers[:2], f"… {numbers[-1]}"]
+        every = "every frame" if self.step == 1 else f"every {self.step} frames"
+        return ", ".join(numbers) + f" m, {every}" + (" (as KITTI)" if self == KITTI_MEASURE else "")
+
+
+KITTI_MEASURE = Measure(KITTI_LENGTHS, KITTI_STEP)
+SHORT_MEASURE = Measure(SHORT_LENGTHS, 1)
+
+
+def suitable_measure(truth: Array) -> Measure:
+    """KITTI's measure where the true path (N, 4, 4) holds a sub-sequence of it, else that of short paths."""
+    return KITTI_MEASURE if len(kitti_errors(truth, truth)) else SHORT_MEASURE
 
 
 def pooled(errors: Iterable[KittiErrors]) -> KittiErrors:
@@ -198,19 +230,12 @@ class Evaluation:
             "step_frames": self.step,
             "sequences": [
                 {"name": s.name, "frames": s.frames, "distance_m": s.distance}
-                | self._tables(s.kitti)
+                | s.kitti.to_tables(self.lengths)
                 | {"ate": s.ate.to_dict(), "rpe": s.rpe.to_dict()}
                 for s in self.sequences
             ],
-            "pooled": self._tables(self.pooled),
+            "pooled": self.pooled.to_tables(self.lengths),
             "mean": self.mean(),
-        }
-
-    def _tables(self, errors: KittiErrors) -> dict[str, Any]:
-        lengths, speeds = errors.by_length(self.lengths), errors.by_speed()
-        return errors.to_dict() | {
-            "by_length": [{"length_m": at} | part.to_dict() for at, part in lengths.items()],
-            "by_speed": [{"speed_m_s": at} | part.to_dict() for at, part in speeds.items()],
         }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,23 +13,17 @@ from numpy.typing import NDArray
 from .calibration import DisparityOffset, without_offset
 from .camera import StereoCamera
 from .config import Config
-from .detection import Boxes, no_boxes
+from .detection import Boxes
 from .essential import estimate_essential
 from .features import select_by_bucket
-from .filtering import static_matches
+from .filtering import BoxFilter, Filtered
 from .geometry import rigid
 from .matching import StereoMatches
-from .reprojection import fit_motion
+from .reprojection import fit_motion, ransac_motion, refit_motion
 from .translation import solve_translation
 
 Array = NDArray[np.float64]
-
-# A feature agrees with a motion when its eight rows leave less than this, pixels.
-AGREEMENT = 2.0
-# A smaller change of the disparity offset moves a step by less than a thousandth, pixels.
-SMALL_OFFSET = 0.01
-# Median flow under which even a slow creep is below a millimetre a frame, pixels.
-STILL_FLOW = 0.05
+State = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -60,8 +55,11 @@ class Motion:
 class Odometry:
     """Motions from matches: filter, buckets, rotation by selection, translation by least squares.
 
+    The `reprojection` estimator (VISO2) takes rotation and translation from one fit instead.
+
     Flags: `few_matches` and `no_motion` (the last motion is used again), `standstill`,
-    `prior_dropped` (sharp turn or restart), `filter_off` (boxes would have left too few matches).
+    `prior_dropped` (sharp turn or restart), `filter_off` (boxes would have left too few matches),
+    `few_street` (too little outside the boxes to judge which of them move).
     """
 
     def __init__(self, camera: StereoCamera, config: Config):
@@ -70,49 +68,91 @@ class Odometry:
         self._frame = 0
         self._e: Array | None = None
         self._last = np.eye(4)
-        self._boxes = no_boxes()
+        self.filtered: Filtered | None = None  # what the box rule did in the last frame
+        self._filter = BoxFilter(camera, config.filter)
         self._offset = DisparityOffset(config.calibration)
 
     def start(self, boxes: Boxes) -> None:
         """The first frame: nothing but its boxes is needed."""
-        self._boxes = boxes
+        self._filter.start(boxes)
 
-    def step(self, matches: StereoMatches, boxes: Boxes) -> Motion:
-        """Motion of the next frame from its matches and the boxes in its left image."""
+    def state(self) -> State:
+        """All that the frames so far left behind, as plain arrays; `restore` goes on from there."""
+        return {
+            "frame": np.array(self._frame),
+            "e": np.zeros(0) if self._e is None else self._e,
+            "last": self._last,
+            "offset": np.array([self._offset.offset, self._offset.variance]),
+            **self._filter.state(),
+        }
+
+    def restore(self, state: State) -> None:
+        """Go on as the odometry with the same settings did whose `state` this was."""
+        self._frame = int(state["frame"])
+        self._e = state["e"] if len(state["e"]) else None
+        self._last = state["last"]
+        self._offset.offset, self._offset.variance = state["offset"].tolist()
+        self._filter.restore(state)
+
+    def step(
+        self, matches: StereoMatches, boxes: Boxes, on_moving: NDArray[np.bool_] | None = None
+    ) -> Motion:
+        """Motion of the next frame from its matches and the boxes in its left image.
+
+        `on_moving` : (N,) matches known to be on moving things; the box rule `truth` needs it.
+        """
         self._frame += 1
         clock = Clock()
-        keep, off = static_matches(matches, self._boxes, boxes, self.config.filter)
-        self._boxes = boxes
-        chosen = matches[keep]
+        corrected = self._offset.correct(matches)
+        self.filtered = filtered = self._filter.step(corrected, boxes, on_moving)
+        chosen = corrected[filtered.keep]
         chosen = chosen[select_by_bucket(chosen.cur_left, chosen.age, chosen.strength, self.config.buckets)]
-        chosen = self._offset.correct(chosen)
         clock.stage("filter")
         motion = self._motion(chosen, clock)
         self._last = motion.T_cp
         return dataclasses.replace(
             motion,
             matches=len(matches),
-            removed=int(np.count_nonzero(~keep)),
+            removed=int(np.count_nonzero(~filtered.keep)),
             used=len(chosen),
-            flags=(*(("filter_off",) if off else ()), *motion.flags),
+            flags=(*filtered.flags, *motion.flags),
             ms=clock.ms,
         )
 
-    def _calibrate(self, chosen: StereoMatches, R_cp: Array, t_cp: Array) -> Array:
-        """Update the disparity offset; the translation is solved again where that changed the matches."""
+    def _calibrate(self, chosen: StereoMatches, R_cp: Array, t_cp: Array) -> StereoMatches | None:
+        """Update the disparity offset; the matches without it, or None where that hardly changed them."""
         before = self._offset.offset
         self._offset.update(self.camera, chosen, R_cp, t_cp)
         change = self._offset.offset - before
-        if abs(change) < SMALL_OFFSET:
-            return t_cp
-        corrected = without_offset(chosen, change)
-        solved = solve_translation(self.camera, corrected, R_cp, self.config.translation)
-        return t_cp if solved is None else solved[0]
+        return None if abs(change) < self.config.calibration.least_change else without_offset(chosen, change)
+
+    def _by_reprojection(self, chosen: StereoMatches, X_p: Array, clock: Clock) -> Motion:
+        """VISO2: rotation and translation at once; standing still is no special case."""
+        current = chosen.cur_left, chosen.cur_right
+        rng = np.random.default_rng([self.config.seed, self._frame])
+        found = ransac_motion(self.camera, X_p, *current, rng, self.config.reprojection)
+        clock.stage("rotation")
+        if found is None or np.count_nonzero(found[2]) < self.config.min_matches:
+            return Motion(self._last, flags=("no_motion",))
+        R_cp, t_cp, inliers = found
+        if self.config.calibration.estimate:
+            corrected = self._calibrate(chosen, R_cp, t_cp)
+            if corrected is not None:
+                X_p = self.camera.triangulate(corrected.prev_left, corrected.prev_right)
+                agreed = np.flatnonzero(inliers & np.isfinite(X_p[:, 2]))
+                current = corrected.cur_left, corrected.cur_right
+                R_cp, t_cp = refit_motion(
+                    self.camera, X_p, *current, agreed, R_cp, t_cp, self.config.reprojection
+                )
+            clock.stage("calibration")
+        return Motion(rigid(R_cp, t_cp), offset=self._offset.offset, inliers=int(np.count_nonzero(inliers)))
 
     def _motion(self, chosen: StereoMatches, clock: Clock) -> Motion:
         if len(chosen) < self.config.min_matches:
             return Motion(self._last, flags=("few_matches",))
         X_p = self.camera.triangulate(chosen.prev_left, chosen.prev_right)
+        if self.config.estimator == "reprojection":
+            return self._by_reprojection(chosen, X_p, clock)
         flow = float(np.median(np.linalg.norm(chosen.cur_left - chosen.prev_left, axis=1)))
         if flow < self.config.selection.standstill_flow:
             # The essential matrix of a camera that stands still is undefined: its vector is kept.
@@ -120,8 +160,12 @@ class Odometry:
                 self.camera, X_p, chosen.cur_left, chosen.cur_right, np.eye(3), np.zeros(3), scale=0.5
             )
             clock.stage("rotation")
-            T_cp = np.eye(4) if flow < STILL_FLOW else rigid(R, t)
-            return Motion(T_cp, inliers=int(np.count_nonzero(residual < AGREEMENT)), flags=("standstill",))
+            T_cp = np.eye(4) if flow < self.config.selection.rest_flow else rigid(R, t)
+            return Motion(
+                T_cp,
+                inliers=int(np.count_nonzero(residual < self.config.translation.agreement)),
+                flags=("standstill",),
+            )
         estimate = estimate_essential(
             self.camera.normalise(chosen.prev_left),
             self.camera.normalise(chosen.cur_left),
@@ -136,12 +180,18 @@ class Odometry:
             return Motion(self._last, flags=("no_motion",))
         solved = solve_translation(self.camera, chosen, estimate.R_cp, self.config.translation)
         clock.stage("translation")
-        if solved is None or np.count_nonzero(solved[1] < AGREEMENT) < self.config.min_matches:
+        if (
+            solved is None
+            or np.count_nonzero(solved[1] < self.config.translation.agreement) < self.config.min_matches
+        ):
             return Motion(self._last, flags=("no_motion",))
         self._e = estimate.e
         t_cp = solved[0]
         if self.config.calibration.estimate:
-            t_cp = self._calibrate(chosen, estimate.R_cp, t_cp)
+            corrected = self._calibrate(chosen, estimate.R_cp, t_cp)
+            if corrected is not None:
+                again = solve_translation(self.camera, corrected, estimate.R_cp, self.config.translation)
+                t_cp = t_cp if again is None else again[0]
             clock.stage("calibration")
         return Motion(
             rigid(estimate.R_cp, t_cp),

@@ -93,6 +93,30 @@ def read_tum(path: str | Path) -> tuple[Array, Array]:
     return times, T
 
 
+def read_tum_pair(
+    truth_path: str | Path, estimate_path: str | Path, tolerance: float = 0.01
+) -> tuple[Array, Array]:
+    """Truth and estimate from two TUM files, (N, 4, 4) each, at the times that both have.
+
+    Each pose of the shorter file goes with the one nearest in time of the other, at most `tolerance` seconds
+    away; poses without a partner are left out. `DataError` where fewer than two go together.
+    """
+    (times_t, truth), (times_e, estimate) = read_tum(truth_path), read_tum(estimate_path)
+    few, many = (times_t, times_e) if len(times_t) <= len(times_e) else (times_e, times_t)
+    after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
+    nearest = after - (np.abs(few - many[after - 1]) <= np.abs(few - many[np.minimum(after, len(many) - 1)]))
+    close = np.flatnonzero(np.abs(few - many[nearest]) <= tolerance)
+    # A pose goes with one other only.
+    chosen, first = np.unique(nearest[close], return_index=True)
+    if len(chosen) < 2:
+        raise DataError(
+            f"fewer than two times are within {tolerance:g} s of one in {truth_path}", estimate_path
+        )
+    pair = close[first], chosen
+    at_t, at_e = pair if few is times_t else pair[::-1]
+    return truth[at_t], estimate[at_e]
+
+
 def format_kitti_poses(T: Array) -> str:
     """Text of poses (N, 4, 4) in KITTI's format, ten significant digits."""
     _check_poses(T)

@@ -24,10 +24,11 @@ class ReportTable:
 
 @dataclass(frozen=True)
 class Picture:
-    """Bytes of a PNG or JPEG and what a person should see in it."""
+    """Bytes of a PNG or JPEG, what a person should see in it, and what it shows for one who cannot see it."""
 
     data: bytes
     caption: str
+    alt: str = ""
 
     @property
     def kind(self) -> str:
@@ -55,11 +56,17 @@ def render_report(
     tables: list[ReportTable],
     pictures: list[Picture],
     made: list[str],
+    problems: tuple[str, ...] = (),
 ) -> str:
-    """The page as HTML text; every text is escaped."""
+    """The page as HTML text; every text is escaped. `problems` are shown first, in a box."""
     environment = Environment(
         loader=PackageLoader("vo_lib"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     return environment.get_template("report.html").render(
-        title=title, introduction=introduction, tables=tables, pictures=pictures, made=made + provenance()
+        title=title,
+        introduction=introduction,
+        problems=problems,
+        tables=tables,
+        pictures=pictures,
+        made=made + provenance(),
     )

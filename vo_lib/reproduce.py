@@ -1,98 +1,114 @@
-"""Tables of methods over sequences and seeds: mean and spread of the KITTI errors."""
+"""Table 1 over sequences, methods and seeds: which runs it takes, and what they add up to."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .config import preset
+from .entries import BENCHMARK, Entry, measure_runs
 from .errors import DataError
-from .evaluation import suitable_errors
-from .runner import run_methods
-from .sequence import Progress, Sequence
+from .evaluation import Measure
+from .jobs import Job, Outcome
+from .results import read_run
+from .sequence import KITTI, SYNTHETIC, Sequence, available
+from .synthetic import SCENES
 
 Array = NDArray[np.float64]
 
+FAILURES_TOLD = 8  # a cause that all runs share fills no screen
+
 
 @dataclass(frozen=True)
-class MethodErrors:
-    """Errors of one method on one sequence over S seeds.
+class Reproduction:
+    """What the runs of a table add up to.
 
     Attributes
     ----------
-    te, re : (S,) translation error, %, and rotation error, deg/100 m; NaN where no sub-sequence fits.
-    removed_share : share of the matches that boxes removed, in [0, 1].
-    ms_per_frame : mean time of a frame, milliseconds, one seed alone.
+    entries : errors by sequence and method, where there is truth.
+    poses : trajectories (N, 4, 4) of the first seed by sequence and method, where there is none.
+    missing : KITTI sequences asked for that are not here.
+    failed : (job, cause) of runs that gave nothing, in words.
+    seeds : how many were asked for.
     """
 
-    te: Array
-    re: Array
-    removed_share: float
-    ms_per_frame: float
+    entries: list[Entry]
+    poses: dict[str, dict[str, Array]]
+    missing: list[str]
+    failed: list[tuple[str, str]]
+    seeds: int
+
+    @property
+    def problems(self) -> list[str]:
+        """What is not in the tables and why, a sentence each."""
+        absent = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
+        failed = [f"Failed: {job}: {cause}" for job, cause in self.failed[:FAILURES_TOLD]]
+        more = len(self.failed) - len(failed)
+        return absent + failed + ([f"Failed: {more} runs more; metrics.json names them."] if more else [])
 
 
-def parse_sequences(text: str) -> list[str]:
-    """Names or paths of "00,02-10,synthetic/jam,some/folder"; numbers mean KITTI sequences."""
-    names: list[str] = []
-    for item in text.split(","):
-        numbers = re.fullmatch(r"(\d\d)(?:-(\d\d))?", item)
-        if numbers is None:
-            names.append(item)
-            continue
-        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
-        if last < first:
-            raise DataError(f"--sequences {item}: expected a range that rises")
-        names += [f"kitti/{number:02d}" for number in range(first, last + 1)]
-    if not all(names):
-        raise DataError(f"--sequences {text!r}: expected names separated by commas")
-    return names
+def default_sequences() -> list[str]:
+    """The benchmark's sequences that are here or, without any, the synthetic scenes."""
+    found = available()
+    return [name for name in BENCHMARK if name in found] or [f"{SYNTHETIC}{name}" for name in SCENES]
 
 
-def compare_methods(
-    sequence: Sequence, methods: list[str], seeds: int, progress: Progress | None = None
-) -> tuple[dict[str, MethodErrors], str]:
-    """Every method with seeds 0 … seeds - 1 on the same matches of a sequence with truth.
-
-    Returns
-    -------
-    Errors by method, and the sub-sequence lengths in words.
-    """
-    if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no ground truth: nothing to compare")
-    configs = {f"{name}/{seed}": preset(name, seed=seed) for name in methods for seed in range(seeds)}
-    runs = run_methods(sequence, configs, progress)
-    table, words = {}, ""
-    for name in methods:
-        mine = [runs[f"{name}/{seed}"] for seed in range(seeds)]
-        errors = []
-        for result in mine:
-            found, words = suitable_errors(sequence.truth, result.poses)
-            errors.append(found)
-        table[name] = MethodErrors(
-            te=np.array([np.nan if e.te is None else e.te for e in errors]),
-            re=np.array([np.nan if e.re is None else e.re for e in errors]),
-            removed_share=mine[0].removed_share,
-            ms_per_frame=float(np.mean([result.ms_per_frame for result in mine])),
-        )
-    return table, words
+def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
+    """Names that can be opened, and KITTI sequences that are not here; `DataError` when none is left."""
+    found = available()
+    missing = [name for name in names if name.startswith(KITTI) and name not in found]
+    present = [name for name in dict.fromkeys(names) if name not in missing]
+    if not present:
+        raise DataError(f"none of the sequences is here: {', '.join(missing)}; see `vo check`")
+    return present, missing
 
 
-COLUMNS = ["method", "TE %", "RE deg/100 m", "removed", "ms a frame"]
+def plan_jobs(sequences: list[Sequence], methods: list[str], seeds: int, folder: Path) -> list[Job]:
+    """A run for each sequence, method and seed 0 … seeds - 1, in runs/<sequence>/<method>/seed_<n>."""
+    names = [sequence.name for sequence in sequences]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise DataError(f"two sequences are called {twice[0]}: run them one after the other")
+    return [
+        Job(sequence, method, preset(method, seed=seed), job_folder(folder, sequence.name, method, seed))
+        for sequence in sequences
+        for method in methods
+        for seed in range(seeds)
+    ]
 
 
-def table_rows(errors: dict[str, MethodErrors]) -> list[list[str]]:
-    """A row for each method in the order of COLUMNS: mean ± standard deviation over seeds."""
-    rows = []
-    for method, e in errors.items():
-        numbers = [f"{a.mean():.3f} ± {a.std():.3f}" if np.isfinite(a).all() else "–" for a in (e.te, e.re)]
-        rows.append([method, *numbers, f"{100 * e.removed_share:.1f} %", f"{e.ms_per_frame:.0f}"])
-    return rows
+def job_folder(folder: Path, sequence: str, method: str, seed: int) -> Path:
+    """The run folder of a job under the folder of the table."""
+    return folder / "runs" / slug(sequence) / method / f"seed_{seed}"
 
 
-def markdown(columns: list[str], rows: list[list[str]]) -> str:
-    """A table in Markdown."""
-    lines = [columns, ["---"] * len(columns), *rows]
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+def slug(name: str) -> str:
+    """A sequence's name as a file name: "kitti/07" is kitti_07."""
+    return re.sub(r"[^A-Za-z0-9.-]+", "_", name)
+
+
+def collect(
+    outcomes: list[Outcome], missing: list[str], seeds: int, measure: Measure | None = None
+) -> Reproduction:
+    """The runs of finished jobs, read from their folders, as a table's numbers."""
+    failed = [(o.job.name, o.error) for o in outcomes if o.error is not None]
+    table = Reproduction([], {}, missing, failed, seeds)
+    together: dict[tuple[str, str], list[Job]] = {}
+    for job in (outcome.job for outcome in outcomes if outcome.error is None):
+        together.setdefault((job.sequence.name, job.method), []).append(job)
+    for (name, method), jobs in together.items():
+        runs = []
+        for job in jobs:
+            try:
+                runs.append(read_run(job.folder, job.sequence))
+            except DataError as error:
+                table.failed.append((job.name, str(error)))
+        if runs and runs[0].sequence.truth is None:
+            table.poses.setdefault(name, {})[method] = runs[0].poses
+        elif runs:
+            table.entries.append(measure_runs(method, runs, measure))
+    return table

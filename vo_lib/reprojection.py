@@ -1,4 +1,8 @@
-"""Motion from points of known depth by Gauss-Newton on the reprojection error in both current images."""
+"""Motion from points of known depth by Gauss-Newton on the reprojection error in both current images.
+
+`fit_motion` is robust by its weights and needs a start; `ransac_motion` is the VISO2 estimator of Table 1
+(StereoScan: Geiger, Ziegler, Stiller, IV 2011): many motions from three matches each, the best one refitted.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import StereoCamera
+from .config import ReprojectionConfig
 from .geometry import rotation_from_vector
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CONVERGED = 1e-9  # a smaller step, radians and metres, ends an iteration
+GOOD_ENOUGH = 1e-4  # the same for a trial: it is only counted, and its next step would be far smaller
+FEWEST = 6  # matches that a motion needs; three would do without one wrong among them
 
 
 def fit_motion(
@@ -36,39 +46,189 @@ def fit_motion(
     R_cp (3, 3), t_cp (3,) and the residual norm of each point over its four coordinates, (N,) pixels.
     """
     R, t = R_cp, t_cp
+    measured = _measured(camera, cur_left, cur_right)
     residual = np.full(len(X_p), np.inf)
     for step in range(iterations + 1):
-        X = X_p @ R.T + t
-        x, y, z = X[:, 0], X[:, 1], np.maximum(X[:, 2], 1e-3)
-        u, v, d = camera.f * x / z, camera.f * y / z, camera.f * camera.baseline / z
-        r = np.stack(
-            [
-                cur_left[:, 0] - camera.cx - u,
-                cur_left[:, 1] - camera.cy - v,
-                cur_right[:, 0] - camera.cx - u + d,
-                cur_right[:, 1] - camera.cy - v,
-            ],
-            axis=1,
-        )
-        residual = np.where(X[:, 2] > 0, np.sqrt(np.sum(r * r, axis=1)), np.inf)
+        rotated = X_p @ R.T
+        r, jac, depth = linearise(camera, rotated, t, measured)
+        residual = np.where(depth > 0, np.sqrt(np.sum(r * r, axis=1)), np.inf)
         if step == iterations:
             break
         # Far from the solution all residuals are large: a scale that shrinks with their median keeps
         # the near points, which know the translation, from being taken for outliers.
         current = max(scale, float(np.median(residual)))
         weight = 1.0 / (1.0 + np.where(np.isfinite(residual), residual / current, 1e6) ** 2)
-        # d(pixel)/dX, then dX = δt + δω × (X - t): the rotation turns about the previous camera's centre.
-        zero = np.zeros_like(z)
-        rows_u = np.stack([camera.f / z, zero, -u / z], axis=1)
-        rows_v = np.stack([zero, camera.f / z, -v / z], axis=1)
-        rows_r = np.stack([camera.f / z, zero, (d - u) / z], axis=1)
-        jac_t = np.stack([rows_u, rows_v, rows_r, rows_v], axis=1)
-        jac = np.concatenate([np.cross(X[:, None] - t, jac_t), jac_t], axis=2)
         weighted = jac * weight[:, None, None]
         H = np.einsum("nij,nik->jk", weighted, jac) + 1e-9 * np.eye(6)
         delta = np.linalg.solve(H, np.einsum("nij,ni->j", weighted, r))
         R = rotation_from_vector(delta[:3]) @ R
         t = t + delta[3:]
-        if float(delta @ delta) < 1e-18:
+        if float(delta @ delta) < CONVERGED**2:
             iterations = step + 1
     return R, t, residual
+
+
+def ransac_motion(
+    camera: StereoCamera,
+    X_p: Array,
+    cur_left: Array,
+    cur_right: Array,
+    rng: np.random.Generator,
+    config: ReprojectionConfig,
+) -> tuple[Array, Array, Mask] | None:
+    """The motion with the most inliers among those of random triples of matches, refitted on its inliers.
+
+    Parameters
+    ----------
+    X_p : (N, 3) points in the previous left frame, metres; NaN where there is no depth.
+    cur_left, cur_right : (N, 2) pixels.
+
+    Returns
+    -------
+    R_cp (3, 3), t_cp (3,) metres, and the inliers (N,): residual norm over the four coordinates below the
+    threshold. None where fewer than six matches agree on a motion.
+    """
+    usable = np.flatnonzero(np.isfinite(X_p).all(axis=1))
+    if len(usable) < FEWEST:
+        return None
+    X, measured = X_p[usable], _measured(camera, cur_left[usable], cur_right[usable])
+    weight = centre_weight(camera, cur_left[usable], config.centre)
+    triples = _triples(rng, len(usable), config.trials)
+    start = np.tile(np.eye(3), (config.trials, 1, 1)), np.zeros((config.trials, 3))
+    data = X[triples], measured[triples], weight[triples]
+    R, t = _gauss_newton(camera, *data, *start, config.iterations, GOOD_ENOUGH)
+    inliers = _residuals(camera, X, measured, R, t) < config.threshold
+    best = int(np.argmax(np.count_nonzero(inliers, axis=1)))
+    agreed = usable[inliers[best]]
+    if len(agreed) < FEWEST:
+        return None
+    R_cp, t_cp = refit_motion(camera, X_p, cur_left, cur_right, agreed, R[best], t[best], config)
+    # The refit moves the border: say which matches agree with the motion that is returned.
+    final = np.zeros(len(X_p), np.bool_)
+    final[usable] = (_residuals(camera, X, measured, R_cp[None], t_cp[None]) < config.threshold)[0]
+    return (R_cp, t_cp, final) if np.count_nonzero(final) >= FEWEST else None
+
+
+def refit_motion(
+    camera: StereoCamera,
+    X_p: Array,
+    cur_left: Array,
+    cur_right: Array,
+    chosen: NDArray[np.intp],
+    R_cp: Array,
+    t_cp: Array,
+    config: ReprojectionConfig,
+) -> tuple[Array, Array]:
+    """Least squares over the chosen matches, from a motion near the answer: R_cp (3, 3), t_cp (3,)."""
+    measured = _measured(camera, cur_left[chosen], cur_right[chosen])
+    weight = centre_weight(camera, cur_left[chosen], config.centre)
+    data = X_p[chosen][None], measured[None], weight[None]
+    R, t = _gauss_newton(camera, *data, R_cp[None], t_cp[None], config.iterations, CONVERGED)
+    return R[0], t[0]
+
+
+def centre_weight(camera: StereoCamera, cur_left: Array, centre: float) -> Array:
+    """StereoScan's weight of a match's residual, (N,): 1 / (|u - cu| / |cu| + centre).
+
+    Calibration errors grow towards the left and right border of the image, so the middle counts more.
+    """
+    return np.asarray(1.0 / (np.abs(cur_left[:, 0] - camera.cx) / abs(camera.cx) + centre))
+
+
+def linearise(
+    camera: StereoCamera, rotated: Array, t_cp: Array, measured: Array
+) -> tuple[Array, Array, Array]:
+    """Reprojection residuals of points and their derivatives, for one motion or a batch.
+
+    Parameters
+    ----------
+    rotated : (..., N, 3) points R_cp X_p; t_cp : (3,) or broadcastable to them.
+    measured : (..., N, 4) u, v in the left and u, v in the right current image, from the principal point.
+
+    Returns
+    -------
+    residuals (..., N, 4), pixels; derivatives (..., N, 4, 6) of the prediction to a rotation vector, which
+    turns about the previous camera's centre, and the translation; depth (..., N), metres.
+    """
+    X = rotated + t_cp
+    z = np.maximum(X[..., 2], 1e-3)
+    s = camera.f / z
+    u, v = s * X[..., 0], s * X[..., 1]
+    right = u - s * camera.baseline
+    residual = measured - np.stack([u, v, right, v], axis=-1)
+    a, b, c = rotated[..., 0], rotated[..., 1], rotated[..., 2]
+    jac = np.zeros((*z.shape, 4, 6))
+    # dX = δω × R X_p + δt, and a pixel moves by s dX_x - (u / z) dX_z; rows of the left and right image
+    # differ in u alone.
+    for row, pixel in ((0, u / z), (2, right / z)):
+        jac[..., row, 0], jac[..., row, 1], jac[..., row, 2] = -pixel * b, s * c + pixel * a, -s * b
+        jac[..., row, 3], jac[..., row, 5] = s, -pixel
+    pixel = v / z
+    jac[..., 1, 0], jac[..., 1, 1], jac[..., 1, 2] = -s * c - pixel * b, pixel * a, s * a
+    jac[..., 1, 4], jac[..., 1, 5] = s, -pixel
+    jac[..., 3, :] = jac[..., 1, :]
+    return residual, jac, X[..., 2]
+
+
+def _gauss_newton(
+    camera: StereoCamera,
+    X_p: Array,
+    measured: Array,
+    weight: Array,
+    R: Array,
+    t: Array,
+    iterations: int,
+    tolerance: float,
+) -> tuple[Array, Array]:
+    """Least squares of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N), R, t to start.
+
+    A problem whose last step was below the tolerance is left alone; one that runs away stays where it was.
+    """
+    R, t = R.copy(), t.copy()
+    active = np.arange(len(R))
+    for _ in range(iterations):
+        rotated = X_p[active] @ np.swapaxes(R[active], 1, 2)
+        r, jac, _ = linearise(camera, rotated, t[active, None], measured[active])
+        w = weight[active][:, :, None]
+        r, jac = (w * r).reshape(len(active), -1, 1), (w[..., None] * jac).reshape(len(active), -1, 6)
+        jac_t = np.swapaxes(jac, 1, 2)
+        # Three points on one line leave a rotation open; closing it gently keeps the batch solvable.
+        H = jac_t @ jac
+        H += 1e-9 * np.trace(H, axis1=1, axis2=2)[:, None, None] * np.eye(6)
+        delta = np.asarray(np.linalg.solve(H, jac_t @ r)[:, :, 0], np.float64)
+        size = np.linalg.norm(delta, axis=1)
+        sane = size < 1e3
+        moved = active[sane]
+        R[moved] = rotation_from_vector(delta[sane, :3]) @ R[moved]
+        t[moved] += delta[sane, 3:]
+        active = active[sane & (size > tolerance)]
+        if len(active) == 0:
+            break
+    return R, t
+
+
+def _triples(rng: np.random.Generator, number: int, trials: int) -> NDArray[np.intp]:
+    """Three different indices below `number` for each trial, (trials, 3), all triples equally likely."""
+    first, second, third = (rng.integers(0, number - k, trials) for k in range(3))
+    # Each is drawn among those that are left, and steps over those already taken.
+    second += second >= first
+    for taken in np.sort([first, second], axis=0):
+        third += third >= taken
+    return np.stack([first, second, third], axis=1)
+
+
+def _residuals(camera: StereoCamera, X_p: Array, measured: Array, R: Array, t: Array) -> Array:
+    """Residual norm of N matches under M motions, (M, N) pixels; infinite behind the camera."""
+    x, y, z = np.moveaxis(R @ X_p.T + t[:, :, None], 1, 0)
+    front = z > 0
+    s = camera.f / np.where(front, z, 1.0)
+    u, v = s * x, s * y
+    squared = (measured[:, 0] - u) ** 2 + (measured[:, 1] - v) ** 2
+    squared += (measured[:, 2] - u + s * camera.baseline) ** 2 + (measured[:, 3] - v) ** 2
+    return np.asarray(np.where(front, np.sqrt(squared), np.inf))
+
+
+def _measured(camera: StereoCamera, cur_left: Array, cur_right: Array) -> Array:
+    """Pixels of both current images from the principal point, (N, 4)."""
+    both = np.concatenate([cur_left, cur_right], axis=1)
+    return np.asarray(both - np.tile([camera.cx, camera.cy], 2))

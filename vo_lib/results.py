@@ -12,16 +12,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import settings
+from .config import Config
 from .errors import DataError
 from .evaluation import KITTI_LENGTHS, KITTI_STEP, SHORT_LENGTHS, Evaluation, evaluate, trajectory_distances
-from .files import write_bytes_atomic, write_text_atomic
+from .files import read_text, write_bytes_atomic, write_text_atomic
+from .geometry import inverse
+from .identity import run_identity, surroundings
 from .odometry import Motion
-from .poses import format_kitti_poses, format_tum
+from .poses import format_kitti_poses, format_tum, read_kitti_poses
 from .runner import Run
+from .sequence import Sequence
 
-STAGES = ("wait_images", "matching", "filter", "rotation", "translation", "calibration")
+Array = NDArray[np.float64]
+
+CONFIG = "config.json"
+LOG = "frames.csv"
+STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
 
 @contextmanager
@@ -60,26 +69,86 @@ def evaluate_run(result: Run) -> dict[str, Evaluation]:
     return errors
 
 
-def write_run(folder: Path, result: Run, method: str) -> dict[str, Evaluation]:
-    """Write poses, settings, per-frame log and errors of a run; returns the errors."""
+def write_run(
+    folder: Path, result: Run, method: str, identity: dict[str, Any] | None = None
+) -> dict[str, Evaluation]:
+    """Write poses, per-frame log, errors, and last what the run was; returns the errors.
+
+    `identity` is that of `identity.run_identity`, where it is known already.
+    """
     sequence = result.sequence
     errors = evaluate_run(result)
-    config = {
-        "method": method,
-        "sequence": sequence.name,
-        "frames": [sequence.frames[0], sequence.frames[-1]],
-        "settings": settings.to_dict(result.config),
-    }
+    config = identity or run_identity(sequence, result.config, method)
+    config = config | {"timing": timing(result), "surroundings": surroundings()}
     write_text_atomic(folder / "poses.txt", format_kitti_poses(result.poses))
     write_text_atomic(folder / "poses_tum.txt", format_tum(sequence.times, result.poses))
-    write_text_atomic(folder / "config.json", _json(config))
-    write_text_atomic(folder / "frames.csv", frames_csv(sequence.frames[1:], result.motions))
+    write_text_atomic(folder / LOG, frames_csv(sequence.frames[1:], result.motions))
     if errors:
         write_text_atomic(folder / "metrics.json", _json({k: e.to_dict() for k, e in errors.items()}))
     else:
         # A folder used before may hold errors of another sequence.
         (folder / "metrics.json").unlink(missing_ok=True)
+    write_text_atomic(folder / CONFIG, _json(config))
     return errors
+
+
+def timing(result: Run) -> dict[str, Any]:
+    """Mean milliseconds a frame, of each stage and in all."""
+    stages = [stage for stage in STAGES if any(stage in motion.ms for motion in result.motions)]
+    mean = {s: float(np.mean([motion.ms.get(s, 0.0) for motion in result.motions])) for s in stages}
+    return {"ms_per_frame": result.ms_per_frame, "ms_per_frame_of": mean}
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """What config.json of a finished run says; `DataError` where it is no such file."""
+    path = folder / CONFIG
+    try:
+        data = json.loads(read_text(path))
+    except ValueError:
+        data = None
+    if not isinstance(data, dict) or not isinstance(data.get("settings"), dict):
+        raise DataError("expected the settings of a run, as `vo run` writes them", path)
+    return data
+
+
+def read_run(folder: Path, sequence: Sequence) -> Run:
+    """A finished run from its folder, to the digits that poses.txt and frames.csv have.
+
+    Parameters
+    ----------
+    sequence : what was run, opened as it was then.
+
+    Raises
+    ------
+    DataError : a file is missing or broken, or does not have a row for each frame.
+    """
+    config = settings.from_dict(Config, read_config(folder)["settings"])
+    poses = read_kitti_poses(folder / "poses.txt")
+    path = folder / LOG
+    rows = list(csv.DictReader(io.StringIO(read_text(path))))
+    if len(poses) != len(sequence) or len(rows) != len(sequence) - 1:
+        raise DataError(f"expected a row for each of the {len(sequence)} frames of {sequence.name}", path)
+    T_cp = inverse(poses[1:]) @ poses[:-1]
+    try:
+        motions = [_read_motion(row, T) for row, T in zip(rows, T_cp, strict=True)]
+    except (KeyError, ValueError, TypeError):
+        raise DataError("expected the columns of a per-frame log, as `vo run` writes it", path) from None
+    return Run(sequence, config, poses, motions)
+
+
+def _read_motion(row: dict[str, str], T_cp: Array) -> Motion:
+    """A row of frames.csv, and the motion that belongs to it."""
+    return Motion(
+        T_cp,
+        matches=int(row["matches"]),
+        removed=int(row["removed_by_boxes"]),
+        used=int(row["used"]),
+        inliers=int(row["inliers"]),
+        offset=float(row["disparity_offset_px"] or "nan"),
+        prior_angle=float(row["prior_angle_deg"] or "nan"),
+        flags=tuple(row["flags"].split()),
+        ms={stage: float(row[f"{stage}_ms"]) for stage in STAGES if row.get(f"{stage}_ms")},
+    )
 
 
 def frames_csv(frames: tuple[str, ...], motions: list[Motion]) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +13,17 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from .config import Config, FeatureConfig, MatchingConfig
+from .detection import Boxes
 from .front_end import make_front_end
 from .geometry import inverse, nearest_rotation
 from .matching import StereoMatches
-from .odometry import Clock, Motion, Odometry
+from .odometry import Clock, Motion, Odometry, State
 from .sequence import Progress, Sequence, stereo_ahead
 
 Array = NDArray[np.float64]
+# Matches of a frame with the one before, and the milliseconds of each stage that they took.
+TimedMatches = tuple[StereoMatches, dict[str, float]]
+FRAMES_AHEAD = 4
 
 
 @dataclass(frozen=True)
@@ -47,13 +53,49 @@ class Run:
         return sum(m.removed for m in self.motions) / max(sum(m.matches for m in self.motions), 1)
 
 
+class Chain:
+    """One method along a sequence: its odometry, its motions so far and the poses they add up to."""
+
+    def __init__(self, sequence: Sequence, config: Config):
+        self.sequence = sequence
+        self.config = config
+        self.odometry = Odometry(sequence.camera, config)
+        self.motions: list[Motion] = []
+        self._poses = [np.eye(4)]
+
+    def step(self, index: int, frame: TimedMatches, boxes: Boxes) -> None:
+        """Take in a frame; the first one, 0, gives no motion."""
+        if index == 0:
+            self.odometry.start(boxes)
+            return
+        matches, ms = frame
+        truth = self.config.filter.rule == "truth"
+        on_moving = self.sequence.on_moving(index, matches) if truth else None
+        motion = self.odometry.step(matches, boxes, on_moving)
+        self.add(dataclasses.replace(motion, ms={**ms, **motion.ms}))
+
+    def add(self, motion: Motion) -> None:
+        """Append a motion that is known already."""
+        T_w_c = self._poses[-1] @ inverse(motion.T_cp)
+        T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
+        self._poses.append(T_w_c)
+        self.motions.append(motion)
+
+    def result(self) -> Run:
+        """The run, once all frames were taken in."""
+        return Run(self.sequence, self.config, np.array(self._poses), self.motions)
+
+
 def run(sequence: Sequence, config: Config, progress: Progress | None = None) -> Run:
     """Visual odometry over a sequence; `progress` as in `run_methods`."""
     return run_methods(sequence, {"": config}, progress)[""]
 
 
 def run_methods(
-    sequence: Sequence, configs: dict[str, Config], progress: Progress | None = None
+    sequence: Sequence,
+    configs: dict[str, Config],
+    progress: Progress | None = None,
+    matches: Iterable[TimedMatches] | None = None,
 ) -> dict[str, Run]:
     """Several methods over one sequence, all on the same matches, which are found once.
 
@@ -61,6 +103,8 @@ def run_methods(
     ----------
     configs : name and configuration of each method; their feature and matching settings must be equal.
     progress : called with (frames done, frames in all) after each frame.
+    matches : of every frame, found with these settings, such as `match_cache.CachedMatches`; default: found
+        here from the images.
 
     Raises
     ------
@@ -70,38 +114,65 @@ def run_methods(
     front_ends = {(config.features, config.matching) for config in configs.values()}
     if len(front_ends) != 1:
         raise ValueError("the methods need the same feature and matching settings to share their matches")
-    features, matching = front_ends.pop()
-    chains = {name: Odometry(sequence.camera, config) for name, config in configs.items()}
-    poses = {name: np.tile(np.eye(4), (len(sequence), 1, 1)) for name in configs}
-    motions: dict[str, list[Motion]] = {name: [] for name in configs}
-    # The matrices are small: more BLAS threads only wait for each other and for the image threads.
-    with threadpool_limits(limits=1, user_api="blas"):
-        frames = match_stream(sequence, features, matching)
-        for index, (matches, ms) in enumerate(frames):
+    chains = {name: Chain(sequence, config) for name, config in configs.items()}
+    with one_blas_thread():
+        frames = FoundMatches(sequence, *front_ends.pop()) if matches is None else matches
+        for index, frame in enumerate(frames):
             boxes = sequence.boxes(index)
-            for name, odometry in chains.items():
-                if index == 0:
-                    odometry.start(boxes)
-                    continue
-                motion = odometry.step(matches, boxes)
-                T_w_c = poses[name][index - 1] @ inverse(motion.T_cp)
-                T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
-                poses[name][index] = T_w_c
-                motions[name].append(dataclasses.replace(motion, ms={**ms, **motion.ms}))
+            for chain in chains.values():
+                chain.step(index, frame, boxes)
             if progress is not None:
                 progress(index + 1, len(sequence))
-    return {name: Run(sequence, configs[name], poses[name], motions[name]) for name in configs}
+    return {name: chain.result() for name, chain in chains.items()}
 
 
-def match_stream(
-    sequence: Sequence, features: FeatureConfig, matching: MatchingConfig
-) -> Iterator[tuple[StereoMatches, dict[str, float]]]:
-    """Matches of every frame with the one before, and the milliseconds they took; the first are empty."""
-    front_end = make_front_end(sequence.camera, features, matching)
-    clock = Clock()
-    for pair in stereo_ahead(sequence, front_end.prepare):
-        clock.stage("wait_images")
-        matches = front_end.step(pair)
-        clock.stage("matching")
-        yield matches, clock.ms
+def one_blas_thread() -> threadpool_limits:
+    """A context: the matrices are small, more threads only wait for each other and for the image threads."""
+    return threadpool_limits(limits=1, user_api="blas")
+
+
+class FoundMatches:
+    """Matches of every frame with the one before, found from the images; the first are empty.
+
+    Iterating gives the frames from `start` on. `state` is that of the front end after the frame given last;
+    an object made with `start` one frame later and that state gives the same matches from there on.
+    """
+
+    def __init__(
+        self,
+        sequence: Sequence,
+        features: FeatureConfig,
+        matching: MatchingConfig,
+        start: int = 0,
+        state: State | None = None,
+    ):
+        self.sequence = sequence
+        self.start = start
+        self._front_end = make_front_end(sequence.camera, features, matching)
+        self._state: State = {}
+        if start > 0:
+            assert state is not None
+            self._front_end.restore(state, self._front_end.prepare(sequence.stereo(start - 1)))
+
+    def state(self) -> State:
+        """The front end's state after the frame given last, plain arrays."""
+        return self._state
+
+    def __iter__(self) -> Iterator[TimedMatches]:
+        found = self._found()
+        # The front end needs nothing of what comes after it: it works on in a thread of its own.
+        with ThreadPoolExecutor(max_workers=1) as pool:
+            waiting = deque(pool.submit(next, found, None) for _ in range(FRAMES_AHEAD))
+            while (frame := waiting.popleft().result()) is not None:
+                waiting.append(pool.submit(next, found, None))
+                matches, ms, self._state = frame
+                yield matches, ms
+
+    def _found(self) -> Iterator[tuple[StereoMatches, dict[str, float], State]]:
         clock = Clock()
+        for pair in stereo_ahead(self.sequence, self._front_end.prepare, start=self.start):
+            clock.stage("wait_images")
+            matches = self._front_end.step(pair)
+            clock.stage("matching")
+            yield matches, clock.ms, self._front_end.state()
+            clock = Clock()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
+import re
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,14 +20,16 @@ from .camera import StereoCamera
 from .detection import Boxes, no_boxes, read_labels
 from .errors import DataError
 from .kitti import Image, list_frames, read_calibration, read_image, read_times
+from .matching import StereoMatches
 from .poses import read_kitti_poses
-from .synthetic import SCENES, ensure_scene
+from .synthetic import SCENES, ensure_scene, open_truth
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 Prepared = TypeVar("Prepared")
 
 SYNTHETIC = "synthetic/"
+KITTI = "kitti/"
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,26 @@ class Sequence:
             return no_boxes()
         return read_labels(path, self.camera.width, self.camera.height)
 
+    def labels_identity(self) -> str | None:
+        """What decides the boxes where they may not all be written yet; None: the label files as they are."""
+        return None
+
+    def on_moving(self, index: int, matches: StereoMatches) -> NDArray[np.bool_]:
+        """Which matches (N,) of a drawn frame with the one before are on things that move, shadows too.
+
+        Raises `DataError` where the sequence is not drawn: nothing but a drawing knows this.
+        """
+        try:
+            truth = _drawn_truth(self.folder)
+        except DataError:
+            raise DataError(
+                f"{self.name} has no truth of what moves: the box rule `truth` is for drawn scenes",
+                self.folder,
+            ) from None
+        before, now = int(self.frames[index - 1]), int(self.frames[index])
+        previous = truth.is_moving(before, matches.prev_left, now)
+        return np.asarray(previous | truth.is_moving(now, matches.cur_left, before))
+
     def part(self, start: int, stop: int) -> Sequence:
         """The frames start … stop - 1; `DataError` unless these are two frames or more of the sequence."""
         if not (0 <= start < stop <= len(self)) or stop - start < 2:
@@ -88,16 +112,19 @@ class Sequence:
         )
 
 
+_drawn_truth = functools.lru_cache(maxsize=4)(open_truth)
+
+
 def stereo_ahead(
-    sequence: Sequence, prepare: Callable[[tuple[Image, Image]], Prepared], ahead: int = 4
+    sequence: Sequence, prepare: Callable[[tuple[Image, Image]], Prepared], ahead: int = 4, start: int = 0
 ) -> Iterator[Prepared]:
-    """What `prepare` makes of each stereo pair, in order; done in threads a few frames ahead of its use."""
+    """What `prepare` makes of each stereo pair from `start` on, in order; in threads, a few frames ahead."""
     with ThreadPoolExecutor(max_workers=2) as pool:
         waiting: deque[Future[Prepared]] = deque()
-        for index in range(len(sequence) + ahead):
+        for index in range(start, len(sequence) + ahead):
             if index < len(sequence):
                 waiting.append(pool.submit(lambda i: prepare(sequence.stereo(i)), index))
-            if index >= ahead:
+            if index >= start + ahead:
                 yield waiting.popleft().result()
 
 
@@ -123,8 +150,25 @@ def available() -> dict[str, Path | None]:
     for root in kitti_roots():
         for folder in sorted((root / "sequences").iterdir()):
             if (folder / "image_0").is_dir():
-                found.setdefault(f"kitti/{folder.name}", folder)
+                found.setdefault(f"{KITTI}{folder.name}", folder)
     return found
+
+
+def parse_sequences(text: str) -> list[str]:
+    """Names or paths of "00,02-10,synthetic/jam,some/folder"; numbers mean KITTI sequences."""
+    names: list[str] = []
+    for item in text.split(","):
+        numbers = re.fullmatch(r"(\d\d)(?:-(\d\d))?", item)
+        if numbers is None:
+            names.append(item)
+            continue
+        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
+        if last < first:
+            raise DataError(f"--sequences {item}: expected a range that rises")
+        names += [f"{KITTI}{number:02d}" for number in range(first, last + 1)]
+    if not all(names):
+        raise DataError(f"--sequences {text!r}: expected names separated by commas")
+    return names
 
 
 def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Path:
@@ -132,7 +176,7 @@ def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Pa
     if name.startswith(SYNTHETIC):
         return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=min(os.cpu_count() or 1, 4))
     found = available().get(name)
-    if found is None and name.startswith("kitti/"):
+    if found is None and name.startswith(KITTI):
         roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
         raise DataError(f"the sequence {name} was not found; looked in {roots}")
     if found is None:

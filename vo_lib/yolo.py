@@ -7,6 +7,7 @@ boxes = detector.detect(image)          # (H, W) grey or (H, W, 3) BGR
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from .errors import DataError
 from .kitti import Image
 from .yolo_layout import (
     STRIDE,
+    Letterbox,
     best_boxes,
     fit_size,
     letterbox,
@@ -50,6 +52,23 @@ def find_model(name: str | Path) -> Path:
             raise DataError(f"no detector is called {str(name)!r}: expected an ONNX file or one of {names}")
         return find_detector(str(name))
     raise DataError(f"the model is missing: expected an ONNX file or one of {', '.join(MODELS)}", path)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """What a network says of an image, before anything is chosen.
+
+    Attributes
+    ----------
+    plan : how the image lies in the network's. width, height : of the image, pixels.
+    corners : (N, 4) x0, y0, x1, y1 in the network's image, pixels; scores : (N, C) of the classes.
+    """
+
+    plan: Letterbox
+    corners: Array
+    scores: Array
+    width: int
+    height: int
 
 
 class YoloDetector:
@@ -95,16 +114,23 @@ class YoloDetector:
 
         A grey image is given to the network as three equal channels.
         """
+        return self.choose(self.candidates(image), self.config.score, self.config.nms)
+
+    def candidates(self, image: Image) -> Candidates:
+        """What the network says of an image, as for `detect`, before anything is chosen."""
         height, width = image.shape[:2]
         net_width, net_height = self.input_size(width, height)
         centred = self.layout == "yolov8"
         plan = letterbox(width, height, net_width, net_height, centred)
         output = self._run(self._to_input(place(image, plan)))
         corners, scores = read_yolov8(output) if centred else read_yolox(output, net_width, net_height)
-        found = best_boxes(corners, scores, self.config.score, self.config.nms, self._wanted)
-        return dataclasses.replace(
-            found, xyxy=plan.to_image(found.xyxy, width, height), class_id=self._numbers[found.class_id]
-        )
+        return Candidates(plan, corners, scores, width, height)
+
+    def choose(self, found: Candidates, score: float, nms: float) -> Boxes:
+        """The boxes among candidates that stay at these thresholds, in the image, as `detect` gives them."""
+        chosen = best_boxes(found.corners, found.scores, score, nms, self._wanted)
+        xyxy = found.plan.to_image(chosen.xyxy, found.width, found.height)
+        return dataclasses.replace(chosen, xyxy=xyxy, class_id=self._numbers[chosen.class_id])
 
     def input_size(self, width: int, height: int) -> tuple[int, int]:
         """Width and height of the network's image for an image of this size.

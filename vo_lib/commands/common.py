@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
 from ..config import preset
@@ -31,6 +32,17 @@ def parse_whole(name: str, text: str) -> int:
     return int(text)
 
 
+def parse_frames(text: str, number: int) -> tuple[int, int]:
+    """Start and stop of "A:B"; either may be left out."""
+    start, colon, stop = text.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        return int(start or 0), int(stop or number)
+    except ValueError:
+        raise DataError(f"--frames {text!r}: expected A:B, two whole numbers") from None
+
+
 def parse_methods(text: str) -> list[str]:
     """Known method names of a comma-separated list."""
     methods = text.split(",")
@@ -42,6 +54,9 @@ def parse_methods(text: str) -> list[str]:
 def parse_lengths(text: str) -> tuple[float, ...]:
     """Sub-sequence lengths of a comma-separated list, metres."""
     try:
-        return tuple(float(word) for word in text.split(","))
+        lengths = tuple(float(word) for word in text.split(","))
     except ValueError:
-        raise DataError(f"--lengths {text!r}: expected metres such as 20,50,100") from None
+        lengths = ()
+    if not lengths or not all(0 < length < math.inf for length in lengths):
+        raise DataError(f"--lengths {text!r}: expected metres such as 20,50,100")
+    return lengths

@@ -7,10 +7,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ..ate_rpe import Alignment
 from ..console import show_evaluation
 from ..errors import DataError
 from ..evaluation import KITTI_LENGTHS, KITTI_STEP, evaluate
-from ..poses import read_kitti_pair
+from ..poses import read_kitti_pair, read_tum_pair
 from .common import parse_lengths, parse_whole
 
 
@@ -18,15 +19,25 @@ def add(commands: Any) -> None:
     """Declare `vo evaluate`."""
     parser = commands.add_parser(
         "evaluate",
-        help="KITTI errors of trajectories",
+        help="KITTI errors, ATE and RPE of trajectories",
         epilog="example: vo evaluate --truth poses/07.txt --estimate runs/07/poses.txt",
     )
-    parser.add_argument("--truth", nargs="+", required=True, metavar="GT", help="KITTI pose files")
+    parser.add_argument("--truth", nargs="+", required=True, metavar="GT", help="pose files")
     parser.add_argument(
         "--estimate", nargs="+", required=True, metavar="EST", help="as many, in the same order"
     )
     parser.add_argument("--lengths", metavar="L,L,…", help="sub-sequence lengths, metres; default 100,…,800")
     parser.add_argument("--step", metavar="N", help="frames from one start to the next; default 10")
+    parser.add_argument(
+        "--format", default="kitti", choices=("kitti", "tum"), help="of the files; tum: matched by time"
+    )
+    parser.add_argument(
+        "--alignment",
+        default=Alignment.SE3.value,
+        choices=[alignment.value for alignment in Alignment],
+        help="what may be moved before ATE is taken; default se3",
+    )
+    parser.add_argument("--delta", metavar="N", default="1", help="frames that RPE is taken over; default 1")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(command=_evaluate)
 
@@ -41,11 +52,13 @@ def _evaluate(options: argparse.Namespace) -> int:
     # Short names where they tell the sequences apart.
     stems = [Path(path).stem for path in options.truth]
     names = stems if len(set(stems)) == len(stems) else options.truth
+    read_pair = read_kitti_pair if options.format == "kitti" else read_tum_pair
     pairs = [
-        (name, *read_kitti_pair(truth, estimate))
+        (name, *read_pair(truth, estimate))
         for name, truth, estimate in zip(names, options.truth, options.estimate, strict=True)
     ]
-    result = evaluate(pairs, lengths, step)
+    delta = parse_whole("--delta", options.delta)
+    result = evaluate(pairs, lengths, step, Alignment(options.alignment), delta)
     if options.json:
         print(json.dumps(result.to_dict(), indent=2, allow_nan=False))
     else:

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from .. import settings
-from ..config import METHODS, Config, preset
-from ..console import reporting, show_run
+from ..config import METHODS, Config, DetectorConfig, preset
+from ..console import reporting, say, show_run
 from ..errors import DataError
 from ..files import write_bytes_atomic
+from ..label_cache import detected_sequence
+from ..match_cache import match_folder
 from ..plots import png, trajectory_figure
-from ..results import run_folder, write_run
-from ..runner import run
-from .common import add_cache, open_with_bar
+from ..results import evaluate_run, run_folder
+from ..resume import resumable_run
+from ..sequence import Sequence
+from .common import open_with_bar, parse_frames
+
+DETECTOR = "detector."
 
 
 def add(commands: Any) -> None:
@@ -25,10 +33,27 @@ def add(commands: Any) -> None:
     )
     parser.add_argument("sequence", help="a KITTI-layout folder, or a name from `vo list` such as kitti/07")
     parser.add_argument("--method", default="feature_selection", help=f"one of {', '.join(METHODS)}")
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder for poses, log, errors, picture")
+    parser.add_argument(
+        "--out",
+        required=True,
+        metavar="DIR",
+        help="folder for poses, log, errors, picture; a run that was stopped there goes on",
+    )
     parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
     parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
-    add_cache(parser)
+    parser.add_argument(
+        "--detector",
+        metavar="MODEL",
+        help="find the vehicles: street (shipped, for drawn streets), a fetched model or an ONNX file; "
+        "the boxes are kept in the cache folder",
+    )
+    parser.add_argument("--provider", default="cpu", metavar="P", help="cpu or cuda; default cpu")
+    text = (
+        f"keep the matches and use those kept, in DIR (default {match_folder(None).parent}); scenes that "
+        "are drawn are kept there too"
+    )
+    parser.add_argument("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
+    parser.add_argument("--fresh", action="store_true", help="start anew whatever the folder holds")
     add_settings(parser)
     parser.set_defaults(command=_run)
 
@@ -36,7 +61,7 @@ def add(commands: Any) -> None:
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """An option for every declared setting, in a group for each section."""
     group = None
-    for item in settings.declared(Config):
+    for item in (*settings.declared(Config), *settings.declared(DetectorConfig, DETECTOR)):
         section = item.name.partition(".")[0] if "." in item.name else "run"
         if group is None or group.title != section:
             group = parser.add_argument_group(section)
@@ -48,35 +73,61 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 def config_from_options(options: argparse.Namespace) -> Config:
     """The preset of the method with the thresholds given on the command line."""
     config = preset(options.method)
-    for item in settings.declared(Config):
-        raw = getattr(options, item.name)
-        if raw is not None:
-            config = settings.replace(config, item.name, item.parse(raw))
+    for name, value in _given(options, settings.declared(Config)):
+        config = settings.replace(config, name, value)
     return config
 
 
-def parse_frames(text: str, number: int) -> tuple[int, int]:
-    """Start and stop of "A:B"; either may be left out."""
-    start, colon, stop = text.partition(":")
-    try:
-        if not colon:
-            raise ValueError
-        return int(start or 0), int(stop or number)
-    except ValueError:
-        raise DataError(f"--frames {text!r}: expected A:B, two whole numbers") from None
+def detector_from_options(options: argparse.Namespace) -> DetectorConfig:
+    """The detector's thresholds given on the command line."""
+    given = _given(options, settings.declared(DetectorConfig, DETECTOR))
+    return DetectorConfig(**{name.removeprefix(DETECTOR): value for name, value in given})
+
+
+def _given(options: argparse.Namespace, items: Iterable[settings.Setting]) -> Iterator[tuple[str, Any]]:
+    for item in items:
+        raw = getattr(options, item.name)
+        if raw is not None:
+            yield item.name, item.parse(raw)
 
 
 def _run(options: argparse.Namespace) -> int:
     config = config_from_options(options)
-    sequence = open_with_bar(options.sequence, options.cache, options.labels)
+    if options.detector is not None and options.labels is not None:
+        raise DataError("--labels and --detector: expected one of them, both give the boxes")
+    cache = Path(options.cache) if options.cache else None
+    sequence = open_with_bar(options.sequence, cache, options.labels)
     if options.frames is not None:
         sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
     label = f"{sequence.name}, {options.method}"
-    with run_folder(options.out) as folder:
+    with run_folder(options.out) as folder, _with_boxes(sequence, options, cache) as sequence:
         with reporting(label) as report:
-            result = run(sequence, config, report)
-        errors = write_run(folder, result, options.method)
+            result, done_before = resumable_run(
+                folder,
+                sequence,
+                config,
+                options.method,
+                cached=options.cache is not None,
+                cache=cache,
+                fresh=options.fresh,
+                progress=report,
+            )
         picture = trajectory_figure(label, sequence.truth, {options.method: result.poses})
         write_bytes_atomic(folder / "trajectory.png", png(picture))
-    show_run(result, options.method, errors, folder)
+    show_run(result, options.method, evaluate_run(result), folder)
+    if done_before:
+        say("this run was finished before; --fresh does it again")
     return 0
+
+
+@contextmanager
+def _with_boxes(sequence: Sequence, options: argparse.Namespace, cache: Path | None) -> Iterator[Sequence]:
+    """The sequence with the detector's boxes where one is wanted; it works ahead in a thread of its own."""
+    if options.detector is None:
+        yield sequence
+        return
+    config = detector_from_options(options)
+    with detected_sequence(
+        sequence, options.detector, config, provider=options.provider, cache=cache
+    ) as detected:
+        yield detected

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..camera import StereoCamera
 from ..errors import DataError
-from ..geometry import inverse, rigid, transform
+from ..geometry import inverse, rigid, rotation_from_vector, transform
 from ..matching import StereoMatches
 from ..settings import Checked, setting
 
@@ -37,6 +37,13 @@ class TrackConfig(Checked):
     moving: float = setting(0.0, "Share of matches on moving objects.", low=0, high=1)
     objects: int = setting(2, "Moving objects in view.", low=1, high=20)
     object_speed: float = setting(0.8, "Way of an object from frame to frame.", unit="m", low=-5, high=5)
+    object_heading: float = setting(
+        0.0,
+        "Heading of the objects to the right of the camera's; 90: they cross.",
+        unit="deg",
+        low=-180,
+        high=180,
+    )
     survival: float = setting(0.8, "Share of features found again in the next frame.", low=0, high=1)
     camera_height: float = setting(1.65, "Height of the cameras above the road.", unit="m", low=0.1, high=10)
     nearest: float = setting(4.0, "Depth of the nearest points.", unit="m", low=0.5, high=50)
@@ -228,7 +235,8 @@ class _Street:
         for k in dict.fromkeys(lost):
             side = float(self.rng.choice([-3.3, 0.0, 3.3]))
             place = np.array([side, self.config.camera_height, self.rng.uniform(11.0, 25.0)])
-            self.objects[k] = self.poses[frame - 1] @ rigid(np.eye(3), place)
+            turn = rotation_from_vector(np.array([0.0, np.radians(self.config.object_heading), 0.0]))
+            self.objects[k] = self.poses[frame - 1] @ rigid(turn, place)
             self.alive = self.alive.take(self.alive.body != k)
         self.objects_now = self.objects @ ahead
 

@@ -1,0 +1,85 @@
+"""A street of points with vehicles among them, for tests of the box rules: exact, or with noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vo_lib.camera import StereoCamera
+from vo_lib.detection import Boxes
+from vo_lib.geometry import Array, rigid, rotation_from_vector, transform
+from vo_lib.matching import StereoMatches
+
+CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
+# The camera drives forward a metre a frame and turns by half a degree.
+STEP = rigid(rotation_from_vector(np.array([0.001, 0.009, -0.001])), np.array([0.02, -0.01, -1.0]))
+
+
+def street_points(rng: np.random.Generator, number: int) -> Array:
+    """Points (N, 3) on both sides of a street, 6 to 40 m ahead, metres in the left camera's axes."""
+    side = np.where(rng.random(number) < 0.5, -1.0, 1.0)
+    z = rng.uniform(6.0, 40.0, number)
+    return np.stack([side * rng.uniform(2.5, 5.0, number), rng.uniform(-2.0, 1.6, number), z], axis=1)
+
+
+def match_points(
+    X_p: Array, X_c: Array, noise: float = 0.0, rng: np.random.Generator | None = None, first: int = 0
+) -> StereoMatches:
+    """Matches of points (N, 3) in the axes of the previous and of the current left camera."""
+    n = len(X_p)
+    views = (*CAMERA.project(X_p), *CAMERA.project(X_c))
+    if rng is not None:
+        a, b, c, d = (uv + rng.normal(0.0, noise, uv.shape) for uv in views)
+        views = a, b, c, d
+    return StereoMatches(*views, np.ones(n, np.int64), np.ones(n), first + np.arange(n))
+
+
+@dataclass
+class Vehicle:
+    """A vehicle of 20 points: where it is against the camera, and its step a frame against the street."""
+
+    place: tuple[float, float, float]
+    step: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    points: int = 20
+    X: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        rng = np.random.default_rng(int(100 * abs(self.place[0])) + int(self.place[2]))
+        self.X = np.array(self.place) + rng.uniform(-1, 1, (self.points, 3)) * (0.9, 0.75, 0.5)
+
+    def box(self) -> Array:
+        """Its box in the left image, (4,)."""
+        corners = np.array(self.place) + np.array(
+            [[x, y, z] for x in (-0.9, 0.9) for y in (-0.75, 0.75) for z in (-0.5, 0.5)]
+        )
+        uv = CAMERA.project(corners)[0]
+        return np.concatenate([uv.min(axis=0), uv.max(axis=0)])
+
+    def drive(self) -> None:
+        """To the next frame, in the axes of its camera."""
+        turned = transform(STEP, self.X) - transform(STEP, np.array([self.place]))
+        self.place = tuple((transform(STEP, np.array([self.place]))[0] + self.step).tolist())
+        self.X = np.array(self.place) + turned
+
+
+def drive(
+    vehicles: list[Vehicle], frames: int, noise: float = 0.15, street: int = 200, seed: int = 6
+) -> tuple[Boxes, list[tuple[StereoMatches, Boxes]]]:
+    """Boxes of the first frame; then matches and boxes of each next one. Vehicles hide nothing."""
+    rng = np.random.default_rng(seed)
+    first, found = _boxes(vehicles), []
+    for _ in range(frames):
+        fixed = street_points(rng, street)
+        before = np.concatenate([fixed, *(vehicle.X for vehicle in vehicles)])
+        for vehicle in vehicles:
+            vehicle.drive()
+        after = np.concatenate([transform(STEP, fixed), *(vehicle.X for vehicle in vehicles)])
+        found.append((match_points(before, after, noise, rng), _boxes(vehicles)))
+    return first, found
+
+
+def _boxes(vehicles: list[Vehicle]) -> Boxes:
+    k = len(vehicles)
+    xyxy = np.stack([vehicle.box() for vehicle in vehicles]) if k else np.zeros((0, 4))
+    return Boxes(xyxy, np.full(k, 2), np.ones(k))

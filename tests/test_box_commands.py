@@ -1,0 +1,105 @@
+"""Boxes shown and rules compared: `vo boxes`, its pictures, and the table of box rules."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import write_bands
+from test_data_scripts import load
+
+from vo_lib.box_tracks import MOVING, PARKED, UNKNOWN
+from vo_lib.cli import main
+from vo_lib.detection import Boxes
+from vo_lib.matching import empty_matches
+from vo_lib.plots import match_image
+
+compare_box_rules = load("compare_box_rules")
+
+
+@pytest.fixture
+def labelled(tmp_path: Path) -> Path:
+    """Forty-three frames of standing bands, 21 m, with a box in each that holds only what stands."""
+    folder = write_bands(tmp_path / "bands", 43)
+    (folder / "labels").mkdir()
+    for frame in range(43):
+        (folder / "labels" / f"{frame:06d}.txt").write_text("7 0.25 0.8 0.3 0.3 0.75\n", encoding="utf-8")
+    return folder
+
+
+def share_of_white(picture: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> float:
+    """How much of the box's upper line is drawn."""
+    return float(np.mean(np.all(picture[40, 20:161] > 200, axis=1)))
+
+
+def test_moving_parked_and_unknown_boxes_differ_in_their_line() -> None:
+    box = Boxes(np.array([[20.0, 40.0, 160.0, 90.0]]), np.array([2]), np.ones(1))
+    image = np.full((120, 200), 60, np.uint8)
+    nothing = empty_matches()
+    shares = {
+        state: share_of_white(match_image(image, nothing, np.zeros(0, np.bool_), box, np.array([state])))
+        for state in (MOVING, PARKED, UNKNOWN)
+    }
+    assert shares[MOVING] > 0.95
+    assert 0.5 < shares[PARKED] < 0.8
+    assert 0.2 < shares[UNKNOWN] < 0.5
+
+
+def test_words_stand_above_their_box_and_inside_the_image() -> None:
+    image = np.full((120, 200), 60, np.uint8)
+    for top in (40.0, 0.0):
+        box = Boxes(np.array([[20.0, top, 160.0, 90.0]]), np.array([2]), np.ones(1))
+        plain, written = (
+            match_image(image, empty_matches(), np.zeros(0, np.bool_), box, np.array([MOVING]), words)
+            for words in ((), ("0.91 moves",))
+        )
+        rows = np.flatnonzero((plain != written).any(axis=(1, 2)))
+        assert len(rows) > 5
+        assert abs(rows.mean() - max(top - 6, 7)) < 6
+
+
+def test_vo_boxes_prints_each_box_and_draws_each_frame(
+    labelled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "pictures"
+    assert main(["boxes", str(labelled), "--frames", "2:7", "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("parked") == 4
+    assert printed.count("0.75") == 4
+    assert sorted(p.name for p in out.iterdir()) == [f"{i:06d}.jpg" for i in range(3, 7)]
+    picture = cv2.imread(str(out / "000004.jpg"))
+    assert picture is not None
+    assert picture.shape == (240, 480, 3)
+
+
+def test_vo_boxes_without_labels_has_nothing_to_judge(
+    bands: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["boxes", str(bands)]) == 0
+    assert "parked" not in capsys.readouterr().out
+    assert main(["boxes", str(bands), "--frames", "a:b"]) == 2
+
+
+def test_the_table_of_rules_has_a_row_for_each_rule_and_goes_on(
+    labelled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--sequences", str(labelled), "--methods", "viso2", "--seeds", "2"]
+    words += ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
+    assert compare_box_rules(words) == 0
+    table = (tmp_path / "out" / "table.md").read_text(encoding="utf-8")
+    rows = [line.split(" | ") for line in table.splitlines() if line.startswith("| bands")]
+    assert [row[2] for row in rows] == ["none", "all", "moving"]
+    assert all("±" in row[3] for row in rows)
+    removed = [float(row[5].split()[0]) for row in rows]
+    assert removed[0] == 0.0
+    assert removed[0] <= removed[2] < removed[1]
+    finished = next((tmp_path / "out").rglob("config.json"))
+    assert json.loads(finished.read_text(encoding="utf-8"))["method"] == "viso2"
+    stamp = finished.stat().st_mtime_ns
+    assert compare_box_rules(words) == 0
+    assert finished.stat().st_mtime_ns == stamp
+    assert compare_box_rules([*words, "--labels", "nonsense"]) == 2
+    assert "expected SEQUENCE=FOLDER" in capsys.readouterr().err

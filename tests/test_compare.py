@@ -1,0 +1,180 @@
+"""Finished runs read back and put side by side."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import write_bands
+from numpy.typing import NDArray
+
+from vo_lib import preset, run
+from vo_lib.cli import main
+from vo_lib.commands.compare import known_truth
+from vo_lib.comparison import common_kind, comparison_table, curve, read_stored_run, read_stored_runs
+from vo_lib.errors import DataError
+from vo_lib.evaluation import SHORT_LENGTHS, evaluate
+from vo_lib.results import write_run
+from vo_lib.sequence import open_sequence
+
+Array = NDArray[np.float64]
+
+
+def straight(n: int, step: float) -> Array:
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, 2, 3] = step * np.arange(n)
+    return poses
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folders a, b (another method), c (another seed of a), part (other frames), else (other sequence)."""
+    base = tmp_path_factory.mktemp("compare")
+    sequence = open_sequence(write_bands(base / "kitti" / "sequences" / "07"))
+    other = open_sequence(write_bands(base / "street"))
+    jobs = {
+        "a": (sequence, "viso2", 0),
+        "b": (sequence, "mesvo_f", 0),
+        "c": (sequence, "viso2", 1),
+        "part": (sequence.part(1, 5), "viso2", 0),
+        "else": (other, "viso2", 0),
+    }
+    for name, (what, method, seed) in jobs.items():
+        (base / name).mkdir()
+        write_run(base / name, run(what, preset(method, seed=seed)), method)
+    return base
+
+
+def long_run(runs: Path, folder: Path, method: str, error: float, measures: tuple[str, ...]) -> str:
+    """A copy of a run folder with the errors of a drive of 300 m whose steps are too long by `error`."""
+    shutil.copytree(runs / "a", folder)
+    pairs = [("drive", straight(301, 1.0), straight(301, 1.0 + error))]
+    errors = {"kitti": evaluate(pairs), "short": evaluate(pairs, SHORT_LENGTHS, 1)}
+    metrics = {kind: errors[kind].to_dict() for kind in measures}
+    (folder / "metrics.json").write_text(json.dumps(metrics), encoding="utf-8")
+    config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+    (folder / "config.json").write_text(json.dumps(config | {"method": method}), encoding="utf-8")
+    return str(folder)
+
+
+def names(base: Path, *folders: str) -> list[str]:
+    return [str(base / name) for name in folders]
+
+
+def test_a_folder_gives_back_what_was_written(runs: Path) -> None:
+    stored = read_stored_run(runs / "b")
+    assert (stored.method, stored.seed, stored.frames) == ("mesvo_f", 0, ("000000", "000005"))
+    assert stored.poses.shape == (6, 4, 4)
+    assert stored.ms_per_frame > 0
+    assert set(stored.metrics) == {"kitti", "short"}
+
+
+def test_labels_are_as_short_as_they_may_be(runs: Path) -> None:
+    (pair,) = read_stored_runs(names(runs, "a", "b")).values()
+    assert [one.label for one in pair] == ["viso2", "mesvo_f"]
+    (pair,) = read_stored_runs(names(runs, "a", "c")).values()
+    assert [one.label for one in pair] == ["viso2, seed 0", "viso2, seed 1"]
+    (pair,) = read_stored_runs(names(runs, "a", "a")).values()
+    assert pair[0].label == f"viso2, {runs / 'a'}"
+
+
+def test_runs_over_different_sequences_or_frames_are_kept_apart(runs: Path) -> None:
+    groups = read_stored_runs(names(runs, "a", "else", "part", "b"))
+    assert [len(group) for group in groups.values()] == [2, 1, 1]
+    assert list(groups) == ["07, frames 000000-000005", "street", "07, frames 000001-000004"]
+
+
+def test_the_command_prints_and_draws_them_together(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["compare", *names(runs, "a", "b", "else"), "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert all(word in printed for word in ("viso2", "mesvo_f", "street", "ATE"))
+    drawn = sorted(p.name for p in (tmp_path / "out").iterdir())
+    # 2.5 m hold no sub-sequence, so there are no curves.
+    assert drawn == [f"trajectory_{name}.{kind}" for name in ("07", "street") for kind in ("pdf", "png")]
+    assert main(["compare", *names(runs, "a", "b"), "--out", str(tmp_path / "out"), "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert [one["run"] for one in data] == ["viso2", "mesvo_f"]
+    ate = data[0]["errors"]["kitti"]["sequences"][0]["ate"]["rmse_m"]
+    assert 0 <= ate < 0.05
+
+
+def test_errors_are_compared_over_the_sub_sequences_that_all_runs_have(runs: Path, tmp_path: Path) -> None:
+    folders = [
+        long_run(runs, tmp_path / "x", "viso2", 0.01, ("kitti", "short")),
+        long_run(runs, tmp_path / "y", "mesvo_f", 0.02, ("kitti", "short")),
+    ]
+    (pair,) = read_stored_runs(folders).values()
+    assert common_kind(pair) == "kitti"
+    table = comparison_table("drive", pair)
+    assert [float(row[1]) for row in table.rows] == pytest.approx([1.0, 2.0], rel=0.011)
+    assert "se3" in table.notes[0]
+    folders.append(long_run(runs, tmp_path / "z", "feature_selection", 0.03, ("short",)))
+    (three,) = read_stored_runs(folders).values()
+    assert common_kind(three) == "short"
+    points = curve(three[2], "short", "length")
+    assert [at for at, _, _ in points] == [20.0, 50.0, 100.0]
+    assert points[2][1] == pytest.approx(3.0, rel=0.02)
+    # 36 km/h, a little less by the frame that the benchmark counts on top; bins overlap.
+    assert [at for at, _, _ in curve(pair[0], "kitti", "speed")] == pytest.approx([28.8, 36.0])
+    assert main(["compare", *folders, "--out", str(tmp_path / "out")]) == 0
+    drawn = {p.name for p in (tmp_path / "out").glob("errors_*")}
+    assert drawn == {f"errors_07_by_{by}.{kind}" for by in ("length", "speed") for kind in ("pdf", "png")}
+
+
+def test_without_truth_there_are_no_errors_but_a_picture(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(runs / "a", tmp_path / "a")
+    (tmp_path / "a" / "metrics.json").unlink()
+    assert main(["compare", str(tmp_path / "a"), str(runs / "b"), "--out", str(tmp_path / "out")]) == 0
+    assert "No ground truth" in capsys.readouterr().out
+    assert (tmp_path / "out" / "trajectory_07.png").exists()
+
+
+def test_the_truth_is_found_by_the_sequences_name(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KITTI_ROOT", str(runs / "kitti"))
+    part = dataclasses.replace(read_stored_run(runs / "part"), sequence="kitti/07")
+    truth = known_truth(part, None)
+    assert truth is not None
+    np.testing.assert_allclose(truth[:, 0, 3], [0.5, 1.0, 1.5, 2.0])
+    assert known_truth(dataclasses.replace(part, sequence="kitti/08"), None) is None
+    assert known_truth(dataclasses.replace(part, frames=("000001", "000099")), None) is None
+    assert known_truth(dataclasses.replace(part, sequence="synthetic/jam"), runs / "empty") is None
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("metrics.json", "{"),
+        ("metrics.json", '{"kitti": 3}'),
+        ("metrics.json", '{"kitti": {"sequences": []}}'),
+        ("config.json", "[]"),
+        ("config.json", '{"settings": {"seed": 0}}'),
+        ("config.json", '{"settings": {}, "method": "viso2", "sequence": "07", "frames": ["0", "5"]}'),
+        ("poses.txt", "1 2 3"),
+    ],
+)
+def test_a_broken_folder_gives_one_line_that_names_the_file(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, text: str
+) -> None:
+    folder = tmp_path / "broken"
+    shutil.copytree(runs / "a", folder)
+    (folder / name).write_text(text, encoding="utf-8")
+    assert main(["compare", str(runs / "b"), str(folder), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert str(folder / name) in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_folders_that_are_no_runs_are_said(runs: Path) -> None:
+    with pytest.raises(DataError, match="nowhere: the run folder is missing"):
+        read_stored_run(runs / "nowhere")
+    with pytest.raises(DataError, match=r"config\.json: the file is missing"):
+        read_stored_run(runs / "kitti")

@@ -1,0 +1,127 @@
+"""Many runs at once: the same bytes as one by one, one front end for all, an end of its own for each."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+from conftest import write_bands
+
+from vo_lib import DataError, Sequence, open_sequence, preset, run
+from vo_lib.config import Config, FeatureConfig
+from vo_lib.jobs import Job, run_jobs
+from vo_lib.poses import format_kitti_poses
+from vo_lib.results import read_run
+
+FRAMES = 8
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> list[Sequence]:
+    """Two sequences."""
+    base = tmp_path_factory.mktemp("two")
+    return [open_sequence(write_bands(base / name, FRAMES, name == "still")) for name in ("bands", "still")]
+
+
+def all_jobs(sequences: list[Sequence], folder: Path) -> list[Job]:
+    return [
+        Job(sequence, method, small(method, seed), folder / sequence.name / method / str(seed))
+        for sequence in sequences
+        for method in ("mesvo_f", "solution_selection")
+        for seed in (0, 1)
+    ]
+
+
+def small(method: str, seed: int) -> Config:
+    """A method with cells that suit small images, and few sets."""
+    config = dataclasses.replace(preset(method, seed=seed), features=FeatureConfig(cell=16))
+    return dataclasses.replace(config, selection=dataclasses.replace(config.selection, sets=20))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_jobs_give_the_bytes_of_single_runs(two: list[Sequence], tmp_path: Path, workers: int) -> None:
+    seen: list[tuple[int, int]] = []
+    jobs = all_jobs(two, tmp_path / "runs")
+    outcomes = run_jobs(jobs, workers, lambda done, total: seen.append((done, total)), tmp_path / "cache")
+    assert [outcome.job.name for outcome in outcomes] == [job.name for job in jobs]
+    assert [outcome.error for outcome in outcomes] == [None] * 8
+    for job in jobs:
+        single = run(job.sequence, job.config)
+        text = (job.folder / "poses.txt").read_text(encoding="utf-8")
+        assert text == format_kitti_poses(single.poses)
+        assert [m.flags for m in read_run(job.folder, job.sequence).motions] == [
+            m.flags for m in single.motions
+        ]
+    # Eight runs and two front ends.
+    assert {total for _, total in seen} == {10 * FRAMES}
+    assert seen[-1][0] == 10 * FRAMES
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert len(list((tmp_path / "cache" / "matches").iterdir())) == 2
+
+
+def test_the_front_end_runs_once_for_all_methods_and_seeds(
+    two: list[Sequence], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decoded: list[int] = []
+    stereo = Sequence.stereo
+
+    def counted(sequence: Sequence, index: int) -> object:
+        decoded.append(index)
+        return stereo(sequence, index)
+
+    monkeypatch.setattr(Sequence, "stereo", counted)
+    jobs = all_jobs(two[:1], tmp_path / "runs")
+    run_jobs(jobs, cache=tmp_path / "cache")
+    assert sorted(decoded) == list(range(FRAMES))
+    shutil.rmtree(jobs[2].folder)
+    outcomes = run_jobs(jobs, cache=tmp_path / "cache")
+    assert [outcome.error for outcome in outcomes] == [None] * 4
+    assert len(decoded) == FRAMES
+
+
+def test_finished_jobs_are_left_as_they_are_unless_asked(two: list[Sequence], tmp_path: Path) -> None:
+    jobs = all_jobs(two[:1], tmp_path / "runs")[:2]
+    run_jobs(jobs, cache=tmp_path / "cache")
+    log = jobs[0].folder / "frames.csv"
+    before = log.stat().st_mtime_ns
+    shutil.rmtree(tmp_path / "cache")
+    assert [outcome.error for outcome in run_jobs(jobs, cache=tmp_path / "cache")] == [None] * 2
+    assert log.stat().st_mtime_ns == before
+    assert not (tmp_path / "cache").exists()
+    time.sleep(0.01)
+    run_jobs(jobs, cache=tmp_path / "cache", fresh=True)
+    assert log.stat().st_mtime_ns > before
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_sequence_with_a_bad_image_fails_and_the_other_finishes(
+    two: list[Sequence], tmp_path: Path, workers: int
+) -> None:
+    folder = tmp_path / "broken"
+    shutil.copytree(two[0].folder, folder)
+    broken = open_sequence(folder)
+    (folder / "image_1" / "000006.png").write_bytes(b"")
+    jobs = all_jobs([broken, two[1]], tmp_path / "runs")
+    outcomes = run_jobs(jobs, workers, cache=tmp_path / "cache")
+    for outcome in outcomes[:4]:
+        assert str(outcome.error).startswith(str(folder / "image_1" / "000006.png"))
+        assert not outcome.job.folder.exists()
+    assert [outcome.error for outcome in outcomes[4:]] == [None] * 4
+
+
+def test_a_folder_of_another_run_fails_alone(two: list[Sequence], tmp_path: Path) -> None:
+    jobs = all_jobs(two[:1], tmp_path / "runs")
+    run_jobs(jobs, cache=tmp_path / "cache")
+    other = dataclasses.replace(jobs[1], folder=jobs[0].folder)
+    outcomes = run_jobs([other, jobs[2]], cache=tmp_path / "cache")
+    assert "seed is 0 there and 1 here" in str(outcomes[0].error)
+    assert outcomes[1].error is None
+
+
+def test_two_jobs_in_one_folder_are_refused(two: list[Sequence], tmp_path: Path) -> None:
+    jobs = [dataclasses.replace(job, folder=tmp_path / "one") for job in all_jobs(two, tmp_path)]
+    with pytest.raises(DataError, match="two jobs share a folder"):
+        run_jobs(jobs)

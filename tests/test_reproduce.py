@@ -1,0 +1,377 @@
+"""Table 1 over sequences, methods and seeds: averages by hand, and whole commands on small KITTI trees."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import write_bands
+from numpy.typing import NDArray
+
+from vo_lib.camera import StereoCamera
+from vo_lib.cli import main
+from vo_lib.config import METHODS, preset
+from vo_lib.entries import Entry, back_end_ms, group_entries, measure_runs
+from vo_lib.errors import DataError
+from vo_lib.evaluation import KITTI_MEASURE, SHORT_MEASURE, Measure, suitable_measure
+from vo_lib.kitti_check import EXPECTED_FRAMES
+from vo_lib.odometry import Motion
+from vo_lib.paper import PAPER_ROWS, PaperTable, read_paper_table
+from vo_lib.poses import read_kitti_poses
+from vo_lib.report import ReportTable
+from vo_lib.reproduce import default_sequences, plan_jobs, slug, split_missing
+from vo_lib.runner import Run
+from vo_lib.sequence import Sequence, open_sequence, parse_sequences
+from vo_lib.synthetic import SCENES
+from vo_lib.table1 import (
+    layout_table,
+    length_table,
+    markdown,
+    method_table,
+    paper_table,
+    short_layouts,
+    spread,
+    trajectory_table,
+)
+from vo_lib.table1_data import groups_json, table_csv
+
+Array = NDArray[np.float64]
+
+
+def straight(n: int, step: float = 1.0) -> Array:
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, 2, 3] = step * np.arange(n)
+    return poses
+
+
+def sequence_of(name: str, n: int) -> Sequence:
+    """A sequence of n frames a metre apart, without images."""
+    frames = tuple(f"{i:06d}" for i in range(n))
+    camera = StereoCamera(700.0, 600.0, 180.0, 0.5, 1200, 370)
+    times = np.arange(0.0, n) / 10.0
+    return Sequence(name, Path("nowhere"), frames, camera, times, straight(n), None)
+
+
+def entry_of(name: str, n: int, percent: list[float], method: str = "viso2") -> Entry:
+    """Runs whose steps are too long by so many percent, a seed each."""
+    sequence = sequence_of(name, n)
+    motion = Motion(np.eye(4), matches=100, removed=25, ms={"matching": 30.0, "rotation": 4.0, "filter": 1.0})
+    runs = [
+        Run(sequence, preset(method, seed=seed), straight(n, 1 + p / 100), [motion] * (n - 1))
+        for seed, p in enumerate(percent)
+    ]
+    return measure_runs(method, runs)
+
+
+def test_errors_of_a_method_are_those_of_its_runs_seed_by_seed() -> None:
+    entry = entry_of("somewhere", 500, [1.0, 2.0])
+    # A sub-sequence ends with the first frame beyond its length: some are a frame longer.
+    np.testing.assert_allclose(entry.te, [1.0, 2.0], rtol=0.011)
+    np.testing.assert_allclose(entry.re, 0.0, atol=1e-9)
+    assert entry.seeds == (0, 1)
+    assert entry.removed_share == pytest.approx(0.25)
+    assert entry.back_end_ms == pytest.approx(5.0)
+    assert entry.measure == KITTI_MEASURE
+
+
+def test_short_paths_get_short_lengths_and_say_so() -> None:
+    assert suitable_measure(straight(101)) == SHORT_MEASURE
+    assert suitable_measure(straight(103)) == KITTI_MEASURE
+    assert SHORT_MEASURE.words == "20, 50, 100 m, every frame"
+    assert KITTI_MEASURE.words == "100, 200, … 800 m, every 10 frames (as KITTI)"
+    assert Measure((5.0,), 3).words == "5 m, every 3 frames"
+    assert "20, 50, 100 m, every frame" in layout_table(group_entries([entry_of("a", 80, [1.0])])[0]).title
+
+
+def test_time_of_the_back_end_leaves_the_front_end_out() -> None:
+    front = {"wait_images": 9.0, "cached_matches": 2.0}
+    motions = [Motion(np.eye(4), ms={**front, "rotation": ms}) for ms in (3.0, 5.0)]
+    run = Run(sequence_of("a", 3), preset("viso2"), straight(3), motions)
+    assert back_end_ms(run) == pytest.approx(4.0)
+
+
+def test_the_mean_leaves_01_out_and_the_pooled_average_does_not() -> None:
+    long, short = entry_of("kitti/00", 500, [1.0]), entry_of("kitti/04", 150, [3.0])
+    highway = entry_of("kitti/01", 150, [9.0])
+    (group,) = group_entries([long, highway, short])
+    te, _ = group.mean("viso2")
+    assert te == pytest.approx((long.te + short.te) / 2)
+    counts = [len(e.results[0].kitti) for e in (long, highway, short)]
+    values = [float(e.te[0]) for e in (long, highway, short)]
+    pooled, _ = group.pooled("viso2")
+    assert pooled == pytest.approx(np.average(values, weights=counts))
+    assert len(set(counts)) == 2
+    # Sequences that are not KITTI's are averaged as they are.
+    (others,) = group_entries([entry_of("x/00", 500, [1.0]), entry_of("x/01", 500, [3.0])])
+    assert others.mean("viso2")[0] == pytest.approx(2.0, rel=0.011)
+
+
+def test_an_average_is_taken_for_each_seed_that_all_sequences_have() -> None:
+    (group,) = group_entries(
+        [entry_of("kitti/00", 300, [1.0, 2.0, 4.0]), entry_of("kitti/02", 300, [3.0, 4.0])]
+    )
+    te, _ = group.mean("viso2")
+    np.testing.assert_allclose(te, [2.0, 3.0], rtol=0.011)
+
+
+def test_what_cannot_be_averaged_is_not() -> None:
+    groups = group_entries(
+        [entry_of("kitti/00", 300, [1.0]), entry_of("kitti/07", 60, [1.0]), entry_of("other", 300, [1.0])]
+    )
+    assert [group.sequences for group in groups] == [["kitti/00"], ["kitti/07"], ["other"]]
+    (highway,) = group_entries([entry_of("kitti/01", 300, [1.0])])
+    assert np.isnan(highway.mean("viso2")[0]).all() or len(highway.mean("viso2")[0]) == 0
+
+
+def test_spread_over_seeds_is_a_standard_deviation() -> None:
+    assert spread(np.array([1.0, 3.0])) == "2.000 ± 1.000"
+    assert spread(np.array([1.0])) == "1.000"
+    assert spread(np.array([1.0, np.nan])) == spread(np.zeros(0)) == "–"
+
+
+def full_table() -> PaperTable:
+    """A made-up table in which every printed number is 2."""
+    everything: dict[tuple[str, str], float | None] = {(r, m): 2.0 for r in PAPER_ROWS for m in METHODS}
+    return PaperTable(everything, dict(everything))
+
+
+def test_a_difference_is_given_only_for_whole_sequences() -> None:
+    # 04 has 271 frames; 300 frames of 07 are a part.
+    (group,) = group_entries([entry_of("kitti/04", 271, [1.0]), entry_of("kitti/07", 300, [1.0])])
+    rows = {row[0]: row[1:] for row in paper_table(group, full_table()).rows}
+    whole, part, average = rows["04, viso2"], rows["07, viso2"], rows["Avg, viso2"]
+    assert float(whole[2]) == pytest.approx(float(whole[0]) - 2.0, abs=1.1e-3)
+    assert part[1:3] == ["2.000", "–"]
+    assert average == ["–", "2.000", "–"] * 2
+    assert any("kitti/07 (300 of 1101 frames)" in note for note in layout_table(group).notes)
+    assert not any("kitti/04 (" in note for note in layout_table(group).notes)
+
+
+def test_with_all_ten_sequences_the_average_is_compared_too() -> None:
+    names = [row for row in PAPER_ROWS if row.isdigit()]
+    entries = [entry_of(f"kitti/{name}", EXPECTED_FRAMES[name], [1.0]) for name in names]
+    (group,) = group_entries(entries)
+    row = paper_table(group, full_table()).rows[-1]
+    assert row[0] == "Avg, viso2"
+    assert float(row[3]) == pytest.approx(-1.0, abs=0.01)
+    table = list(csv.DictReader(io.StringIO(table_csv([group], full_table()))))
+    mean = next(line for line in table if line["sequence"] == "mean_without_01")
+    assert float(mean["te_difference"]) == pytest.approx(-1.0, abs=0.01)
+    assert float(mean["paper_te_percent"]) == 2.0
+
+
+def test_the_remarks_on_the_paper_and_its_missing_numbers_are_said_once() -> None:
+    (group,) = group_entries([entry_of("kitti/04", 271, [1.0])])
+    text = " ".join(paper_table(group, read_paper_table()).notes)
+    assert text.count("2.43 / 1.106") == 1
+    assert text.count("1/180") == 1
+    assert "not in the kit's data file" in text
+    assert "not in the kit's data file" not in " ".join(paper_table(group, full_table()).notes)
+
+
+def test_tables_have_a_cell_for_each_column_and_a_dash_where_nothing_is() -> None:
+    entries = [entry_of("kitti/00", 300, [1.0, 1.1], m) for m in ("viso2", "mesvo_f")]
+    entries.append(entry_of("kitti/02", 300, [2.0, 2.1]))
+    (group,) = group_entries(entries)
+    tables = [layout_table(group), paper_table(group, read_paper_table()), *short_layouts(group, 3)]
+    tables += [trajectory_table(entries), method_table(entries[:2]), length_table(group)]
+    for table in tables:
+        assert {len(row) for row in table.rows} == {len(table.columns)}
+    row = next(row for row in layout_table(group).rows if row[0] == "kitti/02")
+    assert row[3:] == ["–", "–"]
+    assert [len(table.columns) for table in short_layouts(group, 3)] == [4, 2]
+    assert "SE3" in trajectory_table(entries).notes[0]
+    assert length_table(group).columns == ["sequence, method", "100 m", "200 m"]  # 299 m hold no more
+    assert "over 2 seeds" in layout_table(group).notes[0]
+    assert float(length_table(group).rows[0][1].split(" / ")[0]) == pytest.approx(1.05, abs=0.07)
+    text = markdown(ReportTable("t", ["a", "b"], [["1", "2"]], ["n"]))
+    assert text == "## t\n\n| a | b |\n| --- | ---: |\n| 1 | 2 |\n\nn\n"
+
+
+def test_json_and_csv_hold_what_was_measured() -> None:
+    groups = group_entries([entry_of("kitti/04", 271, [1.0, 2.0]), entry_of("tiny", 5, [1.0])])
+    data = json.loads(json.dumps(groups_json(groups, full_table()), allow_nan=False))
+    (entry,) = data[0]["entries"]
+    assert entry["te_percent"]["mean"] == pytest.approx(np.mean(entry["te_percent"]["seeds"]))
+    assert entry["paper"]["te_percent"] == 2.0
+    assert entry["whole_sequence"]
+    assert entry["first_seed"]["by_length"][0]["length_m"] == 100.0
+    assert entry["ate"][0]["alignment"] == "se3"
+    (tiny,) = data[1]["entries"]
+    assert tiny["te_percent"]["mean"] is None
+    rows = list(csv.DictReader(io.StringIO(table_csv(groups, full_table()))))
+    assert [row["sequence"] for row in rows] == ["kitti/04", "tiny"]
+    assert float(rows[0]["te_std"]) == pytest.approx(np.std(entry["te_percent"]["seeds"]), abs=1e-6)
+    assert rows[1]["te_percent"] == ""
+
+
+def test_a_job_for_each_sequence_method_and_seed_in_a_folder_of_its_own() -> None:
+    sequences = [sequence_of("kitti/00", 5), sequence_of("a b", 5)]
+    jobs = plan_jobs(sequences, ["viso2", "mesvo_f"], 3, Path("out"))
+    assert len({job.folder for job in jobs}) == len(jobs) == 12
+    assert jobs[0].folder == Path("out/runs/kitti_00/viso2/seed_0")
+    assert [job.config.seed for job in jobs[:3]] == [0, 1, 2]
+    assert slug("a b/c") == "a_b_c"
+    with pytest.raises(DataError, match="two sequences are called a b"):
+        plan_jobs([sequences[1], sequences[1]], ["viso2"], 1, Path("out"))
+
+
+def test_sequence_numbers_and_ranges_mean_kitti() -> None:
+    expected = ["kitti/00", "kitti/02", "kitti/03", "kitti/04", "synthetic/jam", "a/b"]
+    assert parse_sequences("00,02-04,synthetic/jam,a/b") == expected
+    for wrong in ("05-03", "00,,01", ""):
+        with pytest.raises(DataError, match="--sequences"):
+            parse_sequences(wrong)
+
+
+@pytest.fixture
+def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A KITTI root with 02, 07 and, without truth, 11; a folder for what is found in it."""
+    for name in ("02", "07", "11"):
+        write_bands(tmp_path / "kitti" / "sequences" / name)
+    (tmp_path / "kitti" / "sequences" / "11" / "poses.txt").unlink()
+    monkeypatch.setenv("KITTI_ROOT", str(tmp_path / "kitti"))
+    return tmp_path
+
+
+def reproduce(tree: Path, *words: str) -> int:
+    places = ["--out", str(tree / "out"), "--cache", str(tree / "cache")]
+    return main(
+        ["reproduce", *places, "--methods", "viso2,mesvo_f", "--seeds", "2", "--lengths", "1,2", *words]
+    )
+
+
+@pytest.mark.usefixtures("tree")
+def test_kitti_is_the_default_where_it_is_and_the_scenes_where_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert {"kitti/02", "kitti/07", "kitti/11"} <= set(default_sequences())
+    assert not any(name in default_sequences() for name in (f"synthetic/{scene}" for scene in SCENES))
+    monkeypatch.setattr("vo_lib.reproduce.available", lambda: {f"synthetic/{name}": None for name in SCENES})
+    assert default_sequences() == [f"synthetic/{name}" for name in SCENES]
+
+
+@pytest.mark.usefixtures("tree")
+def test_sequences_that_are_not_there_are_told_apart() -> None:
+    assert split_missing(["kitti/02", "kitti/03", "kitti/02"]) == (["kitti/02"], ["kitti/03"])
+    with pytest.raises(DataError, match=r"none of the sequences is here: kitti/03"):
+        split_missing(["kitti/03"])
+
+
+def test_the_whole_table_is_made_and_names_what_is_missing(
+    tree: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert reproduce(tree, "--sequences", "02,07-08,11") == 0
+    printed = capsys.readouterr().out
+    assert "Not found, so not run: kitti/08" in printed
+    out = tree / "out"
+    figures = {"figure4", "trajectory_kitti_02", "trajectory_kitti_07", "trajectory_kitti_11"}
+    figures |= {"errors_kitti_0_by_length", "errors_kitti_0_by_speed"}
+    expected = {f"{name}.{kind}" for name in figures for kind in ("png", "pdf")}
+    texts = {"table1.md", "table1.csv", "metrics.json", "report.html"}
+    assert {p.name for p in out.iterdir()} == expected | texts | {"runs", "results"}
+    assert (out / "figure4.pdf").read_bytes().startswith(b"%PDF")
+    table = list(csv.DictReader(io.StringIO((out / "table1.csv").read_text(encoding="utf-8"))))
+    assert [(row["sequence"], row["seeds"]) for row in table[:2]] == [("kitti/02", "2")] * 2
+    metrics = json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+    assert metrics["missing"] == ["kitti/08"]
+    assert metrics["failed"] == []
+    assert metrics["without_truth"] == ["kitti/11"]
+    te = metrics["groups"][0]["entries"][0]["te_percent"]["mean"]
+    assert 0 < te < 5
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "kitti/08" in page
+    assert page.count("<img") == page.count("data:image/png;base64,") == 5
+    assert not re.search(r'(?:src|href)="(?!data:)', page)
+    assert len(re.findall(r'alt="[^"]{10,}"', page)) == 5
+
+
+def test_sequences_without_truth_give_poses_as_kittis_server_takes_them(tree: Path) -> None:
+    assert reproduce(tree, "--sequences", "11") == 0
+    results = sorted(
+        p.relative_to(tree / "out" / "results") for p in (tree / "out" / "results").rglob("*.txt")
+    )
+    assert results == [Path("mesvo_f/11.txt"), Path("viso2/11.txt")]
+    poses = read_kitti_poses(tree / "out" / "results" / "viso2" / "11.txt")
+    np.testing.assert_array_equal(poses[0], np.eye(4))
+    np.testing.assert_allclose(poses[:, 0, 3], 0.5 * np.arange(6), atol=0.03)
+    run = read_kitti_poses(tree / "out" / "runs" / "kitti_11" / "viso2" / "seed_0" / "poses.txt")
+    np.testing.assert_allclose(poses, run, atol=1e-9)
+
+
+def test_a_run_that_fails_is_told_with_its_cause_while_the_others_finish(
+    tree: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image = tree / "kitti" / "sequences" / "07" / "image_0" / "000003.png"
+    image.write_bytes(image.read_bytes()[:300])
+    assert reproduce(tree, "--sequences", "02,07", "--json") == 1
+    data = json.loads(capsys.readouterr().out)
+    assert {failure["job"].split(",")[0] for failure in data["failed"]} == {"kitti/07"}
+    assert all("000003.png" in failure["cause"] for failure in data["failed"])
+    assert [entry["sequence"] for entry in data["groups"][0]["entries"]] == ["kitti/02"] * 2
+    assert "000003.png" in (tree / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_started_again_it_goes_on_and_two_processes_give_the_same_bytes_as_one(tree: Path) -> None:
+    words = "--sequences", "02,07"
+    assert reproduce(tree, *words, "--jobs", "2") == 0
+
+    def poses() -> dict[str, bytes]:
+        runs = tree / "out" / "runs"
+        return {str(p.relative_to(runs)): p.read_bytes() for p in sorted(runs.rglob("poses.txt"))}
+
+    first = poses()
+    assert len(first) == 8
+    # One run is lost, as when the machine went down before it was begun; the rest is not done again.
+    lost = tree / "out" / "runs" / "kitti_07" / "viso2" / "seed_1"
+    shutil.rmtree(lost)
+    kept = tree / "out" / "runs" / "kitti_02" / "viso2" / "seed_0" / "poses.txt"
+    before = kept.stat().st_mtime_ns
+    table = (tree / "out" / "table1.md").read_bytes()
+    assert reproduce(tree, *words) == 0
+    assert poses() == first
+    assert kept.stat().st_mtime_ns == before
+    assert (tree / "out" / "table1.md").read_bytes() == table
+    assert reproduce(tree, *words, "--fresh") == 0
+    assert poses() == first
+    assert kept.stat().st_mtime_ns > before
+
+
+BAD: dict[str, tuple[list[str], str]] = {
+    "no seeds": (["--seeds", "0"], "--seeds"),
+    "no processes": (["--jobs", "none"], "--jobs"),
+    "method": (["--methods", "mesvo"], "did you mean mesvo_f"),
+    "lengths": (["--lengths", "1;2"], "--lengths"),
+    "length": (["--lengths", "20,-5"], "--lengths"),
+    "none there": (["--sequences", "03"], "none of the sequences is here"),
+    "unknown": (["--sequences", "nowhere"], "nowhere"),
+    "paper": (["--paper", "nowhere.csv"], "nowhere.csv"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line_and_code_2_before_any_work(
+    tree: Path, capsys: pytest.CaptureFixture[str], case: str
+) -> None:
+    words, expected = BAD[case]
+    assert reproduce(tree, *words) == 2
+    error: Any = capsys.readouterr().err
+    assert expected in error
+    assert len(error.splitlines()) == 1
+    assert not (tree / "out").exists()
+
+
+def test_a_sequence_by_its_path_is_a_row_like_any_other(bands: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["--methods", "viso2", "--seeds", "1", "--out", str(out), "--cache", str(tmp_path / "cache")]
+    assert main(["reproduce", "--sequences", str(bands), *words]) == 0
+    text = (out / "table1.md").read_text(encoding="utf-8")
+    assert f"| {open_sequence(bands).name} |" in text
+    assert "Beside the paper" not in text
+    # 2.5 m hold no sub-sequence of 20 m.
+    assert "–" in text

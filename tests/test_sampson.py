@@ -1,0 +1,45 @@
+"""The Sampson distance by matrix products, and the refinement built on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vo_lib.geometry import essential_from_motion, rotation_angle, rotation_from_vector, sampson_distance
+from vo_lib.problems import MOTIONS, Motion, random_problems
+from vo_lib.refinement import refine
+from vo_lib.sampson import candidate_terms, match_terms, squared_distances
+
+FOCAL = 718.856
+
+
+@pytest.mark.parametrize("motion", [m for m in MOTIONS if m != "pure_rotation"])
+def test_the_products_equal_the_definition(motion: Motion) -> None:
+    given = random_problems(np.random.default_rng(1), 6, 50, motion, noise_px=1.0)
+    for x_p, x_c in zip(given.x_p, given.x_c, strict=True):
+        expected = sampson_distance(given.E, x_p, x_c) ** 2
+        found = squared_distances(candidate_terms(given.E), match_terms(x_p, x_c))
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
+        single = squared_distances(candidate_terms(given.E, np.float32), match_terms(x_p, x_c, np.float32))
+        assert single.dtype == np.float32
+        # A hundredth of a pixel is enough to rank.
+        np.testing.assert_allclose(np.sqrt(single), np.sqrt(expected), atol=0.01 / FOCAL, rtol=1e-3)
+
+
+def test_refinement_converges_in_few_steps_to_where_the_robust_cost_is_least() -> None:
+    for seed in range(5):
+        given = random_problems(np.random.default_rng(seed), 1, 300, "forward", noise_px=0.3)
+        x_p, x_c, scale = given.x_p[0], given.x_c[0], 0.5 / FOCAL
+        start = rotation_from_vector(np.array([3e-4, -4e-4, 2e-4])) @ given.R_cp[0]
+        few, direction = refine(start, given.t_cp[0], x_p, x_c, scale, iterations=5)
+        many, _ = refine(start, given.t_cp[0], x_p, x_c, scale, iterations=50)
+        assert rotation_angle(few.T @ many) < 2e-6
+
+        def cost(R: np.ndarray, t: np.ndarray) -> float:
+            d = sampson_distance(essential_from_motion(R, t), x_p, x_c)  # noqa: B023
+            return float(np.sum(np.log1p((d / scale) ** 2)))  # noqa: B023
+
+        least = cost(few, direction)
+        for axis in np.eye(3):
+            for step in (1e-4, -1e-4):
+                assert cost(rotation_from_vector(step * axis) @ few, direction) > least

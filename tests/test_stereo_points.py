@@ -1,0 +1,78 @@
+"""Points of a pair by linear least squares, and the covariance that comes with them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vo_lib.camera import StereoCamera
+from vo_lib.geometry import Array, rotation_from_vector
+from vo_lib.stereo_points import FULL, invert, linearised_points, stereo_points, times
+
+CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
+
+
+def pair(n: int, noise: float, seed: int = 0) -> tuple[Array, Array, Array]:
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(5, 60, n)
+    uv = rng.uniform([0, 0], [1241, 376], (n, 2))
+    X = np.concatenate([CAMERA.normalise(uv) * depth[:, None], depth[:, None]], axis=1)
+    left, right = CAMERA.project(X)
+    return X, left + rng.normal(0, noise, (n, 2)), right + rng.normal(0, noise, (n, 2))
+
+
+def rows(left: Array, right: Array) -> tuple[Array, Array]:
+    """Equation (2) of one pair: A P = c of one feature."""
+    (x, y), (x_r, y_r) = CAMERA.normalise(left), CAMERA.normalise(right)
+    return np.array([[-1, 0, x], [0, -1, y], [-1, 0, x_r], [0, -1, y_r]]), np.array(
+        [0, 0, -CAMERA.baseline, 0]
+    )
+
+
+def test_points_covariances_and_rests_are_those_of_the_four_rows() -> None:
+    _, left, right = pair(20, 0.5)
+    points = stereo_points(CAMERA, left, right)
+    depth = np.linspace(3.0, 30.0, 20)
+    covariance = points.covariance(depth)[FULL]
+    for i in range(20):
+        A, c = rows(left[i], right[i])
+        X, rest = np.linalg.lstsq(A, c, rcond=None)[:2]
+        np.testing.assert_allclose(points.X[:, i], X, rtol=1e-8)
+        np.testing.assert_allclose(points.rest[i], rest[0], rtol=1e-5, atol=1e-14)
+        expected = depth[i] ** 2 * np.linalg.inv(A.T @ A)
+        np.testing.assert_allclose(covariance[:, :, i], expected, rtol=1e-6, atol=1e-9)
+
+
+def test_turned_points_are_points_in_turned_axes() -> None:
+    _, left, right = pair(5, 0.3)
+    points = stereo_points(CAMERA, left, right)
+    R = rotation_from_vector(np.array([0.1, -0.4, 0.2]))
+    depth = np.full(5, 10.0)
+    expected = np.einsum("ij,jkn,lk->iln", R, points.covariance(depth)[FULL], R)
+    np.testing.assert_allclose(points.turned(R).covariance(depth)[FULL], expected, atol=1e-9)
+
+
+def test_exact_pixels_give_the_point_both_ways_and_one_step_comes_near() -> None:
+    X, left, right = pair(30, 0.0)
+    np.testing.assert_allclose(stereo_points(CAMERA, left, right).X, X.T, rtol=1e-9, atol=1e-9)
+    near = linearised_points(CAMERA, 1.001 * X.T, left, right)
+    np.testing.assert_allclose(near.X, X.T, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(linearised_points(CAMERA, X.T, left, right).X, X.T, rtol=1e-12, atol=1e-9)
+
+
+def test_no_disparity_leaves_the_point_finite_and_unknown_along_its_ray() -> None:
+    left = np.array([[700.0, 200.0]])
+    points = stereo_points(CAMERA, left, left)
+    assert np.isfinite(points.X).all()
+    W = invert(points.covariance(np.array([10.0])))
+    assert np.isfinite(W).all()
+    along, across = points.ray[:, 0] / np.linalg.norm(points.ray[:, 0]), np.array([0.0, 1.0, 0.0])
+    assert along @ W[FULL][:, :, 0] @ along < 1e-6 * (across @ W[FULL][:, :, 0] @ across)
+
+
+def test_inverse_and_product_of_symmetric_matrices() -> None:
+    A = np.random.default_rng(0).normal(size=(7, 3, 3))
+    S = A @ np.swapaxes(A, 1, 2) + 0.1 * np.eye(3)
+    six = np.stack([S[:, 0, 0], S[:, 1, 1], S[:, 2, 2], S[:, 0, 1], S[:, 0, 2], S[:, 1, 2]])
+    np.testing.assert_allclose(np.moveaxis(invert(six)[FULL], 2, 0), np.linalg.inv(S), rtol=1e-9)
+    v = np.random.default_rng(1).normal(size=(3, 7))
+    np.testing.assert_allclose(times(six, v), np.einsum("nij,jn->in", S, v), rtol=1e-12)

@@ -1,0 +1,100 @@
+"""`vo boxes`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..box_tracks import MOVING, PARKED, UNKNOWN, Judgement
+from ..config import preset
+from ..console import reporting, say, show_table
+from ..files import write_bytes_atomic
+from ..matching import StereoMatches
+from ..odometry import Odometry
+from ..plots import jpeg, match_image
+from ..results import run_folder
+from ..runner import FoundMatches, one_blas_thread
+from ..sequence import Sequence
+from .common import add_cache, open_with_bar, parse_frames
+
+WORDS = {MOVING: "moves", PARKED: "parked", UNKNOWN: "unknown"}
+COLUMNS = ["frame", "box: left, top, right, bottom", "score", "features", "step m", "m/s", "judged"]
+
+
+def add(commands: Any) -> None:
+    """Declare `vo boxes`."""
+    parser = commands.add_parser(
+        "boxes",
+        help="which vehicle boxes move: a line for each, and pictures",
+        epilog="example: vo boxes synthetic/traffic --frames 100:130 --out runs/boxes. In the pictures boxes "
+        "that move have a whole line, parked ones a dashed one; removed features are orange.",
+    )
+    parser.add_argument("sequence", help="a KITTI-layout folder, or a name from `vo list`")
+    parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
+    parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
+    parser.add_argument("--out", metavar="DIR", help="folder for a picture of every frame")
+    add_cache(parser)
+    parser.set_defaults(command=_boxes)
+
+
+def _boxes(options: argparse.Namespace) -> int:
+    sequence = open_with_bar(options.sequence, options.cache, options.labels)
+    if options.frames is not None:
+        sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
+    if options.out is None:
+        rows = _judge(sequence, None)
+    else:
+        with run_folder(options.out) as folder:
+            rows = _judge(sequence, folder)
+    show_table(f"{sequence.name}: boxes judged by the features in them", COLUMNS, rows)
+    if options.out is not None:
+        say(f"pictures in {options.out}")
+    return 0
+
+
+def _judge(sequence: Sequence, folder: Path | None) -> list[list[str]]:
+    """Run the method over the sequence; a row for each box, and a picture of each frame into the folder."""
+    config = preset("moving_selection")
+    odometry = Odometry(sequence.camera, config)
+    rows: list[list[str]] = []
+    with one_blas_thread(), reporting(sequence.name) as report:
+        for index, (matches, _) in enumerate(FoundMatches(sequence, config.features, config.matching)):
+            report(index + 1, len(sequence))
+            if index == 0:
+                odometry.start(sequence.boxes(0))
+                continue
+            odometry.step(matches, sequence.boxes(index))
+            assert odometry.filtered is not None
+            judgement = odometry.filtered.judgement
+            assert judgement is not None
+            seconds = float(sequence.times[index] - sequence.times[index - 1])
+            rows += [[sequence.frames[index], *row] for row in _rows(judgement, seconds)]
+            if folder is not None:
+                picture = _picture(sequence, index, matches, odometry.filtered.keep, judgement)
+                write_bytes_atomic(folder / f"{sequence.frames[index]}.jpg", picture)
+    return rows
+
+
+def _rows(judgement: Judgement, seconds: float) -> list[list[str]]:
+    """The columns after the frame, for each box."""
+    boxes, rows = judgement.boxes, []
+    for k, (xyxy, state) in enumerate(zip(boxes.xyxy, judgement.state.tolist(), strict=True)):
+        step = float(np.linalg.norm(judgement.step[k]))
+        seen = [f"{step:.2f}", f"{step / seconds:.1f}"] if np.isfinite(step) and seconds > 0 else ["–", "–"]
+        place = ", ".join(f"{x:.0f}" for x in xyxy)
+        rows.append([place, f"{boxes.score[k]:.2f}", str(judgement.matches[k]), *seen, WORDS[state]])
+    return rows
+
+
+def _picture(
+    sequence: Sequence, index: int, matches: StereoMatches, keep: Any, judgement: Judgement
+) -> bytes:
+    words = [
+        f"{score:.2f} {WORDS[state]}"
+        for score, state in zip(judgement.boxes.score.tolist(), judgement.state.tolist(), strict=True)
+    ]
+    left, _ = sequence.stereo(index)
+    return jpeg(match_image(left, matches, keep, judgement.boxes, judgement.state, words))

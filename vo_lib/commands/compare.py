@@ -1,0 +1,94 @@
+"""`vo compare`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..comparison import StoredRun, common_kind, comparison_table, curve, read_stored_runs
+from ..console import say, show_report_table
+from ..errors import DataError
+from ..plots import error_curves_figure, trajectories_figure
+from ..reproduce import slug
+from ..results import run_folder
+from ..sequence import SYNTHETIC, available, open_sequence
+from ..synthetic import SCENES, cache_folder, scene_key
+from .common import add_cache
+from .table_files import write_figure
+
+Array = NDArray[np.float64]
+
+
+def add(commands: Any) -> None:
+    """Declare `vo compare`."""
+    parser = commands.add_parser(
+        "compare",
+        help="finished runs side by side: errors, trajectories, curves",
+        epilog="example: vo compare runs/a runs/b --out runs/compared",
+    )
+    parser.add_argument("runs", nargs="+", metavar="RUN", help="run folders, of one sequence or of several")
+    parser.add_argument("--out", default="runs/compared", metavar="DIR", help="folder for the figures")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    add_cache(parser)
+    parser.set_defaults(command=_compare)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    groups = read_stored_runs(options.runs)
+    with run_folder(options.out) as folder:
+        for name, runs in groups.items():
+            _draw(folder, name, runs, options.cache)
+    if options.json:
+        print(json.dumps([_as_json(name, run) for name, runs in groups.items() for run in runs], indent=2))
+        return 0
+    for name, runs in groups.items():
+        show_report_table(comparison_table(name, runs))
+    say(f"figures in {options.out}")
+    return 0
+
+
+def _draw(folder: Path, name: str, runs: list[StoredRun], cache: Path | None) -> None:
+    """Trajectories of the runs over one sequence and, with truth, their error curves."""
+    estimates = {run.label: run.poses for run in runs}
+    panels = {name: (known_truth(runs[0], cache), estimates)}
+    write_figure(folder, f"trajectory_{slug(name)}", trajectories_figure(panels))
+    kind = common_kind(runs)
+    if kind is None:
+        return
+    for by in ("length", "speed"):
+        curves = {run.label: curve(run, kind, by) for run in runs}
+        write_figure(folder, f"errors_{slug(name)}_by_{by}", error_curves_figure(name, by, curves))
+
+
+def known_truth(run: StoredRun, cache: Path | None) -> Array | None:
+    """True poses (N, 4, 4) of a run's frames, where its sequence is found without drawing anything."""
+    folder = available().get(run.sequence)
+    scene = run.sequence.removeprefix(SYNTHETIC)
+    if run.sequence.startswith(SYNTHETIC) and scene in SCENES:
+        folder = (cache or cache_folder()) / scene_key(SCENES[scene])
+    if folder is None or not folder.is_dir():
+        return None
+    try:
+        sequence = open_sequence(folder)
+        first, last = (sequence.frames.index(frame) for frame in run.frames)
+        truth = sequence.part(first, last + 1).truth
+    except (DataError, ValueError):
+        return None
+    return truth if truth is not None and len(truth) == len(run.poses) else None
+
+
+def _as_json(name: str, run: StoredRun) -> dict[str, Any]:
+    ms = run.ms_per_frame
+    return {
+        "sequence": name,
+        "run": run.label,
+        "folder": str(run.folder),
+        "frames": len(run.poses),
+        "ms_per_frame": ms if np.isfinite(ms) else None,
+        "errors": run.metrics,
+    }

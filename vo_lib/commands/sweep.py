@@ -1,0 +1,91 @@
+"""`vo sweep`."""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..config import METHODS
+from ..console import reporting, say, show_report_table
+from ..files import write_bytes_atomic, write_text_atomic
+from ..jobs import run_jobs
+from ..plots import heat_map_figure, png
+from ..results import run_folder
+from ..sweep import Sweep, mean_and_spread, parse_axis, run_sweep, sweep_csv, sweep_table
+from .common import add_cache, open_with_bar, parse_frames, parse_whole
+
+
+def add(commands: Any) -> None:
+    """Declare `vo sweep`."""
+    parser = commands.add_parser(
+        "sweep",
+        help="a grid over settings on cached matches: table, CSV, heat map",
+        epilog="example: vo sweep --sequence kitti/00 --method feature_selection --jobs 2 "
+        "--set selection.sets=50,100,200 --set filter.margin=0,0.1. Started again it goes on where it was "
+        "stopped; with more values or seeds it adds them. Exit code 1: a run failed.",
+    )
+    parser.add_argument("--sequence", required=True, metavar="S", help="a name from `vo list`, or a path")
+    parser.add_argument("--method", default="feature_selection", help=f"one of {', '.join(METHODS)}")
+    parser.add_argument(
+        "--set",
+        dest="axes",
+        action="append",
+        required=True,
+        metavar="SETTING=V,V,…",
+        help="values of a setting that `vo run --help` lists; once for each setting. Values that are lists "
+        "are parted by semicolons: filter.classes='2;2,5,7'",
+    )
+    parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
+    parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
+    parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--jobs", metavar="N", default="1", help="processes; default 1")
+    where.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="scheduler of a Dask cluster, tcp://host:port, whose workers see the same files; needs the "
+        "extra [cluster]",
+    )
+    parser.add_argument("--out", default="runs/sweep", metavar="DIR", help="folder; default runs/sweep")
+    parser.add_argument("--fresh", action="store_true", help="do runs again that are finished")
+    add_cache(parser)
+    parser.set_defaults(command=_sweep)
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    axes = tuple(parse_axis(text) for text in options.axes)
+    seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
+    sequence = open_with_bar(options.sequence, options.cache, options.labels)
+    if options.frames is not None:
+        sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
+    with run_folder(options.out) as folder:
+        with reporting(f"{sequence.name}, {options.method}") as report:
+            run = partial(
+                run_jobs,
+                workers=workers,
+                progress=report,
+                cache=options.cache,
+                scheduler=options.dask,
+                fresh=options.fresh,
+            )
+            sweep = run_sweep(sequence, options.method, axes, seeds, folder, run)
+        write_text_atomic(folder / "sweep.csv", sweep_csv(sweep))
+        if len(axes) == 2:
+            write_bytes_atomic(folder / "sweep.png", _heat_map(sweep))
+    show_report_table(sweep_table(sweep))
+    say(f"written to {folder / 'sweep.csv'}" + (f" and {folder / 'sweep.png'}" if len(axes) == 2 else ""))
+    return int(any(cell.errors for cell in sweep.cells))
+
+
+def _heat_map(sweep: Sweep) -> bytes:
+    """TE and RE of a grid of two settings as PNG."""
+    down, across = sweep.axes
+    shape = len(down.values), len(across.values), 2
+    panels = {
+        label: np.reshape([mean_and_spread(getattr(cell, name)) for cell in sweep.cells], shape)
+        for label, name in (("TE [%]", "te"), ("RE [deg/100 m]", "re"))
+    }
+    return png(heat_map_figure(sweep.title, (down.name, down.words), (across.name, across.words), panels))

@@ -1,0 +1,64 @@
+"""How good the matches are: those of a drawn scene against its truth, on vehicles and elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .config import Config
+from .filtering import in_boxes
+from .matching import StereoMatches
+from .sequence import Sequence
+from .synthetic import open_truth
+
+FEATURE_FRAMES = 30  # frames whose matches are compared with the truth
+RIGHT = 1.0  # pixels; a right match is no farther from the truth in any image
+
+
+@dataclass(frozen=True)
+class FeatureErrors:
+    """Matches of a drawn scene against its truth, inside or outside vehicle boxes.
+
+    Attributes
+    ----------
+    matches : how many were compared; right_share : share within RIGHT pixels in all four images.
+    median_error : pixels, of the current left position of the right ones.
+    """
+
+    matches: int
+    right_share: float | None
+    median_error: float | None
+
+
+def feature_errors(
+    sequence: Sequence, matches: list[StereoMatches], config: Config
+) -> dict[str, FeatureErrors] | None:
+    """Matches of some frames, evenly spread, against the truth of a drawn scene; None for other sequences."""
+    if not (sequence.folder / "truth").is_dir():
+        return None
+    truth = open_truth(sequence.folder)
+    chosen = np.unique(np.linspace(1, len(sequence) - 1, min(FEATURE_FRAMES, len(sequence) - 1)).astype(int))
+    inside: list[NDArray[np.bool_]] = []
+    right: list[NDArray[np.bool_]] = []
+    error: list[NDArray[np.float64]] = []
+    for i in chosen.tolist():
+        before, now = int(sequence.frames[i - 1]), int(sequence.frames[i])
+        m = matches[i]
+        on_vehicle = in_boxes(m.prev_left, sequence.boxes(i - 1), config.filter)
+        inside.append(on_vehicle | in_boxes(m.cur_left, sequence.boxes(i), config.filter))
+        right.append(truth.is_right(m, now, RIGHT, before))
+        error.append(np.linalg.norm(m.cur_left - truth.predict(before, now, m.prev_left)[0], axis=1))
+    is_inside, is_right, errors = np.concatenate(inside), np.concatenate(right), np.concatenate(error)
+    return {
+        name: _feature_errors(is_right[group], errors[group])
+        for name, group in (("inside boxes", is_inside), ("outside boxes", ~is_inside))
+    }
+
+
+def _feature_errors(right: NDArray[np.bool_], error: NDArray[np.float64]) -> FeatureErrors:
+    if not len(right):
+        return FeatureErrors(0, None, None)
+    median = float(np.median(error[right])) if right.any() else None
+    return FeatureErrors(len(right), float(np.mean(right)), median)
