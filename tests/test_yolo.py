@@ -236,6 +236,18 @@ def test_the_street_model_finds_the_vehicles_of_a_drawn_street() -> None:
     assert MODELS["street"].stat().st_size <= 3_000_000
 
 
+def test_candidates_can_be_chosen_from_again() -> None:
+    image = np.random.default_rng(3).integers(0, 255, (120, 400), np.uint8)
+    strict = YoloDetector("street", DetectorConfig(score=0.02, nms=0.3))
+    found = YoloDetector("street", DetectorConfig()).candidates(image)
+    assert len(found.corners) == len(found.scores) == yolox_cells(640, 192)
+    again = YoloDetector("street", DetectorConfig()).choose(found, 0.02, 0.3)
+    at_once = strict.detect(image)
+    assert np.array_equal(again.xyxy, at_once.xyxy)
+    assert np.array_equal(again.score, at_once.score)
+    assert len(again) > len(strict.choose(found, 0.9, 0.3))
+
+
 def test_detecting_is_the_same_on_two_threads_and_in_grey_or_colour() -> None:
     image, _ = drawn([60])[0]
     one = YoloDetector("street", DetectorConfig(threads=1)).detect(image)

@@ -1,0 +1,134 @@
+"""The notebooks as a reader meets them: JupyterLab in a real browser, all cells run, a slider moved."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, sync_playwright
+
+NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+TOKEN = "notebooks-under-test"
+LONG = 180_000.0  # milliseconds that one step may take; a safeguard
+SETTINGS = {
+    # The page draws every cell, not only those in view.
+    "@jupyterlab/notebook-extension/tracker": {"windowingMode": "none"},
+    # Nothing is asked of the internet.
+    "@jupyterlab/apputils-extension/notification": {"fetchNews": "false", "checkForUpdates": False},
+}
+CONFIG = {"ServerApp": {"allow_root": True}}  # containers run as root
+ALL_DONE = """() => {
+    const prompts = [...document.querySelectorAll('.jp-Notebook .jp-CodeCell .jp-InputPrompt')];
+    return prompts.length > 0 && prompts.every(prompt => /\\[\\d+\\]/.test(prompt.textContent));
+}"""
+PICTURES = """() => Promise.all([...document.querySelectorAll('.widget-image')].map(async image =>
+    Array.from(new Uint8Array(await (await fetch(image.src)).arrayBuffer())).join()))"""
+
+CHANGED = f"async before => (await ({PICTURES})()).some((picture, i) => picture !== before[i])"
+
+
+def free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a JupyterLab that `vo lab` started on a copy of the notebooks."""
+    folder, port = tmp_path_factory.mktemp("lab"), free_port()
+    for plugin, values in SETTINGS.items():
+        path = folder / "settings" / f"{plugin}.jupyterlab-settings"
+        path.parent.mkdir(parents=True)
+        path.write_text(json.dumps(values), encoding="utf-8")
+    (folder / "config").mkdir()
+    (folder / "config" / "jupyter_server_config.json").write_text(json.dumps(CONFIG), encoding="utf-8")
+    places = {
+        "JUPYTER_TOKEN": TOKEN,
+        "JUPYTERLAB_SETTINGS_DIR": str(folder / "settings"),
+        "JUPYTERLAB_WORKSPACES_DIR": str(folder / "workspaces"),
+        "JUPYTER_CONFIG_DIR": str(folder / "config"),
+        "IPYTHONDIR": str(folder / "ipython"),
+    }
+    command = [sys.executable, "-c", "import sys; from vo_lib.cli import main; sys.exit(main())"]
+    options = ["--copy", str(folder / "work"), "--port", str(port), "--no-browser"]
+    log = folder / "server.log"
+    with log.open("w") as printed:
+        server = subprocess.Popen(
+            [*command, "lab", *options],
+            env={**os.environ, **places},
+            stdout=printed,
+            stderr=subprocess.STDOUT,
+            cwd=folder,
+        )
+    address = f"http://127.0.0.1:{port}"
+    while not answers(f"{address}/api?token={TOKEN}"):
+        assert server.poll() is None, log.read_text(encoding="utf-8")
+        time.sleep(0.3)
+    try:
+        yield address
+    finally:
+        request = urllib.request.Request(f"{address}/api/shutdown?token={TOKEN}", method="POST")
+        urllib.request.urlopen(request, timeout=30).close()
+        server.wait(60)
+
+
+def answers(address: str) -> bool:
+    try:
+        urllib.request.urlopen(address, timeout=10).close()
+    except OSError:
+        return False
+    return True
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Headless Chromium, the one of the system."""
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        pytest.skip(f"needs one of the browsers {', '.join(BROWSERS)}")
+    with sync_playwright() as driver:
+        # A container's root has no sandbox, and little shared memory.
+        words = ["--no-sandbox", "--disable-dev-shm-usage"]
+        started = driver.chromium.launch(executable_path=found, args=words)
+        yield started
+        started.close()
+
+
+@pytest.mark.usefixtures("street")
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_reader_runs_all_cells_and_moves_a_slider(path: Path, lab: str, browser: Browser) -> None:
+    page = browser.new_page(viewport={"width": 1400, "height": 1000})
+    page.set_default_timeout(LONG)
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("console", lambda line: complaints.append(line.text) if line.type == "error" else None)
+    page.goto(f"{lab}/lab/tree/{path.name}?token={TOKEN}&reset")
+    page.locator(".jp-Notebook .jp-CodeCell").first.wait_for()
+    page.get_by_text("| Idle").first.wait_for()  # earlier, "Run" would ask for a kernel
+    page.get_by_role("menuitem", name="Run", exact=True).click()
+    page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
+    page.wait_for_function(ALL_DONE)
+    page.wait_for_function("() => document.querySelectorAll('.widget-image').length > 0")
+    before = page.evaluate(PICTURES)
+    handle = page.locator(".widget-slider .noUi-handle").last
+    handle.scroll_into_view_if_needed()
+    handle.focus()
+    # Any slider may stand at one of its ends: go one way, then further the other way.
+    for key, times in (("ArrowRight", 3), ("ArrowLeft", 6)):
+        for _ in range(times):
+            page.keyboard.press(key)
+    page.wait_for_function(CHANGED, arg=before)
+    assert page.locator(".vo-panel-error, .jp-RenderedText[data-mime-type*=stderr]").count() == 0
+    assert complaints == []
+    page.close()

@@ -1,0 +1,126 @@
+"""Every notebook runs from top to bottom, shows no error anywhere, and is committed clean."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import nbclient
+import nbformat
+import pytest
+
+from vo_lib.exercises.verdict import NOT_YET_CLASS, RIGHT_CLASS
+from vo_lib.panels.base import ERROR_CLASS
+from vo_lib.sequence import Sequence
+
+FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
+CHAPTERS = sorted(FOLDER.glob("*.ipynb"))
+SOLUTIONS = sorted((FOLDER / "solutions").glob("*.ipynb"))
+WIDGETS = "application/vnd.jupyter.widget-state+json"
+LONGEST_CELL = 300  # seconds; a safeguard, not a measurement
+
+
+def name(path: Path) -> str:
+    return f"{path.parent.name}/{path.stem}"
+
+
+def read(path: Path) -> Any:
+    return nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
+
+
+def outputs(notebook: Any) -> list[Any]:
+    return [output for cell in notebook.cells for output in cell.get("outputs", [])]
+
+
+def complaints(notebook: Any) -> list[str]:
+    """Errors in the outputs and in the saved widget state: panels catch theirs and show them."""
+    states = notebook.metadata.get("widgets", {}).get(WIDGETS, {}).get("state", {}).values()
+    shown = [output for state in states for output in state["state"].get("outputs", [])]
+    found = []
+    for output in [*outputs(notebook), *shown]:
+        if output["output_type"] == "error":
+            found.append(f"{output['ename']}: {output['evalue']}")
+        if output["output_type"] == "stream" and output["name"] == "stderr":
+            found.append(output["text"])
+    texts = [str(state["state"].get("value", "")) for state in states]
+    return found + [text for text in texts if ERROR_CLASS in text]
+
+
+def verdicts(notebook: Any) -> list[str]:
+    """The exercises' verdicts as HTML."""
+    pages = [output.get("data", {}).get("text/html", "") for output in outputs(notebook)]
+    return [page for page in pages if RIGHT_CLASS in page or NOT_YET_CLASS in page]
+
+
+def execute(path: Path, folder: Path) -> Any:
+    """The notebook with its outputs and widget state; it runs in a folder of its own."""
+    notebook = read(path)
+    client = nbclient.NotebookClient(
+        notebook,
+        timeout=LONGEST_CELL,
+        kernel_name="python3",
+        allow_errors=True,
+        resources={"metadata": {"path": str(folder)}},
+    )
+    client.execute()
+    return notebook
+
+
+@pytest.mark.usefixtures("street")
+@pytest.mark.parametrize("path", CHAPTERS, ids=name)
+def test_a_chapter_runs_and_its_exercises_wait_for_answers(path: Path, tmp_path: Path) -> None:
+    notebook = execute(path, tmp_path)
+    assert complaints(notebook) == []
+    judged = verdicts(notebook)
+    assert len(judged) >= 4
+    assert all(NOT_YET_CLASS in verdict for verdict in judged)
+    states = notebook.metadata["widgets"][WIDGETS]["state"].values()
+    assert any(state["model_name"] == "ImageModel" and state["buffers"] for state in states)
+
+
+@pytest.mark.usefixtures("street")
+@pytest.mark.parametrize("path", SOLUTIONS, ids=name)
+def test_the_solutions_are_right(path: Path, tmp_path: Path) -> None:
+    notebook = execute(path, tmp_path)
+    assert complaints(notebook) == []
+    judged = verdicts(notebook)
+    assert len(judged) >= 4
+    assert [verdict for verdict in judged if RIGHT_CLASS not in verdict] == []
+
+
+@pytest.mark.parametrize("path", [*CHAPTERS, *SOLUTIONS], ids=name)
+def test_notebooks_are_committed_without_outputs(path: Path) -> None:
+    notebook = read(path)
+    nbformat.validate(notebook)
+    assert (notebook.nbformat, notebook.nbformat_minor) == (4, 5)
+    assert set(notebook.metadata) <= {"kernelspec", "language_info"}
+    assert notebook.metadata["kernelspec"]["name"] == "python3"
+    for cell in notebook.cells:
+        assert cell.metadata == {}
+        assert cell.get("outputs", []) == []
+        assert cell.get("execution_count") is None
+        assert cell.source.strip()
+
+
+@pytest.mark.parametrize("path", [*CHAPTERS, *SOLUTIONS], ids=name)
+def test_links_in_the_prose_lead_somewhere(path: Path) -> None:
+    prose = "\n".join(cell.source for cell in read(path).cells if cell.cell_type == "markdown")
+    links = [link for link in re.findall(r"\]\(([^)\s]+)\)", prose) if "://" not in link]
+    for link in links:
+        assert (path.parent / link.split("#")[0]).exists(), link
+    assert any(link.endswith(".ipynb") for link in links)
+
+
+def test_every_chapter_has_its_solutions() -> None:
+    assert CHAPTERS
+    assert [path.name for path in SOLUTIONS] == [path.name for path in CHAPTERS]
+
+
+def test_the_scan_sees_an_error_inside_a_panel(street: Sequence, tmp_path: Path) -> None:
+    lines = f"from vo_lib.panels import StartPanel\nStartPanel({street.name!r}).set(sequence='nowhere')"
+    cell = nbformat.v4.new_code_cell(lines)  # type: ignore[no-untyped-call]
+    broken = tmp_path / "broken.ipynb"
+    notebook = nbformat.v4.new_notebook(cells=[cell])  # type: ignore[no-untyped-call]
+    nbformat.write(notebook, broken)  # type: ignore[no-untyped-call]
+    assert "nowhere" in "".join(complaints(execute(broken, tmp_path)))

@@ -1,0 +1,227 @@
+"""Panels answer to each of their controls with another picture, and to bad input with a sentence."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vo_lib.errors import DataError
+from vo_lib.panels import PANELS, Drawing, Fact, FilteringPanel, Panel, SelectionPanel, State, stack
+from vo_lib.panels.base import OWN_FOLDER
+from vo_lib.panels.controls import Control
+from vo_lib.panels.data import Memory
+from vo_lib.panels.style import WIDTH
+from vo_lib.sequence import Progress, Sequence
+
+LONG = 300.0  # seconds that a job may take; a safeguard
+
+
+def name(panel: type[Panel]) -> str:
+    return panel.__name__
+
+
+@pytest.fixture(scope="module")
+def panels(street: Sequence) -> dict[type[Panel], Panel]:
+    """Each panel once, on the common street."""
+    made = {kind: kind(street) for kind in PANELS}
+    for panel in made.values():
+        panel.wait(LONG)
+    return made
+
+
+@pytest.mark.parametrize("kind", PANELS, ids=name)
+def test_every_control_changes_the_picture(kind: type[Panel], panels: dict[type[Panel], Panel]) -> None:
+    panel = panels[kind]
+    widgets = {key: knob.widget for key, knob in panel.knobs.items()}
+    stops = {key: knob.stops() for key, knob in panel.knobs.items()}
+    widgets["frame"], stops["frame"] = panel.frame, [1, panel.frame.max // 2, panel.frame.max]
+    for key, widget in widgets.items():
+        first, seen = widget.value, set()
+        for value in [*stops[key], first]:
+            widget.value = value
+            assert panel.error == "", (key, value)
+            seen.add(panel.picture.value)
+            picture = cv2.imdecode(np.frombuffer(panel.picture.value, np.uint8), cv2.IMREAD_COLOR)
+            assert picture is not None
+            assert picture.shape == (panel.height, WIDTH, 3), (key, value)
+        assert len(seen) > 1, f"{key} changes nothing"
+
+
+@pytest.mark.parametrize("kind", PANELS, ids=name)
+def test_the_same_state_gives_the_same_picture(kind: type[Panel], panels: dict[type[Panel], Panel]) -> None:
+    panel = panels[kind]
+    before = panel.draw(panel.state())
+    panel.set(frame=3)
+    panel.set(frame=60)
+    assert panel.draw(panel.state()) == before
+    assert before.sentence
+    assert before.facts
+
+
+@pytest.mark.parametrize("kind", PANELS, ids=name)
+def test_another_sequence_can_be_chosen(
+    kind: type[Panel], panels: dict[type[Panel], Panel], street: Sequence, bands: Path
+) -> None:
+    panel = panels[kind]
+    panel.chooser.value = OWN_FOLDER
+    panel.folder.value = str(bands)
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert panel.frame.max == 5
+    on_bands = panel.picture.value
+    panel.chooser.value = street.name
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert panel.picture.value != on_bands
+
+
+@pytest.mark.parametrize("kind", PANELS, ids=name)
+def test_a_missing_folder_gives_a_sentence_and_the_panel_goes_on(
+    kind: type[Panel], panels: dict[type[Panel], Panel], street: Sequence, tmp_path: Path
+) -> None:
+    panel = panels[kind]
+    panel.chooser.value = OWN_FOLDER
+    panel.folder.value = str(tmp_path / "<nowhere>")
+    panel.wait(LONG)
+    assert "the folder is missing" in panel.error
+    assert "&lt;nowhere&gt;" in panel._message.value
+    panel.chooser.value = street.name
+    panel.wait(LONG)
+    assert panel.error == panel._message.value == ""
+
+
+def test_both_selections_are_compared_over_the_frames(bands: Path) -> None:
+    panel = SelectionPanel(str(bands), frame=1)
+    panel.wait(LONG)
+    before = panel.picture.value
+    panel.run()
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert panel.picture.value != before
+    assert sum(fact.startswith("median") for fact in panel.facts) == 3
+
+
+def test_box_rules_are_compared_over_the_frames(bands: Path) -> None:
+    panel = FilteringPanel(str(bands), frame=1)
+    panel.wait(LONG)
+    before = panel.picture.value
+    panel.run()
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert panel.picture.value != before
+    assert list(panel.facts) == ["median, none", "median, all", "median, moving"]
+
+
+def test_the_rule_truth_needs_a_drawn_scene(bands: Path) -> None:
+    panel = FilteringPanel(str(bands), frame=1)
+    panel.wait(LONG)
+    panel.set(filter__rule="truth")
+    assert "needs a drawn scene" in panel.error
+
+
+class Example(Panel):
+    """A panel with typed input, a mistake at frame 2 and a long job."""
+
+    title = "an example"
+    height = 40
+    controls = (Control("filter.classes"), Control("selection.keep"))
+    long_job = "count"
+    started = threading.Event()
+
+    def draw(self, state: State) -> Drawing:
+        if state.frame == 2:
+            raise ValueError("no second frame")
+        shade = np.full((40, WIDTH, 3), 10 * state.config.selection.keep, np.uint8)
+        return Drawing(stack([shade]), "a shade", (Fact("keep", state.config.selection.keep),))
+
+    def work(self, state: State, progress: Progress) -> Drawing:
+        self.started.set()
+        for i in range(10**9):
+            threading.Event().wait(0.001)
+            progress(i, 10**9)
+        raise AssertionError("nobody stopped it")
+
+
+def test_typed_input_is_checked(bands: Path) -> None:
+    panel = Example(str(bands), frame=1)
+    panel.wait(LONG)
+    assert panel.error == ""
+    panel.knobs["filter.classes"].widget.value = "two"
+    assert panel.error == "filter.classes: 'two' is not a comma-separated list of whole numbers of 0 or more"
+    panel.knobs["filter.classes"].widget.value = "2,7"
+    assert panel.error == ""
+    assert panel.state().config.filter.classes == (2, 7)
+
+
+def test_a_mistake_in_a_panel_is_shown_not_swallowed(bands: Path) -> None:
+    panel = Example(str(bands), frame=1)
+    panel.wait(LONG)
+    good = panel.picture.value
+    panel.frame.value = 2
+    assert panel.error == "ValueError: no second frame"
+    panel.frame.value = 3
+    assert panel.error == ""
+    assert panel.picture.value == good
+
+
+def test_numbers_say_how_they_changed(bands: Path) -> None:
+    panel = Example(str(bands), frame=1)
+    panel.wait(LONG)
+    panel.set(selection__keep=5)
+    assert "(+3)" in panel._text.value
+    panel.set(selection__keep=4)
+    assert "(-1)" in panel._text.value
+
+
+def test_a_long_job_can_be_stopped(bands: Path) -> None:
+    panel = Example(str(bands), frame=1)
+    panel.wait(LONG)
+    panel.run()
+    assert panel.started.wait(LONG)
+    assert (panel.job.running, panel.job.box.layout.display) == (True, "")
+    panel.job.stop()
+    panel.wait(LONG)
+    assert (panel.job.running, panel.job.box.layout.display) == (False, "none")
+    assert panel.error == ""
+    assert "Stopped" in panel._message.value
+
+
+def test_an_unknown_control_is_named(bands: Path) -> None:
+    with pytest.raises(DataError, match=r"selection\.kept"):
+        Example(str(bands), selection__kept=3)
+
+
+def test_memory_forgets_what_was_used_longest_ago_and_makes_things_once() -> None:
+    memory: Memory[int] = Memory(2)
+    made = []
+
+    def make(number: int) -> int:
+        made.append(number)
+        return number
+
+    for number in (1, 2, 1, 3, 1, 2):
+        assert memory.get(number, lambda number=number: make(number)) == number  # type: ignore[misc]
+    assert made == [1, 2, 3, 2]
+    assert 3 not in memory
+
+
+def test_memory_makes_a_thing_once_for_many_threads() -> None:
+    memory: Memory[int] = Memory(2)
+    made, gate = [], threading.Event()
+
+    def slow() -> int:
+        gate.wait(LONG)
+        made.append(1)
+        return 1
+
+    threads = [threading.Thread(target=memory.get, args=("key", slow)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    gate.set()
+    for thread in threads:
+        thread.join()
+    assert made == [1]

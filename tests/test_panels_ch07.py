@@ -1,0 +1,80 @@
+"""Chapter 7's long jobs: Table 1 is run, written, read back; a threshold is tried on all methods."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from conftest import write_bands
+
+from vo_lib.config import METHODS, preset
+from vo_lib.panels import ExplorePanel, ReproducePanel
+from vo_lib.panels.ch07_explore import changes, known_poses, with_changes
+from vo_lib.paper import shipped_table
+
+LONG = 300.0  # seconds that a job may take; a safeguard
+
+
+@pytest.fixture
+def road(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Forty-three frames, 21 m: sub-sequences of 20 m fit. Caches are in a folder of the test."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return write_bands(tmp_path / "bands", 43)
+
+
+def panel_of(road: Path) -> ReproducePanel:
+    panel = ReproducePanel(str(road), frame=1, view__methods=("viso2", "mesvo_f"), view__seeds=2)
+    panel.wait(LONG)
+    return panel
+
+
+def test_table_1_is_run_written_and_read_back(road: Path, tmp_path: Path) -> None:
+    panel = panel_of(road)
+    before = panel.picture.value
+    panel.run()
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert panel.picture.value != before
+    ran = panel.facts
+    assert 0 < ran["TE viso2"] < 5
+    assert "viso2" in panel.tables.value
+    folders = sorted(path.parent for path in (tmp_path / "cache").rglob("metrics.json"))
+    assert len(folders) == 4
+    other = panel_of(road)
+    other.set(view__seeds=1)
+    assert "TE viso2" not in other.facts
+    other.folder_of_runs.value = str(folders[0].parents[2])
+    other.wait(LONG)
+    assert other.error == ""
+    assert other.facts == pytest.approx(ran, rel=1e-4)
+    panel.folder_of_runs.value = str(tmp_path / "nowhere")
+    panel.wait(LONG)
+    assert "no run folder" in panel.error
+
+
+def test_the_papers_numbers_can_be_given(road: Path, tmp_path: Path) -> None:
+    panel = panel_of(road)
+    panel.run()
+    panel.wait(LONG)
+    panel.paper.value = str(tmp_path / "nowhere.csv")
+    assert "nowhere.csv" in panel.error
+    panel.paper.value = str(shipped_table())
+    assert panel.error == ""
+
+
+def test_all_methods_follow_a_changed_threshold(road: Path) -> None:
+    panel = ExplorePanel(str(road), frame=1)
+    panel.wait(LONG)
+    assert panel.frame.max == 39
+    panel.set(selection__sets=1, selection__mode="literal")
+    assert panel.error == ""
+    here = panel.state()
+    changed = changes(panel.start, here.config, tuple(panel.knobs))
+    assert changed == {"selection.sets": 1, "selection.mode": "literal"}
+    panel.run()
+    panel.wait(LONG)
+    assert panel.error == ""
+    for method in METHODS:
+        config = with_changes(preset(method, seed=2), changed)
+        assert known_poses(here.sequence, config) is not None
+        assert known_poses(here.sequence, preset(method, seed=2)) is not None

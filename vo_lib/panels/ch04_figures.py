@@ -1,0 +1,169 @@
+"""Chapter 4, drawn: what each feature says alone, residuals by depth, the answer and how sure it is."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+
+from ..geometry import Array
+from ..kitti import Image
+from ..matching import StereoMatches
+from .ch02_figures import draw_dot
+from .style import BAD, DARK, FIFTH, FONT_SIZE, GOOD, PALE, WIDTH, bgr, caption, figure, finish, photo
+
+DEPTHS = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # metres, of the ticks
+LEAST, MOST = 0.01, 100.0  # pixels shown of a residual
+ROOM = (0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)  # mm from the middle to the edge
+MILLI = 1e3
+
+
+def features_picture(image: Image, matches: StereoMatches, weight: Array, words: str, height: int) -> Image:
+    """The current image; each match a line to a dot: blue counts, orange hardly counts, grey is not used.
+
+    Parameters
+    ----------
+    weight : (N,) robust weight in [0, 1]; NaN where a feature is not used.
+    """
+    picture = photo(image, image.shape[1])
+    order = np.argsort(np.nan_to_num(-weight, nan=-2.0))  # the outliers on top
+    for i in order.tolist():
+        colour = PALE if np.isnan(weight[i]) else GOOD if weight[i] >= 0.5 else BAD
+        start, end = (
+            np.rint(uv[i] * 16).astype(int).tolist() for uv in (matches.prev_left, matches.cur_left)
+        )
+        cv2.line(picture, start, end, bgr(colour), 1, cv2.LINE_AA, shift=4)
+        draw_dot(picture, matches.cur_left[i], colour, 2.5)
+    return caption(photo(picture, WIDTH, height), words)
+
+
+def depth_axis(axis: Axes) -> None:
+    """A logarithmic axis of depth with few, plain numbers."""
+    axis.set_xscale("log")
+    axis.set_xlim(DEPTHS[0], DEPTHS[-1])
+    axis.set_xticks(DEPTHS, [f"{depth:g}" for depth in DEPTHS])
+    axis.minorticks_off()
+
+
+def draw_residuals(axis: Axes, depth: Array, residual: Array, scale: float, robust: bool) -> None:
+    """Residual of each feature over its depth; the line is where a weight is halved."""
+    used = np.isfinite(residual)
+    heavy = used & ((residual <= scale) | (not robust))
+    shown = np.clip(residual, LEAST, MOST)
+    for chosen, colour, words in ((heavy, GOOD, "counts"), (used & ~heavy, BAD, "weight below ½")):
+        axis.plot(depth[chosen], shown[chosen], ".", color=colour, markersize=4, label=words)
+    axis.plot(
+        depth[~used], np.full(np.count_nonzero(~used), LEAST), "|", color=PALE, markersize=8, label="not used"
+    )
+    if robust:
+        axis.axhline(scale, color=DARK, linewidth=1, linestyle=":")
+    depth_axis(axis)
+    axis.set_yscale("log")
+    axis.set_ylim(0.8 * LEAST, MOST)
+    axis.set_yticks([0.01, 0.1, 1, 10, 100], ["0.01", "0.1", "1", "10", "100"])
+    axis.minorticks_off()
+    finish(axis, "what each feature leaves of its eight rows", "depth [m]", "residual [px]")
+    axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=True, framealpha=0.9)
+
+
+def draw_ellipse(
+    axis: Axes, each: Array, weight: Array, t: Array, covariance: Array, t_reference: Array, reference: str
+) -> None:
+    """Errors of t_cp in the x-z plane, millimetres: each feature alone, and all together with its ellipse.
+
+    Parameters
+    ----------
+    each : (N, 3) translation of each feature alone; weight : (N,); t, t_reference : (3,), metres.
+    covariance : (3, 3) of t, m²; the ellipse is drawn at two standard deviations.
+    """
+    dots, middle = (MILLI * (v - t_reference)[..., [0, 2]] for v in (each, t))
+    axes, directions = np.linalg.eigh(MILLI**2 * covariance[np.ix_([0, 2], [0, 2])])
+    lengths = 4.0 * np.sqrt(np.maximum(axes, 0.0))
+    wanted = 1.3 * max(float(np.abs(middle).max()) + 0.5 * float(lengths.max()), ROOM[0])
+    half = next((room for room in ROOM if room >= wanted), ROOM[-1])
+    light = ~(weight >= 0.5)
+    for chosen, colour in ((light, PALE), (~light, GOOD)):
+        axis.plot(*dots[chosen].T, ".", color=colour, markersize=2.5)
+    angle = float(np.degrees(np.arctan2(directions[1, 1], directions[0, 1])))
+    axis.add_patch(
+        Ellipse(
+            (float(middle[0]), float(middle[1])),
+            float(lengths[1]),
+            float(lengths[0]),
+            angle=angle,
+            facecolor=(*_rgb(FIFTH), 0.35),
+            edgecolor=DARK,
+        )
+    )
+    axis.plot(*middle, "o", color=FIFTH, markeredgecolor=DARK, markersize=6, label="all together, 2σ")
+    axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
+    axis.set_xlim(-half, half)
+    axis.set_ylim(-half, half)
+    ticks = [-half, -half / 2, 0, half / 2, half]
+    axis.set_xticks(ticks)
+    axis.set_yticks(ticks)
+    finish(axis, "error of the translation, from above", "x, right [mm]", "z, forward [mm]")
+    axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=True, framealpha=0.9)
+
+
+def _rgb(colour: str) -> tuple[float, float, float]:
+    red, green, blue = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return red, green, blue
+
+
+def spread_figure(depth: Array, error: Array, height: int = 260) -> Figure:
+    """Error of each feature's own translation over its depth, with the line of a growth with Z².
+
+    Parameters
+    ----------
+    depth : (N,); error : (N,) length of the error; metres.
+    """
+    made, (axis,) = figure(height)
+    axis.plot(
+        depth, np.clip(MILLI * error, 0.1, None), ".", color=GOOD, markersize=4, label="one feature alone"
+    )
+    near = (depth > 5) & (depth < 80)
+    factor = np.median(error[near] / depth[near] ** 2) if near.any() else 1e-4
+    line = np.array([4.0, 150.0])
+    axis.plot(line, MILLI * factor * line**2, color=BAD, linewidth=1.5, label="grows with Z²")
+    depth_axis(axis)
+    axis.set_yscale("log")
+    axis.minorticks_off()
+    finish(axis, "how wrong one feature is", "depth Z [m]", "error of t [mm]")
+    return made
+
+
+def variants_figure(tables: dict[str, dict[str, Array]], height: int = 290) -> Figure:
+    """Error of each frame by variant, one axis a table, millimetres on a logarithmic scale."""
+    made, axes = figure(height, len(tables))
+    for axis, (title, errors) in zip(axes, tables.items(), strict=True):
+        for row, (name, values) in enumerate(errors.items()):
+            spread = np.linspace(-0.1, 0.2, len(values))
+            axis.plot(values, row + 0.1 + spread, ".", color=GOOD, markersize=4)
+            axis.plot(np.median(values), row + 0.15, "|", color=BAD, markersize=18, markeredgewidth=3)
+            words = f"{name.replace('_', ' ')}: {np.median(values):.1f} mm"
+            axis.text(0.01, row - 0.22, words, fontsize=FONT_SIZE - 1, transform=axis.get_yaxis_transform())
+        axis.set_xscale("log")
+        axis.minorticks_off()
+        axis.set_yticks([])
+        axis.set_ylim(len(errors) - 0.6, -0.8)
+        finish(axis, title, "error of t [mm]; orange: median")
+    return made
+
+
+def weight_figure(scale: float, height: int = 200) -> Figure:
+    """What a feature's error costs and counts, least squares beside the robust weights."""
+    made, (cost, weight) = figure(height, 2)
+    r = np.linspace(0.0, 3.0, 100)
+    cost.plot(r, r**2, color=PALE, linewidth=1.5, label="least squares: r²")
+    cost.plot(r, scale**2 * np.log1p((r / scale) ** 2), color=GOOD, linewidth=1.5, label="Cauchy")
+    cost.set_ylim(0, 3)
+    finish(cost, "cost of a residual", "residual r [px]")
+    weight.plot(r, np.ones_like(r), color=PALE, linewidth=1.5, label="least squares: 1")
+    weight.plot(r, 1.0 / (1.0 + (r / scale) ** 2), color=GOOD, linewidth=1.5, label="1 / (1 + r²/s²)")
+    weight.axvline(scale, color=DARK, linewidth=1, linestyle=":")
+    weight.set_ylim(0, 1.1)
+    finish(weight, "its weight in the sum", "residual r [px]")
+    return made

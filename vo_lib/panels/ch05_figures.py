@@ -1,0 +1,139 @@
+"""Chapter 5, drawn: scores of the cells, candidates and boxes, kept and removed features, errors by rule."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullLocator
+from numpy.typing import NDArray
+
+from ..detection import Boxes
+from ..geometry import Array
+from ..kitti import Image
+from ..matching import StereoMatches
+from ..plots import match_image
+from ..yolo import Candidates
+from ..yolo_layout import STRIDES, place
+from .data import Memory
+from .style import BAD, CYCLE, DARK, FONT_SIZE, GOOD, PALE, WIDTH, Plate, bgr, caption, figure, finish, photo
+
+MILLI = 1e3
+ROOM = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)  # mm from the middle to the edge
+MOST_DRAWN = 400  # candidates; more would hide the picture
+LEAST = 0.05  # mm shown of an error
+TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)  # mm
+DOTS = (PALE, 6.0), (GOOD, 4.0)  # with all features, with those kept: colour, radius in pixels
+
+_plates: Memory[Plate] = Memory(16)
+
+
+def score_picture(image: Image, found: Candidates) -> Image:
+    """The network's image three times, left to right its strides: each cell tinted by its best score."""
+    ground, parts, first = photo(place(image, found.plan), found.plan.width), [], 0
+    for stride in STRIDES:
+        rows, columns = found.plan.height // stride, found.plan.width // stride
+        best = found.scores[first : first + rows * columns].max(axis=1).reshape(rows, columns)
+        first += rows * columns
+        share = np.kron(best, np.ones((stride, stride)))[:, :, None]
+        tinted = (1 - share) * (0.8 * ground) + share * np.array(bgr(BAD))
+        grid = np.asarray(tinted, np.uint8)
+        grid[::stride] = grid[::stride] // 4 * 3
+        grid[:, ::stride] = grid[:, ::stride] // 4 * 3
+        small = photo(grid, WIDTH // 3 - 2)
+        parts.append(caption(small, f"stride {stride}: {columns} x {rows} cells, best {best.max():.2f}"))
+    rims = ((0, 0), (1, 1), (0, 0))
+    joined = np.concatenate([np.pad(part, rims, constant_values=255) for part in parts], axis=1)
+    return np.pad(joined, ((0, 0), (0, WIDTH - joined.shape[1]), (0, 0)), constant_values=255)
+
+
+def candidates_picture(
+    image: Image, found: Candidates, score: float, kept: Array, words: str, width: int, height: int
+) -> Image:
+    """The network's image with every candidate of enough score, thin orange, and what stays, blue.
+
+    Parameters
+    ----------
+    kept : (K, 4) corners in the network's image, pixels. width, height : of the picture.
+    """
+    picture = photo(place(image, found.plan), found.plan.width)
+    best = found.scores.max(axis=1)
+    passed = np.flatnonzero(best >= score)
+    passed = passed[np.argsort(-best[passed], kind="stable")][:MOST_DRAWN]
+    for boxes, colour, thick in ((found.corners[passed], BAD, 1), (kept, GOOD, 2)):
+        for x0, y0, x1, y1 in np.rint(np.clip(boxes, -9, 9999)).astype(int).tolist():
+            cv2.rectangle(picture, (x0, y0), (x1, y1), bgr(colour), thick, cv2.LINE_AA)
+    return caption(photo(picture, width, height), words)
+
+
+def filter_picture(
+    image: Image,
+    matches: StereoMatches,
+    keep: NDArray[np.bool_],
+    boxes: Boxes,
+    state: NDArray[np.int64] | None,
+    words: str,
+    height: int,
+) -> Image:
+    """The image with its matches, kept ones blue, removed ones orange, and the vehicle boxes."""
+    scores = [f"{score:.2f}" for score in boxes.score]
+    return caption(photo(match_image(image, matches, keep, boxes, state, scores), WIDTH, height), words)
+
+
+def errors_picture(errors: dict[str, Array], reference: str, width: int, height: int) -> Image:
+    """Errors (3,) of t_cp from above, millimetres, by name: the first pale and large, the second blue."""
+    largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
+    half = next((room for room in ROOM if room >= 1.2 * largest), ROOM[-1])
+    key = half, reference, tuple(errors), width, height
+    plate = _plates.get(key, lambda: _errors_plate(half, reference, tuple(errors), width, height))
+    picture = plate.blank()
+    for error, (colour, radius) in zip(errors.values(), DOTS, strict=True):
+        plate.dots(picture, 0, error[:1], error[2:], DARK, radius + 1)
+        plate.dots(picture, 0, error[:1], error[2:], colour, radius)
+    return picture
+
+
+def _errors_plate(half: float, reference: str, names: tuple[str, ...], width: int, height: int) -> Plate:
+    made, (axis,) = figure(height, width=width)
+    axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
+    for name, (colour, radius) in zip(names, DOTS, strict=True):
+        axis.plot([], [], "o", color=colour, markeredgecolor=DARK, markersize=1.4 * radius, label=name)
+    ticks = [-half, -half / 2, 0, half / 2, half]
+    axis.set_xlim(-half, half)
+    axis.set_ylim(-half, half)
+    axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axis.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    finish(axis, "error of the translation, from above", "x, right [mm]", "z, forward [mm]")
+    axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=True, framealpha=0.9)
+    return Plate(made, [axis])
+
+
+def rules_figure(errors: dict[str, Array], first: int, height: int = 290) -> Figure:
+    """Error of t in each frame by rule (F,), millimetres; left by frame, right sorted by size."""
+    made, (left, right) = figure(height, 2, (1.7, 1.0))
+    for (name, values), colour in zip(errors.items(), CYCLE, strict=False):
+        shown, frames = np.clip(values, LEAST, None), first + np.arange(len(values))
+        left.plot(frames, shown, ".-", color=colour, linewidth=1, markersize=4, label=name)
+        share = (np.arange(len(shown)) + 1) / len(shown)
+        words = f"{name}: median {np.median(values):.1f}"
+        right.plot(np.sort(shown), share, color=colour, linewidth=1.5, label=words)
+    every = np.clip(np.concatenate(list(errors.values())), LEAST, None)
+    low, high = float(every.min()) / 1.2, float(every.max()) * 1.2
+    left.set_yscale("log")
+    left.set_ylim(low, high)
+    right.set_xscale("log")
+    right.set_xlim(low, high)
+    _plain_axis(left.yaxis, low, high)
+    _plain_axis(right.xaxis, low, high)
+    left.xaxis.set_major_locator(MaxNLocator(integer=True))
+    finish(left, "error of the translation by frame", "frame", "error of t [mm]")
+    finish(right, "share of the frames with a smaller error", "error of t [mm]", "share")
+    return made
+
+
+def _plain_axis(axis: Axis, low: float, high: float) -> None:
+    """Few, plain numbers on a logarithmic axis."""
+    ticks = [tick for tick in TICKS if low <= tick <= high]
+    axis.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    axis.set_minor_locator(NullLocator())

@@ -1,0 +1,212 @@
+"""Chapter 7: what a threshold is worth over forty frames, on matches that are found once and kept."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from .. import settings
+from ..ate_rpe import relative_error
+from ..config import METHODS, Config, preset
+from ..errors import DataError
+from ..evaluation import SHORT_MEASURE, kitti_errors
+from ..geometry import Array
+from ..match_cache import CachedMatches
+from ..runner import TimedMatches, run_methods
+from ..sequence import Progress, Sequence
+from ..settings import Checked, setting
+from .base import Drawing, Panel, State
+from .ch07_figures import draw_dot, draw_steps, finish_dots
+from .controls import Control
+from .data import Memory, opened
+from .style import Fact, figure, stack
+
+FRAMES, SEEDS = 40, 3
+MILLI = 1e3
+STEPS_HEIGHT, DOTS_HEIGHT = 240, 220
+
+_matches: Memory[list[TimedMatches]] = Memory(4)
+_runs: Memory[Array] = Memory(400)
+
+
+@dataclass(frozen=True)
+class ExploreView(Checked):
+    """Which method the sliders change."""
+
+    method: str = setting("feature_selection", "the method that follows the sliders", choices=tuple(METHODS))
+
+
+class ExplorePanel(Panel):
+    """A method with changed settings beside its preset, on the first frames of a sequence."""
+
+    title = f"One threshold at a time, on the first {FRAMES} frames"
+    view = ExploreView
+    start = preset("feature_selection")
+    height = STEPS_HEIGHT + DOTS_HEIGHT
+    long_job = f"All methods, {SEEDS} seeds"
+    controls = (
+        Control("view.method", "method"),
+        Control("selection.sets", "five-point sets", high=400),
+        Control("selection.threshold", "inlier threshold", high=5, step=0.05),
+        Control("selection.mode", "mode"),
+        Control("buckets.features", "features a bucket", high=20),
+        Control("filter.margin", "margin of boxes", step=0.05),
+        Control("translation.max_depth", "farthest feature", high=200, step=5),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        changed = changes(self.start, state.config, tuple(self.knobs))
+        method, sequence = state.view.method, state.sequence
+        truth = _truth(sequence)
+        estimates = {
+            "preset": poses_of(sequence, preset(method)),
+            "with these settings": poses_of(sequence, with_changes(preset(method), changed)),
+        }
+        made, (turn, step) = figure(STEPS_HEIGHT, 2)
+        rpe = {name: relative_error(truth, poses) for name, poses in estimates.items()}
+        words = ", ".join(f"{name} = {value}" for name, value in changed.items()) or "nothing changed"
+        degrees = {name: np.degrees(each.rotation) for name, each in rpe.items()}
+        draw_steps(turn, degrees, state.frame, f"rotation error of each step; {words}", "deg")
+        metres = {name: MILLI * each.translation for name, each in rpe.items()}
+        draw_steps(step, metres, state.frame, f"translation error of each step, {method}", "mm")
+        dots, axes = figure(DOTS_HEIGHT, 2)
+        for axis, rotation in zip(axes, (False, True), strict=True):
+            self._dots(axis, sequence, changed, rotation)
+        te, re = errors_of(truth, estimates["with these settings"])
+        te_preset, re_preset = errors_of(truth, estimates["preset"])
+        at = min(state.frame, len(sequence) - 1) - 1
+        facts = (
+            Fact("TE", te, "%", 4),
+            Fact("TE of the preset", te_preset, "%", 4),
+            Fact("RE", re, "deg/100 m", 4),
+            Fact("RE of the preset", re_preset, "deg/100 m", 4),
+            Fact("five-point sets", state.config.selection.sets),
+            Fact("rotation error here", float(degrees["with these settings"][at]), "deg", 4),
+            Fact("translation error here", float(metres["with these settings"][at]), "mm", 1),
+        )
+        sentence = (
+            f"{method}, seed 0, {len(sequence)} frames; TE and RE over {SHORT_MEASURE.words}, as far as it "
+            f"goes. Changed: {words}. Below: grey is the preset; methods not drawn have not been run."
+        )
+        return Drawing(stack([made, dots], self.height), sentence, facts)
+
+    def work(self, state: State, progress: Progress) -> Drawing:
+        changed = changes(self.start, state.config, tuple(self.knobs))
+        wanted = [
+            config
+            for method in METHODS
+            for seed in range(SEEDS)
+            for config in (preset(method, seed=seed), with_changes(preset(method, seed=seed), changed))
+        ]
+        total = len(wanted) * len(state.sequence)
+        for number, config in enumerate(wanted):
+            before = number * len(state.sequence)
+            progress(before, total)
+            poses_of(state.sequence, config, lambda done, _, b=before: progress(b + done, total))  # type: ignore[misc]
+        return self.draw(state)
+
+    def _open(self, name: str) -> None:
+        """The first frames of a sequence with their matches: seconds the first time, so always a job."""
+
+        def prepare(report: Progress) -> Sequence:
+            whole = opened(name, report)
+            sequence = whole.part(0, min(FRAMES, len(whole)))
+            _truth(sequence)
+            matches_of(sequence, self.start, report)
+            return sequence
+
+        self.job.start(f"matching {FRAMES} frames of {name}", prepare, self._use, self._fail)
+
+    def _dots(self, axis: Axes, sequence: Sequence, changed: dict[str, object], rotation: bool) -> None:
+        for number, method in enumerate(METHODS):
+            for place, hollow in ((-0.15, True), (0.15, False)):
+                values = [
+                    errors_of(_truth(sequence), poses)[int(rotation)]
+                    for seed in range(SEEDS)
+                    if (poses := known_poses(sequence, _seeded(method, seed, {} if hollow else changed)))
+                    is not None
+                ]
+                draw_dot(axis, number + place, np.array(values), method, number, hollow)
+        axis.set_xticks(range(len(METHODS)), [name.replace("_", "\n") for name in METHODS])
+        axis.set_xlim(-0.5, len(METHODS) - 0.5)
+        finish_dots(axis, "", rotation)
+
+
+def changes(start: Config, config: Config, names: tuple[str, ...]) -> dict[str, object]:
+    """Settings that differ from those a panel began with, by dotted name."""
+    found = {}
+    for item in settings.declared(Config):
+        if item.name in names:
+            value = _value(config, item.name)
+            if value != _value(start, item.name):
+                found[item.name] = value
+    return found
+
+
+def with_changes(config: Config, changed: dict[str, object]) -> Config:
+    """A configuration with some settings replaced."""
+    for name, value in changed.items():
+        config = settings.replace(config, name, value)
+    return config
+
+
+def matches_of(sequence: Sequence, config: Config, progress: Progress | None = None) -> list[TimedMatches]:
+    """Matches of all frames, from the match cache on disk, kept here as well."""
+
+    def find() -> list[TimedMatches]:
+        found = []
+        for frame in CachedMatches(sequence, config.features, config.matching):
+            found.append(frame)
+            if progress is not None:
+                progress(len(found), len(sequence))
+        return found
+
+    key = sequence.folder, sequence.frames[0], len(sequence), config.features, config.matching
+    return _matches.get(key, find)
+
+
+def poses_of(sequence: Sequence, config: Config, progress: Progress | None = None) -> Array:
+    """Poses (N, 4, 4) of a configuration on the kept matches: the back end alone."""
+
+    def run() -> Array:
+        matches = matches_of(sequence, config)
+        return run_methods(sequence, {"": config}, progress, matches)[""].poses
+
+    return _runs.get(_key(sequence, config), run)
+
+
+def known_poses(sequence: Sequence, config: Config) -> Array | None:
+    """Poses that `poses_of` has found before, or None."""
+    key = _key(sequence, config)
+    return _runs.get(key, lambda: np.zeros(0)) if key in _runs else None
+
+
+def errors_of(truth: Array, poses: Array) -> tuple[float, float]:
+    """TE in % and RE in deg/100 m over short sub-sequences; NaN where the path holds none."""
+    errors = kitti_errors(truth, poses, SHORT_MEASURE.lengths, SHORT_MEASURE.step)
+    nothing = float("nan")
+    return (nothing if errors.te is None else errors.te), (nothing if errors.re is None else errors.re)
+
+
+def _key(sequence: Sequence, config: Config) -> tuple[object, ...]:
+    return sequence.folder, sequence.frames[0], len(sequence), sequence.labels, config
+
+
+def _seeded(method: str, seed: int, changed: dict[str, object]) -> Config:
+    return dataclasses.replace(with_changes(preset(method), changed), seed=seed)
+
+
+def _truth(sequence: Sequence) -> Array:
+    if sequence.truth is None:
+        raise DataError(f"{sequence.name} has no ground truth to compare with")
+    return sequence.truth
+
+
+def _value(config: Config, name: str) -> object:
+    value: object = config
+    for part in name.split("."):
+        value = getattr(value, part)
+    return value
