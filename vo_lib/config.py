@@ -14,7 +14,7 @@ from .settings import Checked, section, setting
 class FeatureConfig(Checked):
     """Corner detection (chapter 1)."""
 
-    cell: int = setting(18, "at most one corner in each square of this size", unit="px", low=6, high=100)
+    cell: int = setting(18, "at most one corner in each square of this size", unit="px", low=10, high=100)
     quality: float = setting(
         3.0,
         "smallest corner strength, as contrast; higher: fewer, safer corners",

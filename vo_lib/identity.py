@@ -8,6 +8,7 @@ import hashlib
 import os
 import platform
 import subprocess
+import threading
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,9 @@ def labels_digest(sequence: Sequence) -> str:
     return digest.hexdigest()[:DIGITS]
 
 
+_PARSING = threading.Lock()
+
+
 @functools.lru_cache
 def code_digest(*modules: str) -> str:
     """Digest of the sources of modules of the kit, "front_end", and of all that they import from it."""
@@ -83,7 +87,10 @@ def code_digest(*modules: str) -> str:
 def _imported(path: Path, source: bytes) -> list[Path]:
     """Files of the kit that a file imports, by relative imports as everywhere in the kit."""
     found = []
-    for node in ast.walk(ast.parse(source)):
+    # Python 3.11 may fail where two threads parse at once ("AST constructor recursion depth mismatch").
+    with _PARSING:
+        tree = ast.parse(source)
+    for node in ast.walk(tree):
         if not isinstance(node, ast.ImportFrom) or node.level == 0:
             continue
         base = path.parents[node.level - 1]
