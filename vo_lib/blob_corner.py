@@ -17,8 +17,14 @@ from numpy.typing import NDArray
 
 from .camera import StereoCamera
 from .config import FeatureConfig, MatchingConfig
-from .matching import StereoMatches, coarse_disparity, empty_matches
-from .reprojection import fit_motion
+from .matching import (
+    StereoMatches,
+    coarse_disparity,
+    empty_matches,
+    next_motion,
+    pack_motion,
+    unpack_motion,
+)
 from .subpixel import finish_over_time, finish_stereo
 
 Array = NDArray[np.float64]
@@ -156,7 +162,7 @@ class BlobCornerMatcher:
         matches, slope, index = empty_matches(), np.zeros((0, 2)), np.zeros(0, np.intp)
         if self._previous is not None:
             matches, slope, index = self._match(pair, place)
-        self._motion = self._fit(matches)
+        self._motion = next_motion(self.camera, matches, self._motion)
         place["age"][index] = matches.age + 1
         place["id"][index] = matches.id
         for name, values in (("left", matches.cur_left), ("right", matches.cur_right), ("slope", slope)):
@@ -171,15 +177,13 @@ class BlobCornerMatcher:
         """What the pairs so far left behind, as plain arrays, without the images; empty before the first."""
         if self._previous is None:
             return {}
-        motion = [] if self._motion is None else [np.hstack([self._motion[0], self._motion[1][:, None]])]
-        return {**self._previous[1], "motion": np.array(motion), "next_id": np.array(self._next_id)}
+        return {**self._previous[1], "motion": pack_motion(self._motion), "next_id": np.array(self._next_id)}
 
     def restore(self, state: dict[str, NDArray[Any]], previous: DescribedPair) -> None:
         """Go on as the matcher whose `state` this was after the pair `previous`; same settings."""
         place = {name: a.copy() for name, a in state.items() if name not in ("motion", "next_id")}
         self._previous = (previous, place)
-        motion = state["motion"]
-        self._motion = (motion[0, :, :3].copy(), motion[0, :, 3].copy()) if len(motion) else None
+        self._motion = unpack_motion(state["motion"])
         self._next_id = int(state["next_id"])
 
     def _match(
@@ -248,13 +252,6 @@ class BlobCornerMatcher:
         age, strength, number = (seen[name][source][ok] for name in ("age", "strength", "id"))
         matches = StereoMatches(left[ok], right[ok], cur_left[ok], cur_right[ok], age, strength, number)
         return matches, cur_slope[ok], in_left[ok]
-
-    def _fit(self, matches: StereoMatches) -> tuple[Array, Array] | None:
-        if len(matches) < 10:
-            return None
-        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
-        start = self._motion or (np.eye(3), np.zeros(3))
-        return fit_motion(self.camera, X_p, matches.cur_left, matches.cur_right, *start)[:2]
 
 
 def _pick(found: Described, index: NDArray[np.intp]) -> Described:

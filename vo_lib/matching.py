@@ -18,6 +18,8 @@ from .subpixel import finish_over_time, finish_stereo, is_stereo
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+# R_cp and t_cp, metres.
+Motion = tuple[Array, Array]
 
 # Before the finish, the two ways round the loop may end this far apart, pixels.
 COARSE_GAP = 1.5
@@ -147,10 +149,9 @@ class LoopMatcher:
         if self._previous is None:
             return {}
         known = self._previous[1]
-        motion = [] if self._motion is None else [np.hstack([self._motion[0], self._motion[1][:, None]])]
         return {
             **{f.name: getattr(known, f.name) for f in dataclasses.fields(known)},
-            "motion": np.array(motion),
+            "motion": pack_motion(self._motion),
             "next_id": np.array(self._next_id),
         }
 
@@ -158,9 +159,7 @@ class LoopMatcher:
         """Go on as the matcher whose `state` this was after the pair `previous`; same settings."""
         known = _Features(*(state[f.name] for f in dataclasses.fields(_Features)))
         self._previous = (previous, known)
-        motion = state["motion"]
-        # A copy: arithmetic on a view with other strides may round differently.
-        self._motion = (motion[0, :, :3].copy(), motion[0, :, 3].copy()) if len(motion) else None
+        self._motion = unpack_motion(state["motion"])
         self._next_id = int(state["next_id"])
 
     def _follow(self, pair: PreparedPair) -> tuple[StereoMatches, Array]:
@@ -177,7 +176,7 @@ class LoopMatcher:
             start = known.left, known.right
             again = self._close_loop(before, pair, known, start, self.config.search_levels)
             found = max(found, again, key=lambda each: len(each[0]))
-        self._motion = self._fit(found[0])
+        self._motion = next_motion(self.camera, found[0], self._motion)
         return found
 
     def _close_loop(
@@ -251,13 +250,6 @@ class LoopMatcher:
             np.concatenate([known.id, ids]),
         )
 
-    def _fit(self, matches: StereoMatches) -> tuple[Array, Array] | None:
-        if len(matches) < 10:
-            return None
-        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
-        start = self._motion or (np.eye(3), np.zeros(3))
-        return fit_motion(self.camera, X_p, matches.cur_left, matches.cur_right, *start)[:2]
-
     def _track(
         self, image: Image, target: Image, uv: Array, guess: Array, levels: int
     ) -> tuple[Array, NDArray[np.bool_]]:
@@ -281,6 +273,26 @@ class LoopMatcher:
         # NaN (a point behind the camera) compares false.
         inside = (uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))
         return np.asarray(inside.all(axis=1))
+
+
+def next_motion(camera: StereoCamera, matches: StereoMatches, last: Motion | None) -> Motion | None:
+    """The motion that matches show, from which the next search starts; None from too few of them."""
+    if len(matches) < 10:
+        return None
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    start = last or (np.eye(3), np.zeros(3))
+    return fit_motion(camera, X_p, matches.cur_left, matches.cur_right, *start)[:2]
+
+
+def pack_motion(motion: Motion | None) -> Array:
+    """A motion as an array (1, 3, 4); empty where there is none."""
+    return np.array([] if motion is None else [np.hstack([motion[0], motion[1][:, None]])])
+
+
+def unpack_motion(packed: Array) -> Motion | None:
+    """The motion that `pack_motion` packed."""
+    # A copy: arithmetic on a view with other strides may round differently.
+    return (packed[0, :, :3].copy(), packed[0, :, 3].copy()) if len(packed) else None
 
 
 def coarse_disparity(left: Image, right: Image, largest: int) -> Array:
