@@ -66,7 +66,7 @@ def test_an_interrupt_stops_all_processes(tmp_path: Path) -> None:
     command = [sys.executable, "-c", code, str(tmp_path), str(Path(__file__).parent)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:
-        while len(list(tmp_path.iterdir())) < 2:
+        while len([path for path in tmp_path.iterdir() if path.stat().st_size]) < 2:
             assert process.poll() is None
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGINT)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -101,12 +102,17 @@ def _attempt(task: Task) -> tuple[int, Done]:
     return index, Done(error, time.perf_counter() - start)
 
 
+def _leave_interrupts() -> None:
+    """Ctrl-C reaches every process of a terminal. The first stops the others; none of them may begin another task."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 @contextmanager
 def _backend(workers: int, scheduler: str | None) -> Iterator[type[Exception]]:
     """Joblib set up for local processes or a Dask cluster; yields the exception that means a killed task."""
     if scheduler is None:
         # Two at least: joblib takes a pool of one to mean this process.
-        with joblib.parallel_config("loky", n_jobs=max(workers, 2)):
+        with joblib.parallel_config("loky", n_jobs=max(workers, 2), initializer=_leave_interrupts):
             yield BrokenProcessPool
         return
     try:
