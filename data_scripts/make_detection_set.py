@@ -13,10 +13,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from vo_lib.config import DetectionSetConfig
 from vo_lib.console import OneLineParser, reporting, say
 from vo_lib.script import guarded
 from vo_lib.setting_options import add_options, from_options
+from vo_lib.training.config import DetectionSetConfig
 from vo_lib.training.street_set import write_street_set
 
 

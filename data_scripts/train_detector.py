@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from vo_lib.config import TrainingConfig
 from vo_lib.console import OneLineParser, reporting, say, show_table
 from vo_lib.detection_plots import training_figure
 from vo_lib.errors import DataError
@@ -27,6 +26,7 @@ from vo_lib.script import guarded
 from vo_lib.setting_options import add_options, from_options
 from vo_lib.settings import to_dict
 from vo_lib.training.assess import assess
+from vo_lib.training.config import TrainingConfig
 from vo_lib.training.dataset import DetectionSet, open_set
 from vo_lib.training.evaluated import refuse_evaluated
 

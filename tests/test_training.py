@@ -14,10 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_data_scripts import load
 
-from vo_lib.config import DetectionSetConfig, DetectorConfig, TrainingConfig
+from vo_lib.config import DetectorConfig
 from vo_lib.detection import Boxes, no_boxes, read_labels
 from vo_lib.errors import DataError
 from vo_lib.training.augment import fitted, training_picture
+from vo_lib.training.config import DetectionSetConfig, TrainingConfig
 from vo_lib.training.dataset import DetectionSet, Example, open_set
 from vo_lib.training.evaluated import ODOMETRY_DRIVES, evaluated_sequence, refuse_evaluated
 from vo_lib.training.mean_ap import average_precision, iou, judge, recall_precision

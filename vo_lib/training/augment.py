@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import TrainingConfig
 from ..detection import Boxes
 from ..kitti import Image
 from ..yolo_layout import PAD, fit_size, letterbox, place
+from .config import TrainingConfig
 from .dataset import Example
 
 Array = NDArray[np.float64]

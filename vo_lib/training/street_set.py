@@ -16,7 +16,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..config import DetectionSetConfig
 from ..files import write_bytes_atomic, write_text_atomic
 from ..synthetic.blur import smear
 from ..synthetic.render import Renderer
@@ -24,6 +23,7 @@ from ..synthetic.scenes import KITTI_F, SCENES, SceneConfig, scene_config
 from ..synthetic.sensor import expose, exposures
 from ..synthetic.truth_files import Box, visible_boxes
 from ..synthetic.world import make_world
+from .config import DetectionSetConfig
 
 Progress = Callable[[int, int], None]
 

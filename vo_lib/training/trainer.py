@@ -15,13 +15,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..config import TrainingConfig
 from ..detection import Boxes
 from ..errors import DataError
 from ..files import write_bytes_atomic
 from ..settings import from_dict, to_dict
 from ..yolo_layout import best_boxes
 from .augment import Target, fitted, training_picture
+from .config import TrainingConfig
 from .dataset import DetectionSet, Example
 from .loss import Truth, detection_loss
 from .mean_ap import Judged, average_precision, judge
