@@ -52,6 +52,22 @@ def test_table_1_is_run_written_and_read_back(road: Path, tmp_path: Path) -> Non
     assert "no run folder" in panel.error
 
 
+def test_runs_can_be_stopped_and_gone_on_with(road: Path) -> None:
+    panel = panel_of(road)
+    bar = panel.job.box.children[0]
+    bar.observe(lambda change: panel.job.stop() if change["new"] > 5 else None, "value")
+    panel.run()
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert "Stopped" in panel._message.value
+    assert 5 < bar.value < bar.max
+    assert "TE viso2" not in panel.facts
+    bar.unobserve_all()
+    panel.run()
+    panel.wait(LONG)
+    assert panel.facts["TE viso2"] > 0
+
+
 def test_the_papers_numbers_can_be_given(road: Path, tmp_path: Path) -> None:
     panel = panel_of(road)
     panel.run()

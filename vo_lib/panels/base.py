@@ -95,7 +95,14 @@ class Panel:
         self.picture = widgets.Image(
             value=stack([np.full((2, WIDTH, 3), 255, np.uint8)], self.height),
             format="png",
-            layout={"width": f"{WIDTH}px", "height": f"{self.height}px", "object_fit": "none"},
+            layout={
+                "width": f"{WIDTH}px",
+                "height": f"{self.height}px",
+                # In a narrow window smaller, never cut off.
+                "max_width": "100%",
+                "object_fit": "scale-down",
+                "object_position": "left top",
+            },
         )
         self._message, self._text = widgets.HTML(), widgets.HTML()
         first = {name.replace("__", "."): value for name, value in values.items()}
@@ -244,9 +251,8 @@ class Panel:
             button.on_click(self.run)
             rows.append(button)
         rows += [self.job.box, self._message, self.picture, self._text]
-        return widgets.VBox(
-            rows, layout={"width": f"{WIDTH + 24}px", "padding": "8px", "border": "1px solid #BBB"}
-        )
+        width = {"width": f"{WIDTH + 24}px", "max_width": "100%"}
+        return widgets.VBox(rows, layout={**width, "padding": "8px", "border": "1px solid #BBB"})
 
     def run(self, _: Any = None) -> None:
         """Start the long job, as the Run button does."""

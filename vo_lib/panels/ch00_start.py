@@ -9,17 +9,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..evaluation import trajectory_distances
-from ..geometry import Array
 from ..kitti import Image
 from ..matching import coarse_disparity
 from ..sequence import Sequence
 from ..settings import Checked, setting
+from ..surface import CoarseDisparity
 from .base import Drawing, Panel, State
 from .controls import Control
 from .data import Memory, stereo, truth
 from .style import BAD, DARK, GOOD, PALE, WIDTH, Fact, bgr, caption, figure, finish, photo, raster, stack
 
-_disparities: Memory[Array] = Memory(8)
+_disparities: Memory[CoarseDisparity] = Memory(8)
 _charts: Memory[Image] = Memory(8)
 HALF = WIDTH // 2
 LEFT_HEIGHT, HALF_HEIGHT, CHART_HEIGHT = 298, 150, 210
@@ -33,13 +33,13 @@ class PointView(Checked):
     v: float = setting(0.72, "row of the point, as a share of the image height", low=0, high=1)
 
 
-def disparity_map(sequence: Sequence, frame: int, largest: int) -> Array:
+def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDisparity:
     """Disparity (H/2, W/2) of a frame by block matching, pixels of the full image; negative where none."""
     pair = stereo(sequence, frame)
     return _disparities.get((sequence.folder, frame, largest), lambda: coarse_disparity(*pair, largest))
 
 
-def disparity_picture(disparity: Array, largest: int) -> Image:
+def disparity_picture(disparity: CoarseDisparity, largest: int) -> Image:
     """A disparity map in colours, near bright; grey where none was found."""
     scaled = np.sqrt(np.clip(disparity / largest, 0.0, 1.0)) * 255
     coloured = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_VIRIDIS)

@@ -81,12 +81,15 @@ def filter_picture(
     return caption(photo(match_image(image, matches, keep, boxes, state, scores), WIDTH, height), words)
 
 
-def errors_picture(errors: dict[str, Array], reference: str, width: int, height: int) -> Image:
-    """Errors (3,) of t_cp from above, millimetres, by name: the first pale and large, the second blue."""
+def errors_picture(errors: dict[str, Array], reference: str, title: str, width: int, height: int) -> Image:
+    """Distances (3,) of t_cp from the reference, from above, millimetres, by name.
+
+    The first is pale and large, the second blue.
+    """
     largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
     half = next((room for room in ROOM if room >= 1.2 * largest), ROOM[-1])
-    key = half, reference, tuple(errors), width, height
-    plate = _plates.get(key, lambda: _errors_plate(half, reference, tuple(errors), width, height))
+    key = half, reference, title, tuple(errors), width, height
+    plate = _plates.get(key, lambda: _errors_plate(*key))
     picture = plate.blank()
     for error, (colour, radius) in zip(errors.values(), DOTS, strict=True):
         plate.dots(picture, 0, error[:1], error[2:], DARK, radius + 1)
@@ -94,7 +97,9 @@ def errors_picture(errors: dict[str, Array], reference: str, width: int, height:
     return picture
 
 
-def _errors_plate(half: float, reference: str, names: tuple[str, ...], width: int, height: int) -> Plate:
+def _errors_plate(
+    half: float, reference: str, title: str, names: tuple[str, ...], width: int, height: int
+) -> Plate:
     made, (axis,) = figure(height, width=width)
     axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
     for name, (colour, radius) in zip(names, DOTS, strict=True):
@@ -104,7 +109,7 @@ def _errors_plate(half: float, reference: str, names: tuple[str, ...], width: in
     axis.set_ylim(-half, half)
     axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axis.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    finish(axis, "error of the translation, from above", "x, right [mm]", "z, forward [mm]")
+    finish(axis, title, "x, right [mm]", "z, forward [mm]")
     axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=True, framealpha=0.9)
     return Plate(made, [axis])
 

@@ -182,6 +182,7 @@ class FilteringPanel(Panel):
         every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
         kept = motion_from(sequence, frame, result.keep, state.config).T_cp
         reference, words = (every, "all features") if T_true is None else (T_true, "the truth")
+        title = f"{'change' if T_true is None else 'error'} of the translation, from above"
         errors = {name: MILLI * (T[:3, 3] - reference[:3, 3]) for name, T in (("all", every), ("kept", kept))}
         network, candidates = self._network(state, boxes)
         change = MILLI * float(np.linalg.norm(kept[:3, 3] - every[:3, 3]))
@@ -212,7 +213,7 @@ class FilteringPanel(Panel):
                 Fact("on moving things, kept", int(np.count_nonzero(moving & result.keep))),
                 Fact("on standing things, removed", int(np.count_nonzero(~moving & ~result.keep))),
             ]
-        chart = errors_picture(errors, words, WIDTH - NET_WIDTH, CHART_HEIGHT)
+        chart = errors_picture(errors, words, title, WIDTH - NET_WIDTH, CHART_HEIGHT)
         return Drawing(stack([picture, np.hstack([network, chart])], self.height), sentence, tuple(facts))
 
     def work(self, state: State, progress: Progress) -> Drawing:

@@ -19,13 +19,12 @@ from ..runner import TimedMatches, run_methods
 from ..sequence import Progress, Sequence
 from ..settings import Checked, setting
 from .base import Drawing, Panel, State
-from .ch07_figures import draw_dot, draw_steps, finish_dots
+from .ch07_figures import draw_dot, finish_dots, steps_figure
 from .controls import Control
 from .data import Memory, opened
 from .style import Fact, figure, stack
 
 FRAMES, SEEDS = 40, 3
-MILLI = 1e3
 STEPS_HEIGHT, DOTS_HEIGHT = 240, 220
 
 _matches: Memory[list[TimedMatches]] = Memory(4)
@@ -65,27 +64,23 @@ class ExplorePanel(Panel):
             "preset": poses_of(sequence, preset(method)),
             "with these settings": poses_of(sequence, with_changes(preset(method), changed)),
         }
-        made, (turn, step) = figure(STEPS_HEIGHT, 2)
         rpe = {name: relative_error(truth, poses) for name, poses in estimates.items()}
-        words = ", ".join(f"{name} = {value}" for name, value in changed.items()) or "nothing changed"
-        degrees = {name: np.degrees(each.rotation) for name, each in rpe.items()}
-        draw_steps(turn, degrees, state.frame, f"rotation error of each step; {words}", "deg")
-        metres = {name: MILLI * each.translation for name, each in rpe.items()}
-        draw_steps(step, metres, state.frame, f"translation error of each step, {method}", "mm")
+        words = ", ".join(f"{name} = {_short(value)}" for name, value in changed.items()) or "nothing changed"
+        made = steps_figure(rpe, state.frame, method, STEPS_HEIGHT)
         dots, axes = figure(DOTS_HEIGHT, 2)
         for axis, rotation in zip(axes, (False, True), strict=True):
             self._dots(axis, sequence, changed, rotation)
         te, re = errors_of(truth, estimates["with these settings"])
         te_preset, re_preset = errors_of(truth, estimates["preset"])
-        at = min(state.frame, len(sequence) - 1) - 1
+        here, at = rpe["with these settings"], min(state.frame, len(sequence) - 1) - 1
         facts = (
             Fact("TE", te, "%", 4),
             Fact("TE of the preset", te_preset, "%", 4),
             Fact("RE", re, "deg/100 m", 4),
             Fact("RE of the preset", re_preset, "deg/100 m", 4),
             Fact("five-point sets", state.config.selection.sets),
-            Fact("rotation error here", float(degrees["with these settings"][at]), "deg", 4),
-            Fact("translation error here", float(metres["with these settings"][at]), "mm", 1),
+            Fact("rotation error here", float(np.degrees(here.rotation[at])), "deg", 4),
+            Fact("translation error here", 1e3 * float(here.translation[at]), "mm", 1),
         )
         sentence = (
             f"{method}, seed 0, {len(sequence)} frames; TE and RE over {SHORT_MEASURE.words}, as far as it "
@@ -203,6 +198,11 @@ def _truth(sequence: Sequence) -> Array:
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth to compare with")
     return sequence.truth
+
+
+def _short(value: object) -> str:
+    """A setting as a person writes it: a slider's 0.05 may be 0.04999999999999999."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _value(config: Config, name: str) -> object:

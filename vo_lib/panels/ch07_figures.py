@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..ate_rpe import RelativeError
 from ..entries import Entry, group_entries
 from ..geometry import Array
 from ..paper import PaperTable, read_paper_table
@@ -99,6 +100,16 @@ def plan_figure(truth: Array, frame: int, title: str, words: str, height: int) -
     draw_paths(paths, title, truth, {}, frame)
     text.text(0.0, 0.5, words, fontsize=FONT_SIZE + 1, color=DARK, va="center", transform=text.transAxes)
     text.set_axis_off()
+    return made
+
+
+def steps_figure(errors: Mapping[str, RelativeError], frame: int, method: str, height: int = 240) -> Figure:
+    """Rotation and translation error of each step of several runs of a method, by name."""
+    made, (turn, step) = figure(height, 2)
+    turns = {name: 1e3 * np.degrees(each.rotation) for name, each in errors.items()}
+    draw_steps(turn, turns, frame, f"rotation error of each step, {method}", "0.001 deg")
+    millimetres = {name: 1e3 * each.translation for name, each in errors.items()}
+    draw_steps(step, millimetres, frame, f"translation error of each step, {method}", "mm")
     return made
 
 
