@@ -14,7 +14,7 @@ from vo_lib.matching import LoopMatcher, PreparedPair, StereoMatches, coarse_dis
 
 
 def prepared(sequence: Sequence, index: int) -> PreparedPair:
-    return prepare_pair(sequence.stereo(index), MatchingConfig())
+    return prepare_pair(sequence.stereo(index), FeatureConfig(), MatchingConfig())
 
 
 def follow(folder: Path) -> list[StereoMatches]:
@@ -66,7 +66,7 @@ def test_black_images_give_no_matches_and_no_error(bands: Path) -> None:
     matcher = LoopMatcher(sequence.camera, FeatureConfig(cell=10), MatchingConfig())
     black = np.zeros_like(sequence.stereo(0)[0])
     matcher.step(prepared(sequence, 0))
-    assert len(matcher.step(prepare_pair((black, black), MatchingConfig()))) == 0
+    assert len(matcher.step(prepare_pair((black, black), FeatureConfig(), MatchingConfig()))) == 0
     assert len(matcher.step(prepared(sequence, 2))) == 0
     assert len(matcher.step(prepared(sequence, 3))) > 60
 

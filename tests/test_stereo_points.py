@@ -6,7 +6,8 @@ import numpy as np
 
 from vo_lib.camera import StereoCamera
 from vo_lib.geometry import Array, rotation_from_vector
-from vo_lib.stereo_points import FULL, invert, linearised_points, stereo_points, times
+from vo_lib.stereo_points import linearised_points, stereo_points
+from vo_lib.symmetric import FULL, invert, times
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
 

@@ -32,7 +32,7 @@ def textured(seed: int = 0) -> NDArray[np.uint8]:
 
 def test_a_plane_of_disparity_is_found_with_its_slope() -> None:
     v, u = np.mgrid[0:200:2, 0:600:2].astype(float)
-    coarse = disparity_at(np.stack([u, v], axis=-1))
+    coarse = disparity_at(np.stack([u, v], axis=-1)).astype(np.float32)
     uv = np.array([[350.0, 120.0], [330.0, 110.0]])
     surface = fit_surface(coarse, uv, disparity_at(uv))
     np.testing.assert_allclose(surface.slope, [SLOPE, SLOPE], atol=0.01)
@@ -41,7 +41,7 @@ def test_a_plane_of_disparity_is_found_with_its_slope() -> None:
 
 
 def test_a_feature_on_an_outline_has_little_surface_around_it() -> None:
-    coarse = np.full((100, 300), 10.0)
+    coarse = np.full((100, 300), 10.0, np.float32)
     coarse[:, 175:] = 40.0
     uv = np.array([[350.0, 120.0], [250.0, 120.0]])
     surface = fit_surface(coarse, uv, np.array([40.0, 10.0]))
@@ -50,7 +50,7 @@ def test_a_feature_on_an_outline_has_little_surface_around_it() -> None:
 
 
 def test_without_disparities_nothing_is_known() -> None:
-    surface = fit_surface(np.full((100, 300), -1.0), np.array([[350.0, 120.0]]), np.array([20.0]))
+    surface = fit_surface(np.full((100, 300), -1.0, np.float32), np.array([[350.0, 120.0]]), np.array([20.0]))
     assert np.isnan(surface.disparity[0])
     assert surface.share[0] == 0
     np.testing.assert_array_equal(surface.slope, 0)

@@ -11,7 +11,8 @@ from vo_lib.config import TranslationConfig
 from vo_lib.geometry import Array, rotation_angle, rotation_from_vector
 from vo_lib.matching import StereoMatches
 from vo_lib.reprojection import fit_motion
-from vo_lib.stereo_points import FULL, stereo_points
+from vo_lib.stereo_points import stereo_points
+from vo_lib.symmetric import FULL
 from vo_lib.translation import feature_rows, solve_translation, stack
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)

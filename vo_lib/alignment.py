@@ -7,6 +7,8 @@ matrix, all side by side in one picture, so that OpenCV's Lucas-Kanade compares 
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +20,9 @@ Image = NDArray[np.uint8]
 GRID = 32
 # A finish that moves a feature farther is no finish, pixels.
 FARTHEST = 1.5
-# The brightness of two images is compared over squares of this side, pixels; a gain needs features that
-# differ in brightness by this standard deviation, grey levels.
-SURROUNDINGS = 21
+# The brightness of two images is compared over squares of this side, pixels of the images halved twice; a
+# gain needs features that differ in brightness by this standard deviation, grey levels.
+HALVINGS, SURROUNDINGS = 2, 5
 FEWEST_LEVELS = 10.0
 
 
@@ -60,8 +62,9 @@ def _align_part(
     # LK wants two pictures of one size: the rest stays black.
     picture = np.zeros_like(first)
     gain, offset = brightness_change(first, second, uv, start)
+    tone = np.clip(np.rint(gain * np.arange(256) + offset), 0, 255).astype(np.uint8)
     tiles = _tiles(second, anchor, A, tile, rows, columns)
-    picture[: rows * tile, : columns * tile] = np.clip(np.rint(gain * tiles + offset), 0, 255)
+    picture[: rows * tile, : columns * tile] = cv2.LUT(tiles, tone)
     moved, status, difference = cv2.calcOpticalFlowPyrLK(
         first,
         picture,
@@ -69,7 +72,7 @@ def _align_part(
         centre.astype(np.float32),
         winSize=(window, window),
         maxLevel=0,
-        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005),
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 15, 0.01),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     shift = np.asarray(moved, np.float64).reshape(-1, 2) - centre
@@ -94,14 +97,23 @@ def brightness_change(first: Image, second: Image, uv: Array, start: Array) -> t
         gain = float(np.clip(spread @ (a[kept] - a[kept].mean()) / (spread @ spread), 0.5, 2.0))
         offset = float(a[kept].mean() - gain * b[kept].mean())
         rest = np.abs(a - gain * b - offset)
-        kept = rest <= np.quantile(rest, 0.8)
+        # The 80 % quantile; np.quantile itself takes longer than all the rest.
+        kept = rest <= np.partition(rest, int(0.8 * len(rest)))[int(0.8 * len(rest))]
     return gain, offset
 
 
 def _brightness(image: Image, uv: Array) -> Array:
     """Mean brightness (N,) of the surroundings of pixels (N, 2)."""
-    column, row = (np.clip(np.rint(uv[:, i]).astype(np.intp), 0, image.shape[1 - i] - 1) for i in (0, 1))
-    return np.asarray(cv2.blur(image, (SURROUNDINGS, SURROUNDINGS))[row, column], np.float64)
+    # Exact halves are by far the fastest; an odd last row or column stays out.
+    small: NDArray[Any] = image
+    for _ in range(HALVINGS):
+        height, width = small.shape[0] // 2, small.shape[1] // 2
+        small = cv2.resize(small[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
+    means = cv2.blur(small.astype(np.float32), (SURROUNDINGS, SURROUNDINGS))
+    # The centre of pixel (0, 0) of the small image lies between the pixels that it is the mean of.
+    u, v = np.asarray((uv.T + 0.5) / 2**HALVINGS - 0.5, np.float32)[:, None]
+    found = cv2.remap(means, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found[0], np.float64)
 
 
 def _tiles(image: Image, uv: Array, A: Array, tile: int, rows: int, columns: int) -> Image:
@@ -116,7 +128,7 @@ def _tiles(image: Image, uv: Array, A: Array, tile: int, rows: int, columns: int
     for axis in (0, 1):
         along_u = bend[:, axis, 0].reshape(rows, 1, columns, 1) * offset
         along_v = bend[:, axis, 1].reshape(rows, 1, columns, 1) * offset[:, None, None]
-        around = along_u + along_v + place[:, axis].reshape(rows, 1, columns, 1)
-        maps.append(around.reshape(rows * tile, -1))
+        start = place[:, axis].reshape(rows, 1, columns, 1)
+        maps.append((along_u + (along_v + start)).reshape(rows * tile, -1))
     bent = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(bent, np.uint8)

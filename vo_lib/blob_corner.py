@@ -26,6 +26,7 @@ from .matching import (
     unpack_motion,
 )
 from .subpixel import finish_over_time, finish_stereo
+from .surface import CoarseDisparity
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -65,7 +66,7 @@ class DescribedPair:
 
     left: Image
     right: Image
-    disparity: Array
+    disparity: CoarseDisparity
     found_left: Described
     found_right: Described
 

@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 from .camera import StereoCamera
 from .config import CalibrationConfig
 from .matching import StereoMatches
-from .stereo_points import FULL, linearised_points, times
+from .stereo_points import linearised_points
+from .symmetric import FULL, times
 from .translation import NEAREST, stack
 
 Array = NDArray[np.float64]
 
 ITERATIONS = 4  # from the linear solution two suffice; wrong matches need a few more to lose their weight
+DONE = 2e-3  # pixels; an offset that changes less is the last
 
 
 def without_offset(matches: StereoMatches, offset: float) -> StereoMatches:
@@ -101,7 +103,9 @@ def estimate_offset(
             right[:3] = times(system.W, apart) @ weight
             right[3] = -np.sum(apart * W_moved, axis=0) @ weight
             solved = np.linalg.solve(H, right)
-            t, offset = np.asarray(solved[:3]), float(solved[3])
+            t, change, offset = np.asarray(solved[:3]), abs(float(solved[3]) - offset), float(solved[3])
+            if change < DONE:
+                break
             v = apart + offset * moved - t[:, None]
             Q = R_cp.T @ (before.X + offset * moved_p + times(system.C_p, times(system.W, v)))
             Q[2] = np.maximum(Q[2], 0.5)

@@ -17,19 +17,18 @@ def corner_strength(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     In grey levels: the weakest contrast a 3×3 window sees in any direction, so a threshold means the
     same in every image.
     """
+    strength = cv2.cornerMinEigenVal(image, 3, ksize=3)
+    np.sqrt(np.maximum(strength, 0.0, out=strength), out=strength)
     # OpenCV scales an 8-bit image so that the eigenvalue is that of grey / 255 over the window.
-    return np.asarray(255.0 * np.sqrt(np.maximum(cv2.cornerMinEigenVal(image, 3, ksize=3), 0.0)), np.float32)
+    return np.asarray(np.multiply(strength, 255.0, out=strength), np.float32)
 
 
-def detect_corners(
-    strength: NDArray[np.float32], config: FeatureConfig, taken: Array | None = None
-) -> tuple[Array, Array]:
-    """The strongest corner of each empty square cell.
+def detect_corners(strength: NDArray[np.float32], config: FeatureConfig) -> tuple[Array, Array]:
+    """The strongest corner of each square cell.
 
     Parameters
     ----------
     strength : (H, W) corner strength, from `corner_strength`.
-    taken : (M, 2) pixels of features already followed; their cells get no new corner.
 
     Returns
     -------
@@ -38,7 +37,7 @@ def detect_corners(
     b, cell = config.border, config.cell
     height, width = strength.shape
     # A corner is a local maximum: its neighbours in the next cell must not be stronger.
-    peaks = np.where(strength < cv2.dilate(strength, np.ones((5, 5), np.uint8)), np.float32(0), strength)
+    peaks = strength * (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8)))
     peaks[:b], peaks[-b:], peaks[:, :b], peaks[:, -b:] = 0, 0, 0, 0
     rows, cols = -(-height // cell), -(-width // cell)
     padded = np.zeros((rows * cell, cols * cell), np.float32)
@@ -47,13 +46,22 @@ def detect_corners(
     best = np.argmax(blocks, axis=1)
     value = blocks[np.arange(rows * cols), best]
     good = value > config.quality
-    if taken is not None and len(taken):
-        index = np.clip(np.rint(taken).astype(int) // cell, 0, (cols - 1, rows - 1))
-        good[index[:, 1] * cols + index[:, 0]] = False
     which = np.flatnonzero(good)
     v = (which // cols) * cell + best[which] // cell
     u = (which % cols) * cell + best[which] % cell
     return np.stack([u, v], axis=1).astype(np.float64), value[which].astype(np.float64)
+
+
+def in_empty_cells(uv: Array, taken: Array, cell: int) -> NDArray[np.bool_]:
+    """Which corners (N, 2) lie in a square cell, `cell` pixels wide, without a pixel taken (M, 2)."""
+    number = _square_numbers(np.rint(np.concatenate([uv, taken])), cell)
+    return ~np.isin(number[: len(uv)], number[len(uv) :])
+
+
+def _square_numbers(uv: Array, side: int) -> NDArray[np.int64]:
+    """A number (N,) for each pixel (N, 2), the same for those in one square of the image, `side` wide."""
+    column, row = (uv // side).astype(np.int64).T
+    return np.asarray(row * (column.max(initial=0) + 1) + column)
 
 
 def select_by_bucket(
@@ -69,8 +77,7 @@ def select_by_bucket(
     -------
     Indices of the features kept, at most `config.features` for each square of `config.size` pixels, sorted.
     """
-    column, row = (uv // config.size).astype(np.int64).T if len(uv) else np.zeros((2, 0), np.int64)
-    bucket = row * (column.max(initial=0) + 1) + column
+    bucket = _square_numbers(uv, config.size)
     order = np.lexsort((-strength, -age, bucket))
     sorted_bucket = bucket[order]
     first = np.searchsorted(sorted_bucket, sorted_bucket)

@@ -1,10 +1,10 @@
 """Chapter 1: the front ends behind one interface.
 
 `klt` is the default by measurement (TE in % / RE in deg/100 m, two seeds). On the drawn scenes the share of
-right matches (1 px in all four images) is much the same, 96 against 95 % on `parked` and 93 against 92 % on
-`hard`, and `blob_corner` is the more exact by a fifth. But it takes several times as long, loses a third of
-the features in use on `hard`, and is no better on real images: 0.93 / 1.55 against 0.92 / 1.49 over 100 m of
-the first 201 frames of KITTI 00, 1.29 / 2.40 against 1.14 / 2.41 over 20 m of the highway 01.
+right matches (1 px in all four images) is much the same, 95 against 94 % on `parked` and 92 on `hard`, and
+`blob_corner` is the more exact by a fifth and more. But it takes several times as long, loses a third of the
+features in use on `hard`, and is no better on real images: 0.93 / 1.55 against 0.93 / 1.50 over 100 m of the
+first 201 frames of KITTI 00, 1.25 / 2.40 against 1.14 / 2.44 over 20 m of the highway 01.
 """
 
 from __future__ import annotations

@@ -12,17 +12,15 @@ from numpy.typing import NDArray
 
 from .camera import StereoCamera
 from .config import BucketConfig, FeatureConfig, MatchingConfig
-from .features import corner_strength, detect_corners, select_by_bucket
-from .reprojection import fit_motion
+from .features import corner_strength, detect_corners, in_empty_cells, select_by_bucket
+from .reprojection import GOOD_ENOUGH, fit_motion
 from .subpixel import finish_over_time, finish_stereo, is_stereo
+from .surface import CoarseDisparity
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 # R_cp and t_cp, metres.
 Motion = tuple[Array, Array]
-
-# Before the finish, the two ways round the loop may end this far apart, pixels.
-COARSE_GAP = 1.5
 
 
 @dataclass(frozen=True)
@@ -82,14 +80,15 @@ class PreparedPair:
     Attributes
     ----------
     left, right : (H, W) uint8.
-    strength : (H, W) corner strength of the left image.
+    corners : (N, 2) pixels of the left image's corners; strength : (N,) of them.
     disparity : (H / 2, W / 2) coarse disparity, pixels of the full image; negative where none.
     """
 
     left: Image
     right: Image
-    strength: NDArray[np.float32]
-    disparity: Array
+    corners: Array
+    strength: Array
+    disparity: CoarseDisparity
 
     @property
     def images(self) -> tuple[Image, Image]:
@@ -97,11 +96,12 @@ class PreparedPair:
         return self.left, self.right
 
 
-def prepare_pair(pair: tuple[Image, Image], matching: MatchingConfig) -> PreparedPair:
-    """Corner strength and coarse disparity of a stereo pair."""
-    left, right = pair
-    disparity = coarse_disparity(left, right, matching.max_disparity)
-    return PreparedPair(left, right, corner_strength(left), disparity)
+def prepare_pair(
+    pair: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
+) -> PreparedPair:
+    """Corners and coarse disparity of a stereo pair."""
+    disparity = coarse_disparity(*pair, matching.max_disparity)
+    return PreparedPair(*pair, *detect_corners(corner_strength(pair[0]), features), disparity)
 
 
 class LoopMatcher:
@@ -121,8 +121,8 @@ class LoopMatcher:
         self._next_id = 0
 
     def prepare(self, pair: tuple[Image, Image]) -> PreparedPair:
-        """Corner strength and coarse disparity of a stereo pair."""
-        return prepare_pair(pair, self.config)
+        """Corners and coarse disparity of a stereo pair."""
+        return prepare_pair(pair, self.features, self.config)
 
     def step(self, pair: PreparedPair) -> StereoMatches:
         """Matches of the pair before with this one; empty for the first pair."""
@@ -193,10 +193,8 @@ class LoopMatcher:
         over_time, ok_right = self._track(
             before.right, pair.right, known.right[start], guess[1][start], levels
         )
-        cur_right, ok_stereo = self._track(pair.left, pair.right, cur_left, over_time, 0)
-        ok = ok_left & ok_right & ok_stereo & is_stereo(cur_left, cur_right, self.config)
-        ok &= np.linalg.norm(cur_right - over_time, axis=1) <= COARSE_GAP
-        return self._finish(before, pair, known[start[ok]], cur_left[ok], cur_right[ok], over_time[ok])
+        ok = ok_left & ok_right & is_stereo(cur_left, over_time, self.config)
+        return self._finish(before, pair, known[start[ok]], cur_left[ok], over_time[ok])
 
     def _finish(
         self,
@@ -204,7 +202,6 @@ class LoopMatcher:
         pair: PreparedPair,
         seen: _Features,
         cur_left: Array,
-        cur_right: Array,
         over_time: Array,
     ) -> tuple[StereoMatches, Array]:
         """Sub-pixel places, and the checks: the loop closes, windows look alike, the surface is known."""
@@ -218,8 +215,9 @@ class LoopMatcher:
             self._motion or (np.eye(3), np.zeros(3)),
             self.config,
         )
-        cur_right, slope, good = finish_stereo(pair.images, pair.disparity, cur_left, cur_right, self.config)
-        ok &= good & self._inside(cur_left, pair.left) & self._inside(cur_right, pair.right)
+        seen, cur_left, over_time = seen[ok], cur_left[ok], over_time[ok]
+        cur_right, slope, ok = finish_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
+        ok &= self._inside(cur_left, pair.left) & self._inside(cur_right, pair.right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
         seen = seen[ok]
         matches = StereoMatches(
@@ -228,15 +226,14 @@ class LoopMatcher:
         return matches, slope[ok]
 
     def _add_corners(self, pair: PreparedPair, known: _Features) -> _Features:
-        uv, strength = detect_corners(pair.strength, self.features, known.left)
+        free = in_empty_cells(pair.corners, known.left, self.features.cell)
+        uv, strength = pair.corners[free], pair.strength[free]
         column, row = np.rint(uv / 2).astype(int).T
         height, width = pair.disparity.shape
         disparity = pair.disparity[np.minimum(row, height - 1), np.minimum(column, width - 1)]
         uv, strength, disparity = (a[disparity > 0] for a in (uv, strength, disparity))
         guess = uv - np.stack([disparity, np.zeros_like(disparity)], axis=1)
-        found, ok = self._track(pair.left, pair.right, uv, guess, 0)
-        uv, strength, found = uv[ok], strength[ok], found[ok]
-        found, slope, ok = finish_stereo(pair.images, pair.disparity, uv, found, self.config)
+        found, slope, ok = finish_stereo(pair.images, pair.disparity, uv, guess, self.config)
         ok &= self._inside(found, pair.right)
         number = int(np.count_nonzero(ok))
         ids = np.arange(self._next_id, self._next_id + number)
@@ -262,7 +259,8 @@ class LoopMatcher:
             guess.astype(np.float32),
             winSize=(self.config.window, self.config.window),
             maxLevel=levels,
-            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005),
+            # No finer: the finish is what makes a place exact.
+            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03),
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
         ok = (status.ravel() == 1) & (difference.ravel() <= self.config.max_difference)
@@ -281,7 +279,8 @@ def next_motion(camera: StereoCamera, matches: StereoMatches, last: Motion | Non
         return None
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     start = last or (np.eye(3), np.zeros(3))
-    return fit_motion(camera, X_p, matches.cur_left, matches.cur_right, *start)[:2]
+    current = matches.cur_left, matches.cur_right
+    return fit_motion(camera, X_p, *current, *start, tolerance=GOOD_ENOUGH)[:2]
 
 
 def pack_motion(motion: Motion | None) -> Array:
@@ -295,7 +294,7 @@ def unpack_motion(packed: Array) -> Motion | None:
     return (packed[0, :, :3].copy(), packed[0, :, 3].copy()) if len(packed) else None
 
 
-def coarse_disparity(left: Image, right: Image, largest: int) -> Array:
+def coarse_disparity(left: Image, right: Image, largest: int) -> CoarseDisparity:
     """Disparity by block matching at half size, good to some pixels, (H / 2, W / 2); negative where none."""
     steps = -(-largest // 32) * 16
     # Block matching sees nothing in its first `steps` columns: give it a margin to lose.
@@ -306,4 +305,4 @@ def coarse_disparity(left: Image, right: Image, largest: int) -> Array:
     matcher = cv2.StereoBM.create(numDisparities=steps, blockSize=11)
     matcher.setUniquenessRatio(5)
     # In sixteenths of a pixel of the half image.
-    return np.asarray(matcher.compute(*small)[:, steps:] / 8.0)
+    return np.asarray(matcher.compute(*small)[:, steps:] / np.float32(8.0))

@@ -30,6 +30,7 @@ def fit_motion(
     t_cp: Array,
     scale: float = 1.0,
     iterations: int = 8,
+    tolerance: float = CONVERGED,
 ) -> tuple[Array, Array, Array]:
     """Robust motion that takes points of the previous frame to their pixels in the current pair.
 
@@ -40,6 +41,7 @@ def fit_motion(
     R_cp, t_cp : start of the iteration.
     scale : pixel residual at which a point's weight is halved (Cauchy weights, 1 / (1 + r² / scale²)),
         or the median residual while that is larger.
+    tolerance : a smaller step, radians and metres, is the last.
 
     Returns
     -------
@@ -58,12 +60,12 @@ def fit_motion(
         # the near points, which know the translation, from being taken for outliers.
         current = max(scale, float(np.median(residual)))
         weight = 1.0 / (1.0 + np.where(np.isfinite(residual), residual / current, 1e6) ** 2)
-        weighted = jac * weight[:, None, None]
-        H = np.einsum("nij,nik->jk", weighted, jac) + 1e-9 * np.eye(6)
-        delta = np.linalg.solve(H, np.einsum("nij,ni->j", weighted, r))
+        jac = jac.reshape(-1, 6)
+        weighted = (jac * np.repeat(weight, 4)[:, None]).T
+        delta = np.asarray(np.linalg.solve(weighted @ jac + 1e-9 * np.eye(6), weighted @ r.ravel()), float)
         R = rotation_from_vector(delta[:3]) @ R
         t = t + delta[3:]
-        if float(delta @ delta) < CONVERGED**2:
+        if float(delta @ delta) < tolerance**2:
             iterations = step + 1
     return R, t, residual
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +21,6 @@ from .sequence import Progress, Sequence, stereo_ahead
 Array = NDArray[np.float64]
 # Matches of a frame with the one before, and the milliseconds of each stage that they took.
 TimedMatches = tuple[StereoMatches, dict[str, float]]
-FRAMES_AHEAD = 4
 
 
 @dataclass(frozen=True)
@@ -159,20 +156,12 @@ class FoundMatches:
         return self._state
 
     def __iter__(self) -> Iterator[TimedMatches]:
-        found = self._found()
-        # The front end needs nothing of what comes after it: it works on in a thread of its own.
-        with ThreadPoolExecutor(max_workers=1) as pool:
-            waiting = deque(pool.submit(next, found, None) for _ in range(FRAMES_AHEAD))
-            while (frame := waiting.popleft().result()) is not None:
-                waiting.append(pool.submit(next, found, None))
-                matches, ms, self._state = frame
-                yield matches, ms
-
-    def _found(self) -> Iterator[tuple[StereoMatches, dict[str, float], State]]:
+        # In no thread of its own: like what comes after it, it holds Python's lock half of the time.
         clock = Clock()
         for pair in stereo_ahead(self.sequence, self._front_end.prepare, start=self.start):
             clock.stage("wait_images")
             matches = self._front_end.step(pair)
             clock.stage("matching")
-            yield matches, clock.ms, self._front_end.state()
+            self._state = self._front_end.state()
+            yield matches, clock.ms
             clock = Clock()

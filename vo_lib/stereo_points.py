@@ -18,8 +18,12 @@ import numpy as np
 
 from .camera import StereoCamera
 from .geometry import Array
+from .symmetric import outer
 
 FAINTEST = 1e-8  # smallest d², a tenth of a pixel: below, the depth is as good as unknown
+
+
+_ONE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 class StereoPoints(NamedTuple):
@@ -47,8 +51,8 @@ class StereoPoints(NamedTuple):
     def covariance(self, depth: Array) -> Array:
         """Covariances (6, N) where rows are divided by `depth` (N,), metres; for unit row errors."""
         half = 0.5 * depth * depth
-        lateral = _ONE - _outer(self.axis)
-        return half * lateral[:, None] + (half * self.along) * _outer(self.ray)
+        lateral = _ONE - outer(self.axis)
+        return half * lateral[:, None] + (half * self.along) * outer(self.ray)
 
 
 def stereo_points(camera: StereoCamera, left: Array, right: Array) -> StereoPoints:
@@ -77,34 +81,3 @@ def linearised_points(camera: StereoCamera, X: Array, left: Array, right: Array)
     step[:2] += 0.5 * (u + u_r), 0.5 * (v + v_r)
     rest = 0.5 * (X[2] * (v - v_r)) ** 2
     return StereoPoints(X + X[2] * step, ray, np.array([0.0, 0.0, 1.0]), 4.0 / (d * d), rest)
-
-
-_ONE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-_I, _J = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
-FULL = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places of the nine entries among the six
-
-
-def _outer(v: Array) -> Array:
-    """v vᵀ of vectors (3, …), (6, …)."""
-    return np.asarray(v[_I] * v[_J])
-
-
-def invert(C: Array) -> Array:
-    """Inverses (6, N) of symmetric 3×3 matrices (6, N), by cofactors."""
-    xx, yy, zz, xy, xz, yz = C
-    cofactors = np.stack(
-        [
-            yy * zz - yz * yz,
-            xx * zz - xz * xz,
-            xx * yy - xy * xy,
-            xz * yz - xy * zz,
-            xy * yz - xz * yy,
-            xy * xz - xx * yz,
-        ]
-    )
-    return np.asarray(cofactors / (xx * cofactors[0] + xy * cofactors[3] + xz * cofactors[4]))
-
-
-def times(S: Array, v: Array) -> Array:
-    """Products (3, N) of symmetric 3×3 matrices (6, N) with vectors (3, N)."""
-    return np.asarray(np.einsum("ijn,jn->in", S[FULL], v))

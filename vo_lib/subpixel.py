@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .alignment import align
+from .alignment import FARTHEST, align
 from .camera import StereoCamera
 from .config import MatchingConfig
-from .surface import fit_surface, motion_warp, right_slope, stereo_warp
+from .surface import CoarseDisparity, fit_surface, motion_warp, right_slope, stereo_warp
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -25,7 +25,7 @@ def is_stereo(left: Array, right: Array, config: MatchingConfig) -> NDArray[np.b
 
 
 def finish_stereo(
-    pair: tuple[Image, Image], coarse: Array, left: Array, right: Array, config: MatchingConfig
+    pair: tuple[Image, Image], coarse: CoarseDisparity, left: Array, right: Array, config: MatchingConfig
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Sub-pixel places in the right image.
 
@@ -40,12 +40,16 @@ def finish_stereo(
     windows look alike, and the feature lies on a surface that fills its surroundings, not on an outline.
     """
     surface = fit_surface(coarse, left, left[:, 0] - right[:, 0])
-    found, difference = align(*pair, left, right, stereo_warp(surface.slope), config.finish_window)
-    # NaN, a surface that is not known, compares false.
-    gap = np.abs(left[:, 0] - found[:, 0] - surface.disparity)
-    ok = (gap <= config.surface_tolerance) & (surface.share >= config.surface_share)
-    ok &= (difference <= config.max_difference) & is_stereo(left, found, config)
-    return found, surface.slope, ok
+    # NaN, a surface that is not known, compares false. The finish moves no feature by more than FARTHEST.
+    ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance + FARTHEST
+    ok &= surface.share >= config.surface_share
+    found = np.array(right, np.float64)
+    found[ok], difference = align(
+        *pair, left[ok], right[ok], stereo_warp(surface.slope[ok]), config.finish_window
+    )
+    ok[ok] = difference <= config.max_difference
+    ok &= np.abs(left[:, 0] - found[:, 0] - surface.disparity) <= config.surface_tolerance
+    return found, surface.slope, ok & is_stereo(left, found, config)
 
 
 def finish_over_time(
@@ -75,12 +79,13 @@ def finish_over_time(
     # The right camera sits one baseline beside the left one.
     t_right = t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0))
     disparity = seen[0][:, 0] - seen[1][:, 0]
-    places, differences = [], []
+    places = [np.array(start[side], np.float64) for side in (0, 1)]
+    # What is lost in the left images is not looked for in the right ones.
+    ok = np.ones(len(slope), np.bool_)
     for side, (side_slope, side_t) in enumerate(((slope, t), (right_slope(slope), t_right))):
-        bent = motion_warp(camera, seen[side], disparity, side_slope, R, side_t)
-        found, difference = align(
-            before[side], pair[side], seen[side], start[side], bent, config.finish_window
+        bent = motion_warp(camera, seen[side][ok], disparity[ok], side_slope[ok], R, side_t)
+        places[side][ok], difference = align(
+            before[side], pair[side], seen[side][ok], start[side][ok], bent, config.finish_window
         )
-        places.append(found)
-        differences.append(difference)
-    return places[0], places[1], np.maximum(*differences) <= config.max_difference
+        ok[ok] = difference <= config.max_difference
+    return places[0], places[1], ok

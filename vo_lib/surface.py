@@ -12,8 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import StereoCamera
+from .symmetric import COLUMN, ROW, invert, times
 
 Array = NDArray[np.float64]
+# (H / 2, W / 2), pixels of the full image; not positive where unknown.
+CoarseDisparity = NDArray[np.float32]
 
 # A steeper surface is seen too much from the side for its slope to be known.
 STEEPEST = 0.6
@@ -44,7 +47,7 @@ class Surface:
         return Surface(self.slope[index], self.disparity[index], self.share[index])
 
 
-def fit_surface(coarse: Array, uv: Array, disparity: Array) -> Surface:
+def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface:
     """The plane that goes with each feature, from a coarse disparity map.
 
     Parameters
@@ -58,23 +61,24 @@ def fit_surface(coarse: Array, uv: Array, disparity: Array) -> Surface:
     du, dv = (o.ravel() for o in np.meshgrid(offset, offset))
     column = np.clip(np.rint(uv[:, :1] / 2).astype(np.intp) + du, 0, coarse.shape[1] - 1)
     row = np.clip(np.rint(uv[:, 1:] / 2).astype(np.intp) + dv, 0, coarse.shape[0] - 1)
-    d = coarse[row, column]
+    # From the feature's own disparity, so that single precision is plenty.
+    d = np.take(coarse, row * coarse.shape[1] + column)
     known = d > 0
-    basis = np.stack([np.ones(len(du)), 2.0 * du, 2.0 * dv], axis=1)
-    products = (basis[:, :, None] * basis[:, None, :]).reshape(len(du), 9)
-    near = known & (np.abs(d - disparity[:, None]) < NEAR_AT_FIRST)
-    plane = np.zeros((len(uv), 3))
+    d = (d - disparity[:, None]).astype(np.float32)
+    basis = np.stack([np.ones(len(du)), 2.0 * du, 2.0 * dv], axis=1).astype(np.float32)
+    products = basis[:, ROW] * basis[:, COLUMN]
+    near = known & (np.abs(d) < NEAR_AT_FIRST)
+    plane = np.zeros((3, len(uv)))
     for _ in range(2):
         # The damping keeps the slope of a square with few known pixels small.
-        N = (near @ products).reshape(-1, 3, 3) + np.diag([1e-3, 10.0, 10.0])
-        plane = np.linalg.solve(N, (np.where(near, d, 0.0) @ basis)[:, :, None])[:, :, 0]
-        near = known & (np.abs(d - plane @ basis.T) < NEAR)
+        weight = near.astype(np.float32)
+        N = (weight @ products).T + np.array([1e-3, 10.0, 10.0, 0.0, 0.0, 0.0])[:, None]
+        plane = times(invert(N), np.asarray(((weight * d) @ basis).T, np.float64))
+        near = known & (np.abs(d - plane.T.astype(np.float32) @ basis.T) < NEAR)
     share = near.mean(axis=1)
-    slope = plane[:, 1:]
+    centre, slope = plane[0] + disparity, plane[1:].T
     unknown = (share < FEWEST) | (np.abs(slope).max(axis=1, initial=0) > STEEPEST)
-    return Surface(
-        np.where(unknown[:, None], 0.0, slope), np.where(near.any(axis=1), plane[:, 0], np.nan), share
-    )
+    return Surface(np.where(unknown[:, None], 0.0, slope), np.where(near.any(axis=1), centre, np.nan), share)
 
 
 def stereo_warp(slope: Array) -> Array:

@@ -14,7 +14,8 @@ from .camera import StereoCamera
 from .config import TranslationConfig
 from .geometry import Array
 from .matching import StereoMatches
-from .stereo_points import FULL, stereo_points
+from .stereo_points import stereo_points
+from .symmetric import FULL
 from .translation import NEAREST, solve_translation, stack
 
 

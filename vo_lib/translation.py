@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from .camera import StereoCamera
 from .config import TranslationConfig
 from .matching import StereoMatches
-from .stereo_points import FULL, StereoPoints, invert, stereo_points, times
+from .stereo_points import StereoPoints, stereo_points
+from .symmetric import FULL, invert, times
 
 Array = NDArray[np.float64]
 
