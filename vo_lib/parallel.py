@@ -103,7 +103,7 @@ def _attempt(task: Task) -> tuple[int, Done]:
 
 
 def _leave_interrupts() -> None:
-    """Ctrl-C reaches every process of a terminal. The first stops the others; none of them may begin another task."""
+    """Ctrl-C reaches every process of a terminal: the first stops the others, none of which may go on."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
