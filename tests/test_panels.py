@@ -8,13 +8,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 from vo_lib.errors import DataError
 from vo_lib.panels import PANELS, Drawing, Fact, FilteringPanel, Panel, SelectionPanel, State, stack
 from vo_lib.panels.base import OWN_FOLDER
+from vo_lib.panels.chart import Chart, boxed_legend, room
 from vo_lib.panels.controls import Control
 from vo_lib.panels.data import Memory
-from vo_lib.panels.style import WIDTH
+from vo_lib.panels.style import WIDTH, figure, raster
 from vo_lib.sequence import Progress, Sequence
 
 LONG = 300.0  # seconds that a job may take; a safeguard
@@ -121,6 +123,45 @@ def test_the_rule_truth_needs_a_drawn_scene(bands: Path) -> None:
     panel.wait(LONG)
     panel.set(filter__rule="truth")
     assert "needs a drawn scene" in panel.error
+
+
+def line(y: float) -> Chart:
+    """A chart of a line at a height, with bars and a boxed legend."""
+
+    def put(axis: Axes) -> None:
+        axis.plot([0, 1], [y, y], label="a line")
+        axis.bar([0.5], [y / 2])
+
+    def frame(axis: Axes) -> None:
+        axis.set_xlim(0, 1)
+        axis.set_ylim(0, 1)
+        boxed_legend(axis, "upper left")
+
+    return Chart(("a line",), put, frame)
+
+
+def test_a_chart_keeps_its_axes_and_forgets_its_data() -> None:
+    first = line(0.5).picture(120, 200)
+    assert first.shape == (120, 200, 3)
+    assert (line(0.7).picture(120, 200) != first).any()
+    np.testing.assert_array_equal(line(0.5).picture(120, 200), first)
+    np.testing.assert_array_equal(first[:20], line(0.1).picture(120, 200)[:20])
+
+
+def test_a_boxed_legend_hides_the_data_below_it() -> None:
+    made, (axis,) = figure(120, width=200)
+    line(0.75).draw(axis)
+    gap = abs(raster(made).astype(int) - line(0.75).picture(120, 200)).max(axis=2)
+    # matplotlib lets a tenth of the line shine through; the ends of the box may be half a pixel off.
+    assert np.count_nonzero(gap > 3) > 50
+    assert np.count_nonzero(gap > 30) < 10
+
+
+@pytest.mark.parametrize(
+    ("value", "limit"), [(0.3, 0.5), (0.5, 0.5), (5.001, 10), (70, 100), (1000, 1000), (0, 0.01)]
+)
+def test_limits_are_round_numbers(value: float, limit: float) -> None:
+    assert room(value, least=0.01) == pytest.approx(limit)
 
 
 class Example(Panel):

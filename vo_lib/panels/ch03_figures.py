@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..geometry import Array
 from ..kitti import Image
-from .style import BAD, DARK, GOOD, PALE, Plate, figure, finish
+from .chart import Chart, beside, boxed_legend
+from .style import BAD, DARK, GOOD, PALE, figure, finish
 
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
 TICKS = [0.001, 0.01, 0.1, 1.0, 10.0, 100.0]
@@ -41,49 +41,54 @@ class Field:
     dropped: bool
 
 
-@functools.cache
-def _field_plate(height: int) -> Plate:
-    """The two axes of `field_picture`, with the legend."""
-    made, axes = figure(height, 2)
-    legend = (
-        (PALE, ".", "left out"),
-        (GOOD, ".", "nearest k of a set"),
-        (DARK, "o", "winner by consensus (the larger dot)"),
-    )
-    for colour, marker, words in (*legend, (BAD, "o", "winner by selection")):
-        axes[0].plot([], [], marker, color=colour, markersize=5, label=words)
-    axes[0].set_xlim(0, 90)
-    axes[1].set_xscale("log")
-    axes[1].set_xlim(LEAST, MOST)
-    axes[1].set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
-    axes[1].set_xlim(LEAST, MOST)
-    axes[1].minorticks_off()
-    for axis in axes:
-        axis.set_ylim(-0.02, 1.02)
-    finish(
-        axes[0], "every solution of every set", "angle to the previous essential vector [deg]", "image error"
-    )
-    axes[0].legend(loc="lower right", fontsize=8, framealpha=0.9)
-    finish(axes[1], "the same against what is true", "rotation error [deg]", "image error")
-    return Plate(made, axes)
-
-
 def field_picture(field: Field, result: float | None = None, height: int = 260) -> Image:
     """Image error of each candidate over its angle to the previous vector, and over its rotation error.
 
     `result`, degrees, is marked on the right: the error of the rotation that the frame gets in the end.
     """
-    plate = _field_plate(height)
-    picture = plate.blank()
     error = np.clip(field.rotation_error, LEAST, MOST)
-    if result is not None:
-        plate.column(picture, 1, max(result, LEAST), BAD)
-    for number, x in enumerate((field.angle, error)):
-        for chosen, colour in ((~field.kept, PALE), (field.kept, GOOD)):
-            plate.dots(picture, number, x[chosen], field.image_error[chosen], colour, 1.6)
-        for winner, colour, radius in ((field.consensus, DARK, 6.5), (field.selected, BAD, 4.0)):
-            plate.dots(picture, number, x[[winner]], field.image_error[[winner]], colour, radius)
-    return picture
+
+    def put(axis: Axes, x: Array) -> None:
+        for chosen, colour, words in (
+            (~field.kept, PALE, "left out"),
+            (field.kept, GOOD, "nearest k of a set"),
+        ):
+            axis.plot(x[chosen], field.image_error[chosen], ".", color=colour, markersize=4.5, label=words)
+        for at, colour, size, words in (
+            (field.consensus, DARK, 9, "winner by consensus (the larger dot)"),
+            (field.selected, BAD, 5.5, "winner by selection"),
+        ):
+            (dot,) = axis.plot(x[at], field.image_error[at], "o", color=colour, markersize=size, label=words)
+            dot.set_clip_on(False)  # a winner at the edge is shown whole
+
+    def put_true(axis: Axes) -> None:
+        if result is not None:
+            axis.axvline(max(result, LEAST), color=BAD, linewidth=0.8)
+        put(axis, error)
+
+    charts = [
+        Chart(("candidates by angle",), lambda axis: put(axis, field.angle), _angle_axis),
+        Chart(("candidates by error",), put_true, _error_axis),
+    ]
+    return beside(charts, height)
+
+
+def _angle_axis(axis: Axes) -> None:
+    axis.set_xlim(0, 90)
+    axis.set_ylim(-0.02, 1.02)
+    x = "angle to the previous essential vector [deg]"
+    finish(axis, "every solution of every set", x, "image error")
+    boxed_legend(axis, "lower right")
+
+
+def _error_axis(axis: Axes) -> None:
+    axis.set_xscale("log")
+    axis.set_xlim(LEAST, MOST)
+    axis.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
+    axis.minorticks_off()
+    axis.set_ylim(-0.02, 1.02)
+    finish(axis, "the same against what is true", "rotation error [deg]", "image error")
+    axis.legend([], frameon=False)  # the left axis has it
 
 
 def _decades(axis: Axes) -> None:

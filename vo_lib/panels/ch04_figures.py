@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
@@ -12,11 +13,11 @@ from ..geometry import Array
 from ..kitti import Image
 from ..matching import StereoMatches
 from .ch02_figures import draw_dot
+from .chart import Chart, boxed_legend, millimetres_from_above, room
 from .style import BAD, DARK, FIFTH, FONT_SIZE, GOOD, PALE, WIDTH, bgr, caption, figure, finish, photo
 
 DEPTHS = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # metres, of the ticks
 LEAST, MOST = 0.01, 100.0  # pixels shown of a residual
-ROOM = (0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)  # mm from the middle to the edge
 MILLI = 1e3
 
 
@@ -47,30 +48,36 @@ def depth_axis(axis: Axes) -> None:
     axis.minorticks_off()
 
 
-def draw_residuals(axis: Axes, depth: Array, residual: Array, scale: float, robust: bool) -> None:
+def residuals_chart(depth: Array, residual: Array, scale: float, robust: bool) -> Chart:
     """Residual of each feature over its depth; the line is where a weight is halved."""
     used = np.isfinite(residual)
     heavy = used & ((residual <= scale) | (not robust))
     shown = np.clip(residual, LEAST, MOST)
-    for chosen, colour, words in ((heavy, GOOD, "counts"), (used & ~heavy, BAD, "weight below ½")):
-        axis.plot(depth[chosen], shown[chosen], ".", color=colour, markersize=4, label=words)
-    axis.plot(
-        depth[~used], np.full(np.count_nonzero(~used), LEAST), "|", color=PALE, markersize=8, label="not used"
-    )
-    if robust:
-        axis.axhline(scale, color=DARK, linewidth=1, linestyle=":")
+    lowest = np.full(np.count_nonzero(~used), LEAST)
+
+    def put(axis: Axes) -> None:
+        for chosen, colour, words in ((heavy, GOOD, "counts"), (used & ~heavy, BAD, "weight below ½")):
+            axis.plot(depth[chosen], shown[chosen], ".", color=colour, markersize=4, label=words)
+        axis.plot(depth[~used], lowest, "|", color=PALE, markersize=8, label="not used")
+        if robust:
+            axis.axhline(scale, color=DARK, linewidth=1, linestyle=":")
+
+    return Chart(("residuals",), put, _residual_axis)
+
+
+def _residual_axis(axis: Axes) -> None:
     depth_axis(axis)
     axis.set_yscale("log")
     axis.set_ylim(0.8 * LEAST, MOST)
     axis.set_yticks([0.01, 0.1, 1, 10, 100], ["0.01", "0.1", "1", "10", "100"])
     axis.minorticks_off()
     finish(axis, "what each feature leaves of its eight rows", "depth [m]", "residual [px]")
-    axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=True, framealpha=0.9)
+    boxed_legend(axis, "upper left")
 
 
-def draw_ellipse(
-    axis: Axes, each: Array, weight: Array, t: Array, covariance: Array, t_reference: Array, reference: str
-) -> None:
+def ellipse_chart(
+    each: Array, weight: Array, t: Array, covariance: Array, t_reference: Array, reference: str
+) -> Chart:
     """Errors of t_cp in the x-z plane, millimetres: each feature alone, and all together with its ellipse.
 
     Parameters
@@ -81,36 +88,23 @@ def draw_ellipse(
     dots, middle = (MILLI * (v - t_reference)[..., [0, 2]] for v in (each, t))
     axes, directions = np.linalg.eigh(MILLI**2 * covariance[np.ix_([0, 2], [0, 2])])
     lengths = 4.0 * np.sqrt(np.maximum(axes, 0.0))
-    wanted = 1.3 * max(float(np.abs(middle).max()) + 0.5 * float(lengths.max()), ROOM[0])
-    half = next((room for room in ROOM if room >= wanted), ROOM[-1])
+    half = room(1.3 * (float(np.abs(middle).max()) + 0.5 * float(lengths.max())), least=0.5)
     light = ~(weight >= 0.5)
-    for chosen, colour in ((light, PALE), (~light, GOOD)):
-        axis.plot(*dots[chosen].T, ".", color=colour, markersize=2.5)
     angle = float(np.degrees(np.arctan2(directions[1, 1], directions[0, 1])))
-    axis.add_patch(
-        Ellipse(
-            (float(middle[0]), float(middle[1])),
-            float(lengths[1]),
-            float(lengths[0]),
-            angle=angle,
-            facecolor=(*_rgb(FIFTH), 0.35),
-            edgecolor=DARK,
-        )
-    )
-    axis.plot(*middle, "o", color=FIFTH, markeredgecolor=DARK, markersize=6, label="all together, 2σ")
-    axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
-    axis.set_xlim(-half, half)
-    axis.set_ylim(-half, half)
-    ticks = [-half, -half / 2, 0, half / 2, half]
-    axis.set_xticks(ticks)
-    axis.set_yticks(ticks)
-    finish(axis, "error of the translation, from above", "x, right [mm]", "z, forward [mm]")
-    axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=True, framealpha=0.9)
 
+    def put(axis: Axes) -> None:
+        for chosen, colour in ((light, PALE), (~light, GOOD)):
+            axis.plot(*dots[chosen].T, ".", color=colour, markersize=2.5)
+        inside = (*to_rgb(FIFTH), 0.35)
+        size = float(lengths[1]), float(lengths[0])
+        axis.add_patch(Ellipse(tuple(middle.tolist()), *size, angle=angle, facecolor=inside, edgecolor=DARK))
+        axis.plot(*middle, "o", color=FIFTH, markeredgecolor=DARK, markersize=6, label="all together, 2σ")
+        axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
 
-def _rgb(colour: str) -> tuple[float, float, float]:
-    red, green, blue = (int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))
-    return red, green, blue
+    def frame(axis: Axes) -> None:
+        millimetres_from_above(axis, half, "error of the translation, from above")
+
+    return Chart(("ellipse", half, reference), put, frame)
 
 
 def spread_figure(depth: Array, error: Array, height: int = 260) -> Figure:

@@ -17,10 +17,11 @@ from ..stereo_points import stereo_points
 from ..translation import solve_translation
 from .base import Drawing, Panel, State
 from .ch02_five_point import reference_rotation
-from .ch04_figures import MILLI, draw_ellipse, draw_residuals, features_picture
+from .ch04_figures import MILLI, ellipse_chart, features_picture, residuals_chart
+from .chart import beside
 from .controls import Control
 from .data import Points, frame_points, stereo, truth
-from .style import Fact, figure, stack
+from .style import Fact, stack
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 GROUPS = 10  # of features that are solved apart, to see how the answers scatter
@@ -122,10 +123,10 @@ class TranslationPanel(Panel):
         if robust:
             weight[used] = 1.0 / (1.0 + (residual[used] / config.scale) ** 2)
         C = covariance(camera, matches, R, config)
-        depth = points.X_p[:, 2]
-        chart, (left, right) = figure(CHART_HEIGHT, 2, (1.7, 1.0))
-        draw_residuals(left, depth, residual, config.scale, robust)
-        draw_ellipse(right, alone(camera, matches, R), weight, t, C, reference, words)
+        charts = [
+            residuals_chart(points.X_p[:, 2], residual, config.scale, robust),
+            ellipse_chart(alone(camera, matches, R), weight, t, C, reference, words),
+        ]
         picture = features_picture(
             stereo(sequence, frame)[0],
             matches,
@@ -151,6 +152,7 @@ class TranslationPanel(Panel):
             Fact("median residual", float(np.median(residual[used])), "px", 2),
             Fact("weight below ½", int(np.count_nonzero(weight < 0.5))),
         )
+        chart = beside(charts, CHART_HEIGHT, (1.7, 1.0))
         return Drawing(stack([picture, chart], self.height), sentence, facts)
 
 

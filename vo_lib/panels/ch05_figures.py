@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
@@ -16,17 +17,14 @@ from ..matching import StereoMatches
 from ..plots import match_image
 from ..yolo import Candidates
 from ..yolo_layout import STRIDES, place
-from .data import Memory
-from .style import BAD, CYCLE, DARK, FONT_SIZE, GOOD, PALE, WIDTH, Plate, bgr, caption, figure, finish, photo
+from .chart import Chart, millimetres_from_above, room
+from .style import BAD, CYCLE, DARK, GOOD, PALE, WIDTH, bgr, caption, figure, finish, photo
 
 MILLI = 1e3
-ROOM = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)  # mm from the middle to the edge
 MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST = 0.05  # mm shown of an error
 TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)  # mm
-DOTS = (PALE, 6.0), (GOOD, 4.0)  # with all features, with those kept: colour, radius in pixels
-
-_plates: Memory[Plate] = Memory(16)
+DOTS = (PALE, 9.0), (GOOD, 6.0)  # with all features, with those kept: colour, size in points
 
 
 def score_picture(image: Image, found: Candidates) -> Image:
@@ -81,37 +79,20 @@ def filter_picture(
     return caption(photo(match_image(image, matches, keep, boxes, state, scores), WIDTH, height), words)
 
 
-def errors_picture(errors: dict[str, Array], reference: str, title: str, width: int, height: int) -> Image:
+def errors_chart(errors: dict[str, Array], reference: str, title: str) -> Chart:
     """Distances (3,) of t_cp from the reference, from above, millimetres, by name.
 
     The first is pale and large, the second blue.
     """
-    largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
-    half = next((room for room in ROOM if room >= 1.2 * largest), ROOM[-1])
-    key = half, reference, title, tuple(errors), width, height
-    plate = _plates.get(key, lambda: _errors_plate(*key))
-    picture = plate.blank()
-    for error, (colour, radius) in zip(errors.values(), DOTS, strict=True):
-        plate.dots(picture, 0, error[:1], error[2:], DARK, radius + 1)
-        plate.dots(picture, 0, error[:1], error[2:], colour, radius)
-    return picture
+    half = room(1.2 * max(float(np.abs(error[[0, 2]]).max()) for error in errors.values()), least=1)
 
+    def put(axis: Axes) -> None:
+        axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
+        for (name, error), (colour, size) in zip(errors.items(), DOTS, strict=True):
+            axis.plot(*error[[0, 2]], "o", color=colour, markeredgecolor=DARK, markersize=size, label=name)
 
-def _errors_plate(
-    half: float, reference: str, title: str, names: tuple[str, ...], width: int, height: int
-) -> Plate:
-    made, (axis,) = figure(height, width=width)
-    axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
-    for name, (colour, radius) in zip(names, DOTS, strict=True):
-        axis.plot([], [], "o", color=colour, markeredgecolor=DARK, markersize=1.4 * radius, label=name)
-    ticks = [-half, -half / 2, 0, half / 2, half]
-    axis.set_xlim(-half, half)
-    axis.set_ylim(-half, half)
-    axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    axis.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    finish(axis, title, "x, right [mm]", "z, forward [mm]")
-    axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=True, framealpha=0.9)
-    return Plate(made, [axis])
+    names = reference, title, tuple(errors)
+    return Chart(("translations", half, *names), put, lambda axis: millimetres_from_above(axis, half, title))
 
 
 def rules_figure(errors: dict[str, Array], first: int, height: int = 290) -> Figure:

@@ -19,7 +19,7 @@ from ..sequence import Progress, Sequence
 from ..settings import Checked, setting
 from ..yolo import Candidates, YoloDetector, find_model
 from .base import Drawing, Panel, State
-from .ch05_figures import MILLI, candidates_picture, errors_picture, filter_picture, rules_figure
+from .ch05_figures import MILLI, candidates_picture, errors_chart, filter_picture, rules_figure
 from .controls import Control
 from .data import Memory, frame_matches, stereo, truth
 from .style import WIDTH, Fact, caption, photo, stack
@@ -213,7 +213,7 @@ class FilteringPanel(Panel):
                 Fact("on moving things, kept", int(np.count_nonzero(moving & result.keep))),
                 Fact("on standing things, removed", int(np.count_nonzero(~moving & ~result.keep))),
             ]
-        chart = errors_picture(errors, words, title, WIDTH - NET_WIDTH, CHART_HEIGHT)
+        chart = errors_chart(errors, words, title).picture(CHART_HEIGHT, WIDTH - NET_WIDTH)
         return Drawing(stack([picture, np.hstack([network, chart])], self.height), sentence, tuple(facts))
 
     def work(self, state: State, progress: Progress) -> Drawing:
