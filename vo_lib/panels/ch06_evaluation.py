@@ -13,22 +13,19 @@ from ..config import METHODS
 from ..errors import DataError
 from ..evaluation import KittiErrors, kitti_errors, suitable_measure
 from ..geometry import Array
-from ..kitti import Image
 from ..made_up import made_up
 from ..sequence import Progress, Sequence
 from ..settings import Checked, setting
 from .base import Drawing, Panel, State
-from .ch06_figures import PER_100_M, PER_CENT, draw_by_length, draw_drift, draw_paths
+from .ch06_figures import PER_100_M, PER_CENT, drift_chart, length_chart, note_chart, paths_chart
 from .ch06_trajectories import known_run, method_poses, read_own
+from .chart import beside
 from .controls import CELL_WIDTH, Control
-from .data import Memory
-from .style import WIDTH, Fact, figure, raster, stack
+from .style import Fact, stack
 
 MADE_UP, OWN = "made-up errors", "a file of your own"
 PATH_HEIGHT, CHART_HEIGHT = 330, 220
 MILLI = 1e3
-
-_charts: Memory[Image] = Memory(16)
 
 
 @dataclass(frozen=True)
@@ -78,14 +75,13 @@ class EvaluationPanel(Panel):
         truth = _truth(state.sequence)
         estimate = self._estimate(state, truth)
         if estimate is None:
-            made, (axis,) = figure(PATH_HEIGHT)
-            draw_paths(axis, truth, None, state.sequence.name)
+            path = paths_chart(truth, None, state.sequence.name).picture(PATH_HEIGHT)
             sentence = (
                 "Type the path of the file below the controls."
                 if state.view.estimate == OWN
                 else f"{state.view.estimate} has not been run on {state.sequence.name} here: press Run."
             )
-            return Drawing(stack([made], self.height), sentence, (Fact("poses", len(truth)),))
+            return Drawing(stack([path], self.height), sentence, (Fact("poses", len(truth)),))
         return self._judged(state, truth, estimate)
 
     def work(self, state: State, progress: Progress) -> Drawing:
@@ -133,27 +129,21 @@ class EvaluationPanel(Panel):
         aligned, scale = align(truth, estimate, Alignment(view.alignment))
         ate = rmse(absolute_error(truth, estimate, Alignment(view.alignment)).distance)
         rpe = relative_error(truth, estimate)
-        made, (whole, piece) = figure(PATH_HEIGHT, 2)
         shown = None if part is None else (int(part.first[0]), int(part.last[0]))
-        draw_paths(whole, truth, aligned, f"{state.sequence.name}, alignment {view.alignment}", shown)
-        if shown is None:
-            piece.text(
-                0.5,
-                0.5,
-                f"from frame {frame} on the path is too short",
-                ha="center",
-                transform=piece.transAxes,
-            )
-            piece.set_axis_off()
-        else:
-            draw_drift(piece, truth, estimate, *shown)
+        title = f"{state.sequence.name}, alignment {view.alignment}"
+        whole = paths_chart(truth, aligned, title, shown)
+        piece = (
+            note_chart(f"from frame {frame} on the path is too short")
+            if shown is None
+            else drift_chart(truth, estimate, *shown)
+        )
         others = {
             name: kitti_errors(truth, poses, lengths, view.step)
             for name in METHODS
             if name != view.estimate and (poses := known_run(state.sequence, name)) is not None
         }
-        key = (state.sequence.folder, len(truth), lengths, view, tuple(others))
-        chart = _charts.get(key, lambda: _chart(errors, others))
+        by_length = [length_chart(errors, others, rotation) for rotation in (False, True)]
+        pictures = [beside([whole, piece], PATH_HEIGHT), beside(by_length, CHART_HEIGHT)]
         facts = (
             Fact("TE", _number(errors.te), "%", 3),
             Fact("RE", _number(errors.re), "deg/100 m", 3),
@@ -164,7 +154,7 @@ class EvaluationPanel(Panel):
             Fact("RPE", MILLI * _number(rmse(rpe.translation)), "mm", 2),
             Fact("scale", scale, "", 4),
         )
-        return Drawing(stack([made, chart], self.height), _sentence(truth, errors, part), facts)
+        return Drawing(stack(pictures, self.height), _sentence(truth, errors, part), facts)
 
 
 def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors | None:
@@ -174,13 +164,6 @@ def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], firs
         return None
     longest = errors.where(np.arange(len(errors)) == int(np.argmax(errors.length)))
     return replace(longest, first=longest.first + first, last=longest.last + first)
-
-
-def _chart(errors: KittiErrors, others: dict[str, KittiErrors]) -> Image:
-    made, (translation, rotation) = figure(CHART_HEIGHT, 2, width=WIDTH)
-    draw_by_length(translation, errors, others)
-    draw_by_length(rotation, errors, others, rotation=True)
-    return raster(made)
 
 
 def _sentence(truth: Array, errors: KittiErrors, part: KittiErrors | None) -> str:

@@ -11,25 +11,53 @@ from matplotlib.figure import Figure
 from ..ate_rpe import AbsoluteError
 from ..evaluation import KITTI_LENGTHS, KittiErrors, trajectory_distances
 from ..geometry import Array
-from .style import BAD, CYCLE, DARK, FIFTH, FONT_SIZE, GOOD, PALE, THIRD, figure, finish
+from .chart import Chart, put_title, room
+from .style import BAD, CYCLE, DARK, FIFTH, FONT_SIZE, GOOD, PALE, THIRD, Place, figure, finish
 
 PER_CENT, PER_100_M = 100.0, 100.0 * 180.0 / np.pi  # of KittiErrors.t_err and .r_err
+FINE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # round numbers for limits
+TENTHS = tuple(n / 10 for n in range(10, 100))
 
 
-def draw_paths(
-    axis: Axes, truth: Array, estimate: Array | None, title: str, part: tuple[int, int] | None = None
-) -> None:
+def paths_chart(
+    truth: Array, estimate: Array | None, title: str, part: tuple[int, int] | None = None
+) -> Chart:
     """Truth and estimate from above; `part`, first and last frame, is marked on the truth."""
-    axis.plot(truth[:, 0, 3], truth[:, 2, 3], color=DARK, linewidth=2.5, label="truth")
+    paths = {"truth": (truth, DARK, 2.5)}
     if part is not None:
-        first, last = part
-        piece = truth[first : last + 1]
-        axis.plot(piece[:, 0, 3], piece[:, 2, 3], color=FIFTH, linewidth=5, alpha=0.7, label="sub-sequence")
+        paths["sub-sequence"] = (truth[part[0] : part[1] + 1], FIFTH, 5.0)
     if estimate is not None:
-        axis.plot(estimate[:, 0, 3], estimate[:, 2, 3], color=GOOD, linewidth=1.5, label="estimate")
-    axis.plot(*truth[0, [0, 2], 3], "o", color=DARK, markersize=5)
-    axis.set_aspect("equal", adjustable="datalim")
-    finish(axis, title, "x, right [m]", "z, forward [m]")
+        paths["estimate"] = (estimate, GOOD, 1.5)
+    places = [poses[:, [0, 2], 3] for poses, _, _ in paths.values()]
+    middle = (places[0].min(axis=0) + places[0].max(axis=0)) / 2
+    reach = np.abs(np.concatenate(places) - middle).max(axis=0)
+    half_x, half_z = (room(1.08 * each, steps=FINE, least=1.0) for each in reach.tolist())
+
+    def put(axis: Axes) -> None:
+        for (name, (_, colour, width)), place in zip(paths.items(), places, strict=True):
+            alpha = 0.7 if name == "sub-sequence" else 1.0
+            axis.plot(*place.T, color=colour, linewidth=width, alpha=alpha, label=name)
+        axis.plot(*places[0][0], "o", color=DARK, markersize=5)
+        put_title(axis, title)
+
+    def frame(axis: Axes) -> None:
+        box = axis.get_window_extent()
+        scale = max(half_x / box.width, half_z / box.height)  # the same for both axes
+        axis.set_xlim(middle[0] - scale * box.width, middle[0] + scale * box.width)
+        axis.set_ylim(middle[1] - scale * box.height, middle[1] + scale * box.height)
+        place = _empty_place((places[0] - middle) / (scale * box.width, scale * box.height))
+        finish(axis, "", "x, right [m]", "z, forward [m]", place)
+
+    return Chart(("paths", *paths, *middle.tolist(), half_x, half_z), put, frame)
+
+
+def _empty_place(places: Array) -> Place:
+    """Where in [-1, 1]² a legend is farthest from places (N, 2)."""
+    free: dict[Place, tuple[float, float]] = {
+        "upper right": (1, 1), "upper left": (-1, 1), "lower right": (1, -1), "lower left": (-1, -1),
+        "center": (0, 0),
+    }  # fmt: skip
+    return max(free, key=lambda each: float(np.linalg.norm(places - free[each], axis=1).min()))
 
 
 def draw_part(axis: Axes, truth: Array, estimate: Array, first: int, last: int) -> None:
@@ -52,61 +80,95 @@ def draw_part(axis: Axes, truth: Array, estimate: Array, first: int, last: int) 
     finish(axis, f"frames {first} to {last}, starts made equal", "x, right [m]", "z, forward [m]")
 
 
-def draw_drift(axis: Axes, truth: Array, estimate: Array, first: int, last: int) -> None:
+def drift_chart(truth: Array, estimate: Array, first: int, last: int) -> Chart:
     """How the error grows along a sub-sequence whose starts are made equal, in the axes of its start."""
     moved = truth[first] @ np.linalg.inv(estimate[first]) @ estimate[first : last + 1]
     piece = truth[first : last + 1]
     error = (moved[:, :3, 3] - piece[:, :3, 3]) @ truth[first, :3, :3]
     way = trajectory_distances(piece)
-    for values, colour, words in (
-        (np.linalg.norm(error, axis=1), BAD, "distance"),
-        (error[:, 0], GOOD, "to the right"),
-        (error[:, 2], THIRD, "ahead"),
-    ):
-        axis.plot(way, values, color=colour, linewidth=1.5, label=words)
-    axis.axhline(0, color=PALE, linewidth=1)
-    finish(axis, f"frames {first} to {last}, starts made equal: error", "way along the path [m]", "m")
+    curves = {
+        "distance": (np.linalg.norm(error, axis=1), BAD),
+        "to the right": (error[:, 0], GOOD),
+        "ahead": (error[:, 2], THIRD),
+    }
+    far = room(1.02 * float(way[-1]), steps=TENTHS)
+    high = room(1.05 * float(curves["distance"][0].max()), steps=FINE, least=0.001)
+    low = max(room(-1.05 * float(error.min()), steps=FINE), 0.05 * high)
+
+    def put(axis: Axes) -> None:
+        axis.axhline(0, color=PALE, linewidth=1)
+        for name, (values, colour) in curves.items():
+            axis.plot(way, values, color=colour, linewidth=1.5, label=name)
+        put_title(axis, f"frames {first} to {last}, starts made equal: error")
+
+    def frame(axis: Axes) -> None:
+        axis.set_xlim(-0.03 * far, far)
+        axis.set_ylim(-low, high)
+        finish(axis, "", "way along the path [m]", "m", "upper left")
+
+    return Chart(("drift", far, low, high), put, frame)
 
 
-def draw_by_length(
-    axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool = False
-) -> None:
+def length_chart(errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool = False) -> Chart:
     """Each sub-sequence as a dot over its length, the mean of each length as a line."""
     factor, values = (PER_100_M, errors.r_err) if rotation else (PER_CENT, errors.t_err)
     lengths = np.unique(errors.length)
     apart = np.min(np.diff(lengths), initial=lengths[0] if len(lengths) else 1.0)
     spread = 0.3 * apart * (np.random.default_rng(0).random(len(errors)) - 0.5)
-    axis.plot(errors.length + spread, factor * values, ".", color=PALE, markersize=3)
-    for number, (name, each) in enumerate({"": errors, **others}.items()):
-        places = np.unique(each.length)
-        source = each.r_err if rotation else each.t_err
-        means = [factor * float(source[each.length == place].mean()) for place in places]
-        colour = (GOOD, *CYCLE[1:])[number % len(CYCLE)]
-        style = (
-            {"linewidth": 1.2, "label": name, "markersize": 3} if name else {"linewidth": 2, "markersize": 6}
-        )
-        axis.plot(places, means, "-o", color=colour, **style)
-    if len(errors) == 0:
-        axis.text(0.5, 0.5, "no sub-sequence is so long", ha="center", transform=axis.transAxes)
-    elif len(lengths) <= 4:
-        axis.set_xticks(lengths)
-    axis.set_ylim(0, 1.15 * float(np.max(factor * values, initial=1e-6)))
-    unit = "RE [deg/100 m]" if rotation else "TE [%]"
-    finish(axis, f"{'rotation' if rotation else 'translation'} error by length", "length [m]", unit)
+    means = {name: _means(each, rotation) for name, each in {"": errors, **others}.items()}
+    every = np.concatenate([factor * values, *(te for _, te in means.values())])
+    top = room(1.05 * float(np.max(every, initial=0.0)), steps=FINE, least=1e-3)
+
+    def put(axis: Axes) -> None:
+        axis.plot(errors.length + spread, factor * values, ".", color=PALE, markersize=3)
+        for (name, (places, mean)), colour in zip(means.items(), (GOOD, *CYCLE[1:]), strict=False):
+            width, size = (1.2, 3) if name else (2.0, 6)
+            label = name or None
+            axis.plot(places, mean, "-o", color=colour, linewidth=width, markersize=size, label=label)
+        if len(errors) == 0:
+            axis.text(0.5, 0.5, "no sub-sequence is so long", ha="center", transform=axis.transAxes)
+
+    def frame(axis: Axes) -> None:
+        if len(lengths):
+            axis.set_xlim(lengths[0] - 0.2 * apart, lengths[-1] + 0.2 * apart)
+        if 0 < len(lengths) <= 4:
+            axis.set_xticks(lengths)
+        axis.set_ylim(0, top)
+        unit = "RE [deg/100 m]" if rotation else "TE [%]"
+        title = f"{'rotation' if rotation else 'translation'} error by length"
+        finish(axis, title, "length [m]", unit, "lower right")
+
+    return Chart(("by length", rotation, *lengths.tolist(), top, *others), put, frame)
+
+
+def _means(errors: KittiErrors, rotation: bool) -> tuple[Array, Array]:
+    """The lengths that occur and the mean error of each, % or deg/100 m."""
+    places = np.unique(errors.length)
+    each = [errors.where(errors.length == place) for place in places]
+    return places, np.array([part.re if rotation else part.te for part in each], float)
+
+
+def note_chart(words: str) -> Chart:
+    """Words in place of a chart."""
+
+    def put(axis: Axes) -> None:
+        axis.text(0.5, 0.5, words, ha="center", transform=axis.transAxes)
+
+    return Chart(("note",), put, Axes.set_axis_off)
 
 
 def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) -> Figure:
     """Truth and estimate of several paths side by side, by title."""
     made, axes = figure(height, len(pairs))
     for axis, (title, (truth, estimate)) in zip(axes, pairs.items(), strict=True):
-        draw_paths(axis, truth, estimate, title)
+        paths_chart(truth, estimate, title).draw(axis)
     return made
 
 
 def part_figure(truth: Array, estimate: Array, first: int, last: int, height: int = 300) -> Figure:
     """The whole path with a sub-sequence marked, and the sub-sequence by itself."""
     made, (whole, part) = figure(height, 2)
-    draw_paths(whole, truth, estimate, "the whole path", (first, last))
+    paths_chart(truth, estimate, "the whole path", (first, last)).draw(whole)
     draw_part(part, truth, estimate, first, last)
     return made
 

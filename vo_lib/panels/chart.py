@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -16,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from ..kitti import Image
 from .data import Memory
-from .style import DRAWING, FONT_SIZE, MARGIN, WIDTH, figure, finish
+from .style import DRAWING, FONT_SIZE, MARGIN, TITLE_SIZE, WIDTH, Place, figure, finish
 
 Draw = Callable[[Axes], None]
 
@@ -77,7 +76,14 @@ def millimetres_from_above(axis: Axes, half: float, title: str) -> None:
     boxed_legend(axis, "upper left")
 
 
-def boxed_legend(axis: Axes, place: Literal["upper left", "lower right"]) -> None:
+def put_title(axis: Axes, words: str) -> None:
+    """A title that changes with the data."""
+    axis.annotate(
+        words, (0, 1), (0, 6), xycoords="axes fraction", textcoords="offset points", fontsize=TITLE_SIZE
+    )
+
+
+def boxed_legend(axis: Axes, place: Place) -> None:
     """A legend that hides the data below it."""
     axis.legend(loc=place, fontsize=FONT_SIZE - 1, frameon=True, framealpha=0.9)
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import html
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -34,6 +36,9 @@ FONT_SIZE, TITLE_SIZE = 9.0, 10.0
 
 # Half the time of OpenCV's own choice, for a file a tenth larger.
 FAST = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB)
+
+
+Place = Literal["best", "upper left", "upper right", "lower left", "lower right", "center"]
 
 
 class MARGIN:
@@ -74,8 +79,8 @@ def figure(
     return made, axes
 
 
-def finish(axis: Axes, title: str, x: str = "", y: str = "") -> None:
-    """Title, axis names with units, and the common look of an axis."""
+def finish(axis: Axes, title: str, x: str = "", y: str = "", legend: Place = "best") -> None:
+    """Title, axis names with units, the common look of an axis, and a legend where lines have labels."""
     # At a given height: else matplotlib looks at all numbers of the axis to find one.
     axis.set_title(title, fontsize=TITLE_SIZE, loc="left", y=1.0)
     axis.set_xlabel(x, fontsize=FONT_SIZE)
@@ -83,7 +88,7 @@ def finish(axis: Axes, title: str, x: str = "", y: str = "") -> None:
     axis.tick_params(labelsize=FONT_SIZE - 1)
     axis.spines[["top", "right"]].set_visible(False)
     if axis.get_legend_handles_labels()[1]:
-        axis.legend(fontsize=FONT_SIZE - 1, frameon=False)
+        axis.legend(loc=legend, fontsize=FONT_SIZE - 1, frameon=False)
 
 
 def raster(drawn: Figure) -> Image:
@@ -120,7 +125,7 @@ def caption(picture: Image, words: str) -> Image:
     return np.asarray(cv2.putText(out, words, (6, h + 5), font, size, white, 1, cv2.LINE_AA), np.uint8)
 
 
-def stack(parts: list[Image | Figure], height: int | None = None) -> bytes:
+def stack(parts: Sequence[Image | Figure], height: int | None = None) -> bytes:
     """Pictures and figures of the common width below each other, as PNG bytes.
 
     With `height` the result has exactly so many rows: white is added below, or the surplus cut off.
@@ -135,7 +140,7 @@ def stack(parts: list[Image | Figure], height: int | None = None) -> bytes:
 
 def show(*parts: Image | Figure) -> Shown:
     """Pictures and figures in a notebook cell, below each other."""
-    return Shown(data=stack(list(parts)), width=WIDTH)  # type: ignore[no-untyped-call]
+    return Shown(data=stack(parts), width=WIDTH)  # type: ignore[no-untyped-call]
 
 
 @dataclass(frozen=True)
