@@ -5,13 +5,16 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from ..geometry import Array
 from ..kitti import Image
 from .ch01_trace import KEPT, LOST, REASONS, Trace
-from .ch02_figures import draw_dot
+from .ch02_figures import draw_dot, draw_flow
+from .chart import FINE, Chart, room
 from .style import (
     BAD,
     CYCLE,
@@ -41,6 +44,7 @@ FATES = {
 }
 SIDES = ("previous left", "previous right", "current right", "current left")
 LEAST, MOST = 0.01, 100.0  # pixels shown of an error
+NAMES = 0.23  # of a chart's width, for the names of the fates
 
 
 def response_picture(response: NDArray[np.float32], width: int = HALF) -> Image:
@@ -117,67 +121,94 @@ def fates_picture(
     """
     picture = photo(image, image.shape[1])
     found, names = trace.found, fate[trace.index]
-    for name in list(FATES)[::-1]:
-        for i in np.flatnonzero(names == name).tolist():
-            start, end = (
-                np.rint(uv[i] * 16).astype(int).tolist() for uv in (found.prev_left, found.cur_left)
-            )
-            cv2.line(picture, start, end, bgr(FATES[name]), 1, cv2.LINE_AA, shift=4)
-            draw_dot(picture, found.cur_left[i], FATES[name], 2.5)
-            if name == CHOSEN and wrong[i]:
-                cv2.circle(picture, end, 6 * 16, (255, 255, 255), 3, cv2.LINE_AA, shift=4)
-                cv2.circle(picture, end, 6 * 16, bgr(DARK), 1, cv2.LINE_AA, shift=4)
+    order = np.concatenate([np.flatnonzero(names == name) for name in list(FATES)[::-1]])
+    colours = [FATES[name] for name in names[order].tolist()]
+    draw_flow(picture, found.prev_left[order], found.cur_left[order], colours, 2.5)
+    for place in np.rint(16 * found.cur_left[wrong & (names == CHOSEN)]).astype(int).tolist():
+        for shade, width in (((255, 255, 255), 3), (bgr(DARK), 1)):
+            cv2.circle(picture, place, 6 * 16, shade, width, cv2.LINE_AA, shift=4)
     return caption(photo(picture, WIDTH, 298), words)
 
 
-def draw_fates(axis: Axes, fate: NDArray[np.str_], wrong: NDArray[np.bool_] | None) -> None:
+def fates_chart(fate: NDArray[np.str_], wrong: NDArray[np.bool_] | None) -> Chart:
     """How many features met which fate; the hatched part is truly wrong, where that is known, (N,) bool."""
     names = list(FATES)
     counts = np.array([np.count_nonzero(fate == name) for name in names])
-    axis.barh(range(len(names)), counts, color=[FATES[name] for name in names], height=0.7)
-    bad = np.zeros(len(names), int)
-    if wrong is not None:
-        bad = np.array([np.count_nonzero(wrong[fate == name]) for name in names])
-        axis.barh(range(len(names)), bad, color="none", edgecolor=DARK, hatch="////", height=0.7)
-    top = max(int(counts.max()), 1)
-    for row, (name, count) in enumerate(zip(names, counts, strict=True)):
-        words = f"{name}: {count}" + (f", {bad[row]} wrong" if wrong is not None and name != LOST else "")
-        axis.text(count + 0.01 * top, row, words, va="center", fontsize=FONT_SIZE - 1)
-    axis.set_yticks([])
-    axis.set_ylim(len(names) - 0.4, -0.6)
-    axis.set_xlim(0, 1.5 * top)
-    finish(
-        axis, "what became of the features", "features" + ("; hatched: wrong" if wrong is not None else "")
-    )
+    bad = None if wrong is None else np.array([np.count_nonzero(wrong[fate == name]) for name in names])
+    end = room(1.3 * max(int(counts.max()), 1), steps=FINE)
+
+    def put(axis: Axes) -> None:
+        axis.add_collection(PolyCollection(_bars(counts), facecolors=list(FATES.values())))
+        if bad is not None:
+            hatched = PolyCollection(_bars(bad), facecolors="none", edgecolors=DARK, hatch="////")
+            axis.add_collection(hatched)
+        for row, (name, count) in enumerate(zip(names, counts, strict=True)):
+            words = f"{count}" + (f", {bad[row]} wrong" if bad is not None and name != LOST else "")
+            axis.text(count + 0.01 * end, row, words, va="center", fontsize=FONT_SIZE - 1)
+
+    def frame(axis: Axes) -> None:
+        axis.set_position(Bbox([[NAMES, axis.get_position().y0], axis.get_position().max]))
+        axis.set_yticks(range(len(names)), names)
+        axis.tick_params(axis="y", length=0)
+        axis.set_ylim(len(names) - 0.4, -0.6)
+        axis.set_xlim(0, end)
+        finish(axis, "what became of the features", "features" + ("" if bad is None else "; hatched: wrong"))
+
+    return Chart(("fates", end, bad is None), put, frame)
 
 
-def draw_errors(axis: Axes, fate: NDArray[np.str_], error: Array) -> None:
+def _bars(counts: NDArray[np.int64]) -> list[Array]:
+    """Corners of a bar in each row, (4, 2)."""
+    across, along = np.array([0, 1, 1, 0]), np.array([-0.35, -0.35, 0.35, 0.35])
+    return [np.stack([count * across, row + along], axis=1) for row, count in enumerate(counts.tolist())]
+
+
+def errors_chart(fate: NDArray[np.str_], error: Array) -> Chart:
     """Share of the matches with an error up to so many pixels, for kept and dropped ones.
 
     Parameters
     ----------
     fate : (M,) and error : (M,), pixels, of the features found again; NaN where the truth is not known.
     """
-    for chosen, colour, words in (
-        (fate == CHOSEN, GOOD, "kept"),
-        ((fate != CHOSEN) & (fate != SURPLUS), BAD, "dropped by a check"),
-    ):
-        if (chosen & np.isfinite(error)).any():
-            values = np.sort(np.clip(error[chosen & np.isfinite(error)], LEAST, MOST))
-            axis.plot(values, 100 * np.arange(1, len(values) + 1) / len(values), color=colour, label=words)
-    axis.axvline(1.0, color=DARK, linewidth=1, linestyle=":")
-    _error_axis(axis)
-    finish(axis, "how far from the truth", "largest error in three images [px]", "matches up to there [%]")
+    known = np.isfinite(error)
+    groups = {
+        "kept": ((fate == CHOSEN) & known, GOOD),
+        "dropped by a check": ((fate != CHOSEN) & (fate != SURPLUS) & known, BAD),
+    }
+
+    def put(axis: Axes) -> None:
+        for words, (chosen, colour) in groups.items():
+            values = np.sort(np.clip(error[chosen], LEAST, MOST))
+            share = 100 * np.arange(1, len(values) + 1) / max(len(values), 1)
+            axis.plot(values, share, color=colour, label=words)
+        axis.axvline(1.0, color=DARK, linewidth=1, linestyle=":")
+
+    def frame(axis: Axes) -> None:
+        _error_axis(axis)
+        x = "largest error in three images [px]"
+        finish(axis, "how far from the truth", x, "matches up to there [%]", "upper left")
+
+    return Chart(("errors",), put, frame)
 
 
-def draw_depths(axis: Axes, depth: Array) -> None:
+def depths_chart(depth: Array) -> Chart:
     """How far away the kept features are; for sequences without truth."""
     edges = np.geomspace(2.0, 200.0, 25)
-    axis.hist(np.clip(depth[np.isfinite(depth)], edges[0], edges[-1]), bins=edges.tolist(), color=GOOD)
-    axis.set_xscale("log")
-    axis.set_xticks([2, 5, 10, 20, 50, 100, 200], ["2", "5", "10", "20", "50", "100", "200"])
-    axis.minorticks_off()
-    finish(axis, "how far away the kept ones are", "depth [m]", "features")
+    counts = np.histogram(np.clip(depth[np.isfinite(depth)], edges[0], edges[-1]), edges)[0]
+    top = room(1.05 * float(counts.max()), steps=FINE, least=1)
+
+    def put(axis: Axes) -> None:
+        axis.stairs(counts, edges, fill=True, color=GOOD)
+
+    def frame(axis: Axes) -> None:
+        axis.set_xscale("log")
+        axis.set_xlim(edges[0], edges[-1])
+        axis.set_xticks([2, 5, 10, 20, 50, 100, 200], ["2", "5", "10", "20", "50", "100", "200"])
+        axis.minorticks_off()
+        axis.set_ylim(0, top)
+        finish(axis, "how far away the kept ones are", "depth [m]", "features")
+
+    return Chart(("depths", top), put, frame)
 
 
 def _error_axis(axis: Axes) -> None:

@@ -15,11 +15,12 @@ from ..sequence import Sequence
 from ..settings import Checked, setting
 from ..synthetic import Truth
 from .base import Drawing, Panel, State
-from .ch01_figures import CHOSEN, SURPLUS, draw_depths, draw_errors, draw_fates, fates, fates_picture
+from .ch01_figures import CHOSEN, SURPLUS, depths_chart, errors_chart, fates, fates_chart, fates_picture
 from .ch01_trace import LOST, trace
+from .chart import beside
 from .controls import Control
 from .data import Memory, stereo, truth
-from .style import Fact, figure, stack
+from .style import Fact, stack
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 RIGHT = 1.0  # pixels; a match is right whose places in the other three images are this near to the truth
@@ -102,12 +103,12 @@ class MatchingPanel(Panel):
             "; rings: kept, but wrong" if known is not None else ""
         )
         picture = fates_picture(stereo(sequence, frame)[0], traced, fate, wrong, words)
-        chart, (left, right) = figure(CHART_HEIGHT, 2)
-        draw_fates(left, fate, None if known is None else everywhere)
+        left = fates_chart(fate, None if known is None else everywhere)
         if known is None:
-            draw_depths(right, sequence.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2])
+            right = depths_chart(sequence.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2])
         else:
-            draw_errors(right, names, error)
+            right = errors_chart(names, error)
+        chart = beside([left, right], CHART_HEIGHT)
         dropped = int(np.count_nonzero((fate != CHOSEN) & (fate != SURPLUS) & (fate != LOST)))
         sentence = (
             f"Of {len(fate)} features of the previous pair {len(names)} are found again; the checks drop "

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..config import FeatureConfig, MatchingConfig
-from ..front_end import make_front_end
+from ..features import corner_strength, detect_corners
+from ..front_end import FrontEnd, make_front_end
 from ..geometry import Array
-from ..matching import StereoMatches
+from ..matching import LoopMatcher, PreparedPair, StereoMatches
 from ..odometry import State
 from ..sequence import Sequence
 from .data import WARM_UP, Memory, stereo
@@ -104,15 +105,34 @@ def _history(
     front_end = make_front_end(sequence.camera, features, matching)
 
     def prepare(index: int) -> Any:
-        key = sequence.folder, index, features, matching
-        return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
+        return _prepare(front_end, sequence, index, features, matching)
 
     indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
     with ThreadPoolExecutor(max_workers=2) as pool, threadpool_limits(limits=1, user_api="blas"):
         *earlier, pair = pool.map(prepare, indices)
         for each in earlier:
             front_end.step(each)
+    if isinstance(pair, PreparedPair):
+        # Its own corners are for the frame after, which nobody asks for.
+        pair = dataclasses.replace(pair, corners=pair.corners[:0], strength=pair.strength[:0])
     return front_end.state(), earlier[-1], pair
+
+
+def _prepare(
+    front_end: FrontEnd, sequence: Sequence, index: int, features: FeatureConfig, matching: MatchingConfig
+) -> Any:
+    """A prepared pair. Of corners only the choice depends on the features' settings: strengths are kept."""
+    images = stereo(sequence, index)
+    if not isinstance(front_end, LoopMatcher):
+        key = sequence.folder, index, features, matching
+        return _prepared.get(key, lambda: front_end.prepare(images))
+
+    def find() -> tuple[PreparedPair, NDArray[np.float32]]:
+        return front_end.prepare(images), corner_strength(images[0])
+
+    pair, strength = _prepared.get((sequence.folder, index, matching), find)
+    uv, value = detect_corners(strength, features)
+    return dataclasses.replace(pair, corners=uv, strength=value)
 
 
 def _candidates(state: State) -> tuple[Array, NDArray[np.int64]]:

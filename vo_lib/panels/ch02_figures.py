@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -51,6 +52,15 @@ def draw_dot(picture: Image, uv: Array, colour: str, radius: float, words: str =
         place = (u // 16 + 7, v // 16 - 6)
         for shade, width in ((bgr("#000000"), 4), (bgr("#FFFFFF"), 1)):
             cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, shade, width, cv2.LINE_AA)
+
+
+def draw_flow(picture: Image, start: Array, end: Array, colours: Sequence[str], radius: float) -> None:
+    """A line from each start (N, 2) to a disc at its end (N, 2), pixels, the last on top, in place."""
+    places = np.rint(16 * np.stack([start, end], axis=1)).astype(int).tolist()
+    paint = {colour: bgr(colour) for colour in set(colours)}
+    for (a, b), colour in zip(places, colours, strict=True):
+        cv2.line(picture, a, b, paint[colour], 1, cv2.LINE_AA, shift=4)
+        cv2.circle(picture, b, round(16 * radius), paint[colour], -1, cv2.LINE_AA, shift=4)
 
 
 def epipolar_picture(

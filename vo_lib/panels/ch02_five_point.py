@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,10 +17,18 @@ from ..refinement import refine
 from ..sequence import Sequence
 from ..settings import Checked, setting
 from .base import Drawing, Panel, State
-from .ch02_figures import draw_dot, draw_errors, draw_line, draw_polynomial, epipolar_line, polynomial_of
+from .ch02_figures import (
+    draw_dot,
+    draw_errors,
+    draw_flow,
+    draw_line,
+    draw_polynomial,
+    epipolar_line,
+    polynomial_of,
+)
 from .controls import Control
 from .data import Memory, Points, frame_points, stereo
-from .style import BAD, CYCLE, PALE, THIRD, WIDTH, Fact, bgr, caption, figure, photo, raster, stack
+from .style import BAD, CYCLE, PALE, THIRD, WIDTH, Fact, caption, figure, photo, raster, stack
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
 HALF = WIDTH // 2
@@ -171,10 +178,8 @@ class FivePointPanel(Panel):
     def _picture(self, state: State, points: Points, chosen: NDArray[np.intp], match: int, E: Array) -> Image:
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
-        for start, end in zip(points.x_p, points.x_c, strict=True):
-            ends = [np.rint(np.array(_pixel(x, camera)) * 16).astype(int).tolist() for x in (start, end)]
-            cv2.line(picture, ends[0], ends[1], bgr(PALE), 1, cv2.LINE_AA, shift=4)
-            draw_dot(picture, np.array(_pixel(end, camera)), PALE, 2)
+        starts, ends = (x * camera.f + (camera.cx, camera.cy) for x in (points.x_p, points.x_c))
+        draw_flow(picture, starts, ends, [PALE] * len(starts), 2)
         if points.T_cp is not None:
             E_true = essential_from_motion(points.T_cp[:3, :3], points.T_cp[:3, 3])
             if np.any(E_true):

@@ -26,7 +26,7 @@ from ..kitti import Image
 from ..sequence import Progress, Sequence
 from ..settings import Checked, setting
 from .base import Drawing, Panel, State
-from .ch02_figures import draw_dot
+from .ch02_figures import draw_flow
 from .ch02_five_point import reference_rotation, rotation_errors
 from .ch03_figures import Field, errors_figure, field_picture
 from .controls import Control
@@ -233,12 +233,8 @@ class SelectionPanel(Panel):
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
         centre = np.array([camera.cx, camera.cy])
         starts, ends = points.x_p * camera.f + centre, points.x_c * camera.f + centre
-        for start, end, good, moved in zip(starts, ends, inliers, touched, strict=True):
-            colour = GOOD if good else BAD
-            a, b = (np.rint(uv * 16).astype(int).tolist() for uv in (start, end))
-            cv2.line(picture, a, b, bgr(colour), 1, cv2.LINE_AA, shift=4)
-            if moved:
-                cv2.circle(picture, b, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
-            draw_dot(picture, end, colour, 2)
+        for place in np.rint(16 * ends[touched]).astype(int).tolist():
+            cv2.circle(picture, place, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
+        draw_flow(picture, starts, ends, np.where(inliers, GOOD, BAD).tolist(), 2)
         words = f"frame {state.frame}: inliers of the winner blue, outliers orange, disturbed ones in rings"
         return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)

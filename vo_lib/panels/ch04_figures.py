@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
@@ -12,9 +11,9 @@ from matplotlib.patches import Ellipse
 from ..geometry import Array
 from ..kitti import Image
 from ..matching import StereoMatches
-from .ch02_figures import draw_dot
+from .ch02_figures import draw_flow
 from .chart import Chart, boxed_legend, millimetres_from_above, room
-from .style import BAD, DARK, FIFTH, FONT_SIZE, GOOD, PALE, WIDTH, bgr, caption, figure, finish, photo
+from .style import BAD, DARK, FIFTH, FONT_SIZE, GOOD, PALE, WIDTH, caption, figure, finish, photo
 
 DEPTHS = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # metres, of the ticks
 LEAST, MOST = 0.01, 100.0  # pixels shown of a residual
@@ -30,13 +29,8 @@ def features_picture(image: Image, matches: StereoMatches, weight: Array, words:
     """
     picture = photo(image, image.shape[1])
     order = np.argsort(np.nan_to_num(-weight, nan=-2.0))  # the outliers on top
-    for i in order.tolist():
-        colour = PALE if np.isnan(weight[i]) else GOOD if weight[i] >= 0.5 else BAD
-        start, end = (
-            np.rint(uv[i] * 16).astype(int).tolist() for uv in (matches.prev_left, matches.cur_left)
-        )
-        cv2.line(picture, start, end, bgr(colour), 1, cv2.LINE_AA, shift=4)
-        draw_dot(picture, matches.cur_left[i], colour, 2.5)
+    colours = np.where(np.isnan(weight), PALE, np.where(weight >= 0.5, GOOD, BAD))[order]
+    draw_flow(picture, matches.prev_left[order], matches.cur_left[order], colours.tolist(), 2.5)
     return caption(photo(picture, WIDTH, height), words)
 
 

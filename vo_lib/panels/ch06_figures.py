@@ -11,12 +11,11 @@ from matplotlib.figure import Figure
 from ..ate_rpe import AbsoluteError
 from ..evaluation import KITTI_LENGTHS, KittiErrors, trajectory_distances
 from ..geometry import Array
-from .chart import Chart, put_title, room
+from .chart import FINE, Chart, put_title, room
 from .style import BAD, CYCLE, DARK, FIFTH, FONT_SIZE, GOOD, PALE, THIRD, Place, figure, finish
 
 PER_CENT, PER_100_M = 100.0, 100.0 * 180.0 / np.pi  # of KittiErrors.t_err and .r_err
-FINE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # round numbers for limits
-TENTHS = tuple(n / 10 for n in range(10, 100))
+TENTHS = tuple(n / 10 for n in range(10, 100))  # of a length, for a limit not far beyond it
 
 
 def paths_chart(

@@ -19,6 +19,9 @@ from .style import DRAWING, FONT_SIZE, MARGIN, TITLE_SIZE, WIDTH, Place, figure,
 
 Draw = Callable[[Axes], None]
 
+COARSE = (1.0, 2.0, 5.0)  # mantissas of round numbers
+FINE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+
 
 @dataclass(frozen=True)
 class Chart:
@@ -55,7 +58,7 @@ def beside(charts: list[Chart], height: int, shares: tuple[float, ...] = ()) -> 
     return np.concatenate([c.picture(height, w) for c, w in zip(charts, widths, strict=True)], axis=1)
 
 
-def room(value: float, *, steps: tuple[float, ...] = (1, 2, 5), least: float = 0.0) -> float:
+def room(value: float, *, steps: tuple[float, ...] = COARSE, least: float = 0.0) -> float:
     """The smallest of the round numbers steps × 10ⁿ that is not below a value: limits that seldom change."""
     value = max(value, least, 1e-9)
     whole = 10.0 ** np.floor(np.log10(value))
