@@ -45,6 +45,7 @@ def test_every_control_changes_the_picture(kind: type[Panel], panels: dict[type[
         first, seen = widget.value, set()
         for value in [*stops[key], first]:
             widget.value = value
+            panel.wait(LONG)
             assert panel.error == "", (key, value)
             seen.add(panel.picture.value)
             picture = cv2.imdecode(np.frombuffer(panel.picture.value, np.uint8), cv2.IMREAD_COLOR)

@@ -8,8 +8,9 @@ import pytest
 from conftest import write_bands
 
 from vo_lib.config import METHODS, preset
-from vo_lib.panels import ExplorePanel, ReproducePanel
+from vo_lib.panels import ExplorePanel, ReproducePanel, ch07_explore
 from vo_lib.panels.ch07_explore import changes, known_poses, with_changes
+from vo_lib.panels.job import Job
 from vo_lib.paper import shipped_table
 
 LONG = 300.0  # seconds that a job may take; a safeguard
@@ -76,6 +77,64 @@ def test_the_papers_numbers_can_be_given(road: Path, tmp_path: Path) -> None:
     assert "nowhere.csv" in panel.error
     panel.paper.value = str(shipped_table())
     assert panel.error == ""
+
+
+def test_a_run_for_a_slider_can_be_stopped_and_the_next_one_goes_on(
+    road: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ch07_explore, "PATIENCE", 1e-9)
+    panel = ExplorePanel(str(road), frame=1)
+    panel.wait(LONG)
+    before, bar = panel.picture.value, panel.job.box.children[0]
+    shown: list[bool] = []
+
+    def stop(change: dict[str, int]) -> None:
+        shown.append(panel.job.box.layout.display == "")
+        if change["new"] > 5:
+            panel.job.stop()
+
+    bar.observe(stop, "value")
+    panel.set(selection__sets=30)
+    assert any(shown)
+    assert panel.job.box.layout.display == "none"
+    assert panel.error == ""
+    assert "Stopped" in panel._message.value
+    assert panel.picture.value == before
+    bar.unobserve_all()
+    panel.knobs["selection.sets"].widget.value = 1
+    panel.knobs["selection.mode"].widget.value = "literal"
+    panel.wait(LONG)
+    assert panel.error == panel._message.value == ""
+    assert panel.facts["five-point sets"] == 1
+    assert panel.picture.value != before
+
+
+def fail(error: Exception) -> None:
+    raise error
+
+
+def test_short_work_shows_no_bar() -> None:
+    job = Job()
+    shown: list[str] = []
+    job.box.layout.observe(lambda change: shown.append(change["new"]), "display")
+    for after in (60.0, 0.0):
+        job.start("counting", lambda report: report(1, 2), lambda _: None, fail, after=after)
+        job.wait(LONG)
+        assert shown == ([] if after else ["", "none"])
+
+
+def test_one_waits_for_work_that_work_has_started() -> None:
+    job = Job()
+    done: list[int] = []
+
+    def go_on(number: int) -> None:
+        done.append(number)
+        if number < 3:
+            job.start("counting", lambda _: number + 1, go_on, fail)
+
+    job.start("counting", lambda _: 1, go_on, fail)
+    job.wait(LONG)
+    assert done == [1, 2, 3]
 
 
 def test_all_methods_follow_a_changed_threshold(road: Path) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from .. import settings
 from ..ate_rpe import relative_error
@@ -19,12 +19,14 @@ from ..runner import TimedMatches, run_methods
 from ..sequence import Progress, Sequence
 from ..settings import Checked, setting
 from .base import Drawing, Panel, State
-from .ch07_figures import draw_dot, finish_dots, steps_figure
+from .ch07_figures import methods_chart, steps_picture
+from .chart import beside
 from .controls import Control
 from .data import Memory, opened
-from .style import Fact, figure, stack
+from .style import Fact, stack
 
 FRAMES, SEEDS = 40, 3
+PATIENCE = 0.6  # seconds that a run may take without a bar
 STEPS_HEIGHT, DOTS_HEIGHT = 240, 220
 
 _matches: Memory[list[TimedMatches]] = Memory(4)
@@ -66,10 +68,8 @@ class ExplorePanel(Panel):
         }
         rpe = {name: relative_error(truth, poses) for name, poses in estimates.items()}
         words = ", ".join(f"{name} = {_short(value)}" for name, value in changed.items()) or "nothing changed"
-        made = steps_figure(rpe, state.frame, method, STEPS_HEIGHT)
-        dots, axes = figure(DOTS_HEIGHT, 2)
-        for axis, rotation in zip(axes, (False, True), strict=True):
-            self._dots(axis, sequence, changed, rotation)
+        steps = steps_picture(rpe, state.frame, method, STEPS_HEIGHT)
+        dots = [methods_chart(_known_errors(sequence, changed, kind), kind) for kind in (False, True)]
         te, re = errors_of(truth, estimates["with these settings"])
         te_preset, re_preset = errors_of(truth, estimates["preset"])
         here, at = rpe["with these settings"], min(state.frame, len(sequence) - 1) - 1
@@ -86,7 +86,7 @@ class ExplorePanel(Panel):
             f"{method}, seed 0, {len(sequence)} frames; TE and RE over {SHORT_MEASURE.words}, as far as it "
             f"goes. Changed: {words}. Below: grey is the preset; methods not drawn have not been run."
         )
-        return Drawing(stack([made, dots], self.height), sentence, facts)
+        return Drawing(stack([steps, beside(dots, DOTS_HEIGHT)], self.height), sentence, facts)
 
     def work(self, state: State, progress: Progress) -> Drawing:
         changed = changes(self.start, state.config, tuple(self.knobs))
@@ -96,12 +96,35 @@ class ExplorePanel(Panel):
             for seed in range(SEEDS)
             for config in (preset(method, seed=seed), with_changes(preset(method, seed=seed), changed))
         ]
-        total = len(wanted) * len(state.sequence)
-        for number, config in enumerate(wanted):
-            before = number * len(state.sequence)
-            progress(before, total)
-            poses_of(state.sequence, config, lambda done, _, b=before: progress(b + done, total))  # type: ignore[misc]
+        run_all(state.sequence, wanted, progress)
         return self.draw(state)
+
+    def set(self, **values: Any) -> None:
+        """As for every panel; what has to be run for it is run before this returns."""
+        super().set(**values)
+        self.wait()
+
+    def redraw(self, _: Any = None) -> None:
+        """Draw what has been run; what has not is run first, in a job that the next change supersedes."""
+        if self._quiet or self._sequence is None:
+            return
+        try:
+            state = self.state()
+        except DataError as error:
+            self._fail(error)
+            return
+        method = state.view.method
+        changed = with_changes(preset(method), changes(self.start, state.config, tuple(self.knobs)))
+        wanted = [each for each in (preset(method), changed) if known_poses(state.sequence, each) is None]
+        if not wanted:
+            super().redraw()
+            return
+
+        def run(report: Progress) -> None:
+            run_all(state.sequence, wanted, report)
+
+        # Drawn is what the controls say by then.
+        self.job.start(f"running {method}", run, self.redraw, self._fail, after=PATIENCE)
 
     def _open(self, name: str) -> None:
         """The first frames of a sequence with their matches: seconds the first time, so always a job."""
@@ -114,20 +137,6 @@ class ExplorePanel(Panel):
             return sequence
 
         self.job.start(f"matching {FRAMES} frames of {name}", prepare, self._use, self._fail)
-
-    def _dots(self, axis: Axes, sequence: Sequence, changed: dict[str, object], rotation: bool) -> None:
-        for number, method in enumerate(METHODS):
-            for place, hollow in ((-0.15, True), (0.15, False)):
-                values = [
-                    errors_of(_truth(sequence), poses)[int(rotation)]
-                    for seed in range(SEEDS)
-                    if (poses := known_poses(sequence, _seeded(method, seed, {} if hollow else changed)))
-                    is not None
-                ]
-                draw_dot(axis, number + place, np.array(values), method, number, hollow)
-        axis.set_xticks(range(len(METHODS)), [name.replace("_", "\n") for name in METHODS])
-        axis.set_xlim(-0.5, len(METHODS) - 0.5)
-        finish_dots(axis, "", rotation)
 
 
 def changes(start: Config, config: Config, names: tuple[str, ...]) -> dict[str, object]:
@@ -173,6 +182,15 @@ def poses_of(sequence: Sequence, config: Config, progress: Progress | None = Non
     return _runs.get(_key(sequence, config), run)
 
 
+def run_all(sequence: Sequence, configs: list[Config], progress: Progress) -> None:
+    """`poses_of` several configurations, to be had from `known_poses`; one progress for all."""
+    total = len(configs) * len(sequence)
+    for number, config in enumerate(configs):
+        before = number * len(sequence)
+        progress(before, total)
+        poses_of(sequence, config, lambda done, _, b=before: progress(b + done, total))  # type: ignore[misc]
+
+
 def known_poses(sequence: Sequence, config: Config) -> Array | None:
     """Poses that `poses_of` has found before, or None."""
     key = _key(sequence, config)
@@ -184,6 +202,19 @@ def errors_of(truth: Array, poses: Array) -> tuple[float, float]:
     errors = kitti_errors(truth, poses, SHORT_MEASURE.lengths, SHORT_MEASURE.step)
     nothing = float("nan")
     return (nothing if errors.te is None else errors.te), (nothing if errors.re is None else errors.re)
+
+
+def _known_errors(
+    sequence: Sequence, changed: dict[str, object], rotation: bool
+) -> dict[str, tuple[Array, Array]]:
+    """TE or RE of the seeds that have been run, by method: of the preset, and with changed settings."""
+
+    def of(method: str, changed: dict[str, object]) -> Array:
+        configs = [_seeded(method, seed, changed) for seed in range(SEEDS)]
+        runs = [poses for config in configs if (poses := known_poses(sequence, config)) is not None]
+        return np.array([errors_of(_truth(sequence), poses)[int(rotation)] for poses in runs])
+
+    return {method: (of(method, {}), of(method, changed)) for method in METHODS}
 
 
 def _key(sequence: Sequence, config: Config) -> tuple[object, ...]:

@@ -12,11 +12,13 @@ from matplotlib.figure import Figure
 from ..ate_rpe import RelativeError
 from ..entries import Entry, group_entries
 from ..geometry import Array
+from ..kitti import Image
 from ..paper import PaperTable, read_paper_table
 from ..plots import METHOD_MARKERS, TRUTH_COLOUR, draw_trajectories, method_colour
 from ..report import ReportTable
 from ..sequence import KITTI
 from ..table1 import layout_table, method_table, paper_table
+from .chart import FINE, Chart, beside, put_title, room
 from .style import DARK, FONT_SIZE, PALE, figure, finish
 
 HALF = 0.36  # of the distance between two sequences: the methods stand side by side within it
@@ -73,7 +75,11 @@ def draw_dot(axis: Axes, x: float, values: Array, name: str, number: int, hollow
 def finish_dots(axis: Axes, title: str, rotation: bool) -> None:
     """From 0 to a little above the highest dot."""
     axis.set_ylim(0, 1.08 * axis.get_ylim()[1])
-    finish(axis, title, "", "RE [deg/100 m]" if rotation else "TE [%]")
+    finish(axis, title, "", _unit(rotation))
+
+
+def _unit(rotation: bool) -> str:
+    return "RE [deg/100 m]" if rotation else "TE [%]"
 
 
 def errors_figure(entries: list[Entry], height: int, paper: PaperTable | None = None) -> Figure:
@@ -103,24 +109,56 @@ def plan_figure(truth: Array, frame: int, title: str, words: str, height: int) -
     return made
 
 
-def steps_figure(errors: Mapping[str, RelativeError], frame: int, method: str, height: int = 240) -> Figure:
+def steps_picture(errors: Mapping[str, RelativeError], frame: int, method: str, height: int = 240) -> Image:
     """Rotation and translation error of each step of several runs of a method, by name."""
-    made, (turn, step) = figure(height, 2)
     turns = {name: 1e3 * np.degrees(each.rotation) for name, each in errors.items()}
-    draw_steps(turn, turns, frame, f"rotation error of each step, {method}", "0.001 deg")
     millimetres = {name: 1e3 * each.translation for name, each in errors.items()}
-    draw_steps(step, millimetres, frame, f"translation error of each step, {method}", "mm")
-    return made
+    charts = [
+        steps_chart(turns, frame, f"rotation error of each step, {method}", "0.001 deg"),
+        steps_chart(millimetres, frame, f"translation error of each step, {method}", "mm"),
+    ]
+    return beside(charts, height)
 
 
-def draw_steps(axis: Axes, errors: Mapping[str, Array], frame: int, title: str, y: str) -> None:
+def steps_chart(errors: Mapping[str, Array], frame: int, title: str, y: str) -> Chart:
     """Errors of each step, (N - 1,), by name; those of "preset" in grey, below the others."""
-    for name, values in errors.items():
-        colour, width = (PALE, 3.0) if name == "preset" else (TRUTH_COLOUR, 1.2)
-        axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=width, label=name)
-    axis.axvline(frame, color=DARK, linewidth=0.8)
-    axis.set_ylim(0, None)
-    finish(axis, title, "frame", y)
+    steps = max(map(len, errors.values()))
+    # The legend stands above the highest value.
+    top = room(1.25 * max(float(values.max()) for values in errors.values()), steps=FINE, least=1e-3)
+
+    def put(axis: Axes) -> None:
+        for name, values in errors.items():
+            colour, width = (PALE, 3.0) if name == "preset" else (TRUTH_COLOUR, 1.2)
+            axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=width, label=name)
+        axis.axvline(frame, color=DARK, linewidth=0.8)
+        put_title(axis, title)
+
+    def frame_of(axis: Axes) -> None:
+        axis.set_xlim(0, steps + 1)
+        axis.set_ylim(0, top)
+        finish(axis, "", "frame", y, "upper left")
+        axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=False, ncols=len(errors))
+
+    return Chart(("steps", steps, top, y, *errors), put, frame_of)
+
+
+def methods_chart(errors: Mapping[str, tuple[Array, Array]], rotation: bool) -> Chart:
+    """TE or RE (S,) over seeds by method, each with the preset, grey, and with changed settings."""
+    known = np.concatenate([values for pair in errors.values() for values in pair])
+    top = room(1.08 * float(np.max(known, initial=0.0, where=np.isfinite(known))), steps=FINE, least=1e-3)
+
+    def put(axis: Axes) -> None:
+        for number, (method, (preset, changed)) in enumerate(errors.items()):
+            draw_dot(axis, number - 0.15, preset, method, number, hollow=True)
+            draw_dot(axis, number + 0.15, changed, method, number)
+
+    def frame(axis: Axes) -> None:
+        axis.set_xticks(range(len(errors)), [name.replace("_", "\n") for name in errors])
+        axis.set_xlim(-0.5, len(errors) - 0.5)
+        axis.set_ylim(0, top)
+        finish(axis, "", "", _unit(rotation))
+
+    return Chart(("methods", rotation, top, *errors), put, frame)
 
 
 def table_tables(entries: list[Entry], paper: PaperTable | None = None) -> list[ReportTable]:
