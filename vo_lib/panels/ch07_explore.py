@@ -121,6 +121,7 @@ class ExplorePanel(Panel):
             return
 
         def run(report: Progress) -> None:
+            self._message.value = ""  # of the run before, which this one ended
             run_all(state.sequence, wanted, report)
 
         # Drawn is what the controls say by then.

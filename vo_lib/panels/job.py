@@ -65,8 +65,9 @@ class Job:
         def report(count: int, total: int) -> None:
             if stop.is_set():
                 raise Stopped
-            if time.monotonic() >= show_at:
-                self.box.layout.display = ""
+            if time.monotonic() < show_at:
+                return  # a message to the browser each time would only cost time
+            self.box.layout.display = ""
             self._bar.max, self._bar.value = max(total, 1), count
             self._words.value = f"{label}: {count} of {total}"
 
