@@ -18,7 +18,7 @@ from ..plots import draw_trajectory, match_image
 from ..runner import Run
 from ..sequence import Sequence
 from ..translation import solve_translation
-from .ch02_figures import draw_polynomial, polynomial_of
+from .ch02_figures import polynomial_chart, polynomial_of
 from .ch02_five_point import reference_rotation
 from .ch03_figures import field_picture
 from .ch03_selection import field_of, previous_vector
@@ -73,7 +73,7 @@ class Stages(NamedTuple):
     """A picture for each stage of the method, of one frame."""
 
     matches: Image
-    polynomial: Figure
+    polynomial: Image
     selection: Image
     residuals: Figure
     boxes: Image
@@ -89,8 +89,7 @@ def method_stages(sequence: Sequence, frame: int) -> Stages:
     matches = caption(photo(match_image(left, points.matches, everything, no_boxes())), words)
 
     sets = sample_sets(np.random.default_rng(0), len(points.x_p), SETS)
-    polynomial, (axis,) = figure(220)
-    draw_polynomial(axis, polynomial_of(points.x_p[sets[0]], points.x_c[sets[0]]))
+    polynomial = polynomial_chart(polynomial_of(points.x_p[sets[0]], points.x_c[sets[0]])).picture(220)
 
     found = five_point(points.x_p[sets], points.x_c[sets])
     e_prev = previous_vector(sequence, frame, config)

@@ -15,11 +15,12 @@ from ..five_point import cubic_constraints, determinant, eliminate, epipolar_row
 from ..geometry import Array, decompose_essential
 from ..kitti import Image
 from ..real_roots import DEGREE, real_roots
+from .chart import FINE, Chart, put_title, room
 from .style import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr, figure, finish, photo
 
-COMPRESSED = (
-    1e-3  # of the polynomial's largest value: smaller values are shown as they are, larger compressed
-)
+# Of the polynomial's largest value: smaller values are shown as they are, larger compressed.
+COMPRESSED = 1e-3
+TOP = 1.1 * float(np.arcsinh(1 / COMPRESSED))
 
 
 def epipolar_line(E: Array, x_p: Array, camera: StereoCamera) -> Array:
@@ -96,32 +97,50 @@ def polynomial_of(x_p: Array, x_c: Array) -> Polynomial:
     return Polynomial(coefficients[:, 0], z, w)
 
 
-def draw_polynomial(axis: Axes, polynomial: Polynomial) -> None:
+def polynomial_chart(polynomial: Polynomial) -> Chart:
     """The polynomial along the directions (z, w) = (cos θ, sin θ), and its real roots."""
     theta = np.linspace(0.0, np.pi, 721)
     order = np.arange(DEGREE + 1)
     values = (
         np.cos(theta)[:, None] ** order[::-1] * np.sin(theta)[:, None] ** order
     ) @ polynomial.coefficients
-    scale = COMPRESSED * np.max(np.abs(values))
-    axis.axhline(0.0, color=PALE, linewidth=1)
-    axis.plot(np.degrees(theta), np.arcsinh(values / scale), color=DARK, linewidth=1)
-    axis.plot(polynomial.angles, np.zeros(len(polynomial.z)), "o", color=BAD, markersize=5)
-    axis.set_xticks([0, 45, 90, 135, 180])
-    axis.set_yticks([])
-    title = f"polynomial of degree 10: {len(polynomial.z)} real roots"
-    finish(axis, title, "direction of (z, w) [deg]", "det C, compressed")
+    height = np.arcsinh(values / (COMPRESSED * np.max(np.abs(values))))
+
+    def put(axis: Axes) -> None:
+        axis.axhline(0.0, color=PALE, linewidth=1)
+        axis.plot(np.degrees(theta), height, color=DARK, linewidth=1)
+        axis.plot(polynomial.angles, np.zeros(len(polynomial.z)), "o", color=BAD, markersize=5)
+        put_title(axis, f"polynomial of degree 10: {len(polynomial.z)} real roots")
+
+    def frame(axis: Axes) -> None:
+        axis.set_xlim(-5, 185)
+        axis.set_ylim(-TOP, TOP)
+        axis.set_xticks([0, 45, 90, 135, 180])
+        axis.set_yticks([])
+        finish(axis, "", "direction of (z, w) [deg]", "det C, compressed")
+
+    return Chart(("polynomial",), put, frame)
 
 
-def draw_errors(axis: Axes, errors: Array, winner: float) -> None:
+def errors_chart(errors: Array, winner: float) -> Chart:
     """Histogram of rotation errors, degrees, on a logarithmic axis, and the error of the winner."""
     edges = np.logspace(-3, 2, 41)
-    axis.hist(np.clip(errors, edges[0], edges[-1]), bins=edges.tolist(), color=GOOD)
-    axis.axvline(max(winner, edges[0]), color=BAD, linewidth=2)
-    axis.set_xscale("log")
-    axis.set_xticks([0.001, 0.01, 0.1, 1, 10, 100], ["0.001", "0.01", "0.1", "1", "10", "100"])
-    axis.minorticks_off()
-    finish(axis, "rotation error of each set (line: consensus winner)", "degrees", "sets")
+    counts = np.histogram(np.clip(errors, edges[0], edges[-1]), edges)[0]
+    top = room(1.05 * float(counts.max()), steps=FINE, least=1.0)
+
+    def put(axis: Axes) -> None:
+        axis.stairs(counts, edges, fill=True, color=GOOD)
+        axis.axvline(max(winner, edges[0]), color=BAD, linewidth=2)
+
+    def frame(axis: Axes) -> None:
+        axis.set_xscale("log")
+        axis.set_xlim(edges[0], edges[-1])
+        axis.set_xticks([0.001, 0.01, 0.1, 1, 10, 100], ["0.001", "0.01", "0.1", "1", "10", "100"])
+        axis.minorticks_off()
+        axis.set_ylim(0, top)
+        finish(axis, "rotation error of each set (line: consensus winner)", "degrees", "sets")
+
+    return Chart(("set errors", top), put, frame)
 
 
 class TwoViewMotion(NamedTuple):

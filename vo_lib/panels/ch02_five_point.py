@@ -19,19 +19,19 @@ from ..settings import Checked, setting
 from .base import Drawing, Panel, State
 from .ch02_figures import (
     draw_dot,
-    draw_errors,
     draw_flow,
     draw_line,
-    draw_polynomial,
     epipolar_line,
+    errors_chart,
+    polynomial_chart,
     polynomial_of,
 )
+from .chart import beside
 from .controls import Control
 from .data import Memory, Points, frame_points, stereo
-from .style import BAD, CYCLE, PALE, THIRD, WIDTH, Fact, caption, figure, photo, raster, stack
+from .style import BAD, CYCLE, PALE, THIRD, WIDTH, Fact, caption, photo, stack
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
-HALF = WIDTH // 2
 FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
 THRESHOLD = 1.0  # pixels; the image error is truncated here
 
@@ -60,7 +60,6 @@ class SetErrors:
 
 _rotations: Memory[Array] = Memory(16)
 _errors: Memory[SetErrors] = Memory(16)
-_charts: Memory[Image] = Memory(32)
 
 
 def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
@@ -144,10 +143,7 @@ class FivePointPanel(Panel):
         spread = _errors.get((*key, view.sets), lambda: set_errors(points, R_true, view.sets, camera.f))
         match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
         picture = self._picture(state, points, chosen, match, E[shown])
-        charts = [
-            _charts.get((*key, *chosen.tolist()), lambda: _polynomial_chart(x_p, x_c)),
-            _charts.get((*key, view.sets), lambda: _error_chart(spread)),
-        ]
+        charts = [polynomial_chart(polynomial_of(x_p, x_c)), errors_chart(spread.errors, spread.winner)]
         line = epipolar_line(E[shown], points.x_p[match], camera)
         distance = abs(float(line @ [*_pixel(points.x_c[match], camera), 1.0]))
         error = float(rotation_errors(E[shown][None], R_true)[0])
@@ -165,7 +161,7 @@ class FivePointPanel(Panel):
             Fact("median error of a set", float(np.median(spread.errors)), "°", 3),
             Fact("error of the consensus winner", spread.winner, "°", 3),
         )
-        return Drawing(stack([picture, np.concatenate(charts, axis=1)], self.height), sentence, facts)
+        return Drawing(stack([picture, beside(charts, CHART_HEIGHT)], self.height), sentence, facts)
 
     def _five(self, view: FivePointView, count: int) -> NDArray[np.intp]:
         """Indices of the five matches, typed or drawn."""
@@ -194,15 +190,3 @@ class FivePointPanel(Panel):
 
 def _pixel(x: Array, camera: StereoCamera) -> tuple[float, float]:
     return float(x[0] * camera.f + camera.cx), float(x[1] * camera.f + camera.cy)
-
-
-def _polynomial_chart(x_p: Array, x_c: Array) -> Image:
-    made, (axis,) = figure(CHART_HEIGHT, width=HALF)
-    draw_polynomial(axis, polynomial_of(x_p, x_c))
-    return raster(made)
-
-
-def _error_chart(spread: SetErrors) -> Image:
-    made, (axis,) = figure(CHART_HEIGHT, width=HALF)
-    draw_errors(axis, spread.errors, spread.winner)
-    return raster(made)
