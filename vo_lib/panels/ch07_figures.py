@@ -130,7 +130,7 @@ def steps_chart(errors: Mapping[str, Array], frame: int, title: str, y: str) -> 
         for name, values in errors.items():
             colour, width = (PALE, 3.0) if name == "preset" else (TRUTH_COLOUR, 1.2)
             axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=width, label=name)
-        axis.axvline(frame, color=DARK, linewidth=0.8)
+        axis.axvline(frame, ymax=0.8, color=DARK, linewidth=0.8)  # below the legend
         put_title(axis, title)
 
     def frame_of(axis: Axes) -> None:
