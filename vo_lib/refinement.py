@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .geometry import Array, essential_from_motion, rotation_from_vector, skew
-from .sampson import denominator_forms, match_terms
+from .sampson import MatchTerms, denominator_forms, match_terms
 
 ITERATIONS = 15
 DONE = 1e-6  # radians; a hundredth of the error that noise leaves
@@ -26,21 +26,11 @@ def refine(
     Returns
     -------
     R_cp (3, 3) and unit direction (3,).
-
-    The residual is cᵀ E p / norm; the norm changes little and is held within a step. Turning R by δω and
-    moving t by δt across itself changes E by [t]× [δω]× R + [δt]× R, so the residuals and all five
-    derivatives are one product with the nine c_i p_j of the matches.
     """
     R, t = R_cp, direction / np.linalg.norm(direction)
     terms = match_terms(x_p, x_c)
     for _ in range(iterations):
-        E = essential_from_motion(R, t)
-        across = _across(t)
-        changes = np.concatenate([E[None], skew(t) @ GENERATORS @ R, skew(across) @ R]).reshape(6, 9)
-        norm2 = np.maximum(denominator_forms(E[None])[0] @ terms.squares, 1e-20)
-        r_and_jac = changes @ terms.outer
-        r_and_jac /= np.sqrt(norm2)
-        r, jac = r_and_jac[0], r_and_jac[1:]
+        r, jac = distances_and_derivatives(R, t, terms)
         weight = 1.0 / (1.0 + (r / scale) ** 2)
         weighted = jac * weight
         H = weighted @ jac.T
@@ -49,11 +39,30 @@ def refine(
         bend = float(np.sum(2.0 * weight**2 - weight) / np.sum(weight))
         delta = -np.linalg.solve(H, weighted @ r) / np.clip(bend, 1.0 / LONGEST, 1.0)
         R = rotation_from_vector(delta[:3]) @ R
-        t = t + delta[3:] @ across
+        t = t + delta[3:] @ _across(t)
         t = t / np.linalg.norm(t)
         if float(delta @ delta) < DONE**2:
             break
     return R, t
+
+
+def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms) -> tuple[Array, Array]:
+    """Sampson distances (N,) and their derivatives by a rotation and by the direction across itself (5, N).
+
+    The distance is cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². Turning R by δω and moving t by δt
+    across itself changes E by [t]× [δω]× R + [δt]× R, so cᵀ E p and its five derivatives are one product
+    with the nine c_i p_j of the matches; norm² is quadratic in E, so its derivatives are differences. They
+    must not be left out: with the norm held, noise pulls the direction to where the matches are, down.
+    """
+    E, across = essential_from_motion(R_cp, direction), _across(direction)
+    changes = np.concatenate([skew(direction) @ GENERATORS @ R_cp, skew(across) @ R_cp])
+    r_and_jac = np.concatenate([E[None], changes]).reshape(6, 9) @ matches.outer
+    forms = denominator_forms(np.concatenate([E[None], E + changes, E - changes]))
+    norm2, by_motion = forms[0] @ matches.squares, 0.5 * (forms[1:6] - forms[6:]) @ matches.squares
+    norm2 = np.maximum(norm2, 1e-20)
+    r_and_jac /= np.sqrt(norm2)
+    r = r_and_jac[0]
+    return r, r_and_jac[1:] - by_motion * (0.5 * r / norm2)
 
 
 def _across(t: Array) -> Array:
