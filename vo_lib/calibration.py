@@ -1,76 +1,132 @@
-"""Chapter 4, beyond the paper: the disparity offset of a pair that is not perfectly rectified.
+"""Chapter 4, beyond the paper: disparities of a pair that is not perfectly rectified.
 
 A right camera turned by a milliradian shifts every disparity by most of a pixel. Far points then seem too
-far and the steps come out too long: on the KITTI highway by a tenth. The motion betrays the offset, for
-the disparities of a moving camera must agree with its parallax: measured disparity = f b / Z + offset.
+far and the steps come out too long: on the KITTI highway by a tenth. What the undistortion left adds a bow,
+about -1 px times x² on KITTI. The motion betrays both, for the disparities of a moving camera must agree with
+its parallax: measured disparity = f b / Z + offset + bow x².
 
-One frame knows the offset to some tenths of a pixel. A Kalman filter with one state carries it along.
+One frame knows the two to some tenths of a pixel. A Kalman filter carries them along.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .camera import StereoCamera
 from .config import CalibrationConfig
+from .geometry import Array
 from .matching import StereoMatches
+from .row_calibration import RowError
 from .stereo_points import linearised_points
 from .symmetric import FULL, times
-from .translation import NEAREST, stack
-
-Array = NDArray[np.float64]
+from .translation import stack
 
 ITERATIONS = 4  # from the linear solution two suffice; wrong matches need a few more to lose their weight
-DONE = 2e-3  # pixels; an offset that changes less is the last
+DONE = 2e-2  # pixels; disparities near the border that change less are the last
+DEPTHS = 0.5, 1e4  # metres; points are held between
+LARGEST = 100.0  # metres and pixels; a larger answer is none
+EDGE = 0.5  # x² near the border of a KITTI image
+CHANGES = np.array([1.0, 0.1])  # a jolt can turn a camera a little; its lens stays as it is
 
 
-def without_offset(matches: StereoMatches, offset: float) -> StereoMatches:
-    """Matches whose disparities are smaller by `offset` pixels: the right positions move."""
-    shift = np.array([offset, 0.0])
+def disparity_terms(x: Array) -> Array:
+    """1, x² of normalised columns (N,), (2, N)."""
+    return np.stack([np.ones_like(x), x * x])
+
+
+def with_right_moved(
+    camera: StereoCamera, matches: StereoMatches, error: Array, rows: RowError | None = None
+) -> StereoMatches:
+    """Matches whose disparities are smaller by error (2,) · `disparity_terms`, pixels, and whose rows agree.
+
+    The right positions move; which of the two images is at fault cannot be told.
+    """
+
+    def moved(left: Array, right: Array) -> Array:
+        u = right[:, 0] + error @ disparity_terms(camera.normalise(left)[:, 0])
+        v = right[:, 1] if rows is None else right[:, 1] + rows.at(camera, left)
+        return np.stack([u, v], axis=1)
+
     return dataclasses.replace(
-        matches, prev_right=matches.prev_right + shift, cur_right=matches.cur_right + shift
+        matches,
+        prev_right=moved(matches.prev_left, matches.prev_right),
+        cur_right=moved(matches.cur_left, matches.cur_right),
     )
 
 
-class DisparityOffset:
-    """The offset, pixels, and its variance, from frame to frame.
+class StereoCalibration:
+    """What the rectification left, from frame to frame.
 
-    `correct` gives matches without the offset known so far; `update` learns from a solved frame.
+    `learn_rows` and `correct` take a frame's matches as measured; `update` learns from the solved frame.
+
+    Attributes
+    ----------
+    rows : difference of rows.
+    disparity : (2,) offset and bow, pixels; covariance : (2, 2).
     """
 
-    def __init__(self, config: CalibrationConfig):
+    def __init__(self, camera: StereoCamera, config: CalibrationConfig):
+        self.camera = camera
         self.config = config
-        self.offset = 0.0
-        self.variance = config.initial_deviation**2
+        self.rows = RowError(config)
+        self.disparity = np.zeros(2)
+        self.covariance = np.eye(2) * config.initial_deviation**2
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All that was learnt, as plain arrays; `restore` takes it."""
+        return {
+            "disparity": self.disparity,
+            "covariance": self.covariance,
+            "row_information": self.rows.information,
+            "row_vector": self.rows.vector,
+        }
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Go on as the one whose `state` this was."""
+        self.disparity, self.covariance = state["disparity"], state["covariance"]
+        self.rows.restore(state["row_information"], state["row_vector"])
+
+    def learn_rows(self, matches: StereoMatches) -> None:
+        """Learn the difference of rows from a frame's matches as measured."""
+        if self.config.estimate:
+            self.rows.update(self.camera, matches.cur_left, matches.cur_right)
 
     def correct(self, matches: StereoMatches) -> StereoMatches:
-        """Matches without the offset known so far."""
-        return without_offset(matches, self.offset)
+        """Matches without the errors known so far."""
+        return with_right_moved(self.camera, matches, self.disparity, self.rows)
 
-    def update(self, camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
-        """Learn from a frame's corrected matches and its motion."""
-        found = estimate_offset(camera, matches, R_cp, t_cp, self.config.scale)
+    def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> StereoMatches | None:
+        """Learn from a frame's corrected matches and its motion.
+
+        Returns the matches without what was learnt, or None where that hardly changed them.
+        """
+        found = estimate_disparity_error(self.camera, matches, R_cp, t_cp, self.config.scale)
         if found is None:
-            return
-        innovation, deviation = found
-        variance = self.variance + self.config.drift**2
+            return None
+        innovation, noise = found
+        covariance = self.covariance + np.diag(self.config.drift * CHANGES) ** 2
         # Frames scatter some four times more than noise alone explains (moving things, outlines).
-        measured = (self.config.caution * deviation) ** 2
-        limit = 3.0 * np.sqrt(variance + measured)
-        gain = variance / (variance + measured)
-        self.offset += gain * float(np.clip(innovation, -limit, limit))
-        self.variance = (1.0 - gain) * variance
+        total = covariance + self.config.caution**2 * noise
+        surprise = float(np.sqrt(innovation @ np.linalg.solve(total, innovation)))
+        gain = np.linalg.solve(total, covariance).T
+        change = gain @ innovation * min(1.0, 3.0 / max(surprise, 1e-12))
+        self.disparity = self.disparity + change
+        self.covariance = covariance - gain @ covariance
+        if abs(change[0]) + EDGE * abs(change[1]) < self.config.least_change:
+            return None
+        return with_right_moved(self.camera, matches, change)
 
 
-def estimate_offset(
+def estimate_disparity_error(
     camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array, scale: float
-) -> tuple[float, float] | None:
-    """Disparity offset left in the matches of one frame, and its standard deviation from noise, pixels.
+) -> tuple[Array, Array] | None:
+    """Offset and bow left in a frame's disparities, (2,) pixels, and their covariance from noise (2, 2).
 
-    Gauss-Newton on the reprojection error in all four images over points, translation and offset, the
+    Gauss-Newton on the reprojection error in all four images over points, translation, offset and bow, the
     rotation held; each point is eliminated from the normal equations. Cauchy weights, `scale` in pixels.
     The linear rows of equation (3) will not do here: their noisy coefficients bias the offset.
     """
@@ -79,40 +135,48 @@ def estimate_offset(
     Q, matches = Q[good].T, matches[good]
     if Q.shape[1] < 10:
         return None
-    t, offset, fb = t_cp, 0.0, camera.f * camera.baseline
-    H, right = np.empty((4, 4)), np.empty(4)
+    t, error, fb = t_cp, np.zeros(2), camera.f * camera.baseline
+    H, right = np.empty((5, 5)), np.empty(5)
     try:
         for _ in range(ITERATIONS):
             P = R_cp @ Q + t[:, None]
-            P[2] = np.maximum(P[2], NEAREST)
+            P[2] = np.clip(P[2], *DEPTHS)
             before = linearised_points(camera, Q, matches.prev_left, matches.prev_right).turned(R_cp)
             now = linearised_points(camera, P, matches.cur_left, matches.cur_right)
             system = stack(before, now, Q[2], P[2])
             # A disparity smaller by a pixel takes a point X away to X (1 + Z / f b):
-            # now + offset moved_c = before + offset moved_p + t, for every feature.
-            moved_p = R_cp @ Q * (Q[2] / fb)
-            moved = P * (P[2] / fb) - moved_p
-            apart = now.X - before.X
-            v = apart + offset * moved - t[:, None]
-            squared = camera.f**2 * (np.sum(v * times(system.W, v), axis=0) + system.rest)
+            # now + moved_c error = before + moved_p error + t, for every feature.
+            moved_p = R_cp @ Q * (disparity_terms(Q[0] / Q[2]) * (Q[2] / fb))[:, None]
+            moved = P * (disparity_terms(P[0] / P[2]) * (P[2] / fb))[:, None] - moved_p
+            apart = np.concatenate([now.X - before.X, *moved]).reshape(3, 3, -1)
+            W = system.W[FULL]
+            W_apart = np.einsum("ijn,kjn->kin", W, apart)
+            v, W_v = (np.tensordot([1.0, *error], a, 1) for a in (apart, W_apart))
+            v, W_v = v - t[:, None], W_v - np.einsum("ijn,j->in", W, t)
+            squared = camera.f**2 * (np.sum(v * W_v, axis=0) + system.rest)
             weight = 1.0 / (1.0 + squared / scale**2)
-            W_moved = times(system.W, moved)
-            H[:3, :3] = (system.W @ weight)[FULL]
-            H[:3, 3] = H[3, :3] = -W_moved @ weight
-            H[3, 3] = np.sum(moved * W_moved, axis=0) @ weight
-            right[:3] = times(system.W, apart) @ weight
-            right[3] = -np.sum(apart * W_moved, axis=0) @ weight
+            W_apart *= weight
+            H[:3, :3] = W @ weight
+            H[:3, 3:] = -W_apart[1:].sum(axis=2).T
+            H[3:, :3] = H[:3, 3:].T
+            products = np.tensordot(apart, W_apart[1:], ([1, 2], [1, 2]))
+            H[3:, 3:] = products[1:]
+            right[:3], right[3:] = W_apart[0].sum(axis=1), -products[0]
             solved = np.linalg.solve(H, right)
-            t, change, offset = np.asarray(solved[:3]), abs(float(solved[3]) - offset), float(solved[3])
+            if not np.abs(solved).max() < LARGEST:
+                return None
+            change = np.abs(solved[3:] - error) @ [1.0, EDGE]
+            t, error = np.asarray(solved[:3]), np.asarray(solved[3:])
             if change < DONE:
                 break
-            v = apart + offset * moved - t[:, None]
-            Q = R_cp.T @ (before.X + offset * moved_p + times(system.C_p, times(system.W, v)))
-            Q[2] = np.maximum(Q[2], 0.5)
-        covariance = np.linalg.inv(H) / camera.f**2
+            v = np.tensordot([1.0, *error], apart, 1) - t[:, None]
+            Q = R_cp.T @ (before.X + np.tensordot(error, moved_p, 1) + times(system.C_p, times(system.W, v)))
+            Q[2] = np.clip(Q[2], *DEPTHS)
+        covariance = np.linalg.inv(H)[3:, 3:] / camera.f**2
     except np.linalg.LinAlgError:
         return None
     # Eight rows less three for the point leave five that see the noise.
-    noise = float(np.median(squared)) / 5.0
-    deviation = float(np.sqrt(covariance[3, 3] * noise))
-    return (offset, deviation) if np.isfinite(deviation) and deviation > 0 else None
+    covariance = covariance * float(np.median(squared)) / 5.0
+    if not np.isfinite(covariance).all() or np.any(np.diag(covariance) <= 0):
+        return None
+    return error, np.asarray(covariance)

@@ -226,14 +226,48 @@ class ReprojectionConfig(Checked):
 
 @dataclass(frozen=True)
 class CalibrationConfig(Checked):
-    """The disparity offset of an imperfectly rectified pair, found on the way (not in the paper)."""
+    """What is left of an imperfect rectification, found on the way (not in the paper)."""
 
-    estimate: bool = setting(True, "estimate the disparity offset; off: the calibration is taken as it is")
+    estimate: bool = setting(True, "estimate rows, disparities and lens; off: all is taken as it is")
+    row_deviation: float = setting(
+        3.0,
+        "standard deviation of each coefficient of the rows before the first frame",
+        unit="px",
+        low=0.001,
+        high=100,
+    )
+    row_scale: float = setting(
+        0.2, "difference of rows at which a match's weight is halved", unit="px", low=0.01, high=10
+    )
+    row_memory: float = setting(
+        1000.0, "what was learnt of the rows this long ago counts a third", unit="frames", low=1, high=1e6
+    )
+    lens_deviation: float = setting(
+        1.0,
+        "standard deviation of the lens's decentering, times f, before the first frame",
+        unit="px",
+        low=0.001,
+        high=100,
+    )
+    lens_scale: float = setting(
+        0.3, "Sampson distance at which a match's weight for the lens is halved", unit="px", low=0.01, high=10
+    )
+    lens_caution: float = setting(
+        20.0, "the lens is learnt as if frames scattered this much more than noise", low=1, high=1000
+    )
     initial_deviation: float = setting(
-        1.0, "standard deviation of the offset before the first frame", unit="px", low=0, high=10
+        1.0,
+        "standard deviation of the disparity error before the first frame, the offset and the bow each",
+        unit="px",
+        low=0,
+        high=10,
     )
     drift: float = setting(
-        0.01, "standard deviation of its change from frame to frame", unit="px", low=0, high=1
+        0.01,
+        "standard deviation of the offset's change from frame to frame, ten times the bow's",
+        unit="px",
+        low=0,
+        high=1,
     )
     caution: float = setting(
         4.0, "a frame's estimate is trusted as if it scattered this much more than noise", low=1, high=100
@@ -242,7 +276,7 @@ class CalibrationConfig(Checked):
         0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
     )
     least_change: float = setting(
-        0.01, "a smaller change of the offset does not solve the step again", unit="px", low=0, high=1
+        0.03, "a smaller change of the disparities does not solve the step again", unit="px", low=0, high=1
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .calibration import DisparityOffset, without_offset
+from .calibration import StereoCalibration
 from .camera import StereoCamera
 from .config import Config
 from .detection import Boxes
@@ -18,6 +18,7 @@ from .essential import estimate_essential
 from .features import select_by_bucket
 from .filtering import BoxFilter, Filtered
 from .geometry import rigid
+from .lens_calibration import LensError
 from .matching import StereoMatches
 from .reprojection import fit_motion, ransac_motion, refit_motion
 from .translation import solve_translation
@@ -70,7 +71,8 @@ class Odometry:
         self._last = np.eye(4)
         self.filtered: Filtered | None = None  # what the box rule did in the last frame
         self._filter = BoxFilter(camera, config.filter)
-        self._offset = DisparityOffset(config.calibration)
+        self._calibration = StereoCalibration(camera, config.calibration)
+        self._lens = LensError(camera.f, config.calibration)
 
     def start(self, boxes: Boxes) -> None:
         """The first frame: nothing but its boxes is needed."""
@@ -82,7 +84,9 @@ class Odometry:
             "frame": np.array(self._frame),
             "e": np.zeros(0) if self._e is None else self._e,
             "last": self._last,
-            "offset": np.array([self._offset.offset, self._offset.variance]),
+            **self._calibration.state(),
+            "lens": self._lens.coefficients,
+            "lens_information": self._lens.information,
             **self._filter.state(),
         }
 
@@ -91,7 +95,8 @@ class Odometry:
         self._frame = int(state["frame"])
         self._e = state["e"] if len(state["e"]) else None
         self._last = state["last"]
-        self._offset.offset, self._offset.variance = state["offset"].tolist()
+        self._calibration.restore(state)
+        self._lens.coefficients, self._lens.information = state["lens"], state["lens_information"]
         self._filter.restore(state)
 
     def step(
@@ -103,7 +108,8 @@ class Odometry:
         """
         self._frame += 1
         clock = Clock()
-        corrected = self._offset.correct(matches)
+        self._calibration.learn_rows(matches)
+        corrected = self._calibration.correct(matches)
         self.filtered = filtered = self._filter.step(corrected, boxes, on_moving)
         chosen = corrected[filtered.keep]
         chosen = chosen[select_by_bucket(chosen.cur_left, chosen.age, chosen.strength, self.config.buckets)]
@@ -119,13 +125,6 @@ class Odometry:
             ms=clock.ms,
         )
 
-    def _calibrate(self, chosen: StereoMatches, R_cp: Array, t_cp: Array) -> StereoMatches | None:
-        """Update the disparity offset; the matches without it, or None where that hardly changed them."""
-        before = self._offset.offset
-        self._offset.update(self.camera, chosen, R_cp, t_cp)
-        change = self._offset.offset - before
-        return None if abs(change) < self.config.calibration.least_change else without_offset(chosen, change)
-
     def _by_reprojection(self, chosen: StereoMatches, X_p: Array, clock: Clock) -> Motion:
         """VISO2: rotation and translation at once; standing still is no special case."""
         current = chosen.cur_left, chosen.cur_right
@@ -136,7 +135,7 @@ class Odometry:
             return Motion(self._last, flags=("no_motion",))
         R_cp, t_cp, inliers = found
         if self.config.calibration.estimate:
-            corrected = self._calibrate(chosen, R_cp, t_cp)
+            corrected = self._calibration.update(chosen, R_cp, t_cp)
             if corrected is not None:
                 X_p = self.camera.triangulate(corrected.prev_left, corrected.prev_right)
                 agreed = np.flatnonzero(inliers & np.isfinite(X_p[:, 2]))
@@ -145,7 +144,11 @@ class Odometry:
                     self.camera, X_p, *current, agreed, R_cp, t_cp, self.config.reprojection
                 )
             clock.stage("calibration")
-        return Motion(rigid(R_cp, t_cp), offset=self._offset.offset, inliers=int(np.count_nonzero(inliers)))
+        return Motion(
+            rigid(R_cp, t_cp),
+            offset=float(self._calibration.disparity[0]),
+            inliers=int(np.count_nonzero(inliers)),
+        )
 
     def _motion(self, chosen: StereoMatches, clock: Clock) -> Motion:
         if len(chosen) < self.config.min_matches:
@@ -166,9 +169,12 @@ class Odometry:
                 inliers=int(np.count_nonzero(residual < self.config.translation.agreement)),
                 flags=("standstill",),
             )
+        x_p, x_c = (
+            self._lens.correct(self.camera.normalise(uv)) for uv in (chosen.prev_left, chosen.cur_left)
+        )
         estimate = estimate_essential(
-            self.camera.normalise(chosen.prev_left),
-            self.camera.normalise(chosen.cur_left),
+            x_p,
+            x_c,
             X_p,
             self._e,
             np.random.default_rng([self.config.seed, self._frame]),
@@ -188,14 +194,15 @@ class Odometry:
         self._e = estimate.e
         t_cp = solved[0]
         if self.config.calibration.estimate:
-            corrected = self._calibrate(chosen, estimate.R_cp, t_cp)
+            self._lens.update(x_p, x_c, estimate.R_cp, estimate.direction)
+            corrected = self._calibration.update(chosen, estimate.R_cp, t_cp)
             if corrected is not None:
                 again = solve_translation(self.camera, corrected, estimate.R_cp, self.config.translation)
                 t_cp = t_cp if again is None else again[0]
             clock.stage("calibration")
         return Motion(
             rigid(estimate.R_cp, t_cp),
-            offset=self._offset.offset,
+            offset=float(self._calibration.disparity[0]),
             inliers=int(np.count_nonzero(estimate.inliers)),
             prior_angle=float(np.degrees(estimate.prior_angle)),
             flags=("prior_dropped",) if estimate.prior_dropped else (),
