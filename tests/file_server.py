@@ -80,8 +80,9 @@ class FileServer:
                 self.end_headers()
                 if body:
                     sent = data[: (len(data) + 1) // 2] if drop else data
-                    self.wfile.write(sent)
+                    # Before it is sent: the test may look as soon as it has all.
                     owner.sent[self.path.rpartition("/")[2]] += len(sent)
+                    self.wfile.write(sent)
                 if drop:
                     self.close_connection = True
 
