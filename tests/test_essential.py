@@ -50,6 +50,17 @@ def test_sets_hold_five_different_features_and_use_all_equally_often() -> None:
     assert counts.max() - counts.min() <= 4
 
 
+def test_every_other_set_takes_one_feature_from_each_fifth() -> None:
+    angle = np.random.default_rng(1).uniform(-np.pi, np.pi, 52)
+    sets = sample_sets(np.random.default_rng(0), 52, 201, angle)
+    free = sample_sets(np.random.default_rng(0), 52, 201)
+    np.testing.assert_array_equal(sets[::2], free[::2])
+    assert all(len(set(row)) == 5 for row in sets.tolist())
+    # Two features of the 52 stay out, so a fifth may begin up to two places later.
+    place = np.argsort(np.argsort(angle))[sets[1::2]]
+    assert np.all((place >= [0, 10, 20, 30, 40]) & (place <= [11, 21, 31, 41, 51]))
+
+
 def test_the_matrix_product_form_of_the_error_equals_the_sampson_distance() -> None:
     problem = random_problems(np.random.default_rng(3), 4, 80, "forward", noise_px=1.0)
     threshold = 1.5 / FOCAL
