@@ -7,6 +7,7 @@ the JSON in a run folder and the reference page are all derived from these decla
 from __future__ import annotations
 
 import dataclasses
+import functools
 import types
 import typing
 from collections.abc import Iterator
@@ -108,9 +109,13 @@ class Checked:
             item.check(getattr(self, item.name))
 
 
+# They are looked up for every widget and option, and take a millisecond.
+_hints = functools.cache(typing.get_type_hints)
+
+
 def declared(cls: type, prefix: str = "", nested: bool = True) -> Iterator[Setting]:
     """All settings of a settings class, depth first, in the order of declaration."""
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     for field in dataclasses.fields(cls):
         kind = hints[field.name]
         if dataclasses.is_dataclass(kind):
@@ -143,7 +148,7 @@ def to_dict(config: Any) -> dict[str, Any]:
 
 def from_dict(cls: Any, data: dict[str, Any]) -> Any:
     """Settings from a nested dict as `to_dict` gives it; absent fields keep their defaults."""
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     values: dict[str, Any] = {}
     for name, value in data.items():
         if name not in hints:
