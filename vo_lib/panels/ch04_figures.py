@@ -155,3 +155,13 @@ def weight_figure(scale: float, height: int = 200) -> Figure:
     weight.set_ylim(0, 1.1)
     finish(weight, "its weight in the sum", "residual r [px]")
     return made
+
+
+def lengths_figure(lengths: dict[str, list[float]], true: float, height: int = 200) -> Figure:
+    """Length of each frame's step, metres, by what was made of its matches; the truth is dotted."""
+    made, (axis,) = figure(height)
+    for (name, values), colour in zip(lengths.items(), (BAD, GOOD, FIFTH), strict=False):
+        axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=1.5, label=name)
+    axis.axhline(true, color=DARK, linewidth=1, linestyle=":")
+    finish(axis, "length of the step [m]", "frame")
+    return made
