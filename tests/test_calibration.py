@@ -1,4 +1,4 @@
-"""The disparity offset shows in the motion, is found without bias, and is left alone where there is none."""
+"""Errors of rows and disparities are found without bias, and are left alone where there are none."""
 
 from __future__ import annotations
 

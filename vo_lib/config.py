@@ -170,6 +170,13 @@ class SelectionConfig(Checked):
     threshold: float = setting(
         1.0, "a match is an inlier below this Sampson distance", unit="px", low=0.05, high=10
     )
+    refine_scale: float = setting(
+        1.5,
+        "residual at which the refinement halves a match's weight, in standard deviations of the residuals; "
+        "never above half the threshold",
+        low=0.5,
+        high=100,
+    )
     standstill_flow: float = setting(
         0.5, "below this median flow the essential matrix is undefined", unit="px", low=0, high=5
     )
@@ -253,7 +260,7 @@ class CalibrationConfig(Checked):
         0.3, "Sampson distance at which a match's weight for the lens is halved", unit="px", low=0.01, high=10
     )
     lens_caution: float = setting(
-        20.0, "the lens is learnt as if frames scattered this much more than noise", low=1, high=1000
+        6.0, "the lens is learnt as if frames scattered this much more than noise", low=1, high=1000
     )
     initial_deviation: float = setting(
         1.0,

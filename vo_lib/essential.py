@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .config import SelectionConfig
 from .five_point import five_point
 from .geometry import (
+    NORMAL,
     decompose_essential,
     essential_angle,
     essential_from_motion,
@@ -26,6 +27,7 @@ from .sampson import MatchTerms, candidate_terms, match_terms, squared_distances
 
 Array = NDArray[np.float64]
 
+COARSE = 3  # iterations of the first refinement
 PARTS = 4  # in which the candidates meet the matches
 
 
@@ -246,7 +248,13 @@ def motion_of_winner(
     trusted = inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers)
     R, t = motion_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
     if config.mode == "refined":
-        R, t = refine(R, t, x_p[trusted], x_c[trusted], threshold / 2)
+        # Coarsely, then with weights as narrow as the matches are exact: a car that crawls along moves its
+        # features by less than the threshold.
+        R, t = refine(R, t, x_p[trusted], x_c[trusted], threshold / 2, COARSE)
+        residual = sampson_distance(essential_from_motion(R, t), x_p[trusted], x_c[trusted])
+        deviation = NORMAL * float(np.median(np.abs(residual)))
+        scale = min(config.refine_scale * max(deviation, 1e-3 * threshold), threshold / 2)
+        R, t = refine(R, t, x_p[trusted], x_c[trusted], scale)
         E = essential_from_motion(R, t)
         inliers = np.abs(sampson_distance(E, x_p, x_c)) < threshold
     return R, t, E, inliers

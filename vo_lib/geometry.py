@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+NORMAL = 1.4826  # standard deviation of a normal distribution over its median of absolute values
 
 
 def skew(v: Array) -> Array:

@@ -14,11 +14,11 @@ from __future__ import annotations
 import numpy as np
 
 from .config import CalibrationConfig
-from .geometry import Array, essential_from_motion
+from .geometry import NORMAL, Array, essential_from_motion
 from .refinement import distances_and_derivatives
 from .sampson import match_terms
 
-NORMAL = 1.4826  # standard deviation of a normal distribution over its median of absolute values
+FINEST = 0.05  # pixels; no match is taken to be known better
 DIFFERENCE = 1e-4  # of a coefficient, for derivatives
 
 
@@ -58,18 +58,16 @@ class LensError:
         E = essential_from_motion(R_cp, direction)
         steps = np.concatenate([np.zeros((1, 2)), DIFFERENCE * np.eye(2)])
         r, *moved = measured_distances(E, x_p, x_c, self.coefficients + steps)
-        deviation = NORMAL * float(np.median(np.abs(r)))
-        if deviation == 0.0:
-            return
+        deviation = max(NORMAL * float(np.median(np.abs(r))), FINEST / self.focal)
         _, by_motion = distances_and_derivatives(
             R_cp, direction, match_terms(self.correct(x_p), self.correct(x_c))
         )
         jac = np.concatenate([by_motion, (moved - r) / DIFFERENCE])
         weighted = jac / (1.0 + (r * self.focal / self.config.lens_scale) ** 2) ** 2
         H, g = weighted @ jac.T, -weighted @ r
-        H[np.diag_indices(5)] += 1e-12 * np.trace(H[:5, :5])
+        H[np.diag_indices(5)] += 1e-12 * max(float(np.trace(H[:5, :5])), 1e-12)
         motion = np.linalg.solve(H[:5, :5], np.column_stack([H[:5, 5:], g[:5]]))
-        # Parts of a drive differ by up to six times more than noise explains, and share other errors.
+        # Parts of a drive differ by up to six times more than noise explains.
         deviation *= self.config.lens_caution
         self.information = self.information + (H[5:, 5:] - H[5:, :5] @ motion[:, :2]) / deviation**2
         change = np.linalg.solve(self.information, (g[5:] - H[5:, :5] @ motion[:, 2]) / deviation**2)

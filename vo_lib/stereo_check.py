@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .config import MatchingConfig
 from .errors import DataError
+from .geometry import NORMAL
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -65,7 +66,7 @@ def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
         disparity=float(np.median(-shift[:, 0])),
         negative=float(np.mean(-shift[:, 0] < -NEAR_ZERO)),
         row=row,
-        row_spread=float(1.4826 * np.median(np.abs(shift[:, 1] - row))),
+        row_spread=float(NORMAL * np.median(np.abs(shift[:, 1] - row))),
     )
 
 
