@@ -52,6 +52,7 @@ class ExplorePanel(Panel):
         Control("view.method", "method"),
         Control("selection.sets", "five-point sets", high=400),
         Control("selection.threshold", "inlier threshold", high=5, step=0.05),
+        Control("selection.refine_scale", "refinement width", high=10, step=0.1),
         Control("selection.mode", "mode"),
         Control("buckets.features", "features a bucket", high=20),
         Control("filter.margin", "margin of boxes", step=0.05),
