@@ -4,9 +4,9 @@ Brown's decentering terms, with r² = x² + y² ("Decentering distortion of lens
 
     δx = 2 p1 x y + p2 (r² + 2 x²),   δy = p1 (r² + 2 y²) + 2 p2 x y.
 
-On KITTI's left images p1 and p2 times f are 1 to 2 px, which is half a pixel to three near the border, and
-the same in every part of a drive. They turn the rotations of the essential matrix: a third of their error on
-sequence 00. The epipolar residuals of matches betray both. They are found by recursive least squares.
+On sequences 00 and 01 of KITTI p1 and p2 times f are about 0.7 and -0.9 px: two pixels near the border of
+the left image. They turn the rotations of the essential matrix: RE on 00 is 1.56 deg/100 m with them and
+1.22 without. The epipolar residuals of matches betray both. They are found by recursive least squares.
 """
 
 from __future__ import annotations
