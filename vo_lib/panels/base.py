@@ -104,7 +104,8 @@ class Panel:
                 "object_position": "left top",
             },
         )
-        self._message, self._text = widgets.HTML(), widgets.HTML()
+        wide = {"width": "100%"}
+        self._message, self._text = widgets.HTML(layout=wide), widgets.HTML(layout=wide)
         first = {name.replace("__", "."): value for name, value in values.items()}
         self.knobs = self._make_knobs(first)
         name = sequence if isinstance(sequence, str) else sequence.name
@@ -193,7 +194,7 @@ class Panel:
         # A DataError is written for people; of any other error its kind helps to find the mistake.
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
         self._message.value = (
-            f'<div class="{ERROR_CLASS}" role="alert" style="width:{WIDTH - 20}px;padding:4px 8px;'
+            f'<div class="{ERROR_CLASS}" role="alert" style="max-width:{WIDTH - 20}px;padding:4px 8px;'
             f'border-left:4px solid {BAD}">{html.escape(self.error)}</div>'
         )
 
