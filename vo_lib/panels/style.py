@@ -171,6 +171,7 @@ def facts_html(sentence: str, facts: tuple[Fact, ...], before: dict[str, float])
         for fact in facts
     )
     return (
-        f'<div style="max-width:{WIDTH}px;line-height:1.35"><div style="margin:4px 0 6px">{html.escape(sentence)}'
-        f'</div><div style="display:flex;flex-wrap:wrap">{cells}</div></div>'
+        f'<div style="max-width:{WIDTH}px;line-height:1.35">'
+        f'<div style="margin:4px 0 6px">{html.escape(sentence)}</div>'
+        f'<div style="display:flex;flex-wrap:wrap">{cells}</div></div>'
     )
