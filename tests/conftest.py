@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from file_server import FileServer
 
+from vo_lib.geometry import Array, rigid, rotation_from_vector
 from vo_lib.sequence import Sequence, open_sequence
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
@@ -81,6 +82,17 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
         "".join(f"1 0 0 {x} 0 1 0 0 0 0 1 0\n" for x in steps), encoding="utf-8"
     )
     return folder
+
+
+def winding_road(frames: int, turn: float, step: float) -> Array:
+    """Poses (N, 4, 4) along gentle curves; `turn` is the most radians a frame, `step` metres."""
+    poses = np.tile(np.eye(4), (frames, 1, 1))
+    for i in range(1, frames):
+        yaw = turn * np.sin(i / 9)
+        poses[i] = poses[i - 1] @ rigid(
+            rotation_from_vector(np.array([0.0, yaw, 0.0])), np.array([0, 0, step])
+        )
+    return poses
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import winding_road
 
 from vo_lib import open_sequence, preset, run, settings
 from vo_lib.calibration import StereoCalibration, estimate_disparity_error, with_right_moved
@@ -15,7 +16,7 @@ from vo_lib.camera import StereoCamera
 from vo_lib.config import CalibrationConfig, TranslationConfig
 from vo_lib.detection import no_boxes
 from vo_lib.evaluation import kitti_errors
-from vo_lib.geometry import Array, rotation_from_vector
+from vo_lib.geometry import Array
 from vo_lib.matching import StereoMatches
 from vo_lib.odometry import Odometry
 from vo_lib.row_calibration import RowError, row_terms
@@ -30,12 +31,7 @@ def frames(
     number: int, error: tuple[float, float], tracks: TrackConfig, rows: Array | None = None
 ) -> Iterator[tuple[StereoMatches, Array]]:
     """Matches and true motions along a gently turning path; disparities and rows have the errors given."""
-    poses = np.tile(np.eye(4), (number, 1, 1))
-    for i in range(1, number):
-        step = np.eye(4)
-        step[:3, :3] = rotation_from_vector(np.array([0.0, 0.01 * np.sin(i / 10), 0.0]))
-        step[2, 3] = 1.0
-        poses[i] = poses[i - 1] @ step
+    poses = winding_road(number, 0.01, 1.0)
     wrong_rows = RowError(CalibrationConfig())
     wrong_rows.coefficients = np.zeros(6) if rows is None else -rows
     for frame in simulate_tracks(poses, CAMERA, tracks, seed=3):

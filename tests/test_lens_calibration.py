@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import winding_road
 
 from vo_lib.camera import StereoCamera
 from vo_lib.config import CalibrationConfig
-from vo_lib.geometry import Array, inverse, rotation_angle, rotation_from_vector
+from vo_lib.geometry import Array, inverse, rotation_angle
 from vo_lib.lens_calibration import LensError, decentering, measured_distances
 from vo_lib.refinement import refine
 from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
@@ -19,12 +20,7 @@ def drive(
     number: int, lens: tuple[float, float], wrong: float = 0.0, on: bool = True
 ) -> tuple[LensError, Array]:
     """The lens learnt along a winding road, and the errors of the rotations on the way, degrees."""
-    poses = np.tile(np.eye(4), (number, 1, 1))
-    for i in range(1, number):
-        step = np.eye(4)
-        step[:3, :3] = rotation_from_vector(np.array([0.0, 0.02 * np.sin(i / 8), 0.0]))
-        step[2, 3] = 0.8
-        poses[i] = poses[i - 1] @ step
+    poses = winding_road(number, 0.02, 0.8)
     error = LensError(CAMERA.f, CalibrationConfig(lens_caution=1.0, lens_deviation=5.0))
     bent = LensError(CAMERA.f, CalibrationConfig())
     bent.coefficients = -np.array(lens) / CAMERA.f
