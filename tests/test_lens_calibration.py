@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
 import numpy as np
 import pytest
 from conftest import winding_road
 
+from vo_lib import preset, settings
 from vo_lib.camera import StereoCamera
 from vo_lib.config import CalibrationConfig
+from vo_lib.detection import no_boxes
 from vo_lib.geometry import Array, inverse, rotation_angle
 from vo_lib.lens_calibration import LensError, decentering, measured_distances
+from vo_lib.odometry import Odometry
 from vo_lib.refinement import refine
+from vo_lib.runner import FoundMatches
+from vo_lib.sequence import Sequence
 from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
@@ -94,3 +102,22 @@ def test_distances_are_divided_by_the_gradient_of_the_points_as_measured() -> No
         gradient += [residual(lens, x_p, x_c + d) - residual(lens, x_p, x_c - d) for d in h]
         expected = residual(lens, x_p, x_c) / np.linalg.norm(np.array(gradient) / 2e-6, axis=0)
         np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_the_odometry_learns_all_of_a_lens(street: Sequence) -> None:
+    """Features of a drawn street, bent as by a lens, go through the whole method."""
+    lens = np.array([1.5, -2.0])
+    config = settings.replace(preset("solution_selection"), "calibration.lens_caution", 1.0)
+    config = settings.replace(config, "calibration.lens_deviation", 10.0)
+    street, camera, centre = street.part(0, 120), street.camera, (street.camera.cx, street.camera.cy)
+    bend, odometry = LensError(camera.f, config.calibration), Odometry(camera, config)
+    bend.coefficients = -lens / camera.f
+    odometry.start(no_boxes())
+    for i, (matches, _) in enumerate(FoundMatches(street, config.features, config.matching)):
+        if i:
+            moved: dict[str, Any] = {
+                name: camera.f * bend.correct(camera.normalise(getattr(matches, name))) + centre
+                for name in ("prev_left", "prev_right", "cur_left", "cur_right")
+            }
+            odometry.step(dataclasses.replace(matches, **moved), no_boxes())
+    np.testing.assert_allclose(odometry.state()["lens"] * camera.f, lens, atol=0.6)

@@ -260,7 +260,7 @@ class CalibrationConfig(Checked):
         0.3, "Sampson distance at which a match's weight for the lens is halved", unit="px", low=0.01, high=10
     )
     lens_caution: float = setting(
-        6.0, "the lens is learnt as if frames scattered this much more than noise", low=1, high=1000
+        12.0, "the lens is learnt as if frames scattered this much more than noise", low=1, high=1000
     )
     initial_deviation: float = setting(
         1.0,

@@ -169,12 +169,10 @@ class Odometry:
                 inliers=int(np.count_nonzero(residual < self.config.translation.agreement)),
                 flags=("standstill",),
             )
-        x_p, x_c = (
-            self._lens.correct(self.camera.normalise(uv)) for uv in (chosen.prev_left, chosen.cur_left)
-        )
+        x_p, x_c = self.camera.normalise(chosen.prev_left), self.camera.normalise(chosen.cur_left)
         estimate = estimate_essential(
-            x_p,
-            x_c,
+            self._lens.correct(x_p),
+            self._lens.correct(x_c),
             X_p,
             self._e,
             np.random.default_rng([self.config.seed, self._frame]),
