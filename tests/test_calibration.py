@@ -15,6 +15,7 @@ from vo_lib.calibration import StereoCalibration, estimate_disparity_error, with
 from vo_lib.camera import StereoCamera
 from vo_lib.config import CalibrationConfig, TranslationConfig
 from vo_lib.detection import no_boxes
+from vo_lib.errors import DataError
 from vo_lib.evaluation import kitti_errors
 from vo_lib.geometry import Array
 from vo_lib.matching import StereoMatches
@@ -85,6 +86,15 @@ def test_rows_that_differ_over_the_image_are_brought_together() -> None:
     left = np.stack([u, v], axis=1).astype(float)
     expected = rows @ row_terms(*CAMERA.normalise(left).T)
     np.testing.assert_allclose(calibration.rows.at(CAMERA, left), expected, atol=0.08)
+
+
+def test_frames_without_matches_are_borne_with_the_shortest_memory() -> None:
+    rows = RowError(CalibrationConfig(row_memory=10))
+    for _ in range(300):
+        rows.update(CAMERA, np.zeros((0, 2)), np.zeros((0, 2)))
+    np.testing.assert_array_equal(rows.coefficients, np.zeros(6))
+    with pytest.raises(DataError, match=r"row_memory: 1 is not a number from 10"):
+        CalibrationConfig(row_memory=1)  # nothing would be left of the frames before
 
 
 def test_it_goes_on_from_a_kept_state() -> None:

@@ -247,7 +247,7 @@ class CalibrationConfig(Checked):
         0.2, "difference of rows at which a match's weight is halved", unit="px", low=0.01, high=10
     )
     row_memory: float = setting(
-        1000.0, "what was learnt of the rows this long ago counts a third", unit="frames", low=1, high=1e6
+        1000.0, "what was learnt of the rows this long ago counts a third", unit="frames", low=10, high=1e6
     )
     lens_deviation: float = setting(
         1.0,

@@ -55,8 +55,8 @@ class RowError:
         information, vector = keep * self.information, keep * self.vector
         for _ in range(ITERATIONS):
             weight = 1.0 / (scale**2 + (difference - self.coefficients @ terms) ** 2)
-            self.information = information + (terms * weight) @ terms.T
-            self.vector = vector + (terms * weight) @ difference
+            weighted = terms * weight
+            self.information, self.vector = information + weighted @ terms.T, vector + weighted @ difference
             before, self.coefficients = self.coefficients, np.linalg.solve(self.information, self.vector)
             if np.abs(self.coefficients - before).max() < DONE:
                 break
