@@ -15,9 +15,10 @@ from ..config import FeatureConfig, MatchingConfig
 from ..features import corner_strength, detect_corners
 from ..front_end import FrontEnd, make_front_end
 from ..geometry import Array
-from ..matching import LoopMatcher, PreparedPair, StereoMatches
+from ..matching import LoopMatcher, PreparedPair, StereoMatches, coarse_disparity
 from ..odometry import State
 from ..sequence import Sequence
+from ..surface import CoarseDisparity
 from .data import WARM_UP, Memory, stereo
 
 # The settings of each check, and what happens to a match that fails it.
@@ -127,12 +128,11 @@ def _prepare(
         key = sequence.folder, index, features, matching
         return _prepared.get(key, lambda: front_end.prepare(images))
 
-    def find() -> tuple[PreparedPair, NDArray[np.float32]]:
-        return front_end.prepare(images), corner_strength(images[0])
+    def find() -> tuple[NDArray[np.float32], CoarseDisparity]:
+        return corner_strength(images[0]), coarse_disparity(*images, matching.max_disparity)
 
-    pair, strength = _prepared.get((sequence.folder, index, matching), find)
-    uv, value = detect_corners(strength, features)
-    return dataclasses.replace(pair, corners=uv, strength=value)
+    strength, disparity = _prepared.get((sequence.folder, index, matching), find)
+    return PreparedPair(*images, *detect_corners(strength, features), disparity)
 
 
 def _candidates(state: State) -> tuple[Array, NDArray[np.int64]]:
