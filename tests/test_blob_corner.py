@@ -10,7 +10,7 @@ import pytest
 from conftest import BANDS, HEIGHT
 
 from vo_lib import open_sequence
-from vo_lib.blob_corner import best_matches, describe
+from vo_lib.blob_features import best_matches, describe
 from vo_lib.config import FeatureConfig, MatchingConfig
 from vo_lib.front_end import make_front_end
 from vo_lib.matching import StereoMatches
@@ -47,6 +47,21 @@ def test_a_feature_is_matched_with_its_own_kind_nearby() -> None:
     assert np.mean(np.all(shift == (4, 0), axis=1)) > 0.9
     assert np.all(a.kind[inner] == b.kind[found[inner]])
     assert np.all(best_matches(a, b, np.full_like(a.uv, np.nan), (8, 8)) == -1)
+
+
+@pytest.mark.parametrize("radius", [(8, 8), (30, 2), (2, 30), (200, 200)])
+def test_the_best_match_is_the_least_different_of_all_near_ones(radius: tuple[float, float]) -> None:
+    image = np.random.default_rng(1).integers(0, 255, (80, 120), np.uint8)
+    # Twice the same side by side, blurred: some descriptors occur twice.
+    image = np.tile(np.asarray(cv2.GaussianBlur(image, (5, 5), 1), np.uint8), (1, 2))
+    a, b = describe(image, FEATURES), describe(image[:, ::-1].copy(), FEATURES)
+    guess = a.uv + 0.4
+    guess[::7] = np.nan
+    difference = np.abs(a.descriptor[:, None] - b.descriptor).sum(axis=2)
+    near = (np.abs(guess[:, None] - b.uv) <= radius).all(axis=2) & (a.kind[:, None] == b.kind)
+    expected = np.where(near.any(axis=1), np.argmin(np.where(near, difference, np.inf), axis=1), -1)
+    assert np.count_nonzero(expected >= 0) > 20
+    np.testing.assert_array_equal(best_matches(a, b, guess, radius), expected)
 
 
 @pytest.mark.parametrize("kind", FRONT_ENDS)

@@ -1,8 +1,7 @@
-"""Chapter 1: the paper's front end: blobs and corners, described by Sobel responses, matched in a loop.
+"""Chapter 1: the paper's front end: blobs and corners (`blob_features.py`), matched in a loop.
 
-Features are the extrema of two 5×5 masks; each is compared only with features of its own kind, by the sum
-of absolute differences of 16 places of the two Sobel images around it. A match goes left current → left
-previous → right previous → right current → left current, and has to end at the feature it started from.
+A match goes left current → left previous → right previous → right current → left current, and has to end
+at the feature it started from.
 Source: Geiger, Ziegler and Stiller, "StereoScan: dense 3d reconstruction in real-time", IV 2011, section III.
 """
 
@@ -11,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .blob_features import Described, best_matches, describe
 from .camera import StereoCamera
 from .config import FeatureConfig, MatchingConfig
 from .matching import (
@@ -30,20 +29,7 @@ from .surface import CoarseDisparity
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-Whole = NDArray[np.int64]
 
-BLOB = np.full((5, 5), -1, np.float32)
-BLOB[1:4, 1:4] = 1
-BLOB[2, 2] = 8
-CORNER = np.zeros((5, 5), np.float32)
-CORNER[:2, :2] = CORNER[3:, 3:] = -1
-CORNER[:2, 3:] = CORNER[3:, :2] = 1
-
-# Sixteen places of an 11×11 neighbourhood (u, v) where the two Sobel images are read.
-PLACES = np.array(
-    [(u, v) for v in (-5, -1, 1, 5) for u in (-5, 5)] + [(u, v) for v in (-3, -1, 1, 3) for u in (-1, 1)],
-    np.intp,
-)
 # Search radius round a predicted place and without a prediction, pixels.
 NEAR, FAR = 20, 120
 # Rows of a stereo pair agree to this before the finish, pixels.
@@ -51,87 +37,24 @@ ROWS = 2
 
 
 @dataclass(frozen=True)
-class Described:
-    """N features of one image: uv (N, 2) pixels, kind (N,) 0 … 3, strength (N,), descriptor (N, 32)."""
-
-    uv: Array
-    kind: Whole
-    strength: Array
-    descriptor: NDArray[np.float32]
-
-
-@dataclass(frozen=True)
 class DescribedPair:
-    """A stereo pair with its features, found ahead and in other threads."""
+    """A stereo pair with its features, found ahead and in other threads.
+
+    partner : (N,) index of each left feature's stereo match among the right ones, each the other's best; -1
+    where there is none.
+    """
 
     left: Image
     right: Image
     disparity: CoarseDisparity
     found_left: Described
     found_right: Described
+    partner: NDArray[np.intp]
 
     @property
     def images(self) -> tuple[Image, Image]:
         """Left and right image."""
         return self.left, self.right
-
-
-def describe(image: Image, config: FeatureConfig) -> Described:
-    """Blob maxima and minima, corner maxima and minima (kinds 0 … 3) of an image, with descriptors.
-
-    In each square of `config.blob_cell` pixels the strongest of each kind is kept, if it is the extremum of
-    its neighbourhood and stronger than `config.blob_quality`.
-    """
-    responses = [np.asarray(cv2.filter2D(image, cv2.CV_32F, m), np.float32) for m in (BLOB, CORNER)]
-    uv, kind, strength = [], [], []
-    for number, response in enumerate(r for each in responses for r in (each, -each)):
-        places, values = _peaks(response, config)
-        uv.append(places)
-        kind.append(np.full(len(places), number))
-        strength.append(values)
-    places = np.concatenate(uv)
-    sobel = np.stack([cv2.Sobel(image, cv2.CV_32F, dx, 1 - dx, ksize=3) for dx in (1, 0)], axis=2)
-    column, row = (places[:, None].astype(np.intp) + PLACES).transpose(2, 0, 1)
-    descriptor = sobel[row, column].reshape(len(places), 2 * len(PLACES))
-    return Described(places, np.concatenate(kind), np.concatenate(strength), descriptor)
-
-
-def _peaks(response: NDArray[np.float32], config: FeatureConfig) -> tuple[Array, Array]:
-    reach = config.blob_cell
-    top = cv2.dilate(response, np.ones((reach, reach), np.uint8))
-    border = max(config.border, 6)
-    inner = slice(border, -border)
-    row, column = np.nonzero((response == top)[inner, inner] & (response[inner, inner] > config.blob_quality))
-    row, column = row + border, column + border
-    return np.stack([column, row], axis=1).astype(np.float64), response[row, column].astype(np.float64)
-
-
-def best_matches(
-    query: Described, train: Described, guess: Array, radius: tuple[float, float]
-) -> NDArray[np.intp]:
-    """For each query feature the train feature of its kind that looks most alike near a guess.
-
-    Parameters
-    ----------
-    guess : (N, 2) where to look, pixels; NaN: nowhere. radius : largest distance along u and v, pixels.
-
-    Returns
-    -------
-    (N,) index into `train`; -1 where no feature is near.
-    """
-    found = np.full(len(query.kind), -1, np.intp)
-    matcher = cv2.BFMatcher(cv2.NORM_L1)
-    for kind in range(4):
-        a, b = (np.flatnonzero(side.kind == kind) for side in (query, train))
-        if len(a) == 0 or len(b) == 0:
-            continue
-        near = np.ones((len(a), len(b)), np.bool_)
-        for axis in (0, 1):
-            place = train.uv[b, axis].astype(np.float32)
-            near &= np.abs(guess[a, axis].astype(np.float32)[:, None] - place) <= radius[axis]
-        for match in matcher.match(query.descriptor[a], train.descriptor[b], mask=near.view(np.uint8)):
-            found[a[match.queryIdx]] = b[match.trainIdx]
-    return found
 
 
 class BlobCornerMatcher:
@@ -151,10 +74,8 @@ class BlobCornerMatcher:
 
     def prepare(self, pair: tuple[Image, Image]) -> DescribedPair:
         """Features and coarse disparity of a stereo pair."""
-        left, right = pair
-        disparity = coarse_disparity(left, right, self.config.max_disparity)
-        return DescribedPair(
-            left, right, disparity, describe(left, self.features), describe(right, self.features)
+        return describe_pair(
+            pair, coarse_disparity(*pair, self.config.max_disparity), self.features, self.config
         )
 
     def step(self, pair: DescribedPair) -> StereoMatches:
@@ -214,10 +135,10 @@ class BlobCornerMatcher:
         guess_left, guess_right = left, right
         if motion is not None:
             guess_left, guess_right = self.camera.project(self.camera.triangulate(left, right) @ R.T + t)
-        in_left = best_matches(_pick(before.found_left, source), pair.found_left, guess_left, (reach, reach))
+        in_left = best_matches(before.found_left[source], pair.found_left, guess_left, (reach, reach))
         right_index = seen["match"][source]
         in_right = best_matches(
-            _pick(before.found_right, right_index), pair.found_right, guess_right, (reach, reach)
+            before.found_right[right_index], pair.found_right, guess_right, (reach, reach)
         )
         # The loop closes: what was found left from left and right from right is a stereo match.
         ok = (in_left >= 0) & (in_right >= 0)
@@ -255,21 +176,25 @@ class BlobCornerMatcher:
         return matches, cur_slope[ok], in_left[ok]
 
 
-def _pick(found: Described, index: NDArray[np.intp]) -> Described:
-    return Described(found.uv[index], found.kind[index], found.strength[index], found.descriptor[index])
+def describe_pair(
+    pair: tuple[Image, Image], disparity: CoarseDisparity, features: FeatureConfig, matching: MatchingConfig
+) -> DescribedPair:
+    """Features of a stereo pair, and which left and right ones look most alike."""
+    left, right = (describe(image, features) for image in pair)
+    half = np.array([matching.max_disparity / 2, 0.0])
+    to_right = best_matches(left, right, left.uv - half, (half[0], ROWS))
+    to_left = best_matches(right, left, right.uv + half, (half[0], ROWS))
+    mutual = to_right >= 0
+    mutual[mutual] = to_left[to_right[mutual]] == np.flatnonzero(mutual)
+    return DescribedPair(*pair, disparity, left, right, np.where(mutual, to_right, -1))
 
 
 def _stereo_places(pair: DescribedPair, config: MatchingConfig) -> dict[str, NDArray[Any]]:
-    """The left features with their stereo matches, each the other's best, and their sub-pixel places."""
+    """The left features with their stereo matches and the sub-pixel places of these."""
     left, right = pair.found_left, pair.found_right
-    half = np.array([config.max_disparity / 2, 0.0])
-    to_right = best_matches(left, right, left.uv - half, (half[0], ROWS))
-    to_left = best_matches(right, left, right.uv + half, (half[0], ROWS))
-    ok = to_right >= 0
-    ok[ok] = to_left[to_right[ok]] == np.flatnonzero(ok)
-    index = np.flatnonzero(ok)
-    place = left.uv[index]
-    found, slope, good = finish_stereo(pair.images, pair.disparity, place, right.uv[to_right[index]], config)
+    index = np.flatnonzero(pair.partner >= 0)
+    place, start = left.uv[index], right.uv[pair.partner[index]]
+    found, slope, good = finish_stereo(pair.images, pair.disparity, place, start, config)
     good &= found[:, 0] >= 0
     number = len(left.kind)
     stereo = np.zeros(number, np.bool_)
@@ -278,7 +203,7 @@ def _stereo_places(pair: DescribedPair, config: MatchingConfig) -> dict[str, NDA
     places["right"][index], places["slope"][index] = found, slope
     return {
         **places,
-        "match": to_right,
+        "match": pair.partner,
         "stereo": stereo,
         "age": np.ones(number, np.int64),
         "strength": left.strength,
