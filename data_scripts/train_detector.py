@@ -3,6 +3,7 @@
 examples:
   python train_detector.py data/street --out runs/street --one-class vehicle
   python train_detector.py roboflow/data.yaml --out runs/cars --epochs 400 --width 640 --height 192
+  python train_detector.py data/street --out runs/more --one-class vehicle --start runs/street/detector.onnx
 
 A training that was stopped goes on at its last whole epoch. The folder gets last.pt, curves.png and
 detector.onnx, which `vo run --detector` and write_labels.py take.
@@ -59,7 +60,12 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("data", type=Path, help="folder with data.yaml, or that file")
     made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the training")
     made.add_argument("--one-class", metavar="NAME", help="take all classes for one of this name")
-    made.add_argument("--start", type=Path, metavar="FILE", help="begin with the weights of another last.pt")
+    made.add_argument(
+        "--start",
+        type=Path,
+        metavar="FILE",
+        help="begin with the weights of another last.pt or detector.onnx",
+    )
     made.add_argument("--allow-evaluated", action="store_true", help="train on KITTI odometry images too")
     add_options(made, TrainingConfig)
     return made
@@ -70,6 +76,7 @@ def train(data: DetectionSet, config: TrainingConfig, out: Path, start: Path | N
     try:
         from vo_lib.training import trainer
         from vo_lib.training.export import export_onnx
+        from vo_lib.training.start import starting_network
     except ImportError as error:
         raise DataError(f'{error.name} is missing: pip install ".[train]"') from None
     out.mkdir(parents=True, exist_ok=True)
@@ -79,7 +86,8 @@ def train(data: DetectionSet, config: TrainingConfig, out: Path, start: Path | N
         check_same(state.config, config, state.classes, data, path)
         state.config = config
     else:
-        state = trainer.new_state(config, data.classes, trainer.load_state(start).average if start else None)
+        first = None if start is None else starting_network(start, data, config)
+        state = trainer.new_state(config, data.classes, first)
     with reporting(f"training, {config.epochs} epochs") as report:
         for _ in trainer.train(data, state, out, report):
             title = f"{len(data.images['train'])} images, epoch {state.epoch} of {config.epochs}"

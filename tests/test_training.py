@@ -309,6 +309,34 @@ def test_a_short_training_lowers_the_loss_and_exports_what_it_learnt(torch: Any,
         assert detector._run(images) == pytest.approx(expected, rel=1e-3, abs=1e-3)
 
 
+def test_a_training_begins_with_an_exported_network(torch: Any, tmp_path: Path) -> None:
+    pytest.importorskip("onnx", reason="onnx belongs to the extra [train]")
+    from vo_lib.training.export import export_onnx
+    from vo_lib.training.start import starting_network
+    from vo_lib.training.trainer import batches, new_state, to_tensor, train
+
+    data = tiny_set(tmp_path)
+    taught = list(train(data, new_state(TINY, ("car",)), tmp_path))[-1].average
+    export_onnx(taught, ("car",), tmp_path / "a.onnx")
+    again = starting_network(tmp_path / "a.onnx", data, TINY)
+    pictures = to_tensor(next(batches(data, TINY, 0)))
+    with torch.no_grad():
+        expected = taught(pictures)
+        for training in (False, True):  # and normalising by the batch changes nothing here
+            found = again.train(training)(pictures)
+            for one, other in zip(found, expected, strict=True):
+                assert torch.allclose(one, other, rtol=1e-3, atol=0.02), training
+    with pytest.raises(DataError, match="not those of this network for these classes"):
+        starting_network(
+            tmp_path / "a.onnx", dataclasses.replace(data, names=("car", "bus"), merged=None), TINY
+        )
+    (tmp_path / "b.onnx").write_bytes(b"no network")
+    with pytest.raises(DataError, match="is no ONNX file"):
+        starting_network(tmp_path / "b.onnx", data, TINY)
+    with pytest.raises(DataError, match="cannot be read"):
+        starting_network(tmp_path / "c.onnx", data, TINY)
+
+
 def test_a_resumed_training_equals_one_that_was_not_stopped(torch: Any, tmp_path: Path) -> None:
     from vo_lib.training.trainer import CHECKPOINT, load_state, new_state, train
 
