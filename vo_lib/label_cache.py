@@ -13,6 +13,7 @@ import hashlib
 import json
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,9 @@ from .yolo import YoloDetector, find_model
 
 RECORD = "detector.json"
 DIGITS = 12
+# Images detected at once, each in a thread: while one is read or its boxes are chosen, the network is busy
+# with the other, and a core that the odometry leaves idle is used.
+AT_ONCE = 2
 
 
 def detection_record(model: str | Path, config: DetectorConfig, provider: str = "cpu") -> dict[str, Any]:
@@ -122,11 +126,15 @@ def write_label_folder(
     claim_folder(folder, detection_record(model, config, provider), replace)
     missing = missing_frames(sequence, folder)
     detector = YoloDetector(model, config, provider=provider) if missing else None
-    for number, frame in enumerate(missing, start=len(sequence) - len(missing) + 1):
-        assert detector is not None
-        detect_frame(sequence, frame, detector, folder)
-        if progress:
-            progress(number, len(sequence))
+    writer = LabelWriter(sequence, folder, missing, detector)
+    writer.start()
+    try:
+        for number, frame in enumerate(missing, start=len(sequence) - len(missing) + 1):
+            writer.wait(frame)
+            if progress:
+                progress(number, len(sequence))
+    finally:
+        writer.stop()
     return len(missing)
 
 
@@ -147,7 +155,7 @@ def labelled_sequence(
 
 
 class LabelWriter:
-    """Writes missing labels in a thread of its own, in the order of the frames."""
+    """Writes missing labels in threads of its own, in the order of the frames."""
 
     def __init__(self, sequence: Sequence, folder: Path, missing: list[str], detector: YoloDetector | None):
         self._sequence, self._folder, self._detector = sequence, folder, detector
@@ -155,16 +163,17 @@ class LabelWriter:
         self._error: BaseException | None = None
         self._stopped = False
         self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._write, name="detector", daemon=True)
+        self._pool = ThreadPoolExecutor(AT_ONCE, "detector")
 
     def start(self) -> None:
         """Begin to write."""
-        self._thread.start()
+        for frame in self._missing:
+            self._pool.submit(self._write, frame)
 
     def stop(self) -> None:
-        """End after the frame in work."""
+        """End after the frames in work."""
         self._stopped = True
-        self._thread.join()
+        self._pool.shutdown(cancel_futures=True)
 
     def wait(self, frame: str) -> None:
         """Return once the label of a frame is there; raises what stopped the writing."""
@@ -174,18 +183,17 @@ class LabelWriter:
                 return
         raise self._error or DataError(f"the detector was stopped before frame {frame}", self._folder)
 
-    def _write(self) -> None:
+    def _write(self, frame: str) -> None:
+        if self._stopped or self._error or self._detector is None:
+            return
         try:
-            for frame in self._missing:
-                if self._stopped or self._detector is None:
-                    break
-                detect_frame(self._sequence, frame, self._detector, self._folder)
-                with self._changed:
-                    self._waiting.discard(frame)
-                    self._changed.notify_all()
+            detect_frame(self._sequence, frame, self._detector, self._folder)
+            with self._changed:
+                self._waiting.discard(frame)
+                self._changed.notify_all()
         except BaseException as error:
             with self._changed:
-                self._error = error
+                self._error = self._error or error
                 self._changed.notify_all()
 
 
@@ -220,7 +228,7 @@ def detected_sequence(
     provider: str = "cpu",
     cache: Path | None = None,
 ) -> Iterator[DetectedSequence]:
-    """The sequence with the boxes of a detector, from the cache or detected in a thread that runs ahead.
+    """The sequence with the boxes of a detector, from the cache or detected in threads that run ahead.
 
     The boxes are always those of the label files, so that a run on cached labels gives the same bytes.
 
