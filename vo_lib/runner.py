@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from .config import Config, FeatureConfig, MatchingConfig
 from .detection import Boxes
@@ -123,9 +126,13 @@ def run_methods(
     return {name: chain.result() for name, chain in chains.items()}
 
 
-def one_blas_thread() -> threadpool_limits:
+# To look through all loaded libraries takes a millisecond or two.
+_libraries = functools.cache(ThreadpoolController)
+
+
+def one_blas_thread() -> AbstractContextManager[Any]:
     """A context: the matrices are small, more threads only wait for each other and for the image threads."""
-    return threadpool_limits(limits=1, user_api="blas")
+    return cast(AbstractContextManager[Any], _libraries().limit(limits=1, user_api="blas"))
 
 
 class FoundMatches:

@@ -125,9 +125,14 @@ def declared(cls: type, prefix: str = "", nested: bool = True) -> Iterator[Setti
             yield Setting(name=prefix + field.name, kind=kind, default=field.default, **field.metadata)
 
 
+@functools.cache
+def _by_name(cls: type) -> dict[str, Setting]:
+    return {item.name: item for item in declared(cls)}
+
+
 def replace(config: Any, name: str, value: Any) -> Any:
     """A copy of nested settings with one changed by its dotted name, checked."""
-    item = {item.name: item for item in declared(type(config))}.get(name)
+    item = _by_name(config.__class__).get(name)
     if item is None:
         raise DataError(f"{name}: there is no such setting")
     item.check(value)

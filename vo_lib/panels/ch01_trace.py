@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
+from ..blob_corner import DescribedPair, describe_pair
 from ..config import FeatureConfig, MatchingConfig
 from ..features import corner_strength, detect_corners
-from ..front_end import FrontEnd, make_front_end
+from ..front_end import make_front_end
 from ..geometry import Array
-from ..matching import LoopMatcher, PreparedPair, StereoMatches, coarse_disparity
+from ..matching import PreparedPair, StereoMatches, coarse_disparity
 from ..odometry import State
+from ..runner import one_blas_thread
 from ..sequence import Sequence
 from ..surface import CoarseDisparity
 from .data import WARM_UP, Memory, stereo
@@ -41,7 +42,9 @@ REASONS = (LOST, *(words for words, _ in CHECKS))
 KEPT = len(REASONS)
 
 _histories: Memory[tuple[State, Any, Any]] = Memory(6)
-_prepared: Memory[Any] = Memory(8)
+_disparities: Memory[CoarseDisparity] = Memory(8)
+_strengths: Memory[NDArray[np.float32]] = Memory(8)
+_described: Memory[DescribedPair] = Memory(8)
 _steps: Memory[StereoMatches] = Memory(48)
 
 
@@ -85,7 +88,7 @@ def trace(sequence: Sequence, frame: int, features: FeatureConfig, matching: Mat
 
         return _steps.get((*base, stage), make)
 
-    with ThreadPoolExecutor(max_workers=2) as pool, threadpool_limits(limits=1, user_api="blas"):
+    with ThreadPoolExecutor(max_workers=2) as pool, one_blas_thread():
         results = list(pool.map(step, stages))
     left, number = _candidates(state)
     reason = np.zeros(len(number), np.int64)
@@ -106,10 +109,10 @@ def _history(
     front_end = make_front_end(sequence.camera, features, matching)
 
     def prepare(index: int) -> Any:
-        return _prepare(front_end, sequence, index, features, matching)
+        return _prepare(sequence, index, features, matching)
 
     indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
-    with ThreadPoolExecutor(max_workers=2) as pool, threadpool_limits(limits=1, user_api="blas"):
+    with ThreadPoolExecutor(max_workers=2) as pool, one_blas_thread():
         *earlier, pair = pool.map(prepare, indices)
         for each in earlier:
             front_end.step(each)
@@ -119,19 +122,18 @@ def _history(
     return front_end.state(), earlier[-1], pair
 
 
-def _prepare(
-    front_end: FrontEnd, sequence: Sequence, index: int, features: FeatureConfig, matching: MatchingConfig
-) -> Any:
-    """A prepared pair. Of corners only the choice depends on the features' settings: strengths are kept."""
-    images = stereo(sequence, index)
-    if not isinstance(front_end, LoopMatcher):
-        key = sequence.folder, index, features, matching
-        return _prepared.get(key, lambda: front_end.prepare(images))
+def _prepare(sequence: Sequence, index: int, features: FeatureConfig, matching: MatchingConfig) -> Any:
+    """A prepared pair. What does not depend on the features' settings is kept for itself."""
+    images, key = stereo(sequence, index), (sequence.folder, index)
+    largest = matching.max_disparity
+    disparity = _disparities.get((*key, largest), lambda: coarse_disparity(*images, largest))
+    if matching.front_end == "blob_corner":
 
-    def find() -> tuple[NDArray[np.float32], CoarseDisparity]:
-        return corner_strength(images[0]), coarse_disparity(*images, matching.max_disparity)
+        def describe() -> DescribedPair:
+            return describe_pair(images, disparity, features, matching)
 
-    strength, disparity = _prepared.get((sequence.folder, index, matching), find)
+        return _described.get((*key, features, matching), describe)
+    strength = _strengths.get(key, lambda: corner_strength(images[0]))
     return PreparedPair(*images, *detect_corners(strength, features), disparity)
 
 

@@ -11,7 +11,6 @@ from typing import Any, Generic, TypeVar
 
 import ipywidgets as widgets
 from IPython.display import display
-from threadpoolctl import threadpool_limits
 
 from ..config import Config
 from ..errors import DataError
@@ -20,6 +19,7 @@ from ..front_end import make_front_end
 from ..geometry import Array, inverse
 from ..kitti import Image
 from ..matching import StereoMatches
+from ..runner import one_blas_thread
 from ..sequence import Progress, Sequence, open_sequence
 from ..synthetic import Truth, open_truth
 
@@ -119,7 +119,7 @@ def frame_matches(sequence: Sequence, frame: int, config: Config) -> StereoMatch
             return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
 
         indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
-        with ThreadPoolExecutor(max_workers=2) as pool, threadpool_limits(limits=1, user_api="blas"):
+        with ThreadPoolExecutor(max_workers=2) as pool, one_blas_thread():
             return [front_end.step(pair) for pair in pool.map(prepare, indices)][-1]
 
     return _matches.get((sequence.folder, frame, *settings), make)
