@@ -52,7 +52,7 @@ class State:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture as PNG bytes of WIDTH pixels, a sentence on what it shows, and numbers with units."""
+    """A picture as JPEG bytes, WIDTH pixels wide, a sentence on what it shows, and numbers with units."""
 
     picture: bytes
     sentence: str
@@ -94,7 +94,7 @@ class Panel:
         self.job = Job()
         self.picture = widgets.Image(
             value=stack([np.full((2, WIDTH, 3), 255, np.uint8)], self.height),
-            format="png",
+            format="jpeg",
             layout={
                 "width": f"{WIDTH}px",
                 "height": f"{self.height}px",

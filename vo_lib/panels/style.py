@@ -36,6 +36,11 @@ FONT_SIZE, TITLE_SIZE = 9.0, 10.0
 
 # Half the time of OpenCV's own choice, for a file a tenth larger.
 FAST = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB)
+# Looks the same, in a fifth of the time and half the bytes; coloured lines stay sharp without subsampling.
+JPEG = (
+    *(cv2.IMWRITE_JPEG_QUALITY, 95),
+    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
+)
 
 
 Place = Literal["best", "upper left", "upper right", "lower left", "lower right", "center"]
@@ -126,21 +131,26 @@ def caption(picture: Image, words: str) -> Image:
 
 
 def stack(parts: Sequence[Image | Figure], height: int | None = None) -> bytes:
-    """Pictures and figures of the common width below each other, as PNG bytes.
+    """Pictures and figures of the common width below each other, as JPEG bytes for a panel.
 
     With `height` the result has exactly so many rows: white is added below, or the surplus cut off.
     """
-    rows = [raster(part) if isinstance(part, Figure) else photo(part) for part in parts]
-    whole = np.concatenate(rows)
+    whole = _joined(parts)
     if height is not None:
         missing = max(height - len(whole), 0)
         whole = np.pad(whole[:height], ((0, missing), (0, 0), (0, 0)), constant_values=255)
-    return bytes(cv2.imencode(".png", whole, FAST)[1])
+    return bytes(cv2.imencode(".jpg", whole, JPEG)[1])
 
 
 def show(*parts: Image | Figure) -> Shown:
     """Pictures and figures in a notebook cell, below each other."""
-    return Shown(data=stack(parts), width=WIDTH)  # type: ignore[no-untyped-call]
+    png = bytes(cv2.imencode(".png", _joined(parts), FAST)[1])
+    return Shown(data=png, width=WIDTH)  # type: ignore[no-untyped-call]
+
+
+def _joined(parts: Sequence[Image | Figure]) -> Image:
+    rows = [raster(part) if isinstance(part, Figure) else photo(part) for part in parts]
+    return np.concatenate(rows)
 
 
 @dataclass(frozen=True)
