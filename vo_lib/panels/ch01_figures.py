@@ -131,7 +131,7 @@ def fates_picture(
 
 
 def fates_chart(fate: NDArray[np.str_], wrong: NDArray[np.bool_] | None) -> Chart:
-    """How many features met which fate; the hatched part is truly wrong, where that is known, (N,) bool."""
+    """How many features met which fate; the dark part is truly wrong, where that is known, (N,) bool."""
     names = list(FATES)
     counts = np.array([np.count_nonzero(fate == name) for name in names])
     bad = None if wrong is None else np.array([np.count_nonzero(wrong[fate == name]) for name in names])
@@ -140,10 +140,9 @@ def fates_chart(fate: NDArray[np.str_], wrong: NDArray[np.bool_] | None) -> Char
     def put(axis: Axes) -> None:
         axis.add_collection(PolyCollection(_bars(counts), facecolors=list(FATES.values())))
         if bad is not None:
-            hatched = PolyCollection(_bars(bad), facecolors="none", edgecolors=DARK, hatch="////")
-            axis.add_collection(hatched)
+            axis.add_collection(PolyCollection(_bars(bad), facecolors=DARK, alpha=0.6))
         for row, (name, count) in enumerate(zip(names, counts, strict=True)):
-            words = f"{count}" + (f", {bad[row]} wrong" if bad is not None and name != LOST else "")
+            words = f"{count}" + (f" ({bad[row]})" if bad is not None and name != LOST else "")
             axis.text(count + 0.01 * end, row, words, va="center", fontsize=FONT_SIZE - 1)
 
     def frame(axis: Axes) -> None:
@@ -152,7 +151,8 @@ def fates_chart(fate: NDArray[np.str_], wrong: NDArray[np.bool_] | None) -> Char
         axis.tick_params(axis="y", length=0)
         axis.set_ylim(len(names) - 0.4, -0.6)
         axis.set_xlim(0, end)
-        finish(axis, "what became of the features", "features" + ("" if bad is None else "; hatched: wrong"))
+        x = "features" if bad is None else "features (wrong ones in brackets, and dark)"
+        finish(axis, "what became of the features", x)
 
     return Chart(("fates", end, bad is None), put, frame)
 
