@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from ..plots import png, trajectory_figure
 from ..results import evaluate_run, run_folder
 from ..resume import resumable_run
 from ..sequence import Sequence
+from ..setting_options import add_option, given
 from .common import open_with_bar, parse_frames
 
 DETECTOR = "detector."
@@ -65,30 +66,21 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         section = item.name.partition(".")[0] if "." in item.name else "run"
         if group is None or group.title != section:
             group = parser.add_argument_group(section)
-        default = ",".join(map(str, item.default)) if isinstance(item.default, tuple) else item.default
-        text = f"{item.text}; {item.describe()}; default {default}".replace("%", "%%")
-        group.add_argument(f"--{item.name}", metavar="X", dest=item.name, help=text)
+        add_option(group, item, item.name)
 
 
 def config_from_options(options: argparse.Namespace) -> Config:
     """The preset of the method with the thresholds given on the command line."""
     config = preset(options.method)
-    for name, value in _given(options, settings.declared(Config)):
+    for name, value in given(options, settings.declared(Config)).items():
         config = settings.replace(config, name, value)
     return config
 
 
 def detector_from_options(options: argparse.Namespace) -> DetectorConfig:
     """The detector's thresholds given on the command line."""
-    given = _given(options, settings.declared(DetectorConfig, DETECTOR))
-    return DetectorConfig(**{name.removeprefix(DETECTOR): value for name, value in given})
-
-
-def _given(options: argparse.Namespace, items: Iterable[settings.Setting]) -> Iterator[tuple[str, Any]]:
-    for item in items:
-        raw = getattr(options, item.name)
-        if raw is not None:
-            yield item.name, item.parse(raw)
+    values = given(options, settings.declared(DetectorConfig, DETECTOR))
+    return DetectorConfig(**{name.removeprefix(DETECTOR): value for name, value in values.items()})
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -122,7 +114,7 @@ def _run(options: argparse.Namespace) -> int:
 
 @contextmanager
 def _with_boxes(sequence: Sequence, options: argparse.Namespace, cache: Path | None) -> Iterator[Sequence]:
-    """The sequence with the detector's boxes where one is wanted; it works ahead in a thread of its own."""
+    """The sequence with the detector's boxes where one is wanted; it works ahead in threads of its own."""
     if options.detector is None:
         yield sequence
         return
