@@ -15,9 +15,14 @@ from vo_lib.geometry import rotation_from_vector
 from vo_lib.panels.ch01_loop import four_images, walk
 from vo_lib.panels.ch01_trace import KEPT, REASONS, trace
 from vo_lib.panels.ch04_translation import alone, covariance
+from vo_lib.panels.ch05_figures import cells_picture
+from vo_lib.panels.ch05_filtering import as_yolox
 from vo_lib.panels.ch06_evaluation import OWN, EvaluationPanel
 from vo_lib.panels.ch06_trajectories import read_own
+from vo_lib.panels.style import GOOD, WIDTH, bgr
 from vo_lib.poses import write_kitti_poses, write_tum
+from vo_lib.yolo import Candidates
+from vo_lib.yolo_layout import letterbox, read_yolox, yolox_cells
 
 LONG = 300.0  # seconds; a safeguard
 FEATURES = FeatureConfig(cell=10)
@@ -104,3 +109,30 @@ def test_a_method_is_run_and_judged(bands: Path, tmp_path: Path, monkeypatch: py
     panel.wait(LONG)
     assert panel.error == ""
     assert 0 < panel.facts["TE"] < 20
+
+
+def made_up_candidates() -> Candidates:
+    """Boxes all over an image of 96×64 px, two classes; the first cell is the surest of stride 8."""
+    rng, number = np.random.default_rng(0), yolox_cells(96, 64)
+    first = rng.uniform(0, 50, (number, 2))
+    scores = rng.uniform(0, 0.5, (number, 2))
+    scores[0], scores[1] = (0.9, 0.1), 0.0
+    corners = np.hstack([first, first + rng.uniform(4, 40, (number, 2))])
+    return Candidates(letterbox(96, 64, 96, 64), corners, scores, 96, 64)
+
+
+def test_candidates_in_the_layout_of_yolox_are_read_back() -> None:
+    found = made_up_candidates()
+    corners, scores = read_yolox(as_yolox(found), 96, 64)
+    np.testing.assert_allclose(corners, found.corners, atol=1e-4)
+    np.testing.assert_allclose(scores, found.scores, atol=1e-6)
+
+
+def test_the_surest_cell_is_filled() -> None:
+    found = made_up_candidates()
+    found.corners[0] = 40, 30, 80, 60
+    picture = cells_picture(np.zeros((64, 96), np.uint8), found.plan, found.corners, found.scores)
+    cell = 8 * WIDTH // 96
+    # Below the words and beside the line to the centre.
+    np.testing.assert_array_equal(picture[cell - 3, 3], bgr(GOOD))
+    assert (picture[round(45 * WIDTH / 96), round(60 * WIDTH / 96)] == 255).all()

@@ -16,9 +16,10 @@ from ..kitti import Image
 from ..matching import StereoMatches
 from ..plots import match_image
 from ..yolo import Candidates
-from ..yolo_layout import STRIDES, place
+from ..yolo_layout import STRIDES, Letterbox, place
+from .ch02_figures import draw_flow
 from .chart import Chart, millimetres_from_above, room
-from .style import BAD, CYCLE, DARK, GOOD, PALE, WIDTH, bgr, caption, figure, finish, photo
+from .style import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD, WIDTH, bgr, caption, figure, finish, photo
 
 MILLI = 1e3
 MOST_DRAWN = 400  # candidates; more would hide the picture
@@ -63,6 +64,29 @@ def candidates_picture(
         for x0, y0, x1, y1 in np.rint(np.clip(boxes, -9, 9999)).astype(int).tolist():
             cv2.rectangle(picture, (x0, y0), (x1, y1), bgr(colour), thick, cv2.LINE_AA)
     return caption(photo(picture, width, height), words)
+
+
+def cells_picture(image: Image, plan: Letterbox, corners: Array, scores: Array) -> Image:
+    """The network's image with the surest cell of each stride, its box, and the way to the box's centre.
+
+    Parameters
+    ----------
+    corners : (N, 4) corners in the network's image, pixels; scores : (N, C), both in the order of the cells.
+    """
+    picture, first, times = photo(place(image, plan)), 0, WIDTH / plan.width
+    for stride, colour in zip(STRIDES, (GOOD, THIRD, FIFTH), strict=True):
+        rows, columns = plan.height // stride, plan.width // stride
+        best = int(scores[first : first + rows * columns].max(axis=1).argmax())
+        cell, box = stride * np.array([best % columns, best // columns]), corners[first + best]
+        for each, thick in ((np.concatenate([cell, cell + stride]), cv2.FILLED), (box, 2)):
+            start, end = np.rint(16 * times * each).astype(int).reshape(2, 2).tolist()
+            cv2.rectangle(picture, start, end, bgr(colour), thick, cv2.LINE_AA, shift=4)
+        centre = (box[:2] + box[2:]) / 2
+        draw_flow(picture, times * cell[None], times * centre[None], ["#FFFFFF"], 4)
+        first += rows * columns
+    return caption(
+        picture, "surest cells of stride 8 blue, 16 green, 32 yellow; dots: centres of boxes"
+    )
 
 
 def filter_picture(

@@ -18,6 +18,7 @@ from ..odometry import Motion, Odometry
 from ..sequence import Progress, Sequence
 from ..settings import Checked, setting
 from ..yolo import Candidates, YoloDetector, find_model
+from ..yolo_layout import STRIDES, Float32
 from .base import Drawing, Panel, State
 from .ch05_figures import MILLI, candidates_picture, errors_chart, filter_picture, rules_figure
 from .controls import Control
@@ -60,6 +61,19 @@ def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> 
     """What a detector says of a frame's left image."""
     key = (sequence.folder, frame, detector.path)
     return _candidates.get(key, lambda: detector.candidates(stereo(sequence, frame)[0]))
+
+
+def as_yolox(found: Candidates) -> Float32:
+    """Candidates as a network of YOLOX's layout would have put them, (N, 5 + C): what `read_yolox` reads."""
+    width, height = found.plan.width, found.plan.height
+    cells = [(s, x, y) for s in STRIDES for y in range(height // s) for x in range(width // s)]
+    stride, x, y = np.array(cells, float).T[:, :, None]
+    first, last = found.corners[:, :2], found.corners[:, 2:]
+    centre = (first + last) / 2 / stride - np.hstack([x, y])
+    # Only the product of both scores counts.
+    anything = np.sqrt(found.scores.max(axis=1, keepdims=True))
+    classes = found.scores / np.maximum(anything, 1e-9)
+    return np.hstack([centre, np.log((last - first) / stride), anything, classes]).astype(np.float32)
 
 
 def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: float) -> Boxes:
