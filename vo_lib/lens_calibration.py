@@ -11,6 +11,8 @@ the left image. They turn the rotations of the essential matrix: RE on 00 is 1.5
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from .config import CalibrationConfig
@@ -42,6 +44,14 @@ class LensError:
         self.config = config
         self.coefficients = np.zeros(2)
         self.information = np.eye(2) * (focal / config.lens_deviation) ** 2
+
+    def state(self) -> dict[str, Array]:
+        """What was learnt so far, as plain arrays."""
+        return {"lens": self.coefficients, "lens_information": self.information}
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Go on as the lens whose `state` this was; same settings."""
+        self.coefficients, self.information = state["lens"], state["lens_information"]
 
     def correct(self, x: Array) -> Array:
         """Normalised points (N, 2) without the distortion known so far."""

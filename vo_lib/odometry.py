@@ -85,8 +85,7 @@ class Odometry:
             "e": np.zeros(0) if self._e is None else self._e,
             "last": self._last,
             **self._calibration.state(),
-            "lens": self._lens.coefficients,
-            "lens_information": self._lens.information,
+            **self._lens.state(),
             **self._filter.state(),
         }
 
@@ -96,7 +95,7 @@ class Odometry:
         self._e = state["e"] if len(state["e"]) else None
         self._last = state["last"]
         self._calibration.restore(state)
-        self._lens.coefficients, self._lens.information = state["lens"], state["lens_information"]
+        self._lens.restore(state)
         self._filter.restore(state)
 
     def step(
