@@ -93,7 +93,7 @@ def train(data: DetectionSet, config: TrainingConfig, out: Path, start: Path | N
             title = f"{len(data.images['train'])} images, epoch {state.epoch} of {config.epochs}"
             figure = training_figure(np.array(state.losses), np.array(state.maps), title)
             write_bytes_atomic(out / CURVES, png(figure))
-    export_onnx(state.average, state.classes, out / MODEL)
+    export_onnx(state.average, state.classes, out / MODEL, config.size)
     say(f"{out / MODEL}: validation mAP50 {state.maps[-1]:.3f} after {state.epoch} epochs")
 
 

@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_data_scripts import load
 
-from vo_lib.config import DetectorConfig
 from vo_lib.detection import Boxes, no_boxes, read_labels
 from vo_lib.errors import DataError
 from vo_lib.training.augment import fitted, training_picture
@@ -298,10 +297,11 @@ def test_a_short_training_lowers_the_loss_and_exports_what_it_learnt(torch: Any,
         pass
     total = [sum(pair) for pair in state.losses]
     assert total[-1] < 0.9 * total[0]
-    export_onnx(state.average, ("car",), tmp_path / "a.onnx")
-    detector = YoloDetector(tmp_path / "a.onnx", DetectorConfig(size=256))
+    export_onnx(state.average, ("car",), tmp_path / "a.onnx", 256)
+    detector = YoloDetector(tmp_path / "a.onnx")
     assert detector.layout == "yolov8"
     assert detector.names == ("car",)
+    assert detector.input_size(1000, 250) == (256, 64)  # the size told in the metadata
     for height, width in ((64, 256), (160, 96)):  # any multiple of 32
         images = np.random.default_rng(0).random((1, 3, height, width), np.float32)
         with torch.no_grad():
@@ -317,7 +317,7 @@ def test_a_training_begins_with_an_exported_network(torch: Any, tmp_path: Path) 
 
     data = tiny_set(tmp_path)
     taught = list(train(data, new_state(TINY, ("car",)), tmp_path))[-1].average
-    export_onnx(taught, ("car",), tmp_path / "a.onnx")
+    export_onnx(taught, ("car",), tmp_path / "a.onnx", 256)
     again = starting_network(tmp_path / "a.onnx", data, TINY)
     pictures = to_tensor(next(batches(data, TINY, 0)))
     with torch.no_grad():

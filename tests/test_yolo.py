@@ -25,7 +25,16 @@ from vo_lib.synthetic.truth_files import visible_boxes
 from vo_lib.synthetic.world import make_world
 from vo_lib.training.mean_ap import Judged, judge, recall_precision
 from vo_lib.yolo import MODELS, YoloDetector, find_model
-from vo_lib.yolo_layout import STRIDES, best_boxes, fit_size, letterbox, place, read_yolox, yolox_cells
+from vo_lib.yolo_layout import (
+    STRIDES,
+    best_boxes,
+    fit_size,
+    letterbox,
+    place,
+    read_yolox,
+    size_from_metadata,
+    yolox_cells,
+)
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 VEHICLES = (2, 5, 7)
@@ -51,6 +60,20 @@ def test_the_open_size_follows_the_image() -> None:
     assert fit_size(1241, 376, 640) == (640, 192)
     assert fit_size(640, 480, 640) == (640, 480)
     assert fit_size(300, 1000, 640) == (192, 640)
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [("[640, 640]", 640), ("[192, 800]", 800), ("960", 960), ("", None), ("[]", None), ("[0, 640]", None)],
+)
+def test_the_size_a_model_was_made_for_is_read_from_its_metadata(text: str, size: int | None) -> None:
+    assert size_from_metadata(text) == size
+
+
+@given(st.text(max_size=60) | st.sampled_from(["[" * 100_000, "NaN", "1e999", "true", '{"a": 1}', "[[640]]"]))
+def test_any_metadata_text_gives_a_size_or_none(text: str) -> None:
+    found = size_from_metadata(text)
+    assert found is None or 32 <= found <= 4096
 
 
 def test_a_placed_image_keeps_its_pixels_and_has_a_grey_border() -> None:

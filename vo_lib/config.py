@@ -292,10 +292,10 @@ class DetectorConfig(Checked):
     """Vehicle boxes from a YOLO network (chapter 5). They decide a run only through the boxes they give."""
 
     size: int = setting(
-        640,
-        "longer side of the network's image, where the model leaves it open",
+        0,
+        "longer side of the network's image, where the model leaves it open; 0: the one it was made for",
         unit="px",
-        low=32,
+        low=0,
         high=4096,
     )
     score: float = setting(0.25, "boxes scored lower are not reported", low=0.001, high=1)

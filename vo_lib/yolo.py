@@ -30,6 +30,7 @@ from .yolo_layout import (
     place,
     read_yolov8,
     read_yolox,
+    size_from_metadata,
     yolox_cells,
 )
 
@@ -37,6 +38,7 @@ Array = NDArray[np.float64]
 
 MODELS = {"street": Path(__file__).parent / "models" / "street.onnx"}
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
+USUAL_SIZE = 640  # what most models are made for
 INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 SILENT = 4  # ONNX Runtime's own lines would come beside ours
 
@@ -102,7 +104,9 @@ class YoloDetector:
         width, height = self._width or 4 * STRIDE, self._height or 2 * STRIDE
         output = self._run(np.zeros((1, 3, height, width), self._type))
         self.layout, count = self._check_output(output, width, height)
-        self.names = self._class_names(count)
+        about = self._session.get_modelmeta().custom_metadata_map
+        self.names = _class_names(about.get("names", ""), count)
+        self._made_for = size_from_metadata(about.get("imgsz", "")) or USUAL_SIZE
         self._numbers = class_numbers(self.names)
         self._wanted = choose_classes(self.config.classes, self.names)
         if not self._wanted.any():
@@ -135,9 +139,10 @@ class YoloDetector:
     def input_size(self, width: int, height: int) -> tuple[int, int]:
         """Width and height of the network's image for an image of this size.
 
-        The model's own where it is fixed; else the longer side is `config.size`, in the image's aspect.
+        The model's own where it is fixed; else in the image's aspect, the longer side `config.size` or, where
+        that is 0, what the model was made for by its metadata, 640 where these do not say.
         """
-        free_width, free_height = fit_size(width, height, self.config.size)
+        free_width, free_height = fit_size(width, height, self.config.size or self._made_for)
         return self._width or free_width, self._height or free_height
 
     def _to_input(self, image: Image) -> NDArray[Any]:
@@ -184,12 +189,13 @@ class YoloDetector:
             self.path,
         )
 
-    def _class_names(self, count: int) -> tuple[str, ...]:
-        told = self._session.get_modelmeta().custom_metadata_map.get("names", "")
-        names = names_from_metadata(told, count)
-        if names is None:
-            names = COCO if count == len(COCO) else tuple(f"class {k}" for k in range(count))
-        return names
+
+def _class_names(told: str, count: int) -> tuple[str, ...]:
+    """Names of a model's classes: from its metadata; COCO's for 80 classes without names."""
+    names = names_from_metadata(told, count)
+    if names is None:
+        names = COCO if count == len(COCO) else tuple(f"class {k}" for k in range(count))
+    return names
 
 
 def _open_session(path: Path, threads: int, provider: str) -> Any:

@@ -5,6 +5,7 @@ Coordinates of the network's image are measured from the outer edge of its first
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
 
@@ -21,6 +22,7 @@ Float32 = NDArray[np.float32]
 PAD = 114  # grey of the border, the value both families are trained with
 STRIDES = (8, 16, 32)  # of YOLOX's cells, in the order of its output
 STRIDE = STRIDES[-1]  # sides of a network's image are multiples of it
+LEAST_SIZE, MOST_SIZE = STRIDE, 4096  # pixels; a size told by a model's metadata is believed in this range
 SQUEEZE = 0.1  # of a stride: so little of the image's size is given up to save a row of cells
 SAME = 0.9  # boxes of different classes that overlap more (IoU) are one object
 MOST_BOXES = 3000  # candidates that enter suppression, the best first
@@ -50,6 +52,16 @@ def fit_size(width: int, height: int, size: int, stride: int = STRIDE) -> tuple[
     scale = size / max(width, height)
     cells = [max(1, math.ceil(side * scale / stride - SQUEEZE)) for side in (width, height)]
     return cells[0] * stride, cells[1] * stride
+
+
+def size_from_metadata(text: str) -> int | None:
+    """Longer side, pixels, of the images a model was made for, told as "[640, 640]" or "640"; else None."""
+    try:
+        told = json.loads(text)
+        sides = [int(side) for side in (told if isinstance(told, list) else [told])]
+    except (ValueError, TypeError, OverflowError, RecursionError):
+        return None
+    return max(sides) if sides and min(sides) >= LEAST_SIZE and max(sides) <= MOST_SIZE else None
 
 
 def letterbox(width: int, height: int, net_width: int, net_height: int, centred: bool = True) -> Letterbox:

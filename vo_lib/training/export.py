@@ -16,8 +16,11 @@ OPSET = 17
 EXAMPLE = (1, 3, 192, 640)
 
 
-def export_onnx(network: Detector, classes: tuple[str, ...], path: Path, licence: str = "") -> None:
-    """Write a network with `classes` as names in the metadata, as Ultralytics' exports have them.
+def export_onnx(
+    network: Detector, classes: tuple[str, ...], path: Path, size: int, licence: str = ""
+) -> None:
+    """Write a network, with metadata as in Ultralytics' exports: class names, and the longer side of the
+    images it is made for, `size` pixels.
 
     Input `images` [1, 3, H, W], RGB in 0..1, H and W multiples of 32; output `output0` [1, 4 + C, N].
     """
@@ -36,7 +39,12 @@ def export_onnx(network: Detector, classes: tuple[str, ...], path: Path, licence
             dynamic_axes={"images": {2: "height", 3: "width"}, "output0": {2: "boxes"}},
         )
     model = onnx.load_from_string(buffer.getvalue())
-    about = {"names": repr(dict(enumerate(classes))), "task": "detect", "stride": "32"}
+    about = {
+        "names": repr(dict(enumerate(classes))),
+        "task": "detect",
+        "stride": "32",
+        "imgsz": repr([size, size]),
+    }
     if licence:
         about["license"] = licence
     onnx.helper.set_model_props(model, about)
