@@ -17,7 +17,7 @@ PNG = bytes(cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1])
 class Balance(HTMLParser):
     """Counts open elements, and fails where one is closed that is not open."""
 
-    empty = frozenset({"meta", "img", "br"})
+    empty = frozenset({"meta", "img", "br", "wbr"})
 
     def __init__(self) -> None:
         super().__init__()
@@ -51,6 +51,14 @@ def test_text_is_escaped_and_elements_close() -> None:
     assert "<script>" not in text
     assert "&lt;script&gt;" in text
     assert "a &amp; b" in text
+    parsed(text)
+
+
+def test_a_long_name_may_break_at_its_underscores_and_is_escaped() -> None:
+    table = ReportTable("t", ["a", "solution_selection <TE>"], [["kitti/07, moving_selection", "1"]], [])
+    text = render_report("t", [], [table], [], [])
+    assert "solution_<wbr>selection &lt;TE&gt;</th>" in text
+    assert "kitti/07, moving_<wbr>selection</th>" in text
     parsed(text)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,20 @@ from .sequence import Progress, Sequence
 from .table1 import method_table
 
 SCENE = "synthetic/traffic"
-METHODS_IN_WORDS = (
-    "viso2 fits rotation and translation together; mesvo_f chooses the rotation by consensus; "
-    "solution_selection prefers solutions near the previous frame's; feature_selection also removes the "
-    "features in vehicle boxes, which is the paper's proposal; moving_selection, not in the paper, removes "
-    "only those of boxes that are judged to move."
-)
+IN_WORDS = {
+    "viso2": "viso2 fits rotation and translation together",
+    "mesvo_f": "mesvo_f chooses the rotation by consensus",
+    "solution_selection": "solution_selection prefers solutions near the previous frame's",
+    "feature_selection": "feature_selection also removes the features in vehicle boxes, which is the paper's "
+    "proposal",
+    "moving_selection": "moving_selection, not in the paper, removes only those of boxes that are judged to "
+    "move",
+}
+
+
+def methods_in_words(names: Iterable[str] = METHODS) -> str:
+    """What the methods do, a sentence."""
+    return "; ".join(words for name, words in IN_WORDS.items() if name in set(names)) + "."
 
 
 def run_demo(sequence: Sequence, folder: Path, progress: Progress | None = None) -> ReportTable:
@@ -56,7 +65,7 @@ def run_demo(sequence: Sequence, folder: Path, progress: Progress | None = None)
     introduction = [
         f"{len(sequence)} stereo pairs of {sequence.name}, {trajectory_distances(sequence.truth)[-1]:.0f} m. "
         "The street is drawn by the kit, so its ground truth is exact.",
-        METHODS_IN_WORDS,
+        methods_in_words(),
     ]
     page = render_report("Stereo visual odometry: demo", introduction, [table], pictures, ["vo demo"])
     write_text_atomic(folder / "report.html", page)

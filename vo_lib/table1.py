@@ -186,10 +186,11 @@ def trajectory_table(entries: list[Entry]) -> ReportTable:
         ate = [result.ate.to_dict()["rmse_m"] for result in entry.results]
         rpe = [result.rpe.to_dict() for result in entry.results]
         parts = [ate, *([part[kind][f"rmse_{unit}"] for part in rpe] for kind, unit in RPE_PARTS)]
-        values = [np.array([np.nan if v is None else v for v in part]) for part in parts]
-        rows.append([f"{entry.sequence}, {entry.method}", *(spread(v, 4) for v in values)])
+        metres, step, turn = (np.array([np.nan if v is None else v for v in part]) for part in parts)
+        cells = spread(metres), spread(1e3 * step, 2), spread(turn, 4)
+        rows.append([f"{entry.sequence}, {entry.method}", *cells])
     alignment = entries[0].results[0].ate.alignment
-    columns = ["sequence, method", "ATE m", "RPE m a frame", "RPE deg a frame"]
+    columns = ["sequence, method", "ATE m", "RPE mm a frame", "RPE deg a frame"]
     return ReportTable(
         "ATE and RPE", columns, rows, [f"Root mean squares. ATE {alignment.words}; RPE needs none."]
     )

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ..demo import METHODS_IN_WORDS
+from ..demo import methods_in_words
 from ..entries import Group, group_entries
 from ..files import write_bytes_atomic, write_text_atomic
 from ..paper import PaperTable
@@ -25,7 +25,13 @@ from ..table1_data import groups_json, table_csv
 Array = NDArray[np.float64]
 
 FIGURE_4 = (f"{KITTI}02", f"{KITTI}07")
-COLOURS = "ground truth red, viso2 green, mesvo_f black, solution_selection blue, feature_selection sky blue"
+COLOURS = {
+    "viso2": "green",
+    "mesvo_f": "black",
+    "solution_selection": "blue",
+    "feature_selection": "sky blue",
+    "moving_selection": "orange",
+}
 
 
 def write_table_files(
@@ -87,9 +93,10 @@ def write_results(folder: Path, result: Reproduction) -> None:
 
 def _introduction(result: Reproduction) -> list[str]:
     seeds = "one seed" if result.seeds == 1 else f"{result.seeds} seeds"
+    methods = {entry.method for entry in result.entries}.union(*result.poses.values())
     lines = [
         "The systems of Table 1 of “Enhance stereo visual odometry performance by removing unstable "
-        f"features”, run on the same matches with {seeds}. {METHODS_IN_WORDS}",
+        f"features”, run on the same matches with {seeds}. {methods_in_words(methods)}",
         "All methods learn on the way what is wrong with rows and disparities of the stereo pair; those with "
         "an essential matrix learn what is wrong with the lens, too. The paper does not, and it helps most "
         "where the pair is badly rectified.",
@@ -115,9 +122,13 @@ def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
     for name in [*chosen, *(name for name in panels if name not in chosen)]:
         data = write_figure(folder, f"trajectory_{slug(name)}", trajectories_figure({name: panels[name]}))
         label = "Figure 4. " if name in chosen else ""
-        caption = f"{label}{name} from above, first seed: {COLOURS}, others orange."
-        words = [e.method for e in result.entries if e.sequence == name] or list(panels[name][1])
-        pictures.append(Picture(data, caption, f"Paths over {name} from above of {_listed(words)}."))
+        truth, estimates = panels[name]
+        lines = [] if truth is None else ["ground truth red"]
+        lines += [f"{method} {COLOURS[method]}" for method in estimates]
+        caption = f"{label}{name} from above, first seed: {', '.join(lines)}."
+        pictures.append(
+            Picture(data, caption, f"Paths over {name} from above of {_listed(list(estimates))}.")
+        )
     return pictures
 
 
