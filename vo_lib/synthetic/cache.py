@@ -87,12 +87,26 @@ def ensure_scene(
 
 
 def is_complete(folder: Path) -> bool:
-    """Whether every file that the manifest names is there with the size and checksum it had."""
+    """Whether every file that the manifest names is there with the size and checksum it had.
+
+    The manifest is written last: only a file that is younger needs to be read for its checksum.
+    """
     try:
-        listed = json.loads((folder / MANIFEST).read_text())
-        return all(_fingerprint(folder / name) == expected for name, expected in listed.items())
-    except (OSError, ValueError, AttributeError):
+        manifest = folder / MANIFEST
+        finished = manifest.stat().st_mtime_ns
+        return all(
+            _unchanged(folder / name, expected, finished)
+            for name, expected in json.loads(manifest.read_text()).items()
+        )
+    except (OSError, ValueError, AttributeError, TypeError, IndexError):
         return False
+
+
+def _unchanged(path: Path, expected: list[int], finished: int) -> bool:
+    now = path.stat()
+    if now.st_mtime_ns <= finished:
+        return now.st_size == expected[0]
+    return _fingerprint(path) == expected
 
 
 def _write_manifest(folder: Path) -> None:
