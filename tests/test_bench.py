@@ -29,6 +29,7 @@ FIELDS = {
     "five_point_us_a_set",
     "five_point_precision",
     "features",
+    "detector",
 }
 LITTLE = Effort(repeats=1, problems=50, problems_of_others=5)
 
@@ -56,7 +57,7 @@ def test_the_figures_of_a_tiny_sequence_are_complete_and_consistent(bands: Path)
     assert 5 * sum(stages.values()) <= 6 * data["whole_run_ms_a_frame"]
     back_end = sum(stages[name] for name in ("rotation", "translation"))
     assert 0 < data["back_end_from_cache_ms_a_frame"] < 20 * back_end
-    assert data["features"] is None
+    assert data["features"] is data["detector"] is None
     assert data["machine"]["numpy"] == np.__version__
     solver = data["five_point_us_a_set"]
     assert [f"this kit, batch of {batch}" for batch in BATCHES] == list(solver)[:2]
@@ -79,10 +80,30 @@ def test_the_command_prints_json_and_a_table(
     printed = capsys.readouterr().out
     assert describe_machine()["processor"] in printed
     assert "planar_forward" in printed
+    assert "street" not in printed
+
+
+def test_the_cost_of_a_detector_is_measured_on_request(
+    bands: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "Effort", lambda: LITTLE)
+    options = ["bench", "--sequence", str(bands), "--frames", "3", "--detector", "street"]
+    assert main([*options, "--json"]) == 0
+    cost = json.loads(capsys.readouterr().out)["detector"]
+    assert cost["model"] == "street.onnx"
+    assert cost["threads"] == 1
+    assert cost["width_px"] % 32 == cost["height_px"] % 32 == 0
+    assert 0 < cost["alone_ms_an_image"] < cost["whole_run_ms_a_frame"] * 3
+    assert main(options) == 0
+    assert "whole run with street.onnx" in capsys.readouterr().out
 
 
 def test_bad_input_is_one_line(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for options, words in ((["--frames", "x"], "--frames 'x'"), (["--method", "x"], "unknown method")):
+    for options, words in (
+        (["--frames", "x"], "--frames 'x'"),
+        (["--method", "x"], "unknown method"),
+        (["--detector", "x"], "no detector is called 'x'"),
+    ):
         assert main(["bench", "--sequence", str(bands), *options]) == 2
         error = capsys.readouterr().err
         assert words in error

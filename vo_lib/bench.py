@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from .config import Config
+from .detector_bench import DetectorBench, DetectorTimer
 from .feature_errors import FeatureErrors, feature_errors
 from .match_cache import CHUNK, pack, unpack
 from .matching import StereoMatches
@@ -51,6 +52,7 @@ class Bench:
         included; None where the system does not tell.
     solver : microseconds a five-point set, by solver; solver_precision : rows of its table.
     features : by "inside boxes" and "outside boxes"; None where there is no truth of single pixels.
+    detector : what a detector costs; None where none was asked for.
     """
 
     machine: dict[str, Any]
@@ -67,6 +69,7 @@ class Bench:
     solver: dict[str, float]
     solver_precision: list[Precision]
     features: dict[str, FeatureErrors] | None
+    detector: DetectorBench | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain values for JSON, with units in the names."""
@@ -89,17 +92,30 @@ class Bench:
             "features": None
             if self.features is None
             else {name: dataclasses.asdict(errors) for name, errors in self.features.items()},
+            "detector": None if self.detector is None else self.detector.to_dict(),
         }
 
 
 def run_bench(
-    sequence: Sequence, method: str, config: Config, effort: Effort, progress: Progress | None = None
+    sequence: Sequence,
+    method: str,
+    config: Config,
+    effort: Effort,
+    progress: Progress | None = None,
+    detector: str | None = None,
 ) -> Bench:
     """Run the method over a sequence with a clock, then its parts alone; `progress` counts frames and parts.
 
-    Raises `DataError` where the sequence cannot be read.
+    Parameters
+    ----------
+    detector : name or file of a model whose cost is measured too.
+
+    Raises
+    ------
+    DataError : the sequence cannot be read, or the detector cannot be used.
     """
-    steps = len(sequence) * (1 + BACK_END_RUNS) + 2
+    by_detector = None if detector is None else DetectorTimer(sequence, detector)
+    steps = len(sequence) * (1 + BACK_END_RUNS) + 2 + (0 if by_detector is None else by_detector.steps)
     done = 0
 
     def advance(count: int = 1) -> None:
@@ -125,6 +141,7 @@ def run_bench(
     advance()
     solver_precision = precision(effort.problems, effort.problems_of_others)
     advance()
+    cost = None if by_detector is None else by_detector.measure(config, advance)
     return Bench(
         machine=machine,
         sequence=sequence.name,
@@ -140,6 +157,7 @@ def run_bench(
         solver=solver,
         solver_precision=solver_precision,
         features=feature_errors(sequence, found.matches, config),
+        detector=cost,
     )
 
 

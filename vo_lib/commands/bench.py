@@ -30,6 +30,9 @@ def add(commands: Any) -> None:
         "--frames", metavar="N", default="200", help="frames run, from the first; default 200"
     )
     parser.add_argument("--method", metavar="M", default=METHOD, help=f"default {METHOD}")
+    parser.add_argument(
+        "--detector", metavar="MODEL", help="measure a detector too: street, a fetched model or an ONNX file"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_cache(parser)
     parser.set_defaults(command=_bench)
@@ -45,7 +48,7 @@ def _bench(options: argparse.Namespace) -> int:
     sequence = open_with_bar(options.sequence or default_sequence(), options.cache)
     sequence = sequence.part(0, max(2, min(frames, len(sequence))))
     with reporting(f"bench, {sequence.name}") as report:
-        bench = run_bench(sequence, options.method, config, Effort(), report)
+        bench = run_bench(sequence, options.method, config, Effort(), report, options.detector)
     if options.json:
         print(json.dumps(bench.to_dict(), indent=2, allow_nan=False))
     else:
@@ -64,6 +67,11 @@ def _show(bench: Bench) -> None:
     if bench.peak_memory is not None:
         rows.append(["peak memory", f"{bench.peak_memory:.0f} MB"])
     rows += [[f"five-point set, {name}", f"{us:.1f} µs"] for name, us in bench.solver.items()]
+    if bench.detector is not None:
+        d = bench.detector
+        threads = f"{d.threads} thread" + "s" * (d.threads > 1)
+        rows.append([f"{d.model} alone, {d.width}×{d.height} px, {threads}, an image", f"{d.alone:.2f} ms"])
+        rows.append([f"whole run with {d.model}, nothing cached, a frame", f"{d.whole:.2f} ms"])
     say(title)
     show_table(f"{bench.sequence}, {bench.frames} frames, {size}, {bench.method}", ["what", "time"], rows)
     show_table(
