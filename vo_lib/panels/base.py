@@ -31,7 +31,7 @@ from ..errors import DataError
 from ..runner import one_blas_thread
 from ..sequence import Progress, Sequence, available
 from ..settings import Setting, declared, replace
-from .controls import CELL_WIDTH, Control, Knob
+from .controls import CELL, CELL_WIDTH, INSIDE, Control, Knob
 from .data import DEFAULT, is_open, keep, opened
 from .job import Job, Stopped
 from .style import BAD, WIDTH, Fact, facts_html, stack
@@ -97,11 +97,9 @@ class Panel:
             format="jpeg",
             layout={
                 "width": f"{WIDTH}px",
-                "height": f"{self.height}px",
                 # In a narrow window smaller, never cut off.
                 "max_width": "100%",
-                "object_fit": "scale-down",
-                "object_position": "left top",
+                "height": "auto",
             },
         )
         wide = {"width": "100%"}
@@ -217,16 +215,15 @@ class Panel:
         return knobs
 
     def _make_chooser(self, name: str, frame: int) -> None:
-        wide = {"width": f"{CELL_WIDTH - 12}px"}
         style = {"description_width": "initial"}
         self.chooser = widgets.Dropdown(
-            options=[*available(), OWN_FOLDER], value=None, description="sequence", style=style, layout=wide
+            options=[*available(), OWN_FOLDER], value=None, description="sequence", style=style, layout=INSIDE
         )
         self._offer(name)
         self.folder = widgets.Text(
             placeholder="path of a folder in KITTI's layout",
             continuous_update=False,
-            layout={"width": f"{CELL_WIDTH - 12}px", "display": "none"},
+            layout={**INSIDE, "display": "none"},
         )
         self.frame = widgets.IntSlider(
             value=frame,
@@ -235,16 +232,18 @@ class Panel:
             continuous_update=False,
             description="frame",
             style=style,
-            layout=wide,
+            layout=INSIDE,
         )
         self.chooser.observe(self._chosen, "value")
         self.folder.observe(self._typed, "value")
         self.frame.observe(self.redraw, "value")
 
     def _layout(self) -> Any:
-        cells = [self.chooser, self.frame, self.folder, *(knob.cell for knob in self.knobs.values())]
-        rows = [widgets.HTML(f"<b>{html.escape(self.title)}</b>"), widgets.HBox(cells[:3])]
-        rows += [widgets.HBox(cells[i : i + 3]) for i in range(3, len(cells), 3)]
+        cells = [widgets.VBox([each], layout=CELL) for each in (self.chooser, self.frame, self.folder)]
+        cells += [knob.cell for knob in self.knobs.values()]
+        rows = [widgets.HTML(f"<b>{html.escape(self.title)}</b>")]
+        wrapped = {"flex_flow": "row wrap"}
+        rows += [widgets.HBox(cells[i : i + 3], layout=wrapped) for i in range(0, len(cells), 3)]
         if self.long_job:
             button = widgets.Button(
                 description=self.long_job, icon="play", layout={"width": f"{CELL_WIDTH - 12}px"}

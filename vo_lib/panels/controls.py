@@ -11,6 +11,9 @@ import ipywidgets as widgets
 from ..settings import Setting
 
 CELL_WIDTH = 320  # pixels; three stand side by side
+# A little narrower where the window is; below each other where it is much narrower.
+CELL = {"flex": "1 1 290px", "max_width": f"{CELL_WIDTH}px"}
+INSIDE = {"width": "auto", "max_width": f"{CELL_WIDTH - 12}px"}  # of a cell
 STEPS = 100  # of a slider for numbers, where no step is given
 
 
@@ -55,13 +58,13 @@ class Knob:
         self.widget = _make(control, setting, value, self.label)
         shown = self.widget
         if control.button:
-            shown = widgets.Button(description=self.label, layout={"width": f"{CELL_WIDTH - 12}px"})
+            shown = widgets.Button(description=self.label, layout=INSIDE)
             shown.on_click(self._press)
         hint = widgets.HTML(
             f'<div style="font-size:11px;line-height:1.2;opacity:.7">{html.escape(setting.text)}</div>',
             layout={"margin": "0 8px 4px 2px"},
         )
-        self.cell = widgets.VBox([shown, hint], layout={"width": f"{CELL_WIDTH}px"})
+        self.cell = widgets.VBox([shown, hint], layout=CELL)
 
     def _press(self, _: Any) -> None:
         self.widget.value = self.widget.min if self.widget.value >= self.widget.max else self.widget.value + 1
@@ -87,7 +90,7 @@ class Knob:
 
 def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
     common = {"description": label, "tooltip": setting.text, "style": {"description_width": "initial"}}
-    layout = {"width": f"{CELL_WIDTH - 12}px"}
+    layout = INSIDE
     if setting.kind is bool:
         return widgets.Checkbox(value=value, indent=False, layout=layout, description=label)
     if setting.choices:
