@@ -26,6 +26,7 @@ from .data import frame_matches, frame_points, stereo
 from .style import BAD, DARK, GOOD, PALE, WIDTH, caption, figure, finish, photo
 
 SETS = 200
+MOST = 30  # per cent shown of a depth's error
 
 
 def pair_picture(left: Image, right: Image) -> Image:
@@ -47,7 +48,7 @@ def run_figure(result: Run, height: int = 300) -> Figure:
         error.plot(away, color=BAD)
     path.set_aspect("equal", adjustable="datalim")
     finish(path, "path from above", "x, right [m]", "z, forward [m]")
-    finish(error, "distance from the true place", "frame", "cm")
+    finish(error, "distance from the true place", "frame", "distance [cm]")
     return made
 
 
@@ -62,10 +63,11 @@ def depth_figure(measured: Array, true: Array, height: int = 260) -> Figure:
     pairs.set_ylim(0, 80)
     finish(pairs, "depth of the matches", "true depth [m]", "measured depth [m]")
     errors.axhline(0.0, color=PALE, linewidth=1)
-    errors.plot(true, 100 * (measured / true - 1.0), ".", color=GOOD, markersize=3)
+    error = np.clip(100 * (measured / true - 1.0), -MOST, MOST)
+    errors.plot(true, error, ".", color=GOOD, markersize=3)
     errors.set_xlim(0, 80)
-    errors.set_ylim(-30, 30)
-    finish(errors, "relative error", "true depth [m]", "%")
+    errors.set_ylim(-MOST, MOST)
+    finish(errors, "relative error; larger ones at the edge", "true depth [m]", "error [%]")
     return made
 
 
@@ -124,6 +126,6 @@ def residual_figure(sequence: Sequence, frame: int, height: int = 240) -> Figure
     axis.set_xlim(0, 80)
     axis.minorticks_off()
     axis.set_yticks([0.1, 1.0, 10.0], ["0.1", "1", "10"])
-    step = ", ".join(f"{value:.2f}" for value in t_cp)
+    step = ", ".join(f"{value:.2f}" for value in t_cp.round(2) + 0.0)  # no minus before a zero
     finish(axis, f"residuals of t_cp = ({step}) m", "depth [m]", "residual [px]")
     return made

@@ -64,7 +64,7 @@ def path_figure(sequence: Sequence, frame: int, height: int = CHART_HEIGHT) -> F
     speed.plot(np.arange(1, len(sequence)), steps, color=GOOD, linewidth=1.2)
     speed.axvline(frame, color=BAD, linewidth=1)
     speed.set_ylim(0, None)
-    finish(speed, "true speed", "frame", "m/s")
+    finish(speed, "true speed", "frame", "speed [m/s]")
     return made
 
 

@@ -50,7 +50,7 @@ def draw_dot(picture: Image, uv: Array, colour: str, radius: float, words: str =
     u, v = np.rint(np.asarray(uv) * 16).astype(int).tolist()
     cv2.circle(picture, (u, v), round(radius * 16), bgr(colour), -1, cv2.LINE_AA, shift=4)
     if words:
-        place = (u // 16 + 7, v // 16 - 6)
+        place = (u // 16 + 7, max(v // 16 - 6, 14))
         for shade, width in ((bgr("#000000"), 4), (bgr("#FFFFFF"), 1)):
             cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, shade, width, cv2.LINE_AA)
 
@@ -138,7 +138,7 @@ def errors_chart(errors: Array, winner: float) -> Chart:
         axis.set_xticks([0.001, 0.01, 0.1, 1, 10, 100], ["0.001", "0.01", "0.1", "1", "10", "100"])
         axis.minorticks_off()
         axis.set_ylim(0, top)
-        finish(axis, "rotation error of each set (line: consensus winner)", "degrees", "sets")
+        finish(axis, "each set's best solution (line: consensus winner)", "rotation error [deg]", "sets")
 
     return Chart(("set errors", top), put, frame)
 
@@ -187,9 +187,11 @@ def four_motions_figure(motions: list[TwoViewMotion], x_p: Array, height: int = 
         axis.plot(x[~front], z[~front], ".", color=BAD, markersize=3)
         forward = motion.R.T @ np.array([0.0, 0.0, 1.0])
         place = -motion.R.T @ motion.t
-        for start, way, colour in ((np.zeros(3), np.array([0.0, 0.0, 1.0]), DARK), (place, forward, FOURTH)):
-            arrow = {"arrowstyle": "-|>", "color": colour}
-            axis.annotate("", (start + 12 * way)[[0, 2]].tolist(), start[[0, 2]].tolist(), arrowprops=arrow)
+        # The cameras are near each other: the first arrow is the longer one, seen behind the second.
+        previous = np.zeros(3), np.array([0.0, 0.0, 20.0]), DARK
+        for start, way, colour in (previous, (place, 12 * forward, FOURTH)):
+            arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
+            axis.annotate("", (start + way)[[0, 2]].tolist(), start[[0, 2]].tolist(), arrowprops=arrow)
         axis.set_xlim(-30, 30)
         axis.set_ylim(-50, 50)
         finish(axis, f"{100 * motion.in_front:.0f} % in front of both", "x / |t|", "z / |t|")

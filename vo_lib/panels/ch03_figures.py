@@ -116,7 +116,7 @@ def errors_figure(errors: dict[str, Array], first: int = 1, height: int = 230) -
         )
     _decades(axis)
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    finish(axis, "rotation error, frame by frame", "frame", "degrees")
+    finish(axis, "rotation error, frame by frame", "frame", "error [deg]")
     return made
 
 
@@ -132,5 +132,5 @@ def shares_figure(
             100 * np.array(shares), values, style, color=colour, markersize=5, linewidth=1.5, label=name
         )
     _decades(axis)
-    finish(axis, f"median rotation error as {kind} matches grow", f"{kind} matches [%]", "degrees")
+    finish(axis, f"median rotation error as {kind} matches grow", f"{kind} matches [%]", "error [deg]")
     return made

@@ -84,9 +84,7 @@ def cells_picture(image: Image, plan: Letterbox, corners: Array, scores: Array) 
         centre = (box[:2] + box[2:]) / 2
         draw_flow(picture, times * cell[None], times * centre[None], ["#FFFFFF"], 4)
         first += rows * columns
-    return caption(
-        picture, "surest cells of stride 8 blue, 16 green, 32 yellow; dots: centres of boxes"
-    )
+    return caption(picture, "surest cells of stride 8 blue, 16 green, 32 yellow; dots: centres of boxes")
 
 
 def filter_picture(
@@ -138,7 +136,7 @@ def rules_figure(errors: dict[str, Array], first: int, height: int = 290) -> Fig
     _plain_axis(right.xaxis, low, high)
     left.xaxis.set_major_locator(MaxNLocator(integer=True))
     finish(left, "error of the translation by frame", "frame", "error of t [mm]")
-    finish(right, "share of the frames with a smaller error", "error of t [mm]", "share")
+    finish(right, "frames with a smaller error", "error of t [mm]", "share of the frames")
     return made
 
 

@@ -103,7 +103,7 @@ def drift_chart(truth: Array, estimate: Array, first: int, last: int) -> Chart:
     def frame(axis: Axes) -> None:
         axis.set_xlim(-0.03 * far, far)
         axis.set_ylim(-low, high)
-        finish(axis, "", "way along the path [m]", "m", "upper left")
+        finish(axis, "", "way along the path [m]", "error [m]", "upper left")
 
     return Chart(("drift", far, low, high), put, frame)
 
@@ -221,6 +221,6 @@ def distances_figure(errors: Mapping[str, AbsoluteError], height: int = 200) -> 
         rmse = float(np.sqrt(np.mean(each.distance**2)))
         axis.plot(each.distance, color=colour, linewidth=1.5, label=f"{name}: RMSE {rmse:.2f} m")
     axis.set_ylim(0, 1.3 * max(float(each.distance.max()) for each in errors.values()))
-    finish(axis, "distance from the truth", "frame", "m")
+    finish(axis, "distance from the truth", "frame", "distance [m]")
     axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=False, ncols=len(errors))
     return made

@@ -33,7 +33,7 @@ def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array], frame: 
     if frame is not None:
         axis.axvline(frame, color=PALE, linewidth=1)
     axis.set_ylim(0, None)
-    finish(axis, "distance from the truth, first poses made equal", "frame", "m")
+    finish(axis, "distance from the truth, first poses made equal", "frame", "distance [m]")
 
 
 def draw_paths(axis: Axes, title: str, truth: Array, estimates: dict[str, Array], frame: int) -> None:

@@ -164,7 +164,8 @@ class Fact:
 
     def text(self, before: float | None) -> str:
         """The number with its unit, and how it changed from `before`, as HTML."""
-        unit = f"&nbsp;{html.escape(self.unit)}" if self.unit else ""
+        space = "" if self.unit in ("", "°") else "&nbsp;"
+        unit = space + html.escape(self.unit)
         value = round(self.value, self.digits) + 0.0  # no minus before a zero
         shown = "–" if np.isnan(value) else f"{value:.{self.digits}f}{unit}"
         change = np.nan if before is None else self.value - before
