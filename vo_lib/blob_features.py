@@ -63,9 +63,11 @@ def describe(image: Image, config: FeatureConfig) -> Described:
         kind.append(np.full(len(places), number))
         strength.append(values)
     places = np.concatenate(uv)
-    sobel = np.stack([cv2.Sobel(image, cv2.CV_32F, dx, 1 - dx, ksize=3) for dx in (1, 0)], axis=2)
+    sobel = cv2.merge([cv2.Sobel(image, cv2.CV_16S, dx, 1 - dx, ksize=3) for dx in (1, 0)])
+    # Pixels numbered along the rows: one index is read faster than two.
     column, row = (places[:, None].astype(np.intp) + PLACES).transpose(2, 0, 1)
-    descriptor = sobel[row, column].reshape(len(places), 2 * len(PLACES))
+    read = sobel.reshape(-1, 2)[row * image.shape[1] + column]
+    descriptor = read.reshape(len(places), 2 * len(PLACES)).astype(np.float32)
     return Described(places, np.concatenate(kind), np.concatenate(strength), descriptor)
 
 
