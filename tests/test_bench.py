@@ -147,22 +147,31 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
 def test_matches_are_compared_with_the_truth_inside_and_outside_boxes(drawn: Sequence) -> None:
     truth = open_truth(drawn.folder)
     uv = np.stack(np.meshgrid(np.arange(4.0, 492.0, 6.0), np.arange(4.0, 148.0, 6.0)), axis=-1).reshape(-1, 2)
-    matches = [empty_matches()]
+    matches, known = [empty_matches()], []
     for frame in range(1, len(drawn)):
         _, prev_right, _ = truth.predict(frame - 1, frame - 1, uv)
         left, right, valid = truth.predict(frame - 1, frame, uv)
-        views = uv[valid], prev_right[valid], left[valid] + (0.25, 0.0), right[valid]
-        ones = np.ones(np.count_nonzero(valid), np.int64)
+        views = uv, prev_right, left + np.array([0.25, 0.0]), right.copy()
+        ones = np.ones(len(uv), np.int64)
+        known.append(valid)
         found = StereoMatches(*views, ones, ones.astype(float), np.cumsum(ones))
-        found.cur_left[::4] += 5.0  # every fourth is wrong
+        found.cur_left[::4] += 5.0  # every fourth is wrong, another one in the right image alone
+        found.cur_right[1::4] += 5.0
         matches.append(found)
     errors = feature_errors(drawn, matches, small())
     assert errors is not None
     inside, outside = errors["inside boxes"], errors["outside boxes"]
     assert inside.matches + outside.matches == sum(map(len, matches))
     assert min(inside.matches, outside.matches) > 50
+    assert inside.known_share is not None
+    assert outside.known_share is not None
+    share = inside.known_share * inside.matches + outside.known_share * outside.matches
+    assert share == pytest.approx(np.count_nonzero(known), abs=1e-6)
+    assert max(outside.known_share, inside.known_share) < 0.9  # the sky, and what leaves the images
     for part in (inside, outside):
-        assert part.right_share == pytest.approx(0.75, abs=0.08)
+        assert part.known_share is not None
+        assert part.flow_share == pytest.approx(0.75, abs=0.08)
+        assert part.right_share == pytest.approx(0.5 * part.known_share, abs=0.08)
         assert part.median_error == pytest.approx(0.25, abs=1e-6)
 
 
@@ -170,4 +179,4 @@ def test_where_no_match_is_there_is_no_share(drawn: Sequence) -> None:
     errors = feature_errors(drawn, [empty_matches()] * len(drawn), small())
     assert errors is not None
     assert errors["inside boxes"].matches == 0
-    assert errors["inside boxes"].right_share is None
+    assert errors["inside boxes"].right_share is errors["inside boxes"].flow_share is None

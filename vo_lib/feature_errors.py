@@ -23,11 +23,16 @@ class FeatureErrors:
 
     Attributes
     ----------
-    matches : how many were compared; right_share : share within RIGHT pixels in all four images.
+    matches : how many were compared.
+    known_share : share whose true place is known: not on the sky, and still in both images.
+    flow_share : share of the known ones within RIGHT pixels of the true flow from left to left image.
+    right_share : share of all within RIGHT pixels in all four images; none on the sky is.
     median_error : pixels, of the current left position of the right ones.
     """
 
     matches: int
+    known_share: float | None
+    flow_share: float | None
     right_share: float | None
     median_error: float | None
 
@@ -42,6 +47,7 @@ def feature_errors(
     chosen = np.unique(np.linspace(1, len(sequence) - 1, min(FEATURE_FRAMES, len(sequence) - 1)).astype(int))
     inside: list[NDArray[np.bool_]] = []
     right: list[NDArray[np.bool_]] = []
+    known: list[NDArray[np.bool_]] = []
     error: list[NDArray[np.float64]] = []
     for i in chosen.tolist():
         before, now = int(sequence.frames[i - 1]), int(sequence.frames[i])
@@ -49,16 +55,22 @@ def feature_errors(
         on_vehicle = in_boxes(m.prev_left, sequence.boxes(i - 1), config.filter)
         inside.append(on_vehicle | in_boxes(m.cur_left, sequence.boxes(i), config.filter))
         right.append(truth.is_right(m, now, RIGHT, before))
-        error.append(np.linalg.norm(m.cur_left - truth.predict(before, now, m.prev_left)[0], axis=1))
-    is_inside, is_right, errors = np.concatenate(inside), np.concatenate(right), np.concatenate(error)
+        left, _, valid = truth.predict(before, now, m.prev_left)
+        known.append(valid)
+        error.append(np.linalg.norm(m.cur_left - left, axis=1))
+    is_inside, is_right, is_known = (np.concatenate(part) for part in (inside, right, known))
+    errors = np.concatenate(error)
     return {
-        name: _feature_errors(is_right[group], errors[group])
+        name: _feature_errors(is_right[group], is_known[group], errors[group])
         for name, group in (("inside boxes", is_inside), ("outside boxes", ~is_inside))
     }
 
 
-def _feature_errors(right: NDArray[np.bool_], error: NDArray[np.float64]) -> FeatureErrors:
+def _feature_errors(
+    right: NDArray[np.bool_], known: NDArray[np.bool_], error: NDArray[np.float64]
+) -> FeatureErrors:
     if not len(right):
-        return FeatureErrors(0, None, None)
+        return FeatureErrors(0, None, None, None, None)
+    flow = float(np.mean(error[known] <= RIGHT)) if known.any() else None
     median = float(np.median(error[right])) if right.any() else None
-    return FeatureErrors(len(right), float(np.mean(right)), median)
+    return FeatureErrors(len(right), float(np.mean(known)), flow, float(np.mean(right)), median)

@@ -91,13 +91,13 @@ def _show(bench: Bench) -> None:
     )
     if bench.features is not None:
         show_table(
-            "matches against the truth of the scene",
-            ["where", "matches", "within 1 px in all images", "median error of these"],
+            "matches against the truth of the scene, shares within 1 px",
+            ["where", "matches", "with a known place", "of these left to left", "all images", "median error"],
             [
                 [
                     name,
                     str(e.matches),
-                    "–" if e.right_share is None else f"{100 * e.right_share:.1f} %",
+                    *(_percent(share) for share in (e.known_share, e.flow_share, e.right_share)),
                     "–" if e.median_error is None else f"{e.median_error:.3f} px",
                 ]
                 for name, e in bench.features.items()
@@ -105,3 +105,7 @@ def _show(bench: Bench) -> None:
         )
     if machine["load"] is not None and machine["load"] > 0.5:
         say(f"Other work was running (load {machine['load']}): times on a quiet machine are shorter.")
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.1f} %"
