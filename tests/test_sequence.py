@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,6 +28,22 @@ def test_a_folder_is_read_with_camera_times_and_truth(bands: Path) -> None:
     assert sequence.truth is not None
     assert sequence.truth[5, 0, 3] == 5 * BASELINE
     np.testing.assert_allclose(sequence.times[5], 0.5)
+
+
+def test_the_baseline_is_the_distance_between_both_cameras(bands: Path) -> None:
+    """KITTI's colour cameras stand beside the origin: P2 has a last column of its own."""
+    words = (bands / "calib.txt").read_text(encoding="utf-8").split()
+    words[4] = str(float(words[4]) + 30.0)  # P0[0,3]
+    words[17] = str(float(words[17]) + 30.0)  # P1[0,3]
+    (bands / "calib.txt").write_text(f"{' '.join(words[:13])}\n{' '.join(words[13:])}\n", encoding="utf-8")
+    assert open_sequence(bands).camera.baseline == pytest.approx(BASELINE)
+
+
+def test_a_label_folder_asked_for_has_labels(bands: Path) -> None:
+    (bands / "labels").mkdir()
+    assert len(open_sequence(bands).boxes(1)) == 0
+    with pytest.raises(DataError, match="no label file is named after a frame"):
+        open_sequence(bands, labels=bands / "labels")
 
 
 def test_images_decoded_ahead_come_in_order(bands: Path) -> None:
@@ -114,6 +132,24 @@ def remove_pair(folder: Path) -> object:
     return None
 
 
+def cut_to_a_strip(folder: Path) -> object:
+    path = str(folder / "image_0" / "000000.png")
+    return cv2.imwrite(path, cv2.imread(path, 0)[:20])  # type: ignore[index]
+
+
+def claim_more_pixels_than_opencv_takes(folder: Path) -> object:
+    path = folder / "image_1" / "000003.png"
+    data = path.read_bytes()
+    header = b"IHDR" + struct.pack(">IIBBBBB", 100_000, 100_000, 8, 0, 0, 0, 0)
+    return path.write_bytes(data[:12] + header + struct.pack(">I", zlib.crc32(header)) + data[33:])
+
+
+def number_twice(folder: Path) -> object:
+    for side in ("image_0", "image_1"):
+        shutil.copy(folder / side / "000002.png", folder / side / "2.png")
+    return None
+
+
 FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "no calib.txt": (lambda f: (f / "calib.txt").unlink(), r"calib\.txt: .*missing"),
     "no P1": (edit("calib.txt", lambda t: t.split("P1")[0]), r"calib\.txt: P1 is missing"),
@@ -121,10 +157,19 @@ FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "zero baseline": (edit("calib.txt", lambda t: t.replace("-150.0", "0")), r"line 2: .*baseline"),
     "wrong sign": (edit("calib.txt", lambda t: t.replace("-150.0", "150")), r"line 2: .*baseline"),
     "not rectified": (edit("calib.txt", lambda t: t[:60] + t[60:].replace("300.0", "310")), "rectified"),
+    "huge baseline": (edit("calib.txt", lambda t: t.replace("-150.0", "-1e200")), r"line 2: .*baseline"),
+    "huge focal length": (
+        edit("calib.txt", lambda t: t.replace("300.0", "3e300")),
+        r"calib\.txt, line 1: P0",
+    ),
+    "far centre": (edit("calib.txt", lambda t: t.replace("240.0", "-6e9")), r"calib\.txt, line 1: P0"),
     "image missing": (lambda f: (f / "image_0" / "000002.png").unlink(), r"image_0/000002\.png: .*missing"),
     "pair missing": (remove_pair, r"000002\.png: .*missing in the middle"),
     "no right folder": (lambda f: shutil.rmtree(f / "image_1"), "image_1 is missing"),
     "truncated": (truncate, r"image_1/000003\.png: .*truncated"),
+    "too small": (cut_to_a_strip, r"image_0/000000\.png: the image is 480×20, expected 32×32 px or more"),
+    "too large": (claim_more_pixels_than_opencv_takes, r"image_1/000003\.png: .*cannot be decoded"),
+    "number twice": (number_twice, r"image_0/.*2\.png: the image has the number of .*2\.png"),
     "size": (shrink, r"image_1/000002\.png: the image is 480×230, expected 480×240"),
     "one frame": (remove_frames, "two stereo pairs"),
     "no times": (lambda f: (f / "times.txt").unlink(), r"times\.txt: .*missing"),
@@ -134,6 +179,7 @@ FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "truth nan": (edit("poses.txt", lambda t: t.replace("1 0 0 0.5", "1 0 0 nan")), r"poses\.txt, line 2"),
     "label fields": (labels("2 0.5 0.5 0.1\n"), r"000001\.txt, line 1: expected class cx cy w h"),
     "label range": (labels("2 0.5 0.5 0.1 1.1\n"), r"000001\.txt, line 1: .*0\.\.1"),
+    "label class": (labels(f"{10**23} 0.5 0.5 0.1 0.1\n"), r"000001\.txt, line 1: expected a class number"),
     "label names": (labels("", "frame1.txt"), "no label file is named after a frame"),
 }
 

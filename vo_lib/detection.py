@@ -13,6 +13,8 @@ from .files import read_text, write_text_atomic
 
 Array = NDArray[np.float64]
 
+HIGHEST_CLASS = 10**6  # far above any data set's; a larger number is another column
+
 
 @dataclass(frozen=True)
 class Boxes:
@@ -41,7 +43,8 @@ def no_boxes() -> Boxes:
 def read_labels(path: str | Path, width: int, height: int) -> Boxes:
     """Boxes of a YOLO label file: `class cx cy w h [score]` a line, shares of the image size.
 
-    Raises `DataError` with file and line for a wrong number of fields or a value outside 0..1.
+    Raises `DataError` with file and line for a wrong number of fields, a value outside 0..1 or something that
+    is no class number.
     """
     rows = []
     for number, line in enumerate(read_text(path).splitlines(), start=1):
@@ -54,7 +57,7 @@ def read_labels(path: str | Path, width: int, height: int) -> Boxes:
             class_id, values = int(words[0]), [float(word) for word in words[1:]]
         except ValueError:
             class_id, values = -1, []
-        if class_id < 0 or not all(0.0 <= value <= 1.0 for value in values):
+        if not 0 <= class_id <= HIGHEST_CLASS or not all(0.0 <= value <= 1.0 for value in values):
             found = line.strip()[:60]
             raise DataError(f"expected a class number and values in 0..1, found {found!r}", path, number)
         rows.append([float(class_id), *values, *([1.0] if len(values) == 4 else [])])

@@ -20,12 +20,16 @@ from .poses import read_rows
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
+# Far beyond any camera; numbers beyond these overflow later on.
+LONGEST = 1e6  # pixels of focal length and principal point, metres of baseline
+SHORTEST_BASELINE = 1e-5  # metres
+
 
 def read_calibration(path: Path) -> StereoCamera:
-    """Camera from calib.txt: f, cx, cy from P0, baseline b = -P1[0,3] / P1[0,0].
+    """Camera from calib.txt: f, cx, cy from P0, baseline b = (P0[0,3] - P1[0,3]) / f; KITTI's P0[0,3] is 0.
 
-    Raises `DataError` for a missing file or matrix, wrong numbers, cameras that are not rectified, or a
-    baseline that is not positive.
+    Raises `DataError` for a missing file or matrix, wrong numbers, cameras that are not rectified, a baseline
+    that is not positive, or lengths that no camera has.
     """
     matrices: dict[str, tuple[Array, int]] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
@@ -48,10 +52,15 @@ def read_calibration(path: Path) -> StereoCamera:
         raise DataError("P0: expected one positive focal length for both axes", path, line0)
     if np.abs(P0[:, :3] - P1[:, :3]).max() > 1e-6 * f:
         raise DataError("P0 and P1 differ in their first three columns: not a rectified pair", path, line1)
-    baseline = float(-P1[0, 3] / P1[0, 0])
-    if baseline <= 0:
+    if not 1.0 <= f <= LONGEST or np.abs(P0[:2, 2]).max() > LONGEST:
+        found = f"f {f:g}, centre {P0[0, 2]:g},{P0[1, 2]:g}"
+        raise DataError(f"P0: {found}: expected the pixels of a camera, f from 1 to {LONGEST:g}", path, line0)
+    baseline = float(P0[0, 3] - P1[0, 3]) / f
+    if not SHORTEST_BASELINE <= baseline <= LONGEST:
         raise DataError(
-            f"P1: the baseline -P1[0,3] / P1[0,0] is {baseline:g} m, expected a positive one", path, line1
+            f"P1: the baseline (P0[0,3] - P1[0,3]) / f is {baseline:g} m, expected a positive one",
+            path,
+            line1,
         )
     return StereoCamera(f, float(P0[0, 2]), float(P0[1, 2]), baseline)
 
@@ -68,7 +77,8 @@ def read_times(path: Path) -> Array:
 def list_frames(folder: Path) -> list[str]:
     """Names without ending of the stereo pairs in image_0 and image_1, in the order of their numbers.
 
-    Raises `DataError` for a missing folder, an image that has no partner or a gap in the numbers.
+    Raises `DataError` for a missing folder, an image that has no partner, a gap in the numbers or a number
+    that stands there twice.
     """
     sides = []
     for side in ("image_0", "image_1"):
@@ -81,8 +91,10 @@ def list_frames(folder: Path) -> list[str]:
     for stem in sorted(sides[0] ^ sides[1], key=int):
         there, missing = ("image_0", "image_1") if stem in sides[0] else ("image_1", "image_0")
         raise DataError(f"the image is missing; {there} has its partner", folder / missing / f"{stem}.png")
-    names = sorted(sides[0], key=int)
+    names = sorted(sides[0], key=lambda stem: (int(stem), stem))
     for before, after in itertools.pairwise(names):
+        if int(after) == int(before):
+            raise DataError(f"the image has the number of {before}.png", folder / "image_0" / f"{after}.png")
         if int(after) != int(before) + 1:
             lost = str(int(before) + 1).zfill(len(before))
             raise DataError(
@@ -99,7 +111,10 @@ def read_image(path: Path) -> Image:
         raise DataError(f"the image cannot be read: {error.strerror}", path) from None
     if not _png_is_whole(data):
         raise DataError("the image is truncated or damaged: expected a whole PNG file", path)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:  # such as more pixels than OpenCV takes
+        image = None
     if image is None:
         raise DataError("the image cannot be decoded: expected a PNG file", path)
     return np.asarray(image, np.uint8)

@@ -30,6 +30,7 @@ Prepared = TypeVar("Prepared")
 
 SYNTHETIC = "synthetic/"
 KITTI = "kitti/"
+SMALLEST = 32  # pixels of an image's side: OpenCV's windows need some
 
 
 @dataclass(frozen=True)
@@ -213,7 +214,12 @@ def open_sequence(
     frames = list_frames(folder)
     if len(frames) < 2:
         raise DataError(f"expected two stereo pairs or more, found {len(frames)}", folder / "image_0")
-    first = read_image(folder / "image_0" / f"{frames[0]}.png")
+    path = folder / "image_0" / f"{frames[0]}.png"
+    first = read_image(path)
+    if min(first.shape) < SMALLEST:
+        raise DataError(
+            f"the image is {first.shape[1]}×{first.shape[0]}, expected {SMALLEST}×{SMALLEST} px or more", path
+        )
     camera = dataclasses.replace(camera, width=first.shape[1], height=first.shape[0])
     times = folder / "times.txt"
     if not times.exists():
@@ -253,6 +259,6 @@ def _find_labels(folder: Path, frames: list[str], labels: str | Path | None) -> 
             raise DataError("the label folder is missing", path)
         return None
     stems = {p.stem for p in path.glob("*.txt")}
-    if stems and not stems & set(frames):
+    if not stems & set(frames) and (stems or labels is not None):
         raise DataError(f"no label file is named after a frame: expected names such as {frames[0]}.txt", path)
     return path
