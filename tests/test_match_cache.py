@@ -123,7 +123,7 @@ def test_a_stopped_search_goes_on_where_it_was(sequence: Sequence, monkeypatch: 
     assert [path.read_bytes() for path in files] == before
 
 
-@pytest.mark.parametrize("damage", ["flip", "cut", "empty", "foreign"])
+@pytest.mark.parametrize("damage", ["flip", "cut", "empty", "zeros", "foreign"])
 @pytest.mark.parametrize("number", [0, 1])
 def test_a_damaged_file_is_noticed_and_made_anew(sequence: Sequence, damage: str, number: int) -> None:
     whole = matches_of(cached(sequence, small()))
@@ -131,7 +131,8 @@ def test_a_damaged_file_is_noticed_and_made_anew(sequence: Sequence, damage: str
     data = path.read_bytes()
     flipped = bytearray(data)
     flipped[len(data) // 2] ^= 4
-    broken = {"flip": bytes(flipped), "cut": data[:-9], "empty": b"", "foreign": pack([empty_matches()], {})}
+    broken = {"flip": bytes(flipped), "cut": data[:-9], "empty": b"", "zeros": bytes(4)}
+    broken["foreign"] = pack([empty_matches()], {})
     path.write_bytes(broken[damage])
     assert all_bytes(matches_of(cached(sequence, small()))) == all_bytes(whole)
     assert path.read_bytes() == data

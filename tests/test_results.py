@@ -68,6 +68,21 @@ def test_a_broken_file_is_named(
         read_run(tmp_path, sequence)
 
 
+def test_a_sequence_keeps_its_truth(sequence: Sequence) -> None:
+    with pytest.raises(DataError, match="holds a sequence's images"), run_folder(sequence.folder):
+        pass
+
+
+@pytest.mark.parametrize(("name", "words"), [("", "empty"), ("x" * 300, "File name too long")])
+def test_a_name_that_no_folder_can_have_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DataError, match=words), run_folder(name):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_made_for_work_that_fails_is_taken_away(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError), run_folder(tmp_path / "a" / "b"):
         raise RuntimeError

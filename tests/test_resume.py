@@ -241,13 +241,16 @@ def test_a_name_of_the_same_data_is_no_other_run(sequence: Sequence, folder: Pat
 
 
 def test_a_folder_of_something_else_is_refused(sequence: Sequence, folder: Path) -> None:
-    for text in ("{}", "no JSON", "[1]", '{"settings": {}}'):
+    damaged = '{"settings": {}, "frames": 5, "labels": [1], "made_with": 3}'
+    for text in ("{}", "no JSON", "[1]", '{"settings": {}}', damaged):
         (folder / "config.json").write_text(text, encoding="utf-8")
         with pytest.raises(DataError):
             resumable_run(folder, sequence, small(), "m")
 
 
-@pytest.mark.parametrize("damage", ["checkpoint cut", "checkpoint lost", "log cut", "log garbled"])
+@pytest.mark.parametrize(
+    "damage", ["checkpoint cut", "checkpoint lost", "log cut", "log garbled", "log of numbers"]
+)
 def test_a_damaged_log_means_doing_frames_again_never_a_wrong_result(
     sequence: Sequence, folder: Path, damage: str
 ) -> None:
@@ -260,6 +263,8 @@ def test_a_damaged_log_means_doing_frames_again_never_a_wrong_result(
         checkpoint.unlink()
     elif damage == "log cut":
         log.write_bytes(b"".join(lines[:3]) + lines[3][:40])
+    elif damage == "log of numbers":
+        log.write_bytes(b"5\n" + b"".join(lines[1:]))
     else:
         log.write_bytes(b"".join(lines[:2]) + b"\0" * 300 + b"\n" + b"".join(lines[3:]))
     result, _ = resumable_run(folder, sequence, small(), "m")

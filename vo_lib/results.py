@@ -37,12 +37,18 @@ STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "tr
 def run_folder(folder: str | Path) -> Iterator[Path]:
     """A run folder that can be written to, seen before any work is done.
 
-    When the work inside fails, folders made for it are taken away again if they are still empty.
+    When the work inside fails, folders made for it are taken away again if they are still empty. A sequence's
+    own folder is refused: a run's poses.txt would take the place of the truth.
     """
+    if not str(folder):
+        raise DataError("the folder's name is empty: expected where results are written")
     path = Path(folder)
-    made = [p for p in (path, *path.parents) if not p.exists()]
+    made: list[Path] = []
     try:
         try:
+            if (path / "image_0").is_dir():
+                raise DataError("holds a sequence's images: name another folder for results", path)
+            made += [p for p in (path, *path.parents) if not p.exists()]
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise DataError(f"the folder cannot be made: {error.strerror}", path) from None

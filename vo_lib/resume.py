@@ -168,7 +168,10 @@ def _as_read(identity: dict[str, Any]) -> dict[str, Any]:
 
 def _refuse_another(folder: Path, there: dict[str, Any], wanted: dict[str, Any]) -> None:
     """`DataError` naming what differs, unless the folder holds the run that is wanted."""
-    differs = list(_differences(there, wanted))
+    try:
+        differs = list(_differences(there, wanted))
+    except (AttributeError, TypeError, ValueError):
+        differs = ["what it says of that run is damaged"]
     if differs:
         more = f" and {len(differs) - 3} more" if len(differs) > 3 else ""
         raise DataError(

@@ -63,6 +63,8 @@ class RunLog:
         try:
             lines = (folder / LOG).read_bytes().splitlines(keepends=True)
             identity = json.loads(lines[0])
+            if not isinstance(identity, dict):
+                raise ValueError
         except (OSError, ValueError, IndexError):
             return None
         try:
