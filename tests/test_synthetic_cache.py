@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import subprocess
 import sys
@@ -102,6 +103,18 @@ def test_a_cache_that_cannot_be_written_is_one_clear_error(tmp_path: Path) -> No
     (tmp_path / "file").write_text("")
     with pytest.raises(DataError, match="cannot be written"):
         ensure_scene(TINY, tmp_path / "file")
+
+
+def test_a_disk_that_gets_full_is_one_clear_error_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(DataError, match="cannot be written: No space"):
+        ensure_scene(TINY, tmp_path / "cache", jobs=1)
+    assert list((tmp_path / "cache").iterdir()) == []
 
 
 def test_the_script_explains_itself_and_refuses_nonsense(drawn: Path, tmp_path: Path) -> None:

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence as Items
 
 from .commands import bench, boxes, compare, demo, evaluate, inspect, lab, lesson, reproduce, run, sweep
 from .console import OneLineParser
-from .errors import DataError
+from .script import guarded
 
 COMMANDS = (demo, run, reproduce, sweep, compare, evaluate, boxes, inspect, lab, bench, lesson)
 
 
 def main(arguments: Items[str] | None = None) -> int:
-    """Entry point of `vo`; returns the exit code: 0, or 2 for bad input, or 130 when interrupted."""
+    """Entry point of `vo`; returns the exit code, as `script.guarded` gives it."""
+    return guarded("vo", lambda: _start(arguments))
+
+
+def _start(arguments: Items[str] | None) -> int:
     options = _parser().parse_args(arguments)
-    try:
-        return int(options.command(options))
-    except DataError as error:
-        print(f"vo: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("vo: interrupted", file=sys.stderr)
-        return 130
+    return int(options.command(options))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,11 +1,15 @@
-"""What the data scripts share: one way to end, to ask, to show bytes coming in."""
+"""What `vo` and the data scripts share: one way to end, to ask, to show bytes coming in."""
 
 from __future__ import annotations
 
+import io
+import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import current_thread, main_thread
 
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
@@ -20,16 +24,56 @@ from .sequence import Progress as Report
 PROBLEMS_SHOWN = 8
 
 
+class Ended(KeyboardInterrupt):
+    """SIGTERM: another program asks this one to end. It stops as for Ctrl-C, with all its processes."""
+
+
 def guarded(program: str, work: Callable[[], int]) -> int:
-    """The exit code of `work`; 2 and one line for bad input, 130 when interrupted, as `vo` has it."""
+    """The exit code of `work`; 2 and one line for bad input and for what the system refuses.
+
+    130 when interrupted, 143 when ended by SIGTERM, 1 when nobody reads the output any more.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show a letter shows "?"
     try:
-        return work()
+        with _ended_by_signal():
+            code = work()
+            sys.stdout.flush()
+            return code
     except DataError as error:
         print(f"{program}: error: {error}", file=sys.stderr)
         return 2
+    except Ended:
+        print(f"{program}: ended", file=sys.stderr)
+        return 143
     except KeyboardInterrupt:
         print(f"{program}: interrupted", file=sys.stderr)
         return 130
+    except BrokenPipeError:
+        # Python writes out what is left when it ends: to nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        place = "" if error.filename is None else f"{error.filename}: "
+        print(f"{program}: error: {place}{error.strerror or error}", file=sys.stderr)
+        return 2
+
+
+@contextmanager
+def _ended_by_signal() -> Iterator[None]:
+    """A context in which SIGTERM raises `Ended`; only the main thread may say so."""
+    if current_thread() is not main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _end(*details: object) -> None:
+    raise Ended
 
 
 def confirm(question: str, yes: bool) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..console import say
 from ..errors import DataError
+from ..script import Ended
 
 FIRST = "00_start_here.ipynb"
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -43,6 +44,8 @@ def _lab(options: argparse.Namespace) -> int:
     while True:
         try:
             return server.wait()
+        except Ended:
+            server.terminate()
         except KeyboardInterrupt:
             # The server got the same signal; it asks, or ends.
             continue

@@ -81,6 +81,8 @@ def ensure_scene(
         write_scene(config, draft, progress, jobs)
         _write_manifest(draft)
         _publish(draft, folder)
+    except OSError as error:
+        raise DataError(f"the cache cannot be written: {error.strerror}", parent) from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     return folder
