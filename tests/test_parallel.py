@@ -8,7 +8,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
+import joblib
 import pytest
 
 from vo_lib import DataError
@@ -56,8 +58,24 @@ def test_no_tasks_are_done_at_once() -> None:
     assert parallel(write, [], 2) == []
 
 
+def test_no_more_processes_start_than_there_are_tasks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    config = joblib.parallel_config
+
+    def watched(*names: Any, **settings: Any) -> Any:
+        asked.append(settings["n_jobs"])
+        return config(*names, **settings)
+
+    monkeypatch.setattr(joblib, "parallel_config", watched)
+    assert causes(parallel(write, [(tmp_path, "a"), (tmp_path, "b")], 1000)) == [None, None]
+    assert asked == [2]
+
+
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_an_interrupt_stops_all_processes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("sent", ["SIGINT", "SIGKILL"])
+def test_no_process_outlives_the_first(tmp_path: Path, sent: str) -> None:
     code = (
         "import sys, time; from pathlib import Path; from vo_lib.parallel import parallel\n"
         "sys.path.insert(0, sys.argv[2]); from test_parallel import linger\n"
@@ -69,11 +87,14 @@ def test_an_interrupt_stops_all_processes(tmp_path: Path) -> None:
         while len([path for path in tmp_path.iterdir() if path.stat().st_size]) < 2:
             assert process.poll() is None
             time.sleep(0.05)
-        os.killpg(process.pid, signal.SIGINT)
+        if sent == "SIGINT":
+            os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        else:
+            process.kill()
         _, error = process.communicate(timeout=60)
     finally:
         process.kill()
-    assert error.splitlines()[-1] == "KeyboardInterrupt"
+    assert sent == "SIGKILL" or error.splitlines()[-1] == "KeyboardInterrupt"
     workers = [int(path.read_text(encoding="utf-8")) for path in tmp_path.iterdir()]
     assert len(workers) == 2
     for _ in range(100):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -23,6 +24,7 @@ Item = TypeVar("Item")
 Task = tuple[int, Callable[[Any], None], Any, int]
 
 KILLED = "its process was killed, perhaps for too much memory"
+WATCH = 0.5  # seconds between two looks at whether the first process is there
 CONNECT = 10.0  # seconds to wait for a scheduler
 
 
@@ -49,7 +51,8 @@ def parallel(
     Parameters
     ----------
     function : a function of a module, which can be called for the same item again.
-    workers : processes; 1 works in this one, where a kill ends everything.
+    workers : processes, of which no more start than there are tasks; 1 works in this one, where a kill ends
+        everything.
     scheduler : address of a Dask scheduler, whose workers are used instead.
     begun : whether an unfinished item may have been in work when a pool was lost.
 
@@ -60,6 +63,9 @@ def parallel(
     """
     if scheduler is None and workers == 1:
         return [_attempt((index, function, item, 0))[1] for index, item in enumerate(items)]
+    # A process costs memory, so none goes without a task. Two at least: joblib takes a pool of one to mean
+    # this process.
+    workers = max(min(workers, len(items)), 2)
     threads = max(1, (os.cpu_count() or 1) // workers)
     tasks = [(index, function, item, threads) for index, item in enumerate(items)]
     done: dict[int, Done] = {}
@@ -102,17 +108,26 @@ def _attempt(task: Task) -> tuple[int, Done]:
     return index, Done(error, time.perf_counter() - start)
 
 
-def _leave_interrupts() -> None:
-    """Ctrl-C reaches every process of a terminal: the first stops the others, none of which may go on."""
+def _set_up_worker() -> None:
+    """Ctrl-C reaches every process of a terminal: the first stops the others, none of which may go on.
+
+    When the first is killed it stops nothing: each sees itself that it is gone.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(WATCH)
+    os._exit(1)
 
 
 @contextmanager
 def _backend(workers: int, scheduler: str | None) -> Iterator[type[Exception]]:
     """Joblib set up for local processes or a Dask cluster; yields the exception that means a killed task."""
     if scheduler is None:
-        # Two at least: joblib takes a pool of one to mean this process.
-        with joblib.parallel_config("loky", n_jobs=max(workers, 2), initializer=_leave_interrupts):
+        with joblib.parallel_config("loky", n_jobs=workers, initializer=_set_up_worker):
             yield BrokenProcessPool
         return
     try:
