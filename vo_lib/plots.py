@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from .box_tracks import MOVING, PARKED
@@ -223,6 +224,8 @@ def pdf(figure: Figure) -> bytes:
 
 
 def _saved(figure: Figure, kind: str, metadata: dict[str, None]) -> bytes:
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)  # a dollar sign in a folder's name begins no formula
     if figure.get_layout_engine() is not None:
         # Each drawing would lay the parts out again, starting from where they are: once is enough.
         figure.draw_without_rendering()
