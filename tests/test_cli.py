@@ -118,6 +118,11 @@ BAD_RUNS = {
     "threshold text": (["BANDS", "--selection.prior", "maybe"], "selection.prior: 'maybe' is not on or off"),
     "unknown option": (["BANDS", "--selection.sats", "1"], "unrecognized arguments"),
     "seed": (["BANDS", "--seed", "-1"], "seed: -1 is not"),
+    "detector range": (
+        ["BANDS", "--detector", "street", "--detector.score", "2"],
+        "detector.score: 2.0 is not",
+    ),
+    "long name": (["x" * 300], "File name too long"),
 }
 
 
@@ -217,6 +222,13 @@ def test_evaluate_names_file_and_row_of_what_is_wrong(
         both = ["--truth", str(tmp_path / "good.txt"), "--estimate", str(tmp_path / "good.txt")]
         assert main(["evaluate", *both, *options]) == 2
         assert options[0].strip("-") in capsys.readouterr().err
+
+
+def test_a_dollar_sign_in_a_name_is_no_formula(bands: Path) -> None:
+    folder = bands.rename(bands.parent / "a$b_{$c")
+    out = bands.parent / "out"
+    assert main(["run", str(folder), "--out", str(out), "--features.cell", "10"]) == 0
+    assert (out / "trajectory.png").exists()
 
 
 def test_list_names_what_is_found(

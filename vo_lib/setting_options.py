@@ -27,7 +27,10 @@ def add_option(group: Options, item: Setting, name: str) -> None:
 def given(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:
     """Values of the settings that were given, by name; `DataError` says what was expected."""
     raw = {item: getattr(options, item.name) for item in items}
-    return {item.name: item.parse(text) for item, text in raw.items() if text is not None}
+    values = {item: item.parse(text) for item, text in raw.items() if text is not None}
+    for item, value in values.items():
+        item.check(value)
+    return {item.name: value for item, value in values.items()}
 
 
 def add_options(parser: argparse.ArgumentParser, cls: type) -> None:

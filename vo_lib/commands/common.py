@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
 from ..config import preset
 from ..console import reporting
 from ..errors import DataError
+from ..poses import FARTHEST
 from ..sequence import Sequence, open_sequence
 from ..synthetic import cache_folder
 
@@ -25,10 +25,10 @@ def open_with_bar(name: str, cache: Path | None, labels: str | None = None) -> S
         return open_sequence(name, labels, cache, report)
 
 
-def parse_whole(name: str, text: str) -> int:
-    """A whole number of 1 or more; `DataError` names the option."""
-    if not text.isdecimal() or int(text) < 1:
-        raise DataError(f"{name} {text!r}: expected a whole number of 1 or more")
+def parse_whole(name: str, text: str, least: int = 1) -> int:
+    """A whole number of `least` or more; `DataError` names the option."""
+    if not text.isdecimal() or int(text) < least:
+        raise DataError(f"{name} {text!r}: expected a whole number of {least} or more")
     return int(text)
 
 
@@ -44,11 +44,11 @@ def parse_frames(text: str, number: int) -> tuple[int, int]:
 
 
 def parse_methods(text: str) -> list[str]:
-    """Known method names of a comma-separated list."""
+    """Known method names of a comma-separated list, each once."""
     methods = text.split(",")
     for method in methods:
         preset(method)
-    return methods
+    return list(dict.fromkeys(methods))
 
 
 def parse_lengths(text: str) -> tuple[float, ...]:
@@ -57,6 +57,6 @@ def parse_lengths(text: str) -> tuple[float, ...]:
         lengths = tuple(float(word) for word in text.split(","))
     except ValueError:
         lengths = ()
-    if not lengths or not all(0 < length < math.inf for length in lengths):
+    if not lengths or not all(0 < length <= FARTHEST for length in lengths):
         raise DataError(f"--lengths {text!r}: expected metres such as 20,50,100")
     return lengths

@@ -37,7 +37,7 @@ def add(commands: Any) -> None:
 
 
 def _lesson(options: argparse.Namespace) -> int:
-    seeds, frames = parse_whole("--seeds", options.seeds), parse_whole("--frames", options.frames)
+    seeds, frames = parse_whole("--seeds", options.seeds), parse_whole("--frames", options.frames, 2)
     with reporting(options.which) as report:
         if options.which == "selection":
             table = selection_table(seeds, frames, options.mode, report)
