@@ -111,12 +111,17 @@ def read_image(path: Path) -> Image:
         raise DataError(f"the image cannot be read: {error.strerror}", path) from None
     if not _png_is_whole(data):
         raise DataError("the image is truncated or damaged: expected a whole PNG file", path)
+    return decode_image(data, path)
+
+
+def decode_image(data: bytes, path: Path) -> Image:
+    """A grey image from the bytes of a file, (H, W) uint8; `DataError` where OpenCV cannot decode them."""
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
     except cv2.error:  # such as more pixels than OpenCV takes
         image = None
     if image is None:
-        raise DataError("the image cannot be decoded: expected a PNG file", path)
+        raise DataError(f"the image cannot be decoded: expected a whole {path.suffix[1:].upper()} file", path)
     return np.asarray(image, np.uint8)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import DataError
-from .kitti import read_image
+from .kitti import decode_image, read_image
 from .stereo_check import SAMPLE
 
 Image = NDArray[np.uint8]
@@ -165,10 +165,7 @@ def _read_grey(path: Path) -> Image:
     if path.suffix.lower() == ".png":
         return read_image(path)
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        data = path.read_bytes()
     except OSError as error:
         raise DataError(f"the image cannot be read: {error.strerror}", path) from None
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
-    if image is None:
-        raise DataError("the image cannot be decoded", path)
-    return np.asarray(image, np.uint8)
+    return decode_image(data, path)
