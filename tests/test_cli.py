@@ -224,6 +224,19 @@ def test_evaluate_names_file_and_row_of_what_is_wrong(
         assert options[0].strip("-") in capsys.readouterr().err
 
 
+def test_a_run_without_matches_says_what_is_wrong_with_the_images(
+    bands: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["run", str(bands), "--features.cell", "10", "--out"]
+    assert main([*arguments, str(bands.parent / "right")]) == 0
+    assert "warning" not in capsys.readouterr().out
+    (bands / "image_0").rename(bands / "left")
+    (bands / "image_1").rename(bands / "image_0")
+    (bands / "left").rename(bands / "image_1")
+    assert main([*arguments, str(bands.parent / "swapped")]) == 0
+    assert "warning: left and right are swapped" in capsys.readouterr().out
+
+
 def test_a_dollar_sign_in_a_name_is_no_formula(bands: Path) -> None:
     folder = bands.rename(bands.parent / "a$b_{$c")
     out = bands.parent / "out"

@@ -1,4 +1,4 @@
-"""Whether two image folders are a rectified stereo pair, seen on a sample: order, rows, disparities."""
+"""Whether images are those of a rectified stereo pair, seen on a sample: order, rows, disparities."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .config import MatchingConfig
 from .errors import DataError
 from .geometry import NORMAL
+from .sequence import Sequence
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -19,6 +20,7 @@ Image = NDArray[np.uint8]
 SAMPLE = 6  # pairs looked at
 FEATURES = 1500  # in an image
 RATIO = 0.75  # a match is nearer than the second nearest by this factor (Lowe 2004)
+FEW_IN_A_FRAME = 100  # matches of a run's median frame, below which its pairs are looked at
 FEWEST = 20  # matches in a pair, on the average, below which nothing can be said
 FARTHEST_ROW = 0.25  # rows farther apart than this share of the height are wrong matches
 FEW_NEGATIVE, MOST_NEGATIVE = 0.1, 0.7  # shares of negative disparities: wrong matches; the pair is swapped
@@ -44,6 +46,22 @@ class PairStatistics:
     negative: float
     row: float
     row_spread: float
+
+
+def sample_of(count: int) -> list[int]:
+    """Numbers of a few pairs spread over `count`."""
+    return [int(i) for i in np.unique(np.linspace(0, count - 1, SAMPLE).round())]
+
+
+def doubts(sequence: Sequence, matches: Iterable[int]) -> list[str]:
+    """What is wrong with a sequence's pairs, a sentence each, where a run found few matches in its frames.
+
+    Without this, images swapped or not rectified look like any hard sequence: nearly all is left out.
+    """
+    if np.median(list(matches)) >= FEW_IN_A_FRAME:
+        return []
+    pairs = (sequence.stereo(index) for index in sample_of(len(sequence)))
+    return complaints(measure_pairs(pairs), sequence.camera.baseline)
 
 
 def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
@@ -104,7 +122,7 @@ def complaints(found: PairStatistics, baseline: float) -> list[str]:
     seen = f"{100 * found.negative:.0f} % of {found.matches} matches have a negative disparity"
     if found.negative > MOST_NEGATIVE:
         also = ", and the baseline is negative too" if baseline <= 0 else ""
-        words.append(f"left and right are swapped: {seen}{also}; say --swap or exchange the two")
+        words.append(f"left and right are swapped: {seen}{also}; exchange the two (from_folder.py --swap)")
     elif baseline <= 0:
         words.append(
             f"the baseline has the wrong sign ({baseline:g} m): the images are in the right order, so it "

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .errors import DataError
 from .kitti import decode_image, read_image
-from .stereo_check import SAMPLE
+from .stereo_check import SAMPLE, sample_of
 
 Image = NDArray[np.uint8]
 Pair = tuple[Image, Image]
@@ -49,8 +49,7 @@ class FolderSource:
 
     def sample(self) -> list[Pair]:
         """Pairs spread over the whole sequence."""
-        chosen = np.unique(np.linspace(0, len(self.paths) - 1, SAMPLE).round().astype(int))
-        return [_read_pair(self.paths[i]) for i in chosen]
+        return [_read_pair(self.paths[i]) for i in sample_of(len(self.paths))]
 
     def pairs(self) -> Iterator[Callable[[], Pair]]:
         """All pairs."""

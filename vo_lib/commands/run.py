@@ -20,6 +20,7 @@ from ..results import evaluate_run, run_folder
 from ..resume import resumable_run
 from ..sequence import Sequence
 from ..setting_options import add_option, given
+from ..stereo_check import doubts
 from .common import open_with_bar, parse_frames
 
 DETECTOR = "detector."
@@ -107,6 +108,8 @@ def _run(options: argparse.Namespace) -> int:
         picture = trajectory_figure(label, sequence.truth, {options.method: result.poses})
         write_bytes_atomic(folder / "trajectory.png", png(picture))
     show_run(result, options.method, evaluate_run(result), folder)
+    for sentence in doubts(sequence, (motion.matches for motion in result.motions)):
+        say(f"warning: {sentence}")
     if done_before:
         say("this run was finished before; --fresh does it again")
     return 0
