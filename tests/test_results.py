@@ -48,6 +48,9 @@ def test_the_time_of_all_stages_adds_up(result: Run) -> None:
     assert told["ms_per_frame_of"]["matching"] > 0
 
 
+LOG_HEADING = "matches,removed_by_boxes,used,inliers,disparity_offset_px,prior_angle_deg,flags\n"
+
+
 @pytest.mark.parametrize(
     ("name", "text"),
     [
@@ -57,6 +60,7 @@ def test_the_time_of_all_stages_adds_up(result: Run) -> None:
         ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n"),
         ("frames.csv", "frame\n1\n"),
         ("frames.csv", "frame\n1\n2\n3\n4\n5\n"),
+        ("frames.csv", LOG_HEADING + "1,0,1,1,,\n" * 5),
     ],
 )
 def test_a_broken_file_is_named(

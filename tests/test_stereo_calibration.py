@@ -181,6 +181,19 @@ def test_what_is_missing_or_wrong_is_named(tmp_path: Path) -> None:
     ):
         with pytest.raises(DataError, match=words):
             read_opencv([write(tmp_path / "bad.yml", {name: matrix})])
+    whole = write(tmp_path / "whole.yml", {"K1": np.eye(3)}).read_text(encoding="utf-8")
+    for right, wrong in (
+        ("cols: 3", "vols: 3"),
+        ("rows: 3", "rows: 2"),
+        ("dt: d", 'dt: "2d"'),
+        ("[ 1., ", "[ "),
+    ):
+        assert right in whole
+        (tmp_path / "bad.yml").write_text(whole.replace(right, wrong), encoding="utf-8")
+        with pytest.raises(DataError, match="K1: expected rows, cols, dt and"):
+            read_opencv([tmp_path / "bad.yml"])
+    both = write(tmp_path / "both.yml", {"K1": np.eye(3), "image_points": np.zeros((4, 1, 2))})
+    assert list(read_opencv([both])) == ["K1"]
     with pytest.raises(DataError, match="no calibration in it"):
         read_opencv([write(tmp_path / "bad.yml", {"other": np.eye(3)})])
     (tmp_path / "broken.yml").write_text("%YAML:1.0\n---\nK1: [1, 2\nx", encoding="utf-8")

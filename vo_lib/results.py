@@ -137,7 +137,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     T_cp = inverse(poses[1:]) @ poses[:-1]
     try:
         motions = [_read_motion(row, T) for row, T in zip(rows, T_cp, strict=True)]
-    except (KeyError, ValueError, TypeError):
+    except (KeyError, ValueError, TypeError, AttributeError):
         raise DataError("expected the columns of a per-frame log, as `vo run` writes it", path) from None
     return Run(sequence, config, poses, motions)
 

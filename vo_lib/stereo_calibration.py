@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,12 +89,24 @@ def _matrices(path: Path) -> dict[str, Array]:
         names = root.keys()
         nodes = {name: root.getNode(name) for name in names}
         return {
-            name: np.asarray(node.mat(), np.float64)
+            name: _read_matrix(name, node, path)
             for name, node in nodes.items()
             if node.isMap() and "data" in node.keys()  # noqa: SIM118  (a FileNode is no dict)
         }
     except (cv2.error, SystemError):
         raise DataError("is not a file of OpenCV's FileStorage (YAML with !!opencv-matrix)", path) from None
+
+
+def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
+    """A matrix, checked first: OpenCV writes beyond its end where the numbers are more than rows × cols."""
+    sizes = node.getNode("sizes")  # in place of rows and cols where it has one side
+    sides = [sizes.at(i) for i in range(sizes.size())] or [node.getNode("rows"), node.getNode("cols")]
+    shape = [int(side.real()) if side.isInt() else 0 for side in sides]
+    kind = re.fullmatch(r"(\d?)[a-z]", node.getNode("dt").string())  # "2f": two numbers each
+    count = node.getNode("data").size()
+    if min(shape) < 1 or kind is None or count != math.prod(shape) * int(kind[1] or 1):
+        raise DataError(f"{name}: expected rows, cols, dt and rows × cols numbers, found {count}", path)
+    return np.asarray(node.mat(), np.float64)
 
 
 def _shaped(name: str, matrix: Array, path: Path) -> Array:
