@@ -10,7 +10,8 @@ from conftest import BANDS, HEIGHT
 
 from vo_lib import Sequence, open_sequence
 from vo_lib.config import FeatureConfig, MatchingConfig
-from vo_lib.matching import LoopMatcher, PreparedPair, StereoMatches, coarse_disparity, prepare_pair
+from vo_lib.matching import LoopMatcher, PreparedPair, StereoMatches, prepare_pair
+from vo_lib.surface import coarse_disparity
 
 
 def prepared(sequence: Sequence, index: int) -> PreparedPair:

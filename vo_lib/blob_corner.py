@@ -18,14 +18,13 @@ from .camera import StereoCamera
 from .config import FeatureConfig, MatchingConfig
 from .matching import (
     StereoMatches,
-    coarse_disparity,
     empty_matches,
     next_motion,
     pack_motion,
     unpack_motion,
 )
 from .subpixel import finish_over_time, finish_stereo
-from .surface import CoarseDisparity
+from .surface import CoarseDisparity, coarse_disparity
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

@@ -15,7 +15,7 @@ from .config import BucketConfig, FeatureConfig, MatchingConfig
 from .features import corner_strength, detect_corners, in_empty_cells, select_by_bucket
 from .reprojection import GOOD_ENOUGH, fit_motion
 from .subpixel import finish_over_time, finish_stereo, is_stereo
-from .surface import CoarseDisparity
+from .surface import CoarseDisparity, coarse_disparity
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -292,17 +292,3 @@ def unpack_motion(packed: Array) -> Motion | None:
     """The motion that `pack_motion` packed."""
     # A copy: arithmetic on a view with other strides may round differently.
     return (packed[0, :, :3].copy(), packed[0, :, 3].copy()) if len(packed) else None
-
-
-def coarse_disparity(left: Image, right: Image, largest: int) -> CoarseDisparity:
-    """Disparity by block matching at half size, good to some pixels, (H / 2, W / 2); negative where none."""
-    steps = -(-largest // 32) * 16
-    # Block matching sees nothing in its first `steps` columns: give it a margin to lose.
-    small = [
-        cv2.copyMakeBorder(cv2.pyrDown(image), 0, 0, steps, 0, cv2.BORDER_REPLICATE)
-        for image in (left, right)
-    ]
-    matcher = cv2.StereoBM.create(numDisparities=steps, blockSize=11)
-    matcher.setUniquenessRatio(5)
-    # In sixteenths of a pixel of the half image.
-    return np.asarray(matcher.compute(*small)[:, steps:] / np.float32(8.0))

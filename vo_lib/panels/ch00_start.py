@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 
 from ..evaluation import trajectory_distances
 from ..kitti import Image
-from ..matching import coarse_disparity
 from ..sequence import Sequence
 from ..settings import Checked, setting
-from ..surface import CoarseDisparity
+from ..surface import CoarseDisparity, coarse_disparity
 from .base import Drawing, Panel, State
 from .controls import Control
 from .data import Memory, stereo, truth

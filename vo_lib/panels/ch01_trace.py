@@ -15,11 +15,11 @@ from ..config import FeatureConfig, MatchingConfig
 from ..features import corner_strength, detect_corners
 from ..front_end import make_front_end
 from ..geometry import Array
-from ..matching import PreparedPair, StereoMatches, coarse_disparity
+from ..matching import PreparedPair, StereoMatches
 from ..odometry import State
 from ..runner import one_blas_thread
 from ..sequence import Sequence
-from ..surface import CoarseDisparity
+from ..surface import CoarseDisparity, coarse_disparity
 from .data import WARM_UP, Memory, stereo
 
 # The settings of each check, and what happens to a match that fails it.
