@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -53,3 +57,21 @@ def test_missing_notebooks_are_one_clear_line(
 def test_a_port_that_is_none_is_refused(port: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["lab", "--no-browser", f"--port={port}"]) == 2
     assert "--port" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_who_ends_the_command_ends_the_server() -> None:
+    server = "['sh', '-c', 'echo begun; exec sleep 60']"
+    code = (
+        "import sys; from vo_lib.cli import main; from vo_lib.commands import lab\n"
+        f"lab.command = lambda *about: {server}\n"
+        "sys.exit(main(['lab']))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    while process.stdout.readline() != "begun\n":
+        assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    # The end of the output means that the server, which holds it too, is gone.
+    process.communicate(timeout=30)
+    assert process.returncode not in (None, 0)
