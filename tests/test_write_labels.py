@@ -118,6 +118,21 @@ def test_a_run_on_cached_labels_equals_the_first_one(bands: Path, model: Path, t
     assert np.array_equal(run(whole, config).poses, poses[0])
 
 
+@pytest.mark.parametrize("damaged", ["000002.txt", RECORD])
+def test_damaged_cached_labels_are_detected_again(
+    bands: Path, model: Path, tmp_path: Path, damaged: str
+) -> None:
+    sequence = open_sequence(bands)
+    labels = labelled_sequence(sequence, model, cache=tmp_path).labels
+    assert labels is not None
+    whole = texts(labels)
+    (labels / damaged).write_text("2 0.5 0.")
+    with detected_sequence(sequence, model, cache=tmp_path) as detected:
+        for frame in range(len(detected)):
+            detected.boxes(frame)
+    assert texts(labels) == whole
+
+
 def test_another_score_or_model_has_a_folder_of_its_own(bands: Path, model: Path, tmp_path: Path) -> None:
     sequence = open_sequence(bands)
     folders = set()

@@ -11,16 +11,15 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from .config import DetectorConfig
-from .detection import Boxes, write_labels
+from .detection import Boxes, read_labels, write_labels
 from .download import file_sha256
 from .errors import DataError
 from .files import read_text, write_text_atomic
@@ -57,13 +56,14 @@ def label_folder(sequence: Sequence, record: dict[str, Any], cache: Path | None 
 def claim_folder(folder: Path, record: dict[str, Any], replace: bool = False) -> None:
     """Make a label folder, or check that an existing one was made by the same detector.
 
-    Labels made otherwise are removed with `replace`; without it `DataError` says what they are.
+    Labels made otherwise, or beside a damaged record, are removed with `replace`; without it `DataError` says
+    what they are.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / RECORD
         labels = sorted(folder.glob("*.txt"))
-        made_by = _read_record(path) if path.exists() else None
+        made_by = _read_record(path, replace) if path.exists() else None
         if made_by == record:
             return
         if labels and not replace:
@@ -80,24 +80,29 @@ def claim_folder(folder: Path, record: dict[str, Any], replace: bool = False) ->
     write_text_atomic(path, json.dumps(record, indent=1) + "\n")
 
 
-def _read_record(path: Path) -> Any:
+def _read_record(path: Path, replace: bool) -> Any:
     try:
         return json.loads(read_text(path))
     except json.JSONDecodeError as error:
+        if replace:
+            return None
         raise DataError("is not JSON", path, error.lineno) from None
 
 
 def missing_frames(sequence: Sequence, folder: Path) -> list[str]:
-    """Frames whose label file is not there, or older than the image."""
+    """Frames whose label file is not there, damaged, or older than the image."""
     return [frame for frame in sequence.frames if not _current(sequence, folder, frame)]
 
 
 def _current(sequence: Sequence, folder: Path, frame: str) -> bool:
+    path = folder / f"{frame}.txt"
     try:
-        written = (folder / f"{frame}.txt").stat().st_mtime_ns
-        return written >= _left(sequence, frame).stat().st_mtime_ns
-    except OSError:
+        if path.stat().st_mtime_ns < _left(sequence, frame).stat().st_mtime_ns:
+            return False
+        read_labels(path, sequence.camera.width, sequence.camera.height)
+    except (OSError, DataError):
         return False
+    return True
 
 
 def _left(sequence: Sequence, frame: str) -> Path:
@@ -150,7 +155,7 @@ def labelled_sequence(
     """The sequence with a detector's labels from the cache, all written now: for runs in many processes."""
     config = config or DetectorConfig()
     folder = label_folder(sequence, detection_record(model, config, provider), cache)
-    write_label_folder(sequence, model, config, folder, provider=provider, progress=progress)
+    write_label_folder(sequence, model, config, folder, provider=provider, replace=True, progress=progress)
     return dataclasses.replace(sequence, labels=folder)
 
 
@@ -158,43 +163,29 @@ class LabelWriter:
     """Writes missing labels in threads of its own, in the order of the frames."""
 
     def __init__(self, sequence: Sequence, folder: Path, missing: list[str], detector: YoloDetector | None):
-        self._sequence, self._folder, self._detector = sequence, folder, detector
-        self._missing, self._waiting = missing, set(missing)
-        self._error: BaseException | None = None
-        self._stopped = False
-        self._changed = threading.Condition()
+        self._sequence, self._folder, self._missing, self._detector = sequence, folder, missing, detector
         self._pool = ThreadPoolExecutor(AT_ONCE, "detector")
+        self._written: dict[str, Future[None]] = {}
 
     def start(self) -> None:
         """Begin to write."""
-        for frame in self._missing:
-            self._pool.submit(self._write, frame)
+        self._written = {frame: self._pool.submit(self._write, frame) for frame in self._missing}
 
     def stop(self) -> None:
         """End after the frames in work."""
-        self._stopped = True
         self._pool.shutdown(cancel_futures=True)
 
     def wait(self, frame: str) -> None:
-        """Return once the label of a frame is there; raises what stopped the writing."""
-        with self._changed:
-            self._changed.wait_for(lambda: frame not in self._waiting or self._error or self._stopped)
-            if frame not in self._waiting:
-                return
-        raise self._error or DataError(f"the detector was stopped before frame {frame}", self._folder)
+        """Return once the label of a frame is there; raises what went wrong with it."""
+        if frame in self._written:
+            try:
+                self._written[frame].result()
+            except CancelledError:
+                raise DataError(f"the detector was stopped before frame {frame}", self._folder) from None
 
     def _write(self, frame: str) -> None:
-        if self._stopped or self._error or self._detector is None:
-            return
-        try:
-            detect_frame(self._sequence, frame, self._detector, self._folder)
-            with self._changed:
-                self._waiting.discard(frame)
-                self._changed.notify_all()
-        except BaseException as error:
-            with self._changed:
-                self._error = self._error or error
-                self._changed.notify_all()
+        assert self._detector is not None
+        detect_frame(self._sequence, frame, self._detector, self._folder)
 
 
 @dataclass(frozen=True)
@@ -240,7 +231,7 @@ def detected_sequence(
     config = config or DetectorConfig()
     record = detection_record(model, config, provider)
     folder = label_folder(sequence, record, cache)
-    claim_folder(folder, record)
+    claim_folder(folder, record, replace=True)
     missing = missing_frames(sequence, folder)
     detector = YoloDetector(model, config, provider=provider) if missing else None
     writer = LabelWriter(sequence, folder, missing, detector)
