@@ -13,6 +13,7 @@ import pytest
 from vo_lib import DataError
 from vo_lib.cli import main
 from vo_lib.commands import lab
+from vo_lib.script import Ended, unbroken
 
 
 def test_the_command_is_a_list_that_opens_the_first_notebook(tmp_path: Path) -> None:
@@ -75,3 +76,18 @@ def test_who_ends_the_command_ends_the_server() -> None:
     # The end of the output means that the server, which holds it too, is gone.
     process.communicate(timeout=30)
     assert process.returncode not in (None, 0)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_what_is_begun_is_ended_before_the_command_is() -> None:
+    before, done = signal.getsignal(signal.SIGTERM), []
+
+    def work() -> None:
+        with unbroken():
+            signal.raise_signal(signal.SIGTERM)
+            done.append(True)
+
+    with pytest.raises(Ended):
+        work()
+    assert done
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -76,6 +76,19 @@ def _end(*details: object) -> None:
     raise Ended
 
 
+@contextmanager
+def unbroken() -> Iterator[None]:
+    """A context that SIGTERM does not leave half done: `Ended` is raised at its end. Main thread only."""
+    came: list[object] = []
+    before = signal.signal(signal.SIGTERM, lambda *details: came.append(details))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    if came:
+        raise Ended
+
+
 def confirm(question: str, yes: bool) -> bool:
     """Whether a person agrees; `yes` answers for them.
 

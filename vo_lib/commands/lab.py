@@ -12,7 +12,7 @@ from typing import Any
 
 from ..console import say
 from ..errors import DataError
-from ..script import Ended
+from ..script import Ended, unbroken
 
 FIRST = "00_start_here.ipynb"
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -40,15 +40,19 @@ def _lab(options: argparse.Namespace) -> int:
     if not (options.port.isdecimal() and 1 <= int(options.port) <= 65535):
         raise DataError(f"--port {options.port!r}: expected a whole number from 1 to 65535")
     say(f"JupyterLab opens {folder / FIRST}; Ctrl-C twice ends it")
-    server = subprocess.Popen(command(folder, int(options.port), not options.no_browser))
+    server: subprocess.Popen[bytes] | None = None
     while True:
         try:
+            if server is None:
+                with unbroken():
+                    server = subprocess.Popen(command(folder, int(options.port), not options.no_browser))
             return server.wait()
-        except Ended:
-            server.terminate()
-        except KeyboardInterrupt:
-            # The server got the same signal; it asks, or ends.
-            continue
+        except KeyboardInterrupt as end:
+            if server is None:
+                raise
+            # After Ctrl-C the server got the same signal: it asks, or ends.
+            if isinstance(end, Ended):
+                server.terminate()
 
 
 def command(folder: Path, port: int, browser: bool) -> list[str]:
