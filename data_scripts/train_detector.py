@@ -30,6 +30,7 @@ from vo_lib.training.assess import assess
 from vo_lib.training.config import TrainingConfig
 from vo_lib.training.dataset import DetectionSet, open_set
 from vo_lib.training.evaluated import refuse_evaluated
+from vo_lib.yolo_layout import MOST_SIZE, STRIDE
 
 MODEL, CURVES = "detector.onnx", "curves.png"
 FREE = ("epochs", "threads")  # settings that a training may change when it goes on
@@ -47,7 +48,9 @@ def train_and_judge(options: argparse.Namespace) -> int:
     data = dataclasses.replace(open_set(options.data), merged=options.one_class)
     if not options.allow_evaluated:
         refuse_evaluated(path for part in data.images.values() for path in part)
-    train(data, config, options.out, options.start)
+    if options.export_size is not None and not STRIDE <= options.export_size <= MOST_SIZE:
+        raise DataError(f"--export-size {options.export_size}: expected {STRIDE} to {MOST_SIZE} px")
+    train(data, config, options.out, options.start, options.export_size or config.size)
     report_quality(options.out / MODEL, data, config)
     return 0
 
@@ -66,13 +69,22 @@ def parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="begin with the weights of another last.pt or detector.onnx",
     )
+    made.add_argument(
+        "--export-size",
+        type=int,
+        metavar="PX",
+        help="longer side of the images that the exported model is used with; default: --size",
+    )
     made.add_argument("--allow-evaluated", action="store_true", help="train on KITTI odometry images too")
     add_options(made, TrainingConfig)
     return made
 
 
-def train(data: DetectionSet, config: TrainingConfig, out: Path, start: Path | None) -> None:
-    """Train from where the folder stands; curves after each epoch, the ONNX file at the end."""
+def train(data: DetectionSet, config: TrainingConfig, out: Path, start: Path | None, used_with: int) -> None:
+    """Train from where the folder stands; curves after each epoch, the ONNX file at the end.
+
+    `used_with` : longer side of the images that the exported model is used with, pixels.
+    """
     try:
         from vo_lib.training import trainer
         from vo_lib.training.export import export_onnx
@@ -93,7 +105,7 @@ def train(data: DetectionSet, config: TrainingConfig, out: Path, start: Path | N
             title = f"{len(data.images['train'])} images, epoch {state.epoch} of {config.epochs}"
             figure = training_figure(np.array(state.losses), np.array(state.maps), title)
             write_bytes_atomic(out / CURVES, png(figure))
-    export_onnx(state.average, state.classes, out / MODEL, config.size)
+    export_onnx(state.average, state.classes, out / MODEL, used_with)
     say(f"{out / MODEL}: validation mAP50 {state.maps[-1]:.3f} after {state.epoch} epochs")
 
 

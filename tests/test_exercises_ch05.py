@@ -56,7 +56,7 @@ def keep_outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> An
 
 def test_the_right_answers_pass() -> None:
     assert ch05.to_image(inverse).passed
-    assert ch05.cells(2520).passed
+    assert ch05.cells(4200).passed
     assert ch05.iou(iou).passed
     assert ch05.suppress(suppress).passed
     assert ch05.keep_outside(keep_outside).passed
@@ -83,10 +83,10 @@ def test_mistakes_in_the_letterbox_inverse(answer: Callable[..., Any], words: st
 
 def test_mistakes_in_the_number_of_cells() -> None:
     for answer, words in (
-        (1920, "stride 8 alone"),
-        (140, "one row"),
-        (122_880, "pixels"),
-        (2521, "is not it"),
+        (3200, "stride 8 alone"),
+        (175, "one row"),
+        (204_800, "pixels"),
+        (4201, "is not it"),
     ):
         wrong(ch05.cells(answer), words)
 

@@ -375,6 +375,11 @@ def test_the_script_trains_and_goes_on_only_with_the_same_settings(
     assert {path.name for path in (tmp_path / "run").iterdir()} == {"last.pt", "curves.png", "detector.onnx"}
     assert train_detector([*words, "--epochs", "2"]) == 0
     assert "after 2 epochs" in capsys.readouterr().out
+    assert train_detector([*words, "--epochs", "2", "--export-size", "320"]) == 0
+    assert YoloDetector(tmp_path / "run" / "detector.onnx").input_size(640, 128) == (320, 64)
+    capsys.readouterr()
+    assert train_detector([*words, "--epochs", "2", "--export-size", "9"]) == 2
+    assert "--export-size 9: expected 32 to 4096 px" in capsys.readouterr().err
     assert train_detector([*words, "--epochs", "2", "--decay", "0.5"]) == 2
     assert "is a training with decay 0.02" in capsys.readouterr().err
 

@@ -263,7 +263,7 @@ def test_candidates_can_be_chosen_from_again() -> None:
     image = np.random.default_rng(3).integers(0, 255, (120, 400), np.uint8)
     strict = YoloDetector("street", DetectorConfig(score=0.02, nms=0.3))
     found = YoloDetector("street", DetectorConfig()).candidates(image)
-    assert len(found.corners) == len(found.scores) == yolox_cells(640, 192)
+    assert len(found.corners) == len(found.scores) == yolox_cells(800, 256)
     again = YoloDetector("street", DetectorConfig()).choose(found, 0.02, 0.3)
     at_once = strict.detect(image)
     assert np.array_equal(again.xyxy, at_once.xyxy)

@@ -17,7 +17,7 @@ from ..yolo_layout import letterbox, yolox_cells
 from .verdict import Wrong, as_array, as_number, differs, exercise
 
 SIZE, NET = (1241, 376), (640, 640)  # width and height of an image, and of a network's with wide borders
-CELLS = 640, 192
+CELLS = 800, 256
 # The second overlaps the first much, the third both a little, the fourth none; the last is inside the first.
 CORNERS = np.array(
     [
@@ -82,17 +82,17 @@ def to_image(function: Callable[..., Any]) -> str:
 
 @exercise
 def cells(answer: Any) -> str:
-    """How many cells a network with strides 8, 16, 32 has for 640 × 192 px."""
+    """How many cells a network with strides 8, 16, 32 has for 800 × 256 px."""
     value, (width, height) = as_number(answer), CELLS
     right = yolox_cells(width, height)
     if value == width * height // 64:
         raise Wrong("these are the cells of stride 8 alone.", "add those of strides 16 and 32.")
     if value == width // 8 + width // 16 + width // 32:
-        raise Wrong("this is one row of each grid.", "columns times rows: (640 / 8) · (192 / 8) + …")
+        raise Wrong("this is one row of each grid.", "columns times rows: (800 / 8) · (256 / 8) + …")
     if value == width * height:
         raise Wrong("these are the pixels.", "a cell of stride 8 covers 8 × 8 of them.")
     if value != right:
-        raise Wrong(f"{value:g} is not it.", "(640 / 8) · (192 / 8), and the same with 16 and with 32.")
+        raise Wrong(f"{value:g} is not it.", "(800 / 8) · (256 / 8), and the same with 16 and with 32.")
     return f"{right} candidates, for an image with a dozen vehicles: most cells must say no."
 
 
