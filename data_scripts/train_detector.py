@@ -30,7 +30,7 @@ from vo_lib.training.assess import assess
 from vo_lib.training.config import TrainingConfig
 from vo_lib.training.dataset import DetectionSet, open_set
 from vo_lib.training.evaluated import refuse_evaluated
-from vo_lib.yolo_layout import MOST_SIZE, STRIDE
+from vo_lib.yolo_layout import LEAST_SIZE, MOST_SIZE
 
 MODEL, CURVES = "detector.onnx", "curves.png"
 FREE = ("epochs", "threads")  # settings that a training may change when it goes on
@@ -48,8 +48,8 @@ def train_and_judge(options: argparse.Namespace) -> int:
     data = dataclasses.replace(open_set(options.data), merged=options.one_class)
     if not options.allow_evaluated:
         refuse_evaluated(path for part in data.images.values() for path in part)
-    if options.export_size is not None and not STRIDE <= options.export_size <= MOST_SIZE:
-        raise DataError(f"--export-size {options.export_size}: expected {STRIDE} to {MOST_SIZE} px")
+    if options.export_size is not None and not LEAST_SIZE <= options.export_size <= MOST_SIZE:
+        raise DataError(f"--export-size {options.export_size}: expected {LEAST_SIZE} to {MOST_SIZE} px")
     train(data, config, options.out, options.start, options.export_size or config.size)
     report_quality(options.out / MODEL, data, config)
     return 0

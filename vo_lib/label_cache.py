@@ -109,14 +109,6 @@ def _left(sequence: Sequence, frame: str) -> Path:
     return sequence.folder / "image_0" / f"{frame}.png"
 
 
-def detect_frame(sequence: Sequence, frame: str, detector: YoloDetector, folder: Path) -> Boxes:
-    """Detect in a frame's left image and write its label file."""
-    image = read_image(_left(sequence, frame))
-    boxes = detector.detect(image)
-    write_labels(folder / f"{frame}.txt", boxes, image.shape[1], image.shape[0])
-    return boxes
-
-
 def write_label_folder(
     sequence: Sequence,
     model: str | Path,
@@ -185,7 +177,9 @@ class LabelWriter:
 
     def _write(self, frame: str) -> None:
         assert self._detector is not None
-        detect_frame(self._sequence, frame, self._detector, self._folder)
+        image = read_image(_left(self._sequence, frame))
+        boxes = self._detector.detect(image)
+        write_labels(self._folder / f"{frame}.txt", boxes, image.shape[1], image.shape[0])
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ def guarded(program: str, work: Callable[[], int]) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show a letter shows "?"
     try:
-        with _ended_by_signal():
+        with _on_sigterm(_end):
             code = work()
             sys.stdout.flush()
             return code
@@ -60,12 +60,12 @@ def guarded(program: str, work: Callable[[], int]) -> int:
 
 
 @contextmanager
-def _ended_by_signal() -> Iterator[None]:
-    """A context in which SIGTERM raises `Ended`; only the main thread may say so."""
+def _on_sigterm(handler: Callable[..., None]) -> Iterator[None]:
+    """A context with a handler of SIGTERM; only the main thread may say so, others change nothing."""
     if current_thread() is not main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, _end)
+    before = signal.signal(signal.SIGTERM, handler)
     try:
         yield
     finally:
@@ -78,13 +78,10 @@ def _end(*details: object) -> None:
 
 @contextmanager
 def unbroken() -> Iterator[None]:
-    """A context that SIGTERM does not leave half done: `Ended` is raised at its end. Main thread only."""
+    """A context that SIGTERM does not leave half done: `Ended` is raised at its end."""
     came: list[object] = []
-    before = signal.signal(signal.SIGTERM, lambda *details: came.append(details))
-    try:
+    with _on_sigterm(lambda *details: came.append(details)):
         yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
     if came:
         raise Ended
 

@@ -53,51 +53,38 @@ def read_exported(path: Path, classes: int, pictures: Tensor) -> Detector:
     network = Detector(classes).eval()
     values = {item.name: torch.from_numpy(numpy_helper.to_array(item).copy()) for item in graph.initializer}
     found = [[values.get(name) for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
-    convolutions = _in_order(network, pictures[:1])
+    convolutions = list(_statistics(network, pictures[:1]))
+    norms = {part[0]: part[1] for part in network.modules() if isinstance(part, Conv)}
     if len(found) != len(convolutions):
         raise DataError(f"has {len(found)} convolutions, this network {len(convolutions)}", path)
-    for (convolution, norm), (weight, bias) in zip(convolutions, found, strict=True):
+    for convolution, (weight, bias) in zip(convolutions, found, strict=True):
         if weight is None or bias is None or weight.shape != convolution.weight.shape:
             raise DataError("its convolutions are not those of this network for these classes", path)
         convolution.weight.copy_(weight)
-        if norm is None:
-            assert convolution.bias is not None
+        if convolution.bias is not None:
             convolution.bias.copy_(bias)
         else:
+            norm = norms[convolution]
             norm.running_mean, norm.running_var = torch.zeros_like(bias), torch.ones_like(bias) - norm.eps
             norm.bias.copy_(bias)
-    _measure(network, convolutions, pictures)
+    statistics = _statistics(network, pictures)
+    for convolution, norm in norms.items():
+        norm.running_mean, norm.running_var = mean, variance = statistics[convolution]
+        norm.weight.copy_((variance + norm.eps).sqrt())
+        norm.bias.add_(mean)
     return network
 
 
-def _in_order(network: Detector, picture: Tensor) -> list[tuple[nn.Conv2d, nn.BatchNorm2d | None]]:
-    """The convolutions, each with its normalisation, in the order in which a picture passes them."""
-    norms = {part[0]: part[1] for part in network.modules() if isinstance(part, Conv)}
-    order: list[nn.Conv2d] = []
-    every = [part for part in network.modules() if isinstance(part, nn.Conv2d)]
-    hooks = [part.register_forward_hook(lambda part, *_: order.append(part)) for part in every]
-    network(picture)
-    for hook in hooks:
-        hook.remove()
-    return [(part, norms.get(part)) for part in order]
+def _statistics(network: Detector, pictures: Tensor) -> dict[nn.Conv2d, tuple[Tensor, Tensor]]:
+    """Mean and variance of what each convolution gives on the pictures, in the order in which they pass."""
+    found: dict[nn.Conv2d, tuple[Tensor, Tensor]] = {}
 
+    def note(part: nn.Conv2d, _: object, output: Tensor) -> None:
+        found[part] = output.mean((0, 2, 3)), output.var((0, 2, 3)).clamp(min=LEAST_VARIANCE)
 
-def _measure(
-    network: Detector, convolutions: list[tuple[nn.Conv2d, nn.BatchNorm2d | None]], pictures: Tensor
-) -> None:
-    """Give each normalisation what its convolution gives on the pictures, and undo it behind it."""
-    outputs: dict[nn.Module, tuple[Tensor, Tensor]] = {}
-
-    def note(part: nn.Module, _: object, output: Tensor) -> None:
-        outputs[part] = output.mean((0, 2, 3)), output.var((0, 2, 3)).clamp(min=LEAST_VARIANCE)
-
-    hooks = [part.register_forward_hook(note) for part, norm in convolutions if norm is not None]
+    parts = [part for part in network.modules() if isinstance(part, nn.Conv2d)]
+    hooks = [part.register_forward_hook(note) for part in parts]
     network(pictures)
     for hook in hooks:
         hook.remove()
-    for part, norm in convolutions:
-        if norm is not None:
-            mean, variance = outputs[part]
-            norm.running_mean, norm.running_var = mean, variance
-            norm.weight.copy_((variance + norm.eps).sqrt())
-            norm.bias.add_(mean)
+    return found
