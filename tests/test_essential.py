@@ -28,6 +28,7 @@ from vo_lib.geometry import (
 )
 from vo_lib.problems import PoseProblems, random_problems
 from vo_lib.refinement import refine
+from vo_lib.sampson import match_terms
 
 FOCAL = 718.856
 
@@ -117,8 +118,9 @@ def test_refinement_reaches_the_truth_on_exact_matches_and_shrugs_off_wrong_ones
     R, t = problem.R_cp[0], problem.t_cp[0]
     x_c = problem.x_c[0].copy()
     x_c[:20] += 0.05
+    matches = match_terms(problem.x_p[0], x_c)
     start = rotation_from_vector(np.array([2e-3, -1e-3, 1e-3])) @ R
-    found, direction = refine(start, np.array([0.03, 0.02, -1.0]), problem.x_p[0], x_c, 0.5 / FOCAL, 30)
+    found, direction = refine(start, np.array([0.03, 0.02, -1.0]), matches, 0.5 / FOCAL, 30)
     assert rotation_angle(found.T @ R) < 1e-4
     assert np.arccos(np.clip(direction @ t, -1, 1)) < 3e-3
 

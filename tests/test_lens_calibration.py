@@ -18,6 +18,7 @@ from vo_lib.lens_calibration import LensError, decentering, measured_distances
 from vo_lib.odometry import Odometry
 from vo_lib.refinement import refine
 from vo_lib.runner import FoundMatches
+from vo_lib.sampson import match_terms
 from vo_lib.sequence import Sequence
 from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
 
@@ -38,7 +39,8 @@ def drive(
             bent.correct(CAMERA.normalise(uv)) for uv in (frame.matches.prev_left, frame.matches.cur_left)
         )
         R, direction = frame.T_cp[:3, :3], frame.T_cp[:3, 3] / np.linalg.norm(frame.T_cp[:3, 3])
-        R, direction = refine(R, direction, error.correct(x_p), error.correct(x_c), 0.5 / CAMERA.f)
+        corrected = match_terms(error.correct(x_p), error.correct(x_c))
+        R, direction = refine(R, direction, corrected, 0.5 / CAMERA.f)
         angles.append(np.degrees(rotation_angle(R @ inverse(frame.T_cp)[:3, :3])))
         if on:
             error.update(x_p, x_c, R, direction)
@@ -72,7 +74,7 @@ def test_a_frame_learnt_twice_as_carefully_counts_a_quarter() -> None:
 
 def test_the_terms_are_browns() -> None:
     x, y = 0.6, -0.2
-    p1, p2 = decentering(np.array([[x], [y]]))
+    p1, p2 = decentering(np.array([[x], [y]]), np.eye(2))
     r2 = x * x + y * y
     np.testing.assert_allclose(p1[:, 0], [2 * x * y, r2 + 2 * y * y])
     np.testing.assert_allclose(p2[:, 0], [r2 + 2 * x * x, 2 * x * y])

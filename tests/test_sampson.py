@@ -31,8 +31,9 @@ def test_refinement_converges_in_few_steps_to_where_the_robust_cost_is_least() -
         given = random_problems(np.random.default_rng(seed), 1, 300, "forward", noise_px=0.3)
         x_p, x_c, scale = given.x_p[0], given.x_c[0], 0.5 / FOCAL
         start = rotation_from_vector(np.array([3e-4, -4e-4, 2e-4])) @ given.R_cp[0]
-        few, direction = refine(start, given.t_cp[0], x_p, x_c, scale, iterations=5)
-        many, _ = refine(start, given.t_cp[0], x_p, x_c, scale, iterations=50)
+        matches = match_terms(x_p, x_c)
+        few, direction = refine(start, given.t_cp[0], matches, scale, iterations=5)
+        many, _ = refine(start, given.t_cp[0], matches, scale, iterations=50)
         assert rotation_angle(few.T @ many) < 2e-6
 
         def cost(R: np.ndarray, t: np.ndarray) -> float:

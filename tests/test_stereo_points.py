@@ -55,9 +55,10 @@ def test_turned_points_are_points_in_turned_axes() -> None:
 def test_exact_pixels_give_the_point_both_ways_and_one_step_comes_near() -> None:
     X, left, right = pair(30, 0.0)
     np.testing.assert_allclose(stereo_points(CAMERA, left, right).X, X.T, rtol=1e-9, atol=1e-9)
-    near = linearised_points(CAMERA, 1.001 * X.T, left, right)
+    points = CAMERA.normalise(left).T, CAMERA.normalise(right).T
+    near = linearised_points(CAMERA.baseline, 1.001 * X.T, *points)
     np.testing.assert_allclose(near.X, X.T, rtol=1e-5, atol=1e-4)
-    np.testing.assert_allclose(linearised_points(CAMERA, X.T, left, right).X, X.T, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(linearised_points(CAMERA.baseline, X.T, *points).X, X.T, rtol=1e-12, atol=1e-9)
 
 
 def test_no_disparity_leaves_the_point_finite_and_unknown_along_its_ray() -> None:

@@ -132,17 +132,19 @@ def estimate_disparity_error(
     """
     Q = camera.triangulate(matches.prev_left, matches.prev_right)
     good = np.isfinite(Q[:, 2])
-    Q, matches = Q[good].T, matches[good]
+    Q = Q[good].T
     if Q.shape[1] < 10:
         return None
+    views = (matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right)
+    before_left, before_right, now_left, now_right = (camera.normalise(uv[good]).T for uv in views)
     t, error, fb = t_cp, np.zeros(2), camera.f * camera.baseline
     H, right = np.empty((5, 5)), np.empty(5)
     try:
         for _ in range(ITERATIONS):
             P = R_cp @ Q + t[:, None]
             P[2] = np.clip(P[2], *DEPTHS)
-            before = linearised_points(camera, Q, matches.prev_left, matches.prev_right).turned(R_cp)
-            now = linearised_points(camera, P, matches.cur_left, matches.cur_right)
+            before = linearised_points(camera.baseline, Q, before_left, before_right).turned(R_cp)
+            now = linearised_points(camera.baseline, P, now_left, now_right)
             system = stack(before, now, Q[2], P[2])
             # A disparity smaller by a pixel takes a point X away to X (1 + Z / f b):
             # now + moved_c error = before + moved_p error + t, for every feature.
@@ -151,7 +153,7 @@ def estimate_disparity_error(
             apart = np.concatenate([now.X - before.X, *moved]).reshape(3, 3, -1)
             W = system.W[FULL]
             W_apart = np.einsum("ijn,kjn->kin", W, apart)
-            v, W_v = (np.tensordot([1.0, *error], a, 1) for a in (apart, W_apart))
+            v, W_v = (np.einsum("k,kin->in", [1.0, *error], a) for a in (apart, W_apart))
             v, W_v = v - t[:, None], W_v - np.einsum("ijn,j->in", W, t)
             squared = camera.f**2 * (np.sum(v * W_v, axis=0) + system.rest)
             weight = 1.0 / (1.0 + squared / scale**2)
@@ -159,7 +161,7 @@ def estimate_disparity_error(
             H[:3, :3] = W @ weight
             H[:3, 3:] = -W_apart[1:].sum(axis=2).T
             H[3:, :3] = H[:3, 3:].T
-            products = np.tensordot(apart, W_apart[1:], ([1, 2], [1, 2]))
+            products = apart.reshape(3, -1) @ W_apart[1:].reshape(2, -1).T
             H[3:, 3:] = products[1:]
             right[:3], right[3:] = W_apart[0].sum(axis=1), -products[0]
             solved = np.linalg.solve(H, right)
@@ -169,8 +171,9 @@ def estimate_disparity_error(
             t, error = np.asarray(solved[:3]), np.asarray(solved[3:])
             if change < DONE:
                 break
-            v = np.tensordot([1.0, *error], apart, 1) - t[:, None]
-            Q = R_cp.T @ (before.X + np.tensordot(error, moved_p, 1) + times(system.C_p, times(system.W, v)))
+            v = np.einsum("k,kin->in", [1.0, *error], apart) - t[:, None]
+            shift = np.einsum("k,kin->in", error, moved_p)
+            Q = R_cp.T @ (before.X + shift + times(system.C_p, times(system.W, v)))
             Q[2] = np.clip(Q[2], *DEPTHS)
         covariance = np.linalg.inv(H)[3:, 3:] / camera.f**2
     except np.linalg.LinAlgError:

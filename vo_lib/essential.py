@@ -20,7 +20,6 @@ from .geometry import (
     essential_angle,
     essential_from_motion,
     essential_vector,
-    sampson_distance,
 )
 from .refinement import refine
 from .sampson import MatchTerms, candidate_terms, match_terms, squared_distances
@@ -244,17 +243,23 @@ def motion_of_winner(
     `literal` leaves E as it is, `refined` improves it on its inliers.
     """
     threshold = config.threshold / focal
-    inliers = np.abs(sampson_distance(E, x_p, x_c)) < threshold
-    trusted = inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers)
+    matches = match_terms(x_p, x_c)
+    inliers = _squared(E, matches) < threshold**2
+    trusted = np.flatnonzero(inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers))
     R, t = motion_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
     if config.mode == "refined":
         # Coarsely, then with weights as narrow as the matches are exact: a car that crawls along moves its
         # features by less than the threshold.
-        R, t = refine(R, t, x_p[trusted], x_c[trusted], threshold / 2, COARSE)
-        residual = sampson_distance(essential_from_motion(R, t), x_p[trusted], x_c[trusted])
-        deviation = NORMAL * float(np.median(np.abs(residual)))
+        kept = matches.take(trusted)
+        R, t = refine(R, t, kept, threshold / 2, COARSE)
+        deviation = NORMAL * float(np.sqrt(np.median(_squared(essential_from_motion(R, t), kept))))
         scale = min(config.refine_scale * max(deviation, 1e-3 * threshold), threshold / 2)
-        R, t = refine(R, t, x_p[trusted], x_c[trusted], scale)
+        R, t = refine(R, t, kept, scale)
         E = essential_from_motion(R, t)
-        inliers = np.abs(sampson_distance(E, x_p, x_c)) < threshold
+        inliers = _squared(E, matches) < threshold**2
     return R, t, E, inliers
+
+
+def _squared(E: Array, matches: MatchTerms) -> Array:
+    """Squared Sampson distances (N,) to one E (3, 3)."""
+    return np.asarray(squared_distances(candidate_terms(E[None]), matches)[0], np.float64)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
-from .geometry import Array, essential_from_motion, rotation_from_vector, skew
-from .sampson import MatchTerms, denominator_forms, match_terms
+from .geometry import Array, essential_from_motion, skew
+from .sampson import MatchTerms, denominator_forms
 
 ITERATIONS = 15
 DONE = 5e-6  # radians, 0.0003°; a tenth of the error that noise leaves
@@ -14,13 +15,13 @@ GENERATORS = skew(np.eye(3))  # d/dω of exp([ω]×) at 0
 
 
 def refine(
-    R_cp: Array, direction: Array, x_p: Array, x_c: Array, scale: float, iterations: int = ITERATIONS
+    R_cp: Array, direction: Array, matches: MatchTerms, scale: float, iterations: int = ITERATIONS
 ) -> tuple[Array, Array]:
     """R and the direction of t refined together by robust Gauss-Newton on the Sampson distance.
 
     Parameters
     ----------
-    R_cp, direction : start; x_p, x_c : (N, 2) normalised points.
+    R_cp, direction : start; matches : `match_terms` of normalised points.
     scale : Sampson distance, in the unit of the points, at which a match's weight is halved.
 
     Returns
@@ -28,17 +29,16 @@ def refine(
     R_cp (3, 3) and unit direction (3,).
     """
     R, t = R_cp, direction / np.linalg.norm(direction)
-    terms = match_terms(x_p, x_c)
     for _ in range(iterations):
-        r, jac = distances_and_derivatives(R, t, terms)
+        r, jac = distances_and_derivatives(R, t, matches)
         weight = 1.0 / (1.0 + (r / scale) ** 2)
         weighted = jac * weight
         H = weighted @ jac.T
         H[np.diag_indices(5)] += 1e-12 * np.trace(H)
         # Weights that are held make the step too short: the cost bends by 2 w² - w, not by w (Huber 1981).
-        bend = float(np.sum(2.0 * weight**2 - weight) / np.sum(weight))
-        delta = -np.linalg.solve(H, weighted @ r) / np.clip(bend, 1.0 / LONGEST, 1.0)
-        R = rotation_from_vector(delta[:3]) @ R
+        bend = 2.0 * float(weight @ weight / weight.sum()) - 1.0
+        delta = -np.linalg.solve(H, weighted @ r) / min(max(bend, 1.0 / LONGEST), 1.0)
+        R = cv2.Rodrigues(delta[:3])[0] @ R
         t = t + delta[3:] @ _across(t)
         t = t / np.linalg.norm(t)
         if float(delta @ delta) < DONE**2:

@@ -69,13 +69,17 @@ def stereo_points(camera: StereoCamera, left: Array, right: Array) -> StereoPoin
     return StereoPoints(X, ray, np.array([0.0, 0.0, 1.0]), 4.0 / d2, rest)
 
 
-def linearised_points(camera: StereoCamera, X: Array, left: Array, right: Array) -> StereoPoints:
+def linearised_points(baseline: float, X: Array, left: Array, right: Array) -> StereoPoints:
     """Points by one Gauss-Newton step on the reprojection error in both images, from X (3, N), z > 0.
 
     The same form as `stereo_points`, but its coefficients come from X and not from noisy pixels.
+
+    Parameters
+    ----------
+    baseline : metres; left, right : (2, N) normalised points.
     """
-    x, y, d = X[0] / X[2], X[1] / X[2], camera.baseline / X[2]
-    (u, v), (u_r, v_r) = camera.normalise(left).T - (x, y), camera.normalise(right).T - (x - d, y)
+    x, y, d = X[0] / X[2], X[1] / X[2], baseline / X[2]
+    u, v, u_r, v_r = left[0] - x, left[1] - y, right[0] - x + d, right[1] - y
     ray = np.stack([x - 0.5 * d, y, np.ones_like(x)])
     step = ray * (-(u - u_r) / d)
     step[:2] += 0.5 * (u + u_r), 0.5 * (v + v_r)

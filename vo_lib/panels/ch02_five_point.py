@@ -14,6 +14,7 @@ from ..five_point import Candidates, five_point
 from ..geometry import Array, decompose_essential, essential_from_motion, rotation_angle
 from ..kitti import Image
 from ..refinement import refine
+from ..sampson import match_terms
 from ..sequence import Sequence
 from ..settings import Checked, setting
 from .base import Drawing, Panel, State
@@ -73,7 +74,7 @@ def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
         threshold = THRESHOLD / sequence.camera.f
         best = E[np.argmin(truncated_errors(E, points.x_p, points.x_c, threshold))]
         R, t = motion_by_depth(best, points.x_p, points.x_c, points.X_p)
-        return refine(R, t, points.x_p, points.x_c, threshold / 2)[0]
+        return refine(R, t, match_terms(points.x_p, points.x_c), threshold / 2)[0]
 
     return _rotations.get((sequence.folder, frame, len(points.x_p)), estimate)
 
