@@ -65,6 +65,7 @@ class StereoCalibration:
 
     Attributes
     ----------
+    camera : the stereo camera as known now; who learns more about it may replace it.
     rows : difference of rows.
     disparity : (2,) offset and bow, pixels; covariance : (2, 2).
     """

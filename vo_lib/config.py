@@ -235,7 +235,7 @@ class ReprojectionConfig(Checked):
 class CalibrationConfig(Checked):
     """What is left of an imperfect rectification, found on the way (not in the paper)."""
 
-    estimate: bool = setting(True, "estimate rows, disparities and lens; off: all is taken as it is")
+    estimate: bool = setting(True, "learn rows, disparities and principal point; off: all is taken as it is")
     row_deviation: float = setting(
         3.0,
         "standard deviation of each coefficient of the rows before the first frame",
@@ -249,18 +249,25 @@ class CalibrationConfig(Checked):
     row_memory: float = setting(
         1000.0, "what was learnt of the rows this long ago counts a third", unit="frames", low=10, high=1e6
     )
-    lens_deviation: float = setting(
-        1.0,
-        "standard deviation of the lens's decentering, times f, before the first frame",
+    centre_deviation: float = setting(
+        10.0,
+        "standard deviation of the principal point before the first frame, along u and v each",
         unit="px",
         low=0.001,
         high=100,
     )
-    lens_scale: float = setting(
-        0.3, "Sampson distance at which a match's weight for the lens is halved", unit="px", low=0.01, high=10
+    centre_scale: float = setting(
+        3.0,
+        "Sampson distance at which a match's weight for the principal point is a quarter, in standard "
+        "deviations of the distances",
+        low=0.5,
+        high=100,
     )
-    lens_caution: float = setting(
-        12.0, "the lens is learnt as if frames scattered this much more than noise", low=1, high=1000
+    centre_caution: float = setting(
+        2.5,
+        "the principal point is learnt as if frames scattered this much more than noise",
+        low=1,
+        high=1000,
     )
     initial_deviation: float = setting(
         1.0,

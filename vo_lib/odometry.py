@@ -18,8 +18,8 @@ from .essential import estimate_essential
 from .features import select_by_bucket
 from .filtering import BoxFilter, Filtered
 from .geometry import rigid
-from .lens_calibration import LensError
 from .matching import StereoMatches
+from .principal_point import PrincipalPoint
 from .reprojection import fit_motion, ransac_motion, refit_motion
 from .translation import solve_translation
 
@@ -64,7 +64,6 @@ class Odometry:
     """
 
     def __init__(self, camera: StereoCamera, config: Config):
-        self.camera = camera
         self.config = config
         self._frame = 0
         self._e: Array | None = None
@@ -72,7 +71,12 @@ class Odometry:
         self.filtered: Filtered | None = None  # what the box rule did in the last frame
         self._filter = BoxFilter(camera, config.filter)
         self._calibration = StereoCalibration(camera, config.calibration)
-        self._lens = LensError(camera.f, config.calibration)
+        self._centre = PrincipalPoint(camera, config.calibration)
+
+    @property
+    def camera(self) -> StereoCamera:
+        """The stereo camera as known now."""
+        return self._centre.camera
 
     def start(self, boxes: Boxes) -> None:
         """The first frame: nothing but its boxes is needed."""
@@ -85,7 +89,7 @@ class Odometry:
             "e": np.zeros(0) if self._e is None else self._e,
             "last": self._last,
             **self._calibration.state(),
-            **self._lens.state(),
+            **self._centre.state(),
             **self._filter.state(),
         }
 
@@ -95,7 +99,7 @@ class Odometry:
         self._e = state["e"] if len(state["e"]) else None
         self._last = state["last"]
         self._calibration.restore(state)
-        self._lens.restore(state)
+        self._centre.restore(state)
         self._filter.restore(state)
 
     def step(
@@ -107,13 +111,14 @@ class Odometry:
         """
         self._frame += 1
         clock = Clock()
+        self._calibration.camera = camera = self.camera
         self._calibration.learn_rows(matches)
         corrected = self._calibration.correct(matches)
         self.filtered = filtered = self._filter.step(corrected, boxes, on_moving)
         chosen = corrected[filtered.keep]
         chosen = chosen[select_by_bucket(chosen.cur_left, chosen.age, chosen.strength, self.config.buckets)]
         clock.stage("filter")
-        motion = self._motion(chosen, clock)
+        motion = self._motion(camera, chosen, clock)
         self._last = motion.T_cp
         return dataclasses.replace(
             motion,
@@ -124,24 +129,27 @@ class Odometry:
             ms=clock.ms,
         )
 
-    def _by_reprojection(self, chosen: StereoMatches, X_p: Array, clock: Clock) -> Motion:
+    def _by_reprojection(
+        self, camera: StereoCamera, chosen: StereoMatches, X_p: Array, flow: float, clock: Clock
+    ) -> Motion:
         """VISO2: rotation and translation at once; standing still is no special case."""
         current = chosen.cur_left, chosen.cur_right
         rng = np.random.default_rng([self.config.seed, self._frame])
-        found = ransac_motion(self.camera, X_p, *current, rng, self.config.reprojection)
+        found = ransac_motion(camera, X_p, *current, rng, self.config.reprojection)
         clock.stage("rotation")
         if found is None or np.count_nonzero(found[2]) < self.config.min_matches:
             return Motion(self._last, flags=("no_motion",))
         R_cp, t_cp, inliers = found
         if self.config.calibration.estimate:
+            if flow >= self.config.selection.standstill_flow:
+                x_p, x_c = (camera.normalise(uv[inliers]) for uv in (chosen.prev_left, chosen.cur_left))
+                self._centre.update(x_p, x_c, R_cp, t_cp / np.linalg.norm(t_cp))
             corrected = self._calibration.update(chosen, R_cp, t_cp)
             if corrected is not None:
-                X_p = self.camera.triangulate(corrected.prev_left, corrected.prev_right)
+                X_p = camera.triangulate(corrected.prev_left, corrected.prev_right)
                 agreed = np.flatnonzero(inliers & np.isfinite(X_p[:, 2]))
                 current = corrected.cur_left, corrected.cur_right
-                R_cp, t_cp = refit_motion(
-                    self.camera, X_p, *current, agreed, R_cp, t_cp, self.config.reprojection
-                )
+                R_cp, t_cp = refit_motion(camera, X_p, *current, agreed, R_cp, t_cp, self.config.reprojection)
             clock.stage("calibration")
         return Motion(
             rigid(R_cp, t_cp),
@@ -149,17 +157,17 @@ class Odometry:
             inliers=int(np.count_nonzero(inliers)),
         )
 
-    def _motion(self, chosen: StereoMatches, clock: Clock) -> Motion:
+    def _motion(self, camera: StereoCamera, chosen: StereoMatches, clock: Clock) -> Motion:
         if len(chosen) < self.config.min_matches:
             return Motion(self._last, flags=("few_matches",))
-        X_p = self.camera.triangulate(chosen.prev_left, chosen.prev_right)
-        if self.config.estimator == "reprojection":
-            return self._by_reprojection(chosen, X_p, clock)
+        X_p = camera.triangulate(chosen.prev_left, chosen.prev_right)
         flow = float(np.median(np.linalg.norm(chosen.cur_left - chosen.prev_left, axis=1)))
+        if self.config.estimator == "reprojection":
+            return self._by_reprojection(camera, chosen, X_p, flow, clock)
         if flow < self.config.selection.standstill_flow:
             # The essential matrix of a camera that stands still is undefined: its vector is kept.
             R, t, residual = fit_motion(
-                self.camera, X_p, chosen.cur_left, chosen.cur_right, np.eye(3), np.zeros(3), scale=0.5
+                camera, X_p, chosen.cur_left, chosen.cur_right, np.eye(3), np.zeros(3), scale=0.5
             )
             clock.stage("rotation")
             T_cp = np.eye(4) if flow < self.config.selection.rest_flow else rigid(R, t)
@@ -168,20 +176,13 @@ class Odometry:
                 inliers=int(np.count_nonzero(residual < self.config.translation.agreement)),
                 flags=("standstill",),
             )
-        x_p, x_c = self.camera.normalise(chosen.prev_left), self.camera.normalise(chosen.cur_left)
-        estimate = estimate_essential(
-            self._lens.correct(x_p),
-            self._lens.correct(x_c),
-            X_p,
-            self._e,
-            np.random.default_rng([self.config.seed, self._frame]),
-            self.config.selection,
-            self.camera.f,
-        )
+        x_p, x_c = camera.normalise(chosen.prev_left), camera.normalise(chosen.cur_left)
+        rng = np.random.default_rng([self.config.seed, self._frame])
+        estimate = estimate_essential(x_p, x_c, X_p, self._e, rng, self.config.selection, camera.f)
         clock.stage("rotation")
         if estimate is None:
             return Motion(self._last, flags=("no_motion",))
-        solved = solve_translation(self.camera, chosen, estimate.R_cp, self.config.translation)
+        solved = solve_translation(camera, chosen, estimate.R_cp, self.config.translation)
         clock.stage("translation")
         if (
             solved is None
@@ -191,10 +192,10 @@ class Odometry:
         self._e = estimate.e
         t_cp = solved[0]
         if self.config.calibration.estimate:
-            self._lens.update(x_p, x_c, estimate.R_cp, estimate.direction)
+            self._centre.update(x_p, x_c, estimate.R_cp, estimate.direction)
             corrected = self._calibration.update(chosen, estimate.R_cp, t_cp)
             if corrected is not None:
-                again = solve_translation(self.camera, corrected, estimate.R_cp, self.config.translation)
+                again = solve_translation(camera, corrected, estimate.R_cp, self.config.translation)
                 t_cp = t_cp if again is None else again[0]
             clock.stage("calibration")
         return Motion(

@@ -1,0 +1,133 @@
+"""A principal point that is off shows in turns; where the calibration is good, none is invented."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from conftest import winding_road
+
+from vo_lib import preset, settings
+from vo_lib.camera import StereoCamera
+from vo_lib.config import CalibrationConfig
+from vo_lib.detection import no_boxes
+from vo_lib.evaluation import kitti_errors
+from vo_lib.geometry import Array, essential_from_motion, inverse, rotation_angle, sampson_distance
+from vo_lib.odometry import Odometry
+from vo_lib.principal_point import PrincipalPoint, by_shift, shrunk
+from vo_lib.refinement import refine
+from vo_lib.runner import FoundMatches, run
+from vo_lib.sampson import match_terms
+from vo_lib.sequence import Sequence
+from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
+
+CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
+
+
+def off_by(du: float, dv: float) -> StereoCamera:
+    """The camera with a principal point that is off."""
+    return dataclasses.replace(CAMERA, cx=CAMERA.cx + du, cy=CAMERA.cy + dv)
+
+
+def drive(
+    off: tuple[float, float], wrong: float = 0.0, on: bool = True, config: CalibrationConfig | None = None
+) -> tuple[PrincipalPoint, Array]:
+    """What is learnt along a winding road, and the errors of the rotations on the way, degrees."""
+    centre, angles = PrincipalPoint(off_by(*off), config or CalibrationConfig()), []
+    tracks = simulate_tracks(
+        winding_road(150, 0.05, 0.8), CAMERA, TrackConfig(points=350, noise=0.1, wrong=wrong), seed=5
+    )
+    for frame in tracks:
+        x_p, x_c = (centre.camera.normalise(uv) for uv in (frame.matches.prev_left, frame.matches.cur_left))
+        R, direction = frame.T_cp[:3, :3], frame.T_cp[:3, 3] / np.linalg.norm(frame.T_cp[:3, 3])
+        R, direction = refine(R, direction, match_terms(x_p, x_c), 0.5 / CAMERA.f)
+        angles.append(np.degrees(rotation_angle(R @ inverse(frame.T_cp)[:3, :3])))
+        if on:
+            centre.update(x_p, x_c, R, direction)
+    return centre, np.array(angles)
+
+
+@pytest.mark.parametrize("off", [(8.0, -5.0), (-4.0, 6.0)])
+@pytest.mark.parametrize("wrong", [0.0, 0.05])
+def test_a_principal_point_that_is_off_is_found(off: tuple[float, float], wrong: float) -> None:
+    # The tracks have nothing but noise: no caution is due.
+    centre, _ = drive(off, wrong, config=CalibrationConfig(centre_caution=1.0))
+    np.testing.assert_allclose(centre.shift * CAMERA.f, off, atol=1.0)
+    assert centre.camera.cx == pytest.approx(CAMERA.cx, abs=1.0)
+    assert centre.camera.cy == pytest.approx(CAMERA.cy, abs=1.0)
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.05])
+def test_a_good_one_is_left_where_it_is(wrong: float) -> None:
+    centre, _ = drive((0.0, 0.0), wrong)
+    np.testing.assert_allclose(centre.shift * CAMERA.f, 0.0, atol=0.1)
+
+
+def test_the_rotations_get_better_with_it() -> None:
+    _, with_it = drive((12.0, 8.0))
+    _, without = drive((12.0, 8.0), on=False)
+    assert np.median(with_it[80:]) < 0.3 * np.median(without[80:])
+
+
+def test_the_derivative_is_that_of_the_distance() -> None:
+    rng = np.random.default_rng(1)
+    E = essential_from_motion(np.eye(3) + rng.normal(0, 0.01, (3, 3)), rng.normal(size=3))
+    x_p, x_c = rng.uniform(-0.6, 0.6, (2, 7, 2))
+    h = 1e-6 * np.eye(2)
+    expected = [
+        (sampson_distance(E, x_p + d, x_c + d) - sampson_distance(E, x_p - d, x_c - d)) / 2e-6 for d in h
+    ]
+    found = by_shift(E, x_p, x_c, sampson_distance(E, x_p, x_c))
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
+
+
+def test_what_noise_explains_is_taken_for_noise() -> None:
+    information = np.diag([1.0, 4.0])  # standard deviations 1 and 0.5
+    np.testing.assert_array_equal(shrunk(information, information @ [0.9, -0.4]), [0.0, 0.0])
+    np.testing.assert_allclose(shrunk(information, information @ [2.0, -1.0]), [1.5, -0.75])
+    np.testing.assert_array_equal(shrunk(information, np.zeros(2)), [0.0, 0.0])
+
+
+def test_a_frame_learnt_twice_as_carefully_counts_a_quarter() -> None:
+    information = []
+    for caution in (2.0, 4.0):
+        again = PrincipalPoint(CAMERA, CalibrationConfig(centre_caution=caution, centre_deviation=100.0))
+        rng = np.random.default_rng(0)
+        x = rng.uniform([-0.8, -0.2], [0.8, 0.2], (50, 2))
+        again.update(x, 1.05 * x + rng.normal(0, 1e-4, x.shape), np.eye(3), np.array([0.0, 0.0, 1.0]))
+        information.append(again.information - np.eye(2) * (CAMERA.f / 100.0) ** 2)
+    np.testing.assert_allclose(information[0], 4.0 * information[1], rtol=1e-6)
+
+
+def test_points_without_any_error_teach_nothing_and_do_no_harm() -> None:
+    centre, x = PrincipalPoint(CAMERA, CalibrationConfig()), np.zeros((20, 2))
+    centre.update(x, x, np.eye(3), np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_array_equal(centre.shift, np.zeros(2))
+
+
+@pytest.mark.parametrize("method", ["solution_selection", "viso2"])
+def test_the_odometry_finds_it_and_its_camera_says_so(street: Sequence, method: str) -> None:
+    config, camera = preset(method), street.camera
+    wrong = dataclasses.replace(camera, cx=camera.cx + 15.0, cy=camera.cy - 10.0)
+    odometry = Odometry(wrong, config)
+    odometry.start(no_boxes())
+    for i, (matches, _) in enumerate(FoundMatches(street, config.features, config.matching)):
+        if i:
+            odometry.step(matches, no_boxes())
+    assert np.hypot(odometry.camera.cx - camera.cx, odometry.camera.cy - camera.cy) < 0.5 * np.hypot(15, 10)
+
+
+def test_a_run_with_a_wrong_principal_point_is_better_with_it(street: Sequence) -> None:
+    camera = street.camera
+    wrong = dataclasses.replace(
+        street, camera=dataclasses.replace(camera, cx=camera.cx + 15.0, cy=camera.cy - 10.0)
+    )
+    assert street.truth is not None
+    found = []
+    for on in (True, False):
+        config = settings.replace(preset("solution_selection"), "calibration.estimate", on)
+        errors = kitti_errors(street.truth, run(wrong, config).poses, [20.0], 1)
+        assert errors.te is not None
+        found.append(errors.te)
+    assert found[0] < 0.7 * found[1]
