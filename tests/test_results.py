@@ -30,6 +30,7 @@ def test_a_run_is_read_back_to_the_digits_written(result: Run, sequence: Sequenc
     np.testing.assert_allclose(back.poses, result.poses, atol=1e-9)
     for one, other in zip(back.motions, result.motions, strict=True):
         np.testing.assert_allclose(one.T_cp, other.T_cp, atol=1e-8)
+        np.testing.assert_allclose(one.centre, other.centre, atol=1e-3)
         assert (one.matches, one.used, one.inliers, one.flags) == (
             other.matches,
             other.used,

@@ -37,6 +37,7 @@ class Motion:
     matches : matches found; removed : matches removed by boxes; used : left after bucketing.
     inliers : matches in use that agree with the epipolar geometry.
     offset : disparity offset known after the frame, pixels; NaN where the frame did not get that far.
+    centre : principal point known after the frame, pixels from its nominal place along u and v.
     prior_angle : angle to the previous essential vector, degrees; NaN without one.
     flags : words such as "standstill"; empty when nothing was unusual.
     ms : milliseconds of each stage.
@@ -48,6 +49,7 @@ class Motion:
     used: int = 0
     inliers: int = 0
     offset: float = float("nan")
+    centre: tuple[float, float] = (0.0, 0.0)
     prior_angle: float = float("nan")
     flags: tuple[str, ...] = ()
     ms: dict[str, float] = field(default_factory=dict)
@@ -125,6 +127,7 @@ class Odometry:
             matches=len(matches),
             removed=int(np.count_nonzero(~filtered.keep)),
             used=len(chosen),
+            centre=self._centre.pixels,
             flags=(*filtered.flags, *motion.flags),
             ms=clock.ms,
         )
@@ -141,7 +144,7 @@ class Odometry:
             return Motion(self._last, flags=("no_motion",))
         R_cp, t_cp, inliers = found
         if self.config.calibration.estimate:
-            if flow >= self.config.selection.standstill_flow:
+            if flow >= self.config.selection.standstill_flow and np.any(t_cp):
                 x_p, x_c = (camera.normalise(uv[inliers]) for uv in (chosen.prev_left, chosen.cur_left))
                 self._centre.update(x_p, x_c, R_cp, t_cp / np.linalg.norm(t_cp))
             corrected = self._calibration.update(chosen, R_cp, t_cp)

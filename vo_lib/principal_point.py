@@ -47,8 +47,14 @@ class PrincipalPoint:
     @property
     def camera(self) -> StereoCamera:
         """The stereo camera as known now."""
-        du, dv = (self.nominal.f * self.shift).tolist()
-        return dataclasses.replace(self.nominal, cx=self.nominal.cx - du, cy=self.nominal.cy - dv)
+        du, dv = self.pixels
+        return dataclasses.replace(self.nominal, cx=self.nominal.cx + du, cy=self.nominal.cy + dv)
+
+    @property
+    def pixels(self) -> tuple[float, float]:
+        """The principal point from its nominal place, along u and v."""
+        du, dv = (-self.nominal.f * self.shift).tolist()
+        return du, dv
 
     def state(self) -> dict[str, Array]:
         """What was learnt so far, as plain arrays."""

@@ -151,6 +151,7 @@ def _read_motion(row: dict[str, str], T_cp: Array) -> Motion:
         used=int(row["used"]),
         inliers=int(row["inliers"]),
         offset=float(row["disparity_offset_px"] or "nan"),
+        centre=(float(row.get("centre_u_px") or 0.0), float(row.get("centre_v_px") or 0.0)),
         prior_angle=float(row["prior_angle_deg"] or "nan"),
         flags=tuple(row["flags"].split()),
         ms={stage: float(row[f"{stage}_ms"]) for stage in STAGES if row.get(f"{stage}_ms")},
@@ -162,14 +163,14 @@ def frames_csv(frames: tuple[str, ...], motions: list[Motion]) -> str:
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     counts = ["frame", "matches", "removed_by_boxes", "used", "inliers", "prior_angle_deg"]
-    counts += ["step_m", "disparity_offset_px", "flags"]
+    counts += ["step_m", "disparity_offset_px", "centre_u_px", "centre_v_px", "flags"]
     writer.writerow(counts + [f"{stage}_ms" for stage in STAGES])
     for frame, motion in zip(frames, motions, strict=True):
         angle, offset = ("" if math.isnan(x) else f"{x:.4f}" for x in (motion.prior_angle, motion.offset))
         step = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}"
         writer.writerow(
             [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step]
-            + [offset, " ".join(motion.flags)]
+            + [offset, *(f"{x + 0.0:.3f}" for x in motion.centre), " ".join(motion.flags)]
             + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES]
         )
     return buffer.getvalue()

@@ -97,9 +97,9 @@ def _introduction(result: Reproduction) -> list[str]:
     lines = [
         "The systems of Table 1 of “Enhance stereo visual odometry performance by removing unstable "
         f"features”, run on the same matches with {seeds}. {methods_in_words(methods)}",
-        "All methods learn on the way what is wrong with rows and disparities of the stereo pair; those with "
-        "an essential matrix learn what is wrong with the lens, too. The paper does not, and it helps most "
-        "where the pair is badly rectified.",
+        "All methods learn on the way what is wrong with the calibration of the stereo pair: its rows, its "
+        "disparities, its principal point. The paper does not, and it helps most where the pair is badly "
+        "calibrated.",
     ]
     if result.poses:
         names = ", ".join(sorted(result.poses))
