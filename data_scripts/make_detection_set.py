@@ -13,6 +13,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from vo_lib.commands.common import parse_whole
 from vo_lib.console import OneLineParser, reporting, say
 from vo_lib.script import guarded
 from vo_lib.setting_options import add_options, from_options
@@ -28,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     made.add_argument("folder", type=Path, help="where the data set is written")
-    made.add_argument("--jobs", type=int, default=1, metavar="N", help="processes that draw (default 1)")
+    made.add_argument("--jobs", default="1", metavar="N", help="processes that draw (default 1)")
     add_options(made, DetectionSetConfig)
     return made
 
@@ -43,7 +44,7 @@ def draw(options: argparse.Namespace) -> int:
     """Draw what is missing."""
     config = from_options(options, DetectionSetConfig)
     with reporting("drawing streets") as report:
-        write_street_set(options.folder, config, options.jobs, report)
+        write_street_set(options.folder, config, parse_whole("--jobs", options.jobs), report)
     say(f"written to {options.folder}")
     return 0
 

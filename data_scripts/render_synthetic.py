@@ -14,6 +14,7 @@ from pathlib import Path
 
 import cv2
 
+from vo_lib.commands.common import parse_whole
 from vo_lib.console import OneLineParser, reporting
 from vo_lib.errors import DataError
 from vo_lib.script import guarded
@@ -30,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--cache", type=Path, metavar="DIR", help="where scenes are kept (default: the user's cache)"
     )
-    made.add_argument("--jobs", type=int, default=2, metavar="N", help="processes that draw (default 2)")
+    made.add_argument("--jobs", default="2", metavar="N", help="processes that draw (default 2)")
     made.add_argument(
         "--contact-sheet", type=Path, metavar="FILE", help="draw one picture of all scenes instead"
     )
@@ -60,7 +61,7 @@ def draw(options: argparse.Namespace) -> int:
     changes = {name: item.parse(raw) for name, (item, raw) in given.items() if raw is not None}
     config = scene_config(options.scene, **changes)
     with reporting(f"drawing {options.scene}") as report:
-        folder = ensure_scene(config, options.cache, report, options.jobs)
+        folder = ensure_scene(config, options.cache, report, parse_whole("--jobs", options.jobs))
     print(folder)
     return 0
 

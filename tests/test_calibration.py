@@ -85,7 +85,7 @@ def test_rows_that_differ_over_the_image_are_brought_together() -> None:
     v, u = np.mgrid[20:376:60, 20:1241:120].reshape(2, -1)
     left = np.stack([u, v], axis=1).astype(float)
     expected = rows @ row_terms(*CAMERA.normalise(left).T)
-    np.testing.assert_allclose(calibration.rows.at(CAMERA, left), expected, atol=0.08)
+    np.testing.assert_allclose(calibration.rows.at(*CAMERA.normalise(left).T), expected, atol=0.08)
 
 
 def test_frames_without_matches_are_borne_with_the_shortest_memory() -> None:

@@ -365,3 +365,11 @@ def test_data_goes_where_the_kit_looks_for_it(tmp_path: Path, monkeypatch: pytes
     assert places.kitti_root() == places.PROJECT / "data" / "kitti"
     monkeypatch.chdir(places.PROJECT)
     assert places.script_command("get_kitti.py") == f"python {Path('data_scripts') / 'get_kitti.py'}"
+
+
+def test_a_data_set_is_drawn_by_at_least_one_process(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert load("make_detection_set")([str(tmp_path / "set"), "--jobs", "0"]) == 2
+    assert "--jobs '0': expected a whole number of 1 or more" in capsys.readouterr().err
+    assert not (tmp_path / "set").exists()

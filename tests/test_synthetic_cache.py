@@ -130,7 +130,8 @@ def test_the_script_explains_itself_and_refuses_nonsense(drawn: Path, tmp_path: 
     assert "--overtaking" in shown.stdout
     size = ["--width", "160", "--height", "64", "--length", "2", "--speed", "8", "--cache", str(drawn.parent)]
     assert run("empty", *size).stdout.strip() == str(drawn)
-    for words in (["nowhere"], ["empty", "--width", "ten"], ["empty", "--length", "-4"]):
+    bad = (["nowhere"], ["empty", "--width", "ten"], ["empty", "--length", "-4"], ["empty", "--jobs", "0"])
+    for words in bad:
         refused = run(*words)
         assert refused.returncode == 2
         assert len(refused.stderr.strip().splitlines()) == 1

@@ -47,8 +47,9 @@ def with_right_moved(
     """
 
     def moved(left: Array, right: Array) -> Array:
-        u = right[:, 0] + error @ disparity_terms(camera.normalise(left)[:, 0])
-        v = right[:, 1] if rows is None else right[:, 1] + rows.at(camera, left)
+        x, y = camera.normalise(left).T
+        u = right[:, 0] + error @ disparity_terms(x)
+        v = right[:, 1] if rows is None else right[:, 1] + rows.at(x, y)
         return np.stack([u, v], axis=1)
 
     return dataclasses.replace(

@@ -43,9 +43,9 @@ class RowError:
         self.information, self.vector = information, vector
         self.coefficients = np.linalg.solve(information, vector)
 
-    def at(self, camera: StereoCamera, left: Array) -> Array:
-        """Row differences (N,), pixels, expected at left pixels (N, 2)."""
-        return np.asarray(self.coefficients @ row_terms(*camera.normalise(left).T))
+    def at(self, x: Array, y: Array) -> Array:
+        """Row differences (N,), pixels, expected at normalised left points, (N,) each."""
+        return np.asarray(self.coefficients @ row_terms(x, y))
 
     def update(self, camera: StereoCamera, left: Array, right: Array) -> None:
         """Learn from stereo matches as they were measured, pixels (N, 2) each; Cauchy weights."""
