@@ -165,3 +165,13 @@ def lengths_figure(lengths: dict[str, list[float]], true: float, height: int = 2
     axis.axhline(true, color=DARK, linewidth=1, linestyle=":")
     finish(axis, "length of the step [m]", "frame")
     return made
+
+
+def centre_figure(found: Array, true: tuple[float, float], height: int = 200) -> Figure:
+    """The principal point after each frame (N, 2), pixels from its nominal place; the truth is dotted."""
+    made, (axis,) = figure(height)
+    for name, values, at, colour in zip("uv", found.T, true, (GOOD, FIFTH), strict=True):
+        axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=1.5, label=f"along {name}")
+        axis.axhline(at, color=DARK, linewidth=1, linestyle=":")
+    finish(axis, "principal point found [px]", "frame")
+    return made
