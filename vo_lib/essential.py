@@ -188,16 +188,16 @@ def motion_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Array
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     ray_t = ray @ t
     length2 = np.maximum(np.sum(X_p**2, axis=1), 1e-12)
-    best = (np.inf, rotations[0], t)
+    best = (-np.inf, rotations[0], t)
     for R in rotations:
         rotated = X_p @ R.T
         along, across = np.sum(ray * rotated, axis=1), rotated @ t
         # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer points know the length better: weight 1 / |X|².
         s = -np.sum((across - ray_t * along) / length2) / max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
         moved = np.sqrt(np.maximum(length2 + 2.0 * s * across + s * s, 1e-12))
-        error = float(np.median(np.arccos(np.clip((along + s * ray_t) / moved, -1.0, 1.0))))
-        if error < best[0]:
-            best = (error, R, t if s >= 0 else -t)
+        cosine = float(np.median((along + s * ray_t) / moved))
+        if cosine > best[0]:
+            best = (cosine, R, t if s >= 0 else -t)
     return best[1], best[2]
 
 

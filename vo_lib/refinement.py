@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from .geometry import Array, essential_from_motion, skew
-from .sampson import MatchTerms, denominator_forms
+from .geometry import Array, skew
+from .sampson import FORM_HESSIANS, MatchTerms
 
 ITERATIONS = 15
 DONE = 5e-6  # radians, 0.0003°; a tenth of the error that noise leaves
@@ -51,18 +51,20 @@ def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms
 
     The distance is cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². Turning R by δω and moving t by δt
     across itself changes E by [t]× [δω]× R + [δt]× R, so cᵀ E p and its five derivatives are one product
-    with the nine c_i p_j of the matches; norm² is quadratic in E, so its derivatives are differences. They
+    with the nine c_i p_j of the matches. norm² is quadratic in E, so it and its derivatives are another. They
     must not be left out: with the norm held, noise pulls the direction to where the matches are, down.
     """
-    E, across = essential_from_motion(R_cp, direction), _across(direction)
-    changes = np.concatenate([skew(direction) @ GENERATORS @ R_cp, skew(across) @ R_cp])
-    r_and_jac = np.concatenate([E[None], changes]).reshape(6, 9) @ matches.outer
-    forms = denominator_forms(np.concatenate([E[None], E + changes, E - changes]))
-    norm2, by_motion = forms[0] @ matches.squares, 0.5 * (forms[1:6] - forms[6:]) @ matches.squares
-    norm2 = np.maximum(norm2, 1e-20)
+    t, *across = (np.concatenate([direction[None], _across(direction)]) @ GENERATORS.reshape(3, 9)).reshape(
+        3, 3, 3
+    )
+    E_and_changes = (np.concatenate([t[None], t @ GENERATORS, across]) @ R_cp).reshape(6, 9)
+    r_and_jac = E_and_changes @ matches.outer
+    by_entries = FORM_HESSIANS @ E_and_changes[0]
+    norm2_and_changes = (E_and_changes @ by_entries.T) @ matches.squares
+    norm2 = np.maximum(0.5 * norm2_and_changes[0], 1e-20)
     r_and_jac /= np.sqrt(norm2)
     r = r_and_jac[0]
-    return r, r_and_jac[1:] - by_motion * (0.5 * r / norm2)
+    return r, r_and_jac[1:] - norm2_and_changes[1:] * (0.5 * r / norm2)
 
 
 def _across(t: Array) -> Array:

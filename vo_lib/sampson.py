@@ -58,6 +58,17 @@ def denominator_forms(E: Array) -> Array:
     return np.concatenate([of_p[:, :5], of_c[:, :5], of_p[:, 5:] + of_c[:, 5:]], axis=1)
 
 
+def _form_hessians() -> Array:
+    """Second derivatives (11, 9, 9) of `denominator_forms` by vec(E): from sums of two unit vectors."""
+    unit = np.eye(9).reshape(9, 3, 3)
+    alone, both = denominator_forms(unit), denominator_forms((unit[:, None] + unit).reshape(81, 3, 3))
+    hessians = both.reshape(9, 9, 11) - alone - alone[:, None]
+    return np.ascontiguousarray(hessians.transpose(2, 0, 1))
+
+
+FORM_HESSIANS = _form_hessians()
+
+
 def candidate_terms(E: Array, dtype: DTypeLike = np.float64) -> MatchTerms:
     """What the monomials of matches are multiplied with: vec(E) (9, M) and `denominator_forms` (11, M)."""
     return MatchTerms(
