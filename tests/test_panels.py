@@ -232,6 +232,43 @@ def test_a_long_job_can_be_stopped(bands: Path) -> None:
     assert "Stopped" in panel._message.value
 
 
+class AheadPanel(Panel):
+    """Remembers the frames it was told to prepare."""
+
+    controls = (Control("selection.keep"),)
+
+    def __init__(self, sequence: str, frame: int):
+        self.prepared: list[int] = []
+        super().__init__(sequence, frame)
+
+    def draw(self, state: State) -> Drawing:
+        return Drawing(stack([np.zeros((4, WIDTH, 3), np.uint8)], 4), f"frame {state.frame}")
+
+    def prepare(self, state: State) -> None:
+        self.prepared.append(state.frame)
+        raise DataError("a frame that nobody asked for may fail")
+
+    def pause(self) -> list[int]:
+        assert self._ahead is not None
+        self._ahead.join(LONG)
+        done, self.prepared = self.prepared, []
+        return done
+
+
+def test_a_panel_left_alone_prepares_the_frames_beside(bands: Path) -> None:
+    panel = AheadPanel(str(bands), 3)
+    panel.wait(LONG)
+    assert panel.pause() == [4, 2]
+    for frame in (4, 3, 1):
+        panel.frame.value = frame
+    assert panel.pause() == [2]  # only those beside the last of three quick changes; there is no frame 0
+    panel.frame.value = panel.frame.max
+    assert panel.pause() == [panel.frame.max - 1]
+    panel.knobs["selection.keep"].widget.value = 3
+    assert panel.pause() == []  # the frame stays
+    assert panel.error == ""
+
+
 def test_an_unknown_control_is_named(bands: Path) -> None:
     with pytest.raises(DataError, match=r"selection\.kept"):
         Example(str(bands), selection__kept=3)

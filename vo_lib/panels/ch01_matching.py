@@ -83,6 +83,11 @@ class MatchingPanel(Panel):
         Control("buckets.features", "features a bucket", high=20),
     )
 
+    def prepare(self, state: State) -> None:
+        config = with_view(state.config, state.view)
+        traced = trace(state.sequence, state.frame, config.features, config.matching)
+        _true_errors(state.sequence, truth(state.sequence), traced.found, state.frame)
+
     def draw(self, state: State) -> Drawing:
         sequence, frame = state.sequence, state.frame
         config = with_view(state.config, state.view)
