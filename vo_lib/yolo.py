@@ -207,6 +207,8 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.log_severity_level = SILENT
+    # What becomes of a provider is told by another logger.
+    onnxruntime.set_default_logger_severity(SILENT)
     # Threads that wait in a busy loop would take the processor from the odometry.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
@@ -217,7 +219,10 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
             text = f"its weights are kept in a second file, which is missing beside it: {text}"
         raise DataError(f"is no model that ONNX Runtime can load: {text}", path) from None
     if session.get_providers()[0] != wanted:
-        raise DataError(f"provider {provider}: it is installed but could not be started on this machine")
+        raise DataError(
+            f"provider {provider}: it is installed but could not be started on this machine: it needs an "
+            f"NVIDIA GPU, and the CUDA and cuDNN that ONNX Runtime {onnxruntime.__version__} asks for"
+        )
     return session
 
 
