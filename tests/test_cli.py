@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -46,6 +47,13 @@ def test_a_run_writes_its_files(bands: Path, capsys: pytest.CaptureFixture[str])
     printed = capsys.readouterr().out
     assert "matches a frame" in printed
     assert str(out) in printed
+    # What the log's last row says.
+    learnt = re.search(
+        r"principal point (\S+), (\S+) px; disparities (\S+) px", re.sub(r"[│\s]+", " ", printed)
+    )
+    assert learnt is not None
+    logged = [float(rows[-1][name]) for name in ("centre_u_px", "centre_v_px", "disparity_offset_px")]
+    np.testing.assert_allclose([float(number) for number in learnt.groups()], logged, atol=0.06)
 
 
 def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path) -> None:
