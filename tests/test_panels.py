@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,7 +13,18 @@ import pytest
 from matplotlib.axes import Axes
 
 from vo_lib.errors import DataError
-from vo_lib.panels import PANELS, Drawing, Fact, FilteringPanel, Panel, SelectionPanel, State, stack
+from vo_lib.panels import (
+    PANELS,
+    Drawing,
+    Fact,
+    FilteringPanel,
+    MatchingPanel,
+    Panel,
+    SelectionPanel,
+    State,
+    ch01_trace,
+    stack,
+)
 from vo_lib.panels.base import OWN_FOLDER
 from vo_lib.panels.chart import Chart, boxed_legend, room
 from vo_lib.panels.controls import Control
@@ -244,29 +257,49 @@ class AheadPanel(Panel):
     def draw(self, state: State) -> Drawing:
         return Drawing(stack([np.zeros((4, WIDTH, 3), np.uint8)], 4), f"frame {state.frame}")
 
+    def next_states(self, state: State) -> list[State]:
+        return [replace(state, frame=frame) for frame in (state.frame + 1, state.frame - 1)]
+
     def prepare(self, state: State) -> None:
         self.prepared.append(state.frame)
         raise DataError("a frame that nobody asked for may fail")
 
     def pause(self) -> list[int]:
-        assert self._ahead is not None
-        self._ahead.join(LONG)
+        self.ahead.wait(LONG)
         done, self.prepared = self.prepared, []
         return done
 
 
-def test_a_panel_left_alone_prepares_the_frames_beside(bands: Path) -> None:
+def test_a_panel_left_alone_prepares_what_may_come_next(bands: Path) -> None:
     panel = AheadPanel(str(bands), 3)
     panel.wait(LONG)
     assert panel.pause() == [4, 2]
-    for frame in (4, 3, 1):
+    for frame in (4, 3, 2):
         panel.frame.value = frame
-    assert panel.pause() == [2]  # only those beside the last of three quick changes; there is no frame 0
-    panel.frame.value = panel.frame.max
-    assert panel.pause() == [panel.frame.max - 1]
+    assert panel.pause() == [3, 1]  # only what follows the last of three quick changes
     panel.knobs["selection.keep"].widget.value = 3
     assert panel.pause() == []  # the frame stays
     assert panel.error == ""
+
+
+def test_the_matching_panel_prepares_the_frames_beside_and_the_other_front_end(
+    bands: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def anew(*_: Any) -> None:
+        raise AssertionError("matched only now")
+
+    panel = MatchingPanel(str(bands), 1)
+    panel.wait(LONG)
+    told = [(state.frame, state.config.matching.front_end) for state in panel.next_states(panel.state())]
+    assert told == [(2, "klt"), (1, "blob_corner")]  # there is no frame 0
+    panel.ahead.wait(LONG)
+    monkeypatch.setattr(ch01_trace, "_history", anew)
+    panel.frame.value = 2
+    assert panel.error == ""
+    panel.set(frame=1, matching__front_end="blob_corner")
+    assert panel.error == ""
+    panel.set(frame=2)
+    assert "matched only now" in panel.error
 
 
 def test_an_unknown_control_is_named(bands: Path) -> None:

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import html
 import threading
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -32,13 +31,13 @@ from ..errors import DataError
 from ..runner import one_blas_thread
 from ..sequence import Progress, Sequence, available
 from ..settings import Setting, declared, replace
+from .ahead import Ahead
 from .controls import CELL, CELL_WIDTH, INSIDE, Control, Knob
 from .data import DEFAULT, is_open, keep, opened
 from .job import Job, Stopped
 from .style import BAD, WIDTH, Fact, facts_html, stack
 
 OWN_FOLDER = "a folder of your own …"
-PAUSE = 0.3  # seconds without a change, after which the frames beside a new one are prepared
 ERROR_CLASS = "vo-panel-error"  # tests look for it in saved widget state
 
 
@@ -77,6 +76,7 @@ class Panel:
     ----------
     error : what went wrong with the last change, as a sentence; empty when all is well.
     picture : the Image widget; knobs : controls by the setting's name.
+    ahead : prepares `next_states`.
     """
 
     title: ClassVar[str] = ""
@@ -92,8 +92,7 @@ class Panel:
         self._quiet = True
         self._facts: dict[str, float] = {}
         self._sequence: Sequence | None = None
-        self._ahead: threading.Timer | None = None
-        self._here: tuple[Path, int] | None = None
+        self.ahead = Ahead(self.prepare)
         self.error = ""
         self.job = Job()
         self.picture = widgets.Image(
@@ -122,8 +121,12 @@ class Panel:
         """What the panel shows for a state; anything it raises becomes the panel's error."""
         raise NotImplementedError
 
+    def next_states(self, state: State) -> list[State]:
+        """States that may come next and are worth preparing; none, unless a panel says which."""
+        return []
+
     def prepare(self, state: State) -> None:
-        """Do and keep what `draw` needs for a state that may come next; nothing, unless a panel says what."""
+        """Do and keep what `draw` needs for one of `next_states`."""
 
     def work(self, state: State, progress: Progress) -> Drawing:
         """The long job behind the Run button; it calls progress(done, total) several times a second."""
@@ -169,29 +172,9 @@ class Panel:
                 if self._sequence is not None:
                     state = self.state()
                     self._show(self.draw(state))
-                    self._look_ahead(state)
+                    self.ahead.look((state.sequence.folder, state.frame), self.next_states(state))
             except Exception as error:
                 self._fail(error)
-
-    def _look_ahead(self, state: State) -> None:
-        """Prepare the frames beside one that was just chosen, unless something else is asked for soon."""
-        if self._ahead is not None:
-            self._ahead.cancel()
-        here, last = (state.sequence.folder, state.frame), self._here
-        self._here = here
-        # Who moves another slider stays with this frame.
-        if here == last or type(self).prepare is Panel.prepare:
-            return
-
-        def beside() -> None:
-            for frame in (state.frame + 1, state.frame - 1):
-                if self._ahead is timer and 1 <= frame < len(state.sequence):
-                    with suppress(Exception):  # whoever asks for that frame will be told
-                        self.prepare(State(state.config, state.view, state.sequence, frame))
-
-        self._ahead = timer = threading.Timer(PAUSE, beside)
-        timer.daemon = True
-        timer.start()
 
     def state(self) -> State:
         """What the controls say now; `DataError` where a typed value is none."""

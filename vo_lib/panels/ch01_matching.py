@@ -83,6 +83,15 @@ class MatchingPanel(Panel):
         Control("buckets.features", "features a bucket", high=20),
     )
 
+    def next_states(self, state: State) -> list[State]:
+        beside = [frame for frame in (state.frame + 1, state.frame - 1) if 1 <= frame < len(state.sequence)]
+        other = "klt" if state.config.matching.front_end == "blob_corner" else "blob_corner"
+        matching = replace(state.config.matching, front_end=other)
+        return [
+            *(replace(state, frame=frame) for frame in beside),
+            replace(state, config=replace(state.config, matching=matching)),
+        ]
+
     def prepare(self, state: State) -> None:
         config = with_view(state.config, state.view)
         traced = trace(state.sequence, state.frame, config.features, config.matching)
