@@ -40,9 +40,7 @@ class PrincipalPoint:
     def __init__(self, nominal: StereoCamera, config: CalibrationConfig):
         self.nominal = nominal
         self.config = config
-        self.shift = np.zeros(2)
-        self.information = np.eye(2) * (nominal.f / config.centre_deviation) ** 2
-        self.vector = np.zeros(2)
+        self._learn(np.eye(2) * (nominal.f / config.centre_deviation) ** 2, np.zeros(2))
 
     @property
     def camera(self) -> StereoCamera:
@@ -58,12 +56,11 @@ class PrincipalPoint:
 
     def state(self) -> dict[str, Array]:
         """What was learnt so far, as plain arrays."""
-        return {"centre": self.shift, "centre_information": self.information, "centre_vector": self.vector}
+        return {"centre_information": self.information, "centre_vector": self.vector}
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Go on as the one whose `state` this was; same settings."""
-        self.shift, self.vector = state["centre"], state["centre_vector"]
-        self.information = state["centre_information"]
+        self._learn(state["centre_information"], state["centre_vector"])
 
     def update(self, x_p: Array, x_c: Array, R_cp: Array, direction: Array) -> None:
         """Learn from a frame's points, (N, 2) each, normalised by `camera`, and its motion.
@@ -80,9 +77,11 @@ class PrincipalPoint:
         motion = np.linalg.solve(H[:5, :5], np.column_stack([H[:5, 5:], g[:5]]))
         variance = (self.config.centre_caution * deviation) ** 2
         information = (H[5:, 5:] - H[5:, :5] @ motion[:, :2]) / variance
-        self.information = self.information + information
-        self.vector = self.vector + (g[5:] - H[5:, :5] @ motion[:, 2]) / variance + information @ self.shift
-        self.shift = shrunk(self.information, self.vector)
+        vector = (g[5:] - H[5:, :5] @ motion[:, 2]) / variance + information @ self.shift
+        self._learn(self.information + information, self.vector + vector)
+
+    def _learn(self, information: Array, vector: Array) -> None:
+        self.information, self.vector, self.shift = information, vector, shrunk(information, vector)
 
 
 def by_shift(E: Array, x_p: Array, x_c: Array, r: Array) -> Array:

@@ -33,7 +33,7 @@ class Ahead(Generic[State]):
 
         def work() -> None:
             for state in states:
-                if self._timer is timer and not timer.finished.is_set():
+                if not timer.finished.is_set():  # `cancel` sets it
                     with suppress(Exception):
                         self._prepare(state)
 
