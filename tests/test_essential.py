@@ -91,6 +91,20 @@ def test_early_rejection_spares_work_and_never_the_best(wrong: int) -> None:
         assert np.count_nonzero(known) < 0.6 * len(E)
 
 
+def test_exact_matches_leave_a_candidate() -> None:
+    # All errors are rounding errors of single precision: the best one's sum depends on the order of summing.
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        problem = random_problems(rng, 1, 200, "forward")
+        x_p, x_c = problem.x_p[0], problem.x_c[0]
+        sets = sample_sets(rng, 200, 60)
+        E, _ = five_point(x_p[sets], x_c[sets])
+        found = contender_errors(E, np.ones(len(E), np.bool_), x_p, x_c, 1.0 / FOCAL)
+        best = E[np.argmin(found)]
+        assert np.isfinite(found).any()
+        assert np.abs(sampson_distance(best, x_p, x_c)).max() < 1e-3 / FOCAL
+
+
 def test_of_each_set_the_nearest_to_the_prior_stay() -> None:
     rng = np.random.default_rng(5)
     E = rng.normal(size=(12, 3, 3))
