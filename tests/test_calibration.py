@@ -136,6 +136,20 @@ def test_too_few_matches_give_no_estimate() -> None:
     assert estimate_disparity_error(CAMERA, matches[np.arange(5)], T_cp[:3, :3], T_cp[:3, 3], 0.5) is None
 
 
+@pytest.mark.parametrize("seed", [897, 2880])
+def test_wild_matches_give_no_estimate_that_is_no_minimum(seed: int) -> None:
+    # With these the normal equations are not positive definite where the iteration stops.
+    rng = np.random.default_rng(seed)
+    left, disparity, flat = rng.uniform([0, 0], [1241, 376], (12, 2)), rng.uniform(1, 60, 12), np.zeros(12)
+    now = left + rng.normal(0, 3, (12, 2))
+    right = left - np.stack([disparity, flat], axis=1)
+    now_right = now - np.stack([disparity * rng.uniform(0.5, 1.5, 12), flat], axis=1)
+    matches = StereoMatches(left, right, now, now_right, np.ones(12, int), np.ones(12), np.arange(12))
+    t_cp = np.array([0.0, 0.0, -rng.uniform(0, 2)])
+    found = estimate_disparity_error(CAMERA, matches, np.eye(3), t_cp, 0.5)
+    assert found is None or np.linalg.eigvalsh(found[1])[0] > 0
+
+
 # libviso2 has 7.84 % / 2.70 and ORB-SLAM2's published trajectory 5.47 % / 2.54 on the same frames.
 def test_the_real_highway_needs_the_offset(clips: Path) -> None:
     sequence = open_sequence(clips / "sequences" / "01")

@@ -182,6 +182,6 @@ def estimate_disparity_error(
         return None
     # Eight rows less three for the point leave five that see the noise.
     covariance = covariance * float(np.median(squared)) / 5.0
-    if not np.isfinite(covariance).all() or np.any(np.diag(covariance) <= 0):
+    if not (np.isfinite(covariance).all() and np.linalg.eigvalsh(covariance)[0] > 0):
         return None
     return error, np.asarray(covariance)
