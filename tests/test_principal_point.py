@@ -52,7 +52,8 @@ def drive(
 @pytest.mark.parametrize("wrong", [0.0, 0.05])
 def test_a_principal_point_that_is_off_is_found(off: tuple[float, float], wrong: float) -> None:
     # The tracks have nothing but noise: no caution is due.
-    centre, _ = drive(off, wrong, config=CalibrationConfig(centre_caution=1.0))
+    config = CalibrationConfig(centre_caution=1.0, centre_floor=0.0, centre_deviation=10.0)
+    centre, _ = drive(off, wrong, config=config)
     np.testing.assert_allclose(centre.shift * CAMERA.f, off, atol=1.0)
     assert centre.camera.cx == pytest.approx(CAMERA.cx, abs=1.0)
     assert centre.camera.cy == pytest.approx(CAMERA.cy, abs=1.0)
@@ -84,9 +85,21 @@ def test_the_derivative_is_that_of_the_distance() -> None:
 
 def test_what_noise_explains_is_taken_for_noise() -> None:
     information = np.diag([1.0, 4.0])  # standard deviations 1 and 0.5
-    np.testing.assert_array_equal(shrunk(information, information @ [0.9, -0.4]), [0.0, 0.0])
-    np.testing.assert_allclose(shrunk(information, information @ [2.0, -1.0]), [1.5, -0.75])
-    np.testing.assert_array_equal(shrunk(information, np.zeros(2)), [0.0, 0.0])
+    for mean, floor, expected in (
+        ([0.9, -0.4], 0.0, [0.0, 0.0]),
+        ([2.0, -1.0], 0.0, [1.5, -0.75]),
+        ([0.0, 0.0], 0.0, [0.0, 0.0]),
+        ([4.0, -1.0], 3.0**0.5, [3.0, 0.0]),  # variances 1 + 3 and 0.25 + 3
+    ):
+        found = shrunk(information, information @ mean, floor, prior=10.0)
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_what_the_frames_know_less_of_than_the_calibration_did_is_left_alone() -> None:
+    information = np.diag([1.0, 4.0])  # variances 1 and 0.25: with this prior, half the first is its own
+    vector = information @ [20.0, 20.0]
+    np.testing.assert_array_equal(shrunk(information, vector, 0.0, prior=1.4) > 0, [False, True])
+    np.testing.assert_array_equal(shrunk(information, vector, 0.0, prior=1.5) > 0, [True, True])
 
 
 def test_a_frame_learnt_twice_as_carefully_counts_a_quarter() -> None:

@@ -250,7 +250,7 @@ class CalibrationConfig(Checked):
         1000.0, "what was learnt of the rows this long ago counts a third", unit="frames", low=10, high=1e6
     )
     centre_deviation: float = setting(
-        10.0,
+        8.0,
         "standard deviation of the principal point before the first frame, along u and v each",
         unit="px",
         low=0.001,
@@ -264,10 +264,17 @@ class CalibrationConfig(Checked):
         high=100,
     )
     centre_caution: float = setting(
-        2.5,
+        1.5,
         "the principal point is learnt as if frames scattered this much more than noise",
         low=1,
         high=1000,
+    )
+    centre_floor: float = setting(
+        2.0,
+        "standard deviation of what is learnt of the principal point that no number of frames mends",
+        unit="px",
+        low=0,
+        high=100,
     )
     initial_deviation: float = setting(
         1.0,
