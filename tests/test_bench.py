@@ -171,8 +171,30 @@ def test_matches_are_compared_with_the_truth_inside_and_outside_boxes(drawn: Seq
     for part in (inside, outside):
         assert part.known_share is not None
         assert part.flow_share == pytest.approx(0.75, abs=0.08)
+        assert part.right_share is not None
+        assert part.beside_share is not None
         assert part.right_share == pytest.approx(0.5 * part.known_share, abs=0.08)
+        assert part.right_share <= part.beside_share < 0.6
         assert part.median_error == pytest.approx(0.25, abs=1e-6)
+
+
+def test_a_match_that_belongs_to_a_point_beside_is_counted_apart(drawn: Sequence) -> None:
+    truth = open_truth(drawn.folder)
+    uv = np.stack(np.meshgrid(np.arange(6.0, 490.0, 4.0), np.arange(6.0, 146.0, 4.0)), axis=-1).reshape(-1, 2)
+    matches = [empty_matches()]
+    for frame in range(1, len(drawn)):
+        _, prev_right, _ = truth.predict(frame - 1, frame - 1, uv)
+        left, right, valid = truth.predict(frame - 1, frame, uv)
+        ones = np.ones(np.count_nonzero(valid), np.int64)
+        # Said to be two pixels to the left of where they are: that matters at outlines only.
+        a, b, c, d = ((view - [2.0, 0.0])[valid] for view in (uv, prev_right, left, right))
+        matches.append(StereoMatches(a, b, c, d, ones, ones.astype(float), np.cumsum(ones)))
+    errors = feature_errors(drawn, matches, small())
+    assert errors is not None
+    for part in errors.values():
+        assert part.right_share is not None
+        assert part.right_share < 0.99
+        assert part.beside_share == 1.0
 
 
 def test_where_no_match_is_there_is_no_share(drawn: Sequence) -> None:

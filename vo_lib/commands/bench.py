@@ -9,6 +9,7 @@ from typing import Any
 from ..bench import Bench, Effort, run_bench
 from ..config import preset
 from ..console import reporting, say, show_table
+from ..feature_errors import BESIDE
 from ..sequence import SYNTHETIC, available
 from .common import add_cache, open_with_bar, parse_whole
 
@@ -92,12 +93,20 @@ def _show(bench: Bench) -> None:
     if bench.features is not None:
         show_table(
             "matches against the truth of the scene, shares within 1 px",
-            ["where", "matches", "with a known place", "of these left to left", "all images", "median error"],
+            [
+                "where",
+                "matches",
+                "with a known place",
+                "of these left to left",
+                "all images",
+                f"or {BESIDE} px beside",
+                "median error",
+            ],
             [
                 [
                     name,
                     str(e.matches),
-                    *(_percent(share) for share in (e.known_share, e.flow_share, e.right_share)),
+                    *map(_percent, (e.known_share, e.flow_share, e.right_share, e.beside_share)),
                     "–" if e.median_error is None else f"{e.median_error:.3f} px",
                 ]
                 for name, e in bench.features.items()
