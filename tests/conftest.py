@@ -84,11 +84,14 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
     return folder
 
 
-def winding_road(frames: int, turn: float, step: float) -> Array:
-    """Poses (N, 4, 4) along gentle curves; `turn` is the most radians a frame, `step` metres."""
+def winding_road(frames: int, turn: float, step: float, one_way: bool = False) -> Array:
+    """Poses (N, 4, 4) along gentle curves; `turn` is the most radians a frame, `step` metres.
+
+    With `one_way` all curves turn to the right.
+    """
     poses = np.tile(np.eye(4), (frames, 1, 1))
     for i in range(1, frames):
-        yaw = turn * np.sin(i / 9)
+        yaw = turn * (abs(np.sin(i / 9)) if one_way else np.sin(i / 9))
         poses[i] = poses[i - 1] @ rigid(
             rotation_from_vector(np.array([0.0, yaw, 0.0])), np.array([0, 0, step])
         )

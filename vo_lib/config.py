@@ -276,6 +276,13 @@ class CalibrationConfig(Checked):
         low=0,
         high=100,
     )
+    flow_stretch: float = setting(
+        0.05,
+        "standard deviation of a flow that is too long along u and too short along v, in all frames alike",
+        unit="px",
+        low=0.0001,
+        high=10,
+    )
     initial_deviation: float = setting(
         1.0,
         "standard deviation of the disparity error before the first frame, the offset and the bow each",

@@ -9,11 +9,15 @@ improved odometry accuracy", ECMR 2021, found a better calibration from the imag
 Two numbers are a model, not the whole truth: what calib.txt misses on KITTI looks even more like Brown's
 decentering terms, which fit straight roads too. They give the same rotations, but worse translations.
 
-Each frame gives normal equations for the shift, the motion eliminated; they are summed up. A noisy shift
-does harm where the calibration is good. So each coordinate is shrunk as empirical Bayes asks: the part of its
-square that its own variance explains is taken for noise (James and Stein 1961, positive part). On drawn
-scenes, with nothing to find, parts of 5 to 80 frames are off by 1.0 times the noise and 1.4 px besides, which
-more frames do not mend; the settings allow for half as much again.
+Each frame gives normal equations for the shift, the motion eliminated; they are summed up. With it goes a
+third unknown, a flow that is too long along u and too short along v, by (2x, y) times the same in all frames.
+Matching leaves some hundredths of a pixel of it. In a gentle curve that looks like a shift of many pixels,
+for a yaw ω turns a shift δ into ω δ (2x, y); but it is there on straight roads as well.
+
+A noisy shift does harm where the calibration is good. So each coordinate is shrunk as empirical Bayes asks:
+the part of its square that its own variance explains is taken for noise (James and Stein 1961, positive
+part). On drawn scenes, with nothing to find, parts of 5 to 80 frames are off by the noise and 1.4 px besides,
+which more frames do not mend; the settings allow for half as much again.
 """
 
 from __future__ import annotations
@@ -38,14 +42,15 @@ class PrincipalPoint:
     Attributes
     ----------
     shift : (2,) added to normalised points of the nominal camera.
-    information : (2, 2) inverse covariance of the shift before it is shrunk.
-    vector : (2,) the information times that shift.
+    information : (3, 3) inverse covariance of the shift, before it is shrunk, and of the stretch of the flow.
+    vector : (3,) the information times these.
     """
 
     def __init__(self, nominal: StereoCamera, config: CalibrationConfig):
         self.nominal = nominal
         self.config = config
-        self._learn(np.eye(2) * (nominal.f / config.centre_deviation) ** 2, np.zeros(2))
+        prior = np.array([config.centre_deviation, config.centre_deviation, config.flow_stretch])
+        self._learn(np.diag((nominal.f / prior) ** 2), np.zeros(3))
 
     @property
     def camera(self) -> StereoCamera:
@@ -70,10 +75,12 @@ class PrincipalPoint:
     def update(self, x_p: Array, x_c: Array, R_cp: Array, direction: Array) -> None:
         """Learn from a frame's points, (N, 2) each, normalised by `camera`, and its motion.
 
-        One Gauss-Newton step on the Sampson distances over rotation, direction and shift.
+        One Gauss-Newton step on the Sampson distances over rotation, direction, shift and stretch.
         """
         r, by_motion = distances_and_derivatives(R_cp, direction, match_terms(x_p, x_c))
-        jac = np.concatenate([by_motion, by_shift(essential_from_motion(R_cp, direction), x_p, x_c, r)])
+        by_p, by_c = by_points(essential_from_motion(R_cp, direction), x_p, x_c, r)
+        by_stretch = by_c[0] * 2.0 * x_c[:, 0] + by_c[1] * x_c[:, 1]
+        jac = np.concatenate([by_motion, by_p + by_c, by_stretch[None]])
         deviation = max(NORMAL * float(np.median(np.abs(r))), FINEST / self.nominal.f)
         # Squared Cauchy weights: what moves and what is wrong must not count.
         weighted = jac / (1.0 + (r / (self.config.centre_scale * deviation)) ** 2) ** 2
@@ -81,8 +88,10 @@ class PrincipalPoint:
         H[np.diag_indices(5)] += 1e-12 * max(float(np.trace(H[:5, :5])), 1e-12)
         motion = np.linalg.solve(H[:5, :5], np.column_stack([H[:5, 5:], g[:5]]))
         variance = (self.config.centre_caution * deviation) ** 2
-        information = (H[5:, 5:] - H[5:, :5] @ motion[:, :2]) / variance
-        vector = (g[5:] - H[5:, :5] @ motion[:, 2]) / variance + information @ self.shift
+        information = (H[5:, 5:] - H[5:, :5] @ motion[:, :3]) / variance
+        # The points were shifted already, but not stretched.
+        known = np.append(self.shift, 0.0)
+        vector = (g[5:] - H[5:, :5] @ motion[:, 3]) / variance + information @ known
         self._learn(self.information + information, self.vector + vector)
 
     def _learn(self, information: Array, vector: Array) -> None:
@@ -93,25 +102,28 @@ class PrincipalPoint:
         self.shift = shrunk(information, vector, floor, prior)
 
 
-def by_shift(E: Array, x_p: Array, x_c: Array, r: Array) -> Array:
-    """Derivatives (2, N) of Sampson distances r (N,) by a shift of all points of both images.
+def by_points(E: Array, x_p: Array, x_c: Array, r: Array) -> tuple[Array, Array]:
+    """Derivatives (2, N) of Sampson distances r (N,) by the previous and by the current points.
 
     E : (3, 3); x_p, x_c : (N, 2) normalised points.
     """
     line_c, line_p = E[:2, :2] @ x_p.T + E[:2, 2:], E[:2, :2].T @ x_c.T + E[2, :2, None]
     norm2 = np.maximum(np.sum(line_c**2 + line_p**2, axis=0), 1e-20)
-    bend = E[:2, :2].T @ line_c + E[:2, :2] @ line_p
-    return np.asarray((line_c + line_p) / np.sqrt(norm2) - r * bend / norm2)
+    norm, r_by_norm = np.sqrt(norm2), r / norm2
+    by_p = line_p / norm - r_by_norm * (E[:2, :2].T @ line_c)
+    by_c = line_c / norm - r_by_norm * (E[:2, :2] @ line_p)
+    return np.asarray(by_p), np.asarray(by_c)
 
 
 def shrunk(information: Array, vector: Array, floor: float, prior: float) -> Array:
-    """The mean (2,) of a normal distribution, each coordinate c of variance v times max(0, 1 - v / c²).
+    """Means (2,) of the first two of a normal distribution, each c of variance v times max(0, 1 - v / c²).
 
+    information : (3, 3) inverse covariance; vector : (3,) it times the means.
     floor : standard deviation of an error that is not in the information; its square adds to v.
     prior : standard deviation before the first frame, in the information. A coordinate of which the frames
         know less than that is 0: crawling in a jam says little, but always the same.
     """
     covariance = np.linalg.inv(information)
-    mean, variance = covariance @ vector, np.diag(covariance)
+    mean, variance = (covariance @ vector)[:2], np.diag(covariance)[:2]
     share = 1.0 - (variance + floor**2) / np.maximum(mean**2, 1e-30)
     return np.asarray(mean * np.where(variance <= 0.5 * prior**2, np.maximum(0.0, share), 0.0))
