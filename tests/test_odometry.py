@@ -89,18 +89,18 @@ def test_boxes_remove_their_features_and_the_motion_stays(bands: Path) -> None:
     assert all("filter_off" in motion.flags and motion.removed == 0 for motion in off.motions)
 
 
-# Bounds of the whole method on the first 201 frames of KITTI 00, with a margin of 10 %.
+# Bounds of the whole method on the first 201 frames of KITTI 00.
 @pytest.mark.parametrize("seed", range(5))
 def test_real_clip_00_is_as_good_as_promised(clips: Path, seed: int) -> None:
     sequence = open_sequence(clips / "sequences" / "00")
     poses = run(sequence, preset("feature_selection", seed=seed)).poses
     assert sequence.truth is not None
-    for length, te, re in ((100.0, 1.00, 1.50), (50.0, 1.45, 2.0)):
+    for length, te, re in ((100.0, 1.00, 1.17), (50.0, 1.25, 1.7)):
         errors = kitti_errors(sequence.truth, poses, [length], 1)
         assert errors.te is not None
-        assert errors.te < 1.1 * te
+        assert errors.te < te
         assert errors.re is not None
-        assert errors.re < 1.1 * re
+        assert errors.re < re
 
 
 def test_real_clip_01_runs_without_a_jump(clips: Path) -> None:
