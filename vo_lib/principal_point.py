@@ -7,8 +7,8 @@ found 3 to 7 px to the left of its place in calib.txt and 1 to 4 px below. Witho
 improved odometry accuracy", ECMR 2021, found a better calibration from the images of the chessboards.)
 
 Two numbers are a model, not the whole truth. What calib.txt misses on KITTI looks even more like Brown's
-decentering terms, which fit straight roads too; they give the same rotations, but on both clips larger TE, and
-curves a degree too small against the truth's path. The converse: where a lens is decentered and nothing else,
+decentering terms, which fit straight roads too; they give the same rotations, but on both clips a larger TE,
+and curves a degree less than the truth's path has. The converse: where a lens is decentered and nothing else,
 as in a drawn scene with p1 and p2 of 1.5 px, a shift is found that is not there, and TE doubles.
 
 Each frame gives normal equations for the shift, the motion eliminated; they are summed up. With it goes a
