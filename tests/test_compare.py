@@ -152,6 +152,7 @@ def test_the_truth_is_found_by_the_sequences_name(runs: Path, monkeypatch: pytes
     ("name", "text"),
     [
         ("metrics.json", "{"),
+        ("metrics.json", "[]"),
         ("metrics.json", '{"kitti": 3}'),
         ("metrics.json", '{"kitti": {"sequences": []}}'),
         ("config.json", "[]"),

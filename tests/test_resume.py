@@ -160,6 +160,25 @@ def test_a_finished_run_is_only_read(
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == written
 
 
+@pytest.mark.parametrize("damage", [None, "{", "[]", '{"kitti": 3}'])
+def test_missing_or_damaged_errors_of_a_finished_run_are_written_again(
+    sequence: Sequence, folder: Path, damage: str | None
+) -> None:
+    resumable_run(folder, sequence, small(), "m")
+    path = folder / "metrics.json"
+    wanted = json.loads(path.read_text(encoding="utf-8"))
+    if damage is None:
+        path.unlink()
+    else:
+        path.write_text(damage, encoding="utf-8")
+    resumable_run(folder, sequence, small(), "m")
+    again = json.loads(path.read_text(encoding="utf-8"))
+    assert again.keys() == wanted.keys()
+    for kind, part in wanted.items():
+        ate = part["sequences"][0]["ate"]
+        assert again[kind]["sequences"][0]["ate"] == pytest.approx(ate, abs=1e-6)
+
+
 def test_fresh_starts_anew_and_leaves_the_old_result_until_it_is_done(
     sequence: Sequence, folder: Path
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,9 @@ from numpy.typing import NDArray
 
 from .errors import DataError
 from .evaluation import KITTI_BIN_MINIMUM
-from .files import read_text
 from .poses import read_kitti_poses
 from .report import ReportTable
-from .results import read_config
+from .results import read_config, read_metrics
 from .table1 import number
 
 Array = NDArray[np.float64]
@@ -63,7 +61,7 @@ def read_stored_run(folder: str | Path) -> StoredRun:
         method, sequence = str(config["method"]), str(config["sequence"])
     except (KeyError, ValueError, TypeError, AttributeError):
         raise DataError("expected method, sequence and frames of a run", folder / "config.json") from None
-    metrics = _metrics(folder)
+    metrics = read_metrics(folder)
     return StoredRun(folder, method, method, seed, sequence, (first, last), poses, metrics, ms)
 
 
@@ -135,19 +133,3 @@ def _distinct(runs: list[StoredRun]) -> list[StoredRun]:
         if len({run.label for run in named}) == len(runs):
             break
     return named
-
-
-def _metrics(folder: Path) -> dict[str, Any]:
-    """metrics.json, or nothing where the run has no truth; `DataError` where it is not as it was written."""
-    path = folder / "metrics.json"
-    if not path.exists():
-        return {}
-    try:
-        data = json.loads(read_text(path))
-        for kind in data:
-            entry = data[kind]["sequences"][0]
-            _ = entry["te_percent"], entry["ate"]["alignment"], entry["by_length"], entry["by_speed"]
-            _ = entry["subsequences"] + 0, entry["rpe"]["rotation"]
-    except (ValueError, KeyError, TypeError, IndexError):
-        raise DataError("expected the errors of a run, as `vo run` writes them", path) from None
-    return dict(data)

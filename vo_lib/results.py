@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 CONFIG = "config.json"
 LOG = "frames.csv"
+METRICS = "metrics.json"
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
 
@@ -89,13 +90,41 @@ def write_run(
     write_text_atomic(folder / "poses.txt", format_kitti_poses(result.poses))
     write_text_atomic(folder / "poses_tum.txt", format_tum(sequence.times, result.poses))
     write_text_atomic(folder / LOG, frames_csv(sequence.frames[1:], result.motions))
-    if errors:
-        write_text_atomic(folder / "metrics.json", _json({k: e.to_dict() for k, e in errors.items()}))
-    else:
-        # A folder used before may hold errors of another sequence.
-        (folder / "metrics.json").unlink(missing_ok=True)
+    _write_metrics(folder, errors)
     write_text_atomic(folder / CONFIG, _json(config))
     return errors
+
+
+def _write_metrics(folder: Path, errors: dict[str, Evaluation]) -> None:
+    if errors:
+        write_text_atomic(folder / METRICS, _json({k: e.to_dict() for k, e in errors.items()}))
+    else:
+        # A folder used before may hold errors of another sequence.
+        (folder / METRICS).unlink(missing_ok=True)
+
+
+def read_metrics(folder: Path) -> dict[str, Any]:
+    """metrics.json, or nothing where the run has no truth; `DataError` where it is not as it was written."""
+    path = folder / METRICS
+    if not path.exists():
+        return {}
+    try:
+        data = json.loads(read_text(path))
+        for kind in data.values():
+            entry = kind["sequences"][0]
+            _ = entry["te_percent"], entry["ate"]["alignment"], entry["by_length"], entry["by_speed"]
+            _ = entry["subsequences"] + 0, entry["rpe"]["rotation"]
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError):
+        raise DataError("expected the errors of a run, as `vo run` writes them", path) from None
+    return dict(data)
+
+
+def mend_metrics(folder: Path, result: Run) -> None:
+    """Write metrics.json of a finished run again where it is missing or damaged."""
+    with suppress(DataError):
+        if read_metrics(folder):
+            return
+    _write_metrics(folder, evaluate_run(result))
 
 
 def timing(result: Run) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from .errors import DataError
 from .identity import NOT_USED, run_identity
 from .match_cache import CachedMatches
 from .odometry import State
-from .results import CONFIG, read_config, read_run, write_run
+from .results import CONFIG, mend_metrics, read_config, read_run, write_run
 from .run_log import EVERY, RunLog, discard, logged_frames
 from .runner import Chain, FoundMatches, Run, one_blas_thread
 from .sequence import Progress, Sequence
@@ -63,7 +63,9 @@ def resumable_run(
         log = None if fresh else RunLog.find(folder)
         if log is None and not fresh and is_finished(folder):
             _refuse_another(folder, read_config(folder), identity)
-            return read_run(folder, sequence), True
+            result = read_run(folder, sequence)
+            mend_metrics(folder, result)
+            return result, True
         if log is not None:
             _refuse_another(folder, log.identity, identity)
         log = log or RunLog.start(folder, identity)
