@@ -157,6 +157,28 @@ def test_the_odometry_finds_it_and_its_camera_says_so(street: Sequence, method: 
     assert np.hypot(odometry.camera.cx - camera.cx, odometry.camera.cy - camera.cy) < 0.5 * np.hypot(15, 10)
 
 
+def test_boxes_are_judged_with_the_camera_as_known(street: Sequence) -> None:
+    config, camera = preset("moving_selection"), street.camera
+    wrong = dataclasses.replace(camera, cx=camera.cx + 15.0, cy=camera.cy - 10.0)
+    learning = Odometry(wrong, config)
+    told = settings.replace(config, "calibration.estimate", False)
+    known, nominal = Odometry(camera, told), Odometry(wrong, told)
+    steps: dict[str, list[Array]] = {"learning": [], "known": [], "nominal": []}
+    for name, odometry in (("learning", learning), ("known", known), ("nominal", nominal)):
+        odometry.start(street.boxes(0))
+        for i, (matches, _) in enumerate(FoundMatches(street, config.features, config.matching)):
+            if i:
+                odometry.step(matches, street.boxes(i))
+                assert odometry.filtered is not None
+                assert odometry.filtered.judgement is not None
+                steps[name].append(odometry.filtered.judgement.step)
+    apart = {
+        name: np.nanmedian(np.linalg.norm(np.concatenate(found) - np.concatenate(steps["known"]), axis=1))
+        for name, found in steps.items()
+    }
+    assert apart["learning"] < 0.7 * apart["nominal"]
+
+
 def test_a_run_with_a_wrong_principal_point_is_better_with_it(street: Sequence) -> None:
     camera = street.camera
     wrong = dataclasses.replace(

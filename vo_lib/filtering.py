@@ -77,6 +77,11 @@ class BoxFilter:
         if self._judge is not None:
             self._judge.start(boxes)
 
+    def use(self, camera: StereoCamera) -> None:
+        """From now on judge with this stereo camera: more is known of it."""
+        if self._judge is not None:
+            self._judge.camera = camera
+
     def step(self, matches: StereoMatches, boxes: Boxes, on_moving: Mask | None = None) -> Filtered:
         """Which matches of the next frame stay.
 

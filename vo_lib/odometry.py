@@ -114,6 +114,7 @@ class Odometry:
         self._frame += 1
         clock = Clock()
         self._calibration.camera = camera = self.camera
+        self._filter.use(camera)
         self._calibration.learn_rows(matches)
         corrected = self._calibration.correct(matches)
         self.filtered = filtered = self._filter.step(corrected, boxes, on_moving)
