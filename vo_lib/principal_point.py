@@ -18,7 +18,7 @@ for a yaw ω turns a shift δ into ω δ (2x, y); but it is there on straight ro
 
 A noisy shift does harm where the calibration is good. So each coordinate is shrunk as empirical Bayes asks:
 the part of its square that its own variance explains is taken for noise (James and Stein 1961, positive
-part). On drawn scenes, with nothing to find, parts of 5 to 80 frames are off by 0.8 times the noise and by 1 px
+part). On drawn scenes, with nothing to find, parts of 5 to 80 frames are off by 0.8 times the noise and 1 px
 besides, which more frames do not mend; the settings allow for twice that.
 """
 
