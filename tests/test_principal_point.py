@@ -122,9 +122,15 @@ def test_what_noise_explains_is_taken_for_noise() -> None:
 
 def test_what_the_frames_know_less_of_than_the_calibration_did_is_left_alone() -> None:
     information = np.diag([1.0, 4.0, 1.0])  # variances 1 and 0.25
-    vector = information @ [20.0, 20.0, 0.0]
+    vector = information @ [4.0, 4.0, 0.0]
     np.testing.assert_array_equal(shrunk(information, vector, 0.0, prior=1.4) > 0, [False, True])
     np.testing.assert_array_equal(shrunk(information, vector, 0.0, prior=1.5) > 0, [True, True])
+
+
+def test_what_is_farther_off_than_any_calibration_is_not_believed() -> None:
+    information = np.diag([1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(shrunk(information, information @ [5.0, 31.0, 0.0], 0.0, 10.0), [0.0, 0.0])
+    assert np.all(shrunk(information, information @ [5.0, 29.0, 0.0], 0.0, 10.0) > 4.0)
 
 
 def test_a_frame_learnt_twice_as_carefully_counts_a_quarter() -> None:

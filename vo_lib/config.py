@@ -251,7 +251,8 @@ class CalibrationConfig(Checked):
     )
     centre_deviation: float = setting(
         8.0,
-        "standard deviation of the principal point before the first frame, along u and v each",
+        "standard deviation of the principal point before the first frame, along u and v each; more than "
+        "three times this is not believed",
         unit="px",
         low=0.001,
         high=100,

@@ -36,6 +36,7 @@ from .refinement import distances_and_derivatives
 from .sampson import match_terms
 
 FINEST = 0.05  # pixels; no match is taken to be known better
+FARTHEST = 3.0  # standard deviations of the prior; farther off is no calibration: things that move
 
 
 class PrincipalPoint:
@@ -123,9 +124,12 @@ def shrunk(information: Array, vector: Array, floor: float, prior: float) -> Arr
     information : (3, 3) inverse covariance; vector : (3,) it times the means.
     floor : standard deviation of an error that is not in the information; its square adds to v.
     prior : standard deviation before the first frame, in the information. A coordinate of which the frames
-        know less than that is 0: crawling in a jam says little, but always the same.
+        know less than that is 0: crawling in a jam says little, but always the same. Both are 0 when one is
+        farther off than any calibration.
     """
     covariance = np.linalg.inv(information)
     mean, variance = (covariance @ vector)[:2], np.diag(covariance)[:2]
+    if np.abs(mean).max() > FARTHEST * prior:
+        return np.zeros(2)
     share = 1.0 - (variance + floor**2) / np.maximum(mean**2, 1e-30)
     return np.asarray(mean * np.where(variance <= 0.5 * prior**2, np.maximum(0.0, share), 0.0))
