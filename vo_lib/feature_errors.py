@@ -62,7 +62,7 @@ def feature_errors(
         on_vehicle = in_boxes(m.prev_left, sequence.boxes(i - 1), config.filter)
         inside.append(on_vehicle | in_boxes(m.cur_left, sequence.boxes(i), config.filter))
         right.append(truth.is_right(m, now, RIGHT, before))
-        beside.append(right[-1] | _is_right_beside(truth, m, before, now))
+        beside.append(_is_right_beside(truth, m, before, now))
         left, _, valid = truth.predict(before, now, m.prev_left)
         known.append(valid)
         error.append(np.linalg.norm(m.cur_left - left, axis=1))
@@ -76,7 +76,7 @@ def feature_errors(
 
 
 def _is_right_beside(truth: Truth, m: StereoMatches, before: int, now: int) -> NDArray[np.bool_]:
-    """Whether matches (N,) are right as those of some point at most BESIDE pixels from their own."""
+    """Whether matches (N,) are right as their own point's or as one's up to BESIDE pixels beside."""
     found = np.zeros(len(m), np.bool_)
     for step in itertools.product(range(-BESIDE, BESIDE + 1), repeat=2):
         by = np.array(step, float)
