@@ -14,11 +14,11 @@ import json
 import sys
 from pathlib import Path
 
-from vo_lib.console import OneLineParser, reporting, say
-from vo_lib.errors import DataError
-from vo_lib.kitti_check import check_tree, parse_numbers
-from vo_lib.places import kitti_root, script_command
-from vo_lib.script import guarded, show_sequences
+from vo_lib.commands.console import OneLineParser, reporting, say
+from vo_lib.commands.script import guarded, show_sequences
+from vo_lib.core.errors import DataError
+from vo_lib.data.kitti_check import check_tree, parse_numbers
+from vo_lib.data.places import kitti_root, script_command
 
 
 def parser() -> argparse.ArgumentParser:

@@ -16,18 +16,18 @@ from functools import partial
 from pathlib import Path
 
 from vo_lib.commands.common import add_cache, open_with_bar, parse_methods, parse_whole
-from vo_lib.console import OneLineParser, reporting, say, show_report_table
-from vo_lib.errors import DataError
-from vo_lib.files import write_text_atomic
-from vo_lib.jobs import run_jobs
-from vo_lib.report import ReportTable
-from vo_lib.reproduce import slug
-from vo_lib.results import run_folder
-from vo_lib.script import guarded
-from vo_lib.sequence import SYNTHETIC, Sequence, parse_sequences
-from vo_lib.sweep import Axis, run_sweep, sweep_table
+from vo_lib.commands.console import OneLineParser, reporting, say, show_report_table
+from vo_lib.commands.script import guarded
+from vo_lib.core.errors import DataError
+from vo_lib.core.files import write_text_atomic
+from vo_lib.data.sequence import SYNTHETIC, Sequence, parse_sequences
+from vo_lib.runs.jobs import run_jobs
+from vo_lib.runs.results import run_folder
 from vo_lib.synthetic import SCENES
-from vo_lib.table1 import markdown
+from vo_lib.tables.report import ReportTable
+from vo_lib.tables.reproduce import slug
+from vo_lib.tables.sweep import Axis, run_sweep, sweep_table
+from vo_lib.tables.table1 import markdown
 
 RULES = ("none", "all", "moving", "truth")
 COLUMNS = ["sequence", "method", "rule", "TE %", "RE deg/100 m", "removed", "back end ms"]

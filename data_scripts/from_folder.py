@@ -18,21 +18,19 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vo_lib.console import OneLineParser, reporting, say
-from vo_lib.errors import DataError
-from vo_lib.kitti import read_times
-from vo_lib.kitti_raw import read_raw_drive
-from vo_lib.poses import read_kitti_poses
-from vo_lib.script import guarded
-from vo_lib.sequence import open_sequence
-from vo_lib.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
-from vo_lib.stereo_check import complaints, measure_pairs
-from vo_lib.stereo_import import require_new, write_sequence
-from vo_lib.stereo_sources import FolderSource, VideoSource, pair_folders
-
-Array = NDArray[np.float64]
+from data_scripts.fetch.kitti_raw import read_raw_drive
+from data_scripts.fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
+from data_scripts.fetch.stereo_import import require_new, write_sequence
+from data_scripts.fetch.stereo_sources import FolderSource, VideoSource, pair_folders
+from vo_lib.commands.console import OneLineParser, reporting, say
+from vo_lib.commands.script import guarded
+from vo_lib.core.errors import DataError
+from vo_lib.core.poses import read_kitti_poses
+from vo_lib.core.types import Array
+from vo_lib.data.kitti import read_times
+from vo_lib.data.sequence import open_sequence
+from vo_lib.data.stereo_check import complaints, measure_pairs
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 

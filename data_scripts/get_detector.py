@@ -13,12 +13,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from vo_lib.console import OneLineParser, say, show_table
-from vo_lib.detectors import FETCHABLE, YOLOV8, fetch_detector, known, register_detector
-from vo_lib.download import in_words
-from vo_lib.errors import DataError
-from vo_lib.places import detector_folder, script_command
-from vo_lib.script import confirm, guarded, transferring
+from data_scripts.fetch.download import in_words
+from vo_lib.commands.console import OneLineParser, say, show_table
+from vo_lib.commands.script import confirm, guarded, transferring
+from vo_lib.core.errors import DataError
+from vo_lib.data.places import detector_folder, script_command
+from vo_lib.detection.detectors import FETCHABLE, YOLOV8, fetch_detector, known, register_detector
 
 
 def parser() -> argparse.ArgumentParser:

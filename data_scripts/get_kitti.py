@@ -16,10 +16,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from vo_lib.console import OneLineParser, reporting, say
-from vo_lib.download import CONNECTIONS, in_words, require_space
-from vo_lib.errors import DataError
-from vo_lib.kitti_archive import (
+from data_scripts.fetch.download import CONNECTIONS, in_words, require_space
+from data_scripts.fetch.kitti_archive import (
     CALIB,
     COLOR,
     GRAY,
@@ -32,10 +30,12 @@ from vo_lib.kitti_archive import (
     note_changes,
     plan,
 )
-from vo_lib.kitti_check import EXPECTED_FRAMES, parse_numbers
-from vo_lib.places import kitti_root, script_command
-from vo_lib.script import confirm, guarded, transferring
-from vo_lib.zip_archives import Archives
+from data_scripts.fetch.zip_archives import Archives
+from vo_lib.commands.console import OneLineParser, reporting, say
+from vo_lib.commands.script import confirm, guarded, transferring
+from vo_lib.core.errors import DataError
+from vo_lib.data.kitti_check import EXPECTED_FRAMES, parse_numbers
+from vo_lib.data.places import kitti_root, script_command
 
 
 def parser() -> argparse.ArgumentParser:

@@ -16,11 +16,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from vo_lib.console import OneLineParser, reporting, say
-from vo_lib.errors import DataError
-from vo_lib.script import guarded
-from vo_lib.training.evaluated import DRIVE
-from vo_lib.training.kitti_set import (
+from data_scripts.training.evaluated import DRIVE
+from data_scripts.training.kitti_set import (
     NAMES,
     boxes_by_class,
     check_origin,
@@ -29,6 +26,9 @@ from vo_lib.training.kitti_set import (
     split,
     write_set,
 )
+from vo_lib.commands.console import OneLineParser, reporting, say
+from vo_lib.commands.script import guarded
+from vo_lib.core.errors import DataError
 
 
 def main(words: list[str] | None = None) -> int:

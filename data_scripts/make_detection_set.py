@@ -13,12 +13,12 @@ import argparse
 import sys
 from pathlib import Path
 
+from data_scripts.training.config import DetectionSetConfig
+from data_scripts.training.street_set import write_street_set
 from vo_lib.commands.common import parse_whole
-from vo_lib.console import OneLineParser, reporting, say
-from vo_lib.script import guarded
-from vo_lib.setting_options import add_options, from_options
-from vo_lib.training.config import DetectionSetConfig
-from vo_lib.training.street_set import write_street_set
+from vo_lib.commands.console import OneLineParser, reporting, say
+from vo_lib.commands.script import guarded
+from vo_lib.commands.setting_options import add_options, from_options
 
 
 def parser() -> argparse.ArgumentParser:

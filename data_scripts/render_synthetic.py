@@ -15,10 +15,10 @@ from pathlib import Path
 import cv2
 
 from vo_lib.commands.common import parse_whole
-from vo_lib.console import OneLineParser, reporting
-from vo_lib.errors import DataError
-from vo_lib.script import guarded
-from vo_lib.settings import declared
+from vo_lib.commands.console import OneLineParser, reporting
+from vo_lib.commands.script import guarded
+from vo_lib.core.errors import DataError
+from vo_lib.core.settings import declared
 from vo_lib.synthetic import SCENES, SceneConfig, contact_sheet, ensure_scene, scene_config
 
 

@@ -18,19 +18,19 @@ from pathlib import Path
 
 import numpy as np
 
-from vo_lib.console import OneLineParser, reporting, say, show_table
-from vo_lib.detection_plots import training_figure
-from vo_lib.errors import DataError
-from vo_lib.files import write_bytes_atomic
-from vo_lib.plots import png
-from vo_lib.script import guarded
-from vo_lib.setting_options import add_options, from_options
-from vo_lib.settings import to_dict
-from vo_lib.training.assess import assess
-from vo_lib.training.config import TrainingConfig
-from vo_lib.training.dataset import DetectionSet, open_set
-from vo_lib.training.evaluated import refuse_evaluated
-from vo_lib.yolo_layout import LEAST_SIZE, MOST_SIZE
+from data_scripts.training.assess import assess
+from data_scripts.training.config import TrainingConfig
+from data_scripts.training.dataset import DetectionSet, open_set
+from data_scripts.training.detection_plots import training_figure
+from data_scripts.training.evaluated import refuse_evaluated
+from vo_lib.commands.console import OneLineParser, reporting, say, show_table
+from vo_lib.commands.script import guarded
+from vo_lib.commands.setting_options import add_options, from_options
+from vo_lib.core.errors import DataError
+from vo_lib.core.files import write_bytes_atomic
+from vo_lib.core.settings import to_dict
+from vo_lib.detection.yolo_layout import LEAST_SIZE, MOST_SIZE
+from vo_lib.tables.plots import png
 
 MODEL, CURVES = "detector.onnx", "curves.png"
 FREE = ("epochs", "threads")  # settings that a training may change when it goes on
@@ -86,9 +86,9 @@ def train(data: DetectionSet, config: TrainingConfig, out: Path, start: Path | N
     `used_with` : longer side of the images that the exported model is used with, pixels.
     """
     try:
-        from vo_lib.training import trainer
-        from vo_lib.training.export import export_onnx
-        from vo_lib.training.start import starting_network
+        from data_scripts.training import trainer
+        from data_scripts.training.export import export_onnx
+        from data_scripts.training.start import starting_network
     except ImportError as error:
         raise DataError(f'{error.name} is missing: pip install ".[train]"') from None
     out.mkdir(parents=True, exist_ok=True)

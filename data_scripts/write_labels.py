@@ -13,17 +13,18 @@ import argparse
 import sys
 from pathlib import Path
 
+from data_scripts.training.detection_plots import detection_image
+from vo_lib.commands.console import OneLineParser, reporting, say
+from vo_lib.commands.script import guarded
+from vo_lib.commands.setting_options import add_options, from_options
 from vo_lib.config import DetectorConfig
-from vo_lib.console import OneLineParser, reporting, say
-from vo_lib.detection_plots import detection_image
-from vo_lib.files import write_bytes_atomic
-from vo_lib.kitti import read_image
-from vo_lib.label_cache import RECORD, write_label_folder
-from vo_lib.plots import jpeg
-from vo_lib.script import guarded
-from vo_lib.sequence import Progress, Sequence, open_sequence
-from vo_lib.setting_options import add_options, from_options
-from vo_lib.yolo import PROVIDERS
+from vo_lib.core.files import write_bytes_atomic
+from vo_lib.core.types import Progress
+from vo_lib.data.kitti import read_image
+from vo_lib.data.sequence import Sequence, open_sequence
+from vo_lib.detection.label_cache import RECORD, write_label_folder
+from vo_lib.detection.yolo import PROVIDERS
+from vo_lib.tables.plots import jpeg
 
 
 def main(words: list[str] | None = None) -> int:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vo_lib.camera import StereoCamera
-from vo_lib.detection import Boxes
-from vo_lib.geometry import Array, rigid, rotation_from_vector, transform
-from vo_lib.matching import StereoMatches
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import rigid, rotation_from_vector, transform
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.types import Array
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
 # The camera drives forward a metre a frame and turns by half a degree.

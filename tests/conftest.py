@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from file_server import FileServer
 
-from vo_lib.geometry import Array, rigid, rotation_from_vector
-from vo_lib.sequence import Sequence, open_sequence
+from vo_lib.core.geometry import rigid, rotation_from_vector
+from vo_lib.core.types import Array
+from vo_lib.data.sequence import Sequence, open_sequence
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
 
@@ -107,7 +108,7 @@ def bands(tmp_path: Path) -> Path:
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[FileServer]:
     """A web server on this machine; downloads do not pause before they try again."""
-    monkeypatch.setattr("vo_lib.download.PAUSE", 0.0)
+    monkeypatch.setattr("data_scripts.fetch.download.PAUSE", 0.0)
     made = FileServer()
     yield made
     made.close()

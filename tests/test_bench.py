@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from conftest import write_bands
 
-from vo_lib import Sequence, open_sequence, preset, settings
-from vo_lib.bench import Effort, describe_machine, peak_memory, run_bench
-from vo_lib.cli import main
+from vo_lib import Sequence, open_sequence, preset
 from vo_lib.commands import bench as command
+from vo_lib.commands.bench_matches import feature_errors
+from vo_lib.commands.bench_solver import BATCHES, PRECISION_MOTIONS, poselib_solver, precision
+from vo_lib.commands.bench_stages import Effort, describe_machine, peak_memory, run_bench
+from vo_lib.commands.cli import main
 from vo_lib.config import Config
-from vo_lib.feature_errors import feature_errors
-from vo_lib.matching import StereoMatches, empty_matches
-from vo_lib.solver_bench import BATCHES, PRECISION_MOTIONS, poselib_solver, precision
+from vo_lib.core import settings
+from vo_lib.core.matches import StereoMatches, empty_matches
 from vo_lib.synthetic import ensure_scene, open_truth, scene_config
 
 FIELDS = {

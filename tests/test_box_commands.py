@@ -11,11 +11,11 @@ import pytest
 from conftest import write_bands
 from test_data_scripts import load
 
-from vo_lib.box_tracks import MOVING, PARKED, UNKNOWN
-from vo_lib.cli import main
-from vo_lib.detection import Boxes
-from vo_lib.matching import empty_matches
-from vo_lib.plots import match_image
+from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN
+from vo_lib.commands.cli import main
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.matches import empty_matches
+from vo_lib.tables.plots import match_image
 
 compare_box_rules = load("compare_box_rules")
 

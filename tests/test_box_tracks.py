@@ -12,22 +12,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vo_lib import open_sequence, preset
-from vo_lib.arrays import pack_arrays, unpack_arrays
-from vo_lib.box_tracks import (
-    MOVING,
-    PARKED,
-    UNKNOWN,
-    BoxJudge,
-    Judgement,
-    overlap,
-    pair_up,
-)
+from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN, BoxJudge, Judgement, overlap, pair_up
+from vo_lib.beyond.moving import inside
 from vo_lib.config import FilterConfig, MovingConfig
-from vo_lib.detection import Boxes, no_boxes
-from vo_lib.geometry import Array, sampson_distance, skew
-from vo_lib.matching import StereoMatches
-from vo_lib.moving import inside
-from vo_lib.runner import FoundMatches
+from vo_lib.core.boxes import Boxes, no_boxes
+from vo_lib.core.geometry import sampson_distance, skew
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.types import Array
+from vo_lib.runs.arrays import pack_arrays, unpack_arrays
+from vo_lib.runs.runner import FoundMatches
 
 AHEAD = tuple((STEP[:3, 3] * -1.0).tolist())  # the step of a car that keeps its distance
 

@@ -10,20 +10,21 @@ import numpy as np
 import pytest
 from conftest import winding_road
 
-from vo_lib import open_sequence, preset, run, settings
-from vo_lib.calibration import StereoCalibration, estimate_disparity_error, with_right_moved
-from vo_lib.camera import StereoCamera
+from vo_lib import open_sequence, preset, run
+from vo_lib.beyond.calibration import StereoCalibration, estimate_disparity_error, with_right_moved
+from vo_lib.beyond.odometry import Odometry
+from vo_lib.beyond.row_calibration import RowError, row_terms
+from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import CalibrationConfig, TranslationConfig
-from vo_lib.detection import no_boxes
-from vo_lib.errors import DataError
-from vo_lib.evaluation import kitti_errors
-from vo_lib.geometry import Array
-from vo_lib.matching import StereoMatches
-from vo_lib.odometry import Odometry
-from vo_lib.row_calibration import RowError, row_terms
-from vo_lib.runner import FoundMatches
+from vo_lib.core import settings
+from vo_lib.core.boxes import no_boxes
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.errors import DataError
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.types import Array
+from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.runs.runner import FoundMatches
 from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
-from vo_lib.translation import solve_translation
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
 

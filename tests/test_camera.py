@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vo_lib.camera import StereoCamera
+from vo_lib.core.camera import StereoCamera
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, height=376)
 

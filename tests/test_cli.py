@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 import pytest
 
-from vo_lib import settings
-from vo_lib.cli import main
+from vo_lib.commands.cli import main
 from vo_lib.config import Config
-from vo_lib.poses import read_kitti_poses, read_tum, write_kitti_poses
+from vo_lib.core import settings
+from vo_lib.core.poses import read_kitti_poses, read_tum, write_kitti_poses
 
 FILES = ["config.json", "frames.csv", "metrics.json", "poses.txt", "poses_tum.txt", "trajectory.png"]
 SMALL = ["--features.cell", "10"]
@@ -71,7 +71,7 @@ def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path) -> None:
 def test_a_run_with_cached_matches_writes_the_same_poses(
     bands: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vo_lib.match_cache.cache_folder", lambda: bands.parent / "user" / "synthetic")
+    monkeypatch.setattr("vo_lib.runs.match_cache.cache_folder", lambda: bands.parent / "user" / "synthetic")
     poses = []
     for name, cache in (
         ("plain", []),
@@ -277,7 +277,7 @@ def test_check_finds_this_installation_healthy(
 
 
 def test_two_opencv_packages_are_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
-    import vo_lib.environment as environment
+    import vo_lib.commands.environment as environment
 
     monkeypatch.setattr(environment, "installed_version", lambda name: "5.0")
     broken = [f for f in environment.check() if f.state == "problem"]

@@ -10,18 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import write_bands
-from numpy.typing import NDArray
 
 from vo_lib import preset, run
-from vo_lib.cli import main
+from vo_lib.commands.cli import main
 from vo_lib.commands.compare import known_truth
-from vo_lib.comparison import common_kind, comparison_table, curve, read_stored_run, read_stored_runs
-from vo_lib.errors import DataError
-from vo_lib.evaluation import SHORT_LENGTHS, evaluate
-from vo_lib.results import write_run
-from vo_lib.sequence import open_sequence
-
-Array = NDArray[np.float64]
+from vo_lib.core.errors import DataError
+from vo_lib.core.types import Array
+from vo_lib.data.sequence import open_sequence
+from vo_lib.evaluation.kitti import SHORT_LENGTHS, evaluate
+from vo_lib.runs.results import write_run
+from vo_lib.tables.comparison import common_kind, comparison_table, curve, read_stored_run, read_stored_runs
 
 
 def straight(n: int, step: float) -> Array:

@@ -18,11 +18,12 @@ from conftest import write_bands
 from file_server import FileServer
 from test_kitti_archive import content, kitti, zipped  # noqa: F401  (one is a fixture)
 
-from vo_lib import environment, places
-from vo_lib.download import in_words
-from vo_lib.kitti_archive import COLOR
-from vo_lib.kitti_check import EXPECTED_FRAMES
-from vo_lib.script import confirm, guarded
+from data_scripts.fetch.download import in_words
+from data_scripts.fetch.kitti_archive import COLOR
+from vo_lib.commands import environment
+from vo_lib.commands.script import confirm, guarded
+from vo_lib.data import places
+from vo_lib.data.kitti_check import EXPECTED_FRAMES
 
 SCRIPTS = Path(__file__).resolve().parents[1] / "data_scripts"
 NAMES = ("get_kitti", "check_kitti", "from_folder", "get_detector")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from vo_lib import METHODS, open_sequence
-from vo_lib.cli import main
+from vo_lib.commands.cli import main
 from vo_lib.synthetic import SCENES, scene_config
 
 

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vo_lib.detection import Boxes, no_boxes, read_labels, write_labels
-from vo_lib.detection_plots import DETECTED, detection_image, training_figure
-from vo_lib.errors import DataError
+from data_scripts.training.detection_plots import DETECTED, detection_image, training_figure
+from vo_lib.core.boxes import Boxes, no_boxes
+from vo_lib.core.errors import DataError
+from vo_lib.data.labels import read_labels, write_labels
 
 shares = st.floats(0, 1)
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from file_server import FileServer
 
-from vo_lib.detectors import (
+from vo_lib.core.errors import DataError
+from vo_lib.detection.detectors import (
     FETCHABLE,
     REGISTRY,
     Detector,
@@ -18,7 +19,6 @@ from vo_lib.detectors import (
     known,
     register_detector,
 )
-from vo_lib.errors import DataError
 
 DATA = np.random.default_rng(1).bytes(200_000)
 

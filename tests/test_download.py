@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from file_server import FileServer
 
-from vo_lib import download
-from vo_lib.errors import DataError
+from data_scripts.fetch import download
+from vo_lib.core.errors import DataError
 
 DATA = np.random.default_rng(0).bytes(1_000_000)
 SHA256 = hashlib.sha256(DATA).hexdigest()

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vo_lib.config import SelectionConfig
-from vo_lib.essential import (
+from vo_lib.beyond.refinement import refine
+from vo_lib.beyond.selection import (
     EssentialEstimate,
     contender_errors,
     estimate_essential,
@@ -17,18 +17,18 @@ from vo_lib.essential import (
     sample_sets,
     truncated_errors,
 )
-from vo_lib.five_point import five_point
-from vo_lib.geometry import (
-    Array,
+from vo_lib.config import SelectionConfig
+from vo_lib.core.geometry import (
     essential_angle,
     essential_vector,
     rotation_angle,
     rotation_from_vector,
     sampson_distance,
 )
-from vo_lib.problems import PoseProblems, random_problems
-from vo_lib.refinement import refine
-from vo_lib.sampson import match_terms
+from vo_lib.core.sampson import match_terms
+from vo_lib.core.types import Array
+from vo_lib.method.five_point import five_point
+from vo_lib.synthetic.problems import PoseProblems, random_problems
 
 FOCAL = 718.856
 

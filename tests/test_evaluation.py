@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from vo_lib.ate_rpe import Alignment, absolute_error, align, relative_error
-from vo_lib.cli import main
-from vo_lib.errors import DataError
-from vo_lib.evaluation import (
+from vo_lib.commands.cli import main
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import nearest_rotation, rigid, rotation_from_vector
+from vo_lib.core.poses import read_kitti_poses, read_tum_pair, write_kitti_poses, write_tum
+from vo_lib.core.types import Array
+from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error
+from vo_lib.evaluation.kitti import (
     KITTI_BIN_MINIMUM,
     KITTI_LENGTHS,
     KittiErrors,
@@ -26,10 +28,6 @@ from vo_lib.evaluation import (
     pooled,
     trajectory_distances,
 )
-from vo_lib.geometry import nearest_rotation, rigid, rotation_from_vector
-from vo_lib.poses import read_kitti_poses, read_tum_pair, write_kitti_poses, write_tum
-
-Array = NDArray[np.float64]
 
 KITTI_TRUTH = Path(__file__).parents[2] / "shared" / "data" / "kitti_poses"
 SEQUENCES = ["00", "01", "02", "03", "04", "05", "06", "07", "08", "09", "10"]

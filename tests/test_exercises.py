@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from vo_lib import open_sequence
-from vo_lib.camera import StereoCamera
-from vo_lib.exercises import Verdict, Wrong, ch00, ch02, ch03, exercise
-from vo_lib.exercises.verdict import NOT_YET_CLASS, RIGHT_CLASS
-from vo_lib.five_point import epipolar_rows
-from vo_lib.geometry import Array, essential_vector, inverse
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import essential_vector, inverse
+from vo_lib.core.types import Array
+from vo_lib.course.exercises import Verdict, Wrong, ch00, ch02, ch03, exercise
+from vo_lib.course.exercises.verdict import NOT_YET_CLASS, RIGHT_CLASS
+from vo_lib.method.five_point import epipolar_rows
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from vo_lib.config import BucketConfig
-from vo_lib.exercises import Verdict, ch01
-from vo_lib.features import select_by_bucket
+from vo_lib.course.exercises import Verdict, ch01
+from vo_lib.method.buckets import select_by_bucket
 
 
 def wrong(verdict: Verdict, words: str) -> None:

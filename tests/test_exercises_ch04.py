@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.exercises import Verdict, ch04
+from vo_lib.course.exercises import Verdict, ch04
 
 
 def wrong(verdict: Verdict, words: str) -> None:

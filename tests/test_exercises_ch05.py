@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vo_lib.box_tracks import overlap
-from vo_lib.exercises import Verdict, ch05
-from vo_lib.geometry import Array
+from vo_lib.beyond.box_tracks import overlap
+from vo_lib.core.types import Array
+from vo_lib.course.exercises import Verdict, ch05
 
 
 def wrong(verdict: Verdict, words: str) -> None:

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.evaluation import kitti_errors, trajectory_distances
-from vo_lib.exercises import Verdict, ch06
-from vo_lib.made_up import block_tour, made_up
+from vo_lib.course.exercises import Verdict, ch06
+from vo_lib.course.made_up import block_tour, made_up
+from vo_lib.evaluation.kitti import kitti_errors, trajectory_distances
 
 
 def wrong(verdict: Verdict, words: str) -> None:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from vo_lib.config import preset
-from vo_lib.evaluation import kitti_errors
-from vo_lib.exercises import Verdict, ch07
-from vo_lib.geometry import Array
-from vo_lib.runner import run_methods
-from vo_lib.settings import replace
+from vo_lib.core.settings import replace
+from vo_lib.core.types import Array
+from vo_lib.course.exercises import Verdict, ch07
+from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.runs.runner import run_methods
 
 
 def wrong(verdict: Verdict, words: str) -> None:

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vo_lib.config import BucketConfig, FeatureConfig
-from vo_lib.features import corner_strength, detect_corners, in_empty_cells, select_by_bucket
+from vo_lib.front_end.corners import corner_strength, detect_corners, in_empty_cells
+from vo_lib.method.buckets import select_by_bucket
 
 
 def test_the_corners_of_a_square_are_found_and_its_edges_are_not() -> None:

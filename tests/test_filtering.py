@@ -10,15 +10,17 @@ from box_scenes import CAMERA, STEP, Vehicle, drive
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vo_lib import DataError, open_sequence, preset, run, settings
-from vo_lib.arrays import pack_arrays, unpack_arrays
-from vo_lib.box_tracks import MOVING
+from vo_lib import DataError, open_sequence, preset, run
+from vo_lib.beyond.box_filter import BoxFilter, Filtered, in_boxes, static_matches
+from vo_lib.beyond.box_tracks import MOVING
 from vo_lib.config import FilterConfig, MovingConfig
-from vo_lib.detection import Boxes, no_boxes, read_labels
-from vo_lib.filtering import BoxFilter, Filtered, in_boxes, static_matches
-from vo_lib.matching import StereoMatches
-from vo_lib.runner import FoundMatches
-from vo_lib.sequence import Sequence
+from vo_lib.core import settings
+from vo_lib.core.boxes import Boxes, no_boxes
+from vo_lib.core.matches import StereoMatches
+from vo_lib.data.labels import read_labels
+from vo_lib.data.sequence import Sequence
+from vo_lib.runs.arrays import pack_arrays, unpack_arrays
+from vo_lib.runs.runner import FoundMatches
 from vo_lib.synthetic import open_truth
 
 

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from vo_lib.geometry import (
-    Array,
+from vo_lib.core.geometry import (
     decompose_essential,
     essential_angle,
     essential_from_motion,
@@ -25,6 +24,7 @@ from vo_lib.geometry import (
     skew,
     transform,
 )
+from vo_lib.core.types import Array
 
 vectors = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0, allow_subnormal=False))
 

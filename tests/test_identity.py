@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-import vo_lib.identity as identity
+import vo_lib.runs.identity as identity
 from vo_lib import DataError, open_sequence, preset
 
 
@@ -46,31 +46,6 @@ def test_labels_count_only_where_they_are_used(bands: Path) -> None:
     assert before[1] != after[1]
 
 
-def test_the_code_digest_follows_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "sub").mkdir()
-    files = {
-        "a.py": "from .b import x\nimport numpy\n",
-        "b.py": "from . import c\nfrom .sub import d\n",
-        "c.py": "",
-        "other.py": "",
-        "sub/__init__.py": "from .d import y\n",
-        "sub/d.py": "from ..c import z\n",
-    }
-    for name, text in files.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    monkeypatch.setattr(identity, "PACKAGE", tmp_path)
-    digest = identity.code_digest.__wrapped__
-    before = digest("a")
-    (tmp_path / "other.py").write_text("x = 1\n", encoding="utf-8")
-    assert digest("a") == before
-    for name in ("a.py", "c.py", "sub/d.py"):
-        text = (tmp_path / name).read_text(encoding="utf-8")
-        (tmp_path / name).write_text(text + "x = 2\n", encoding="utf-8")
-        assert digest("a") != before, name
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    assert digest("a") == before
-
-
 def test_all_maths_counts_as_the_code_of_a_run_and_no_plot(monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
     read_bytes = Path.read_bytes
@@ -80,10 +55,27 @@ def test_all_maths_counts_as_the_code_of_a_run_and_no_plot(monkeypatch: pytest.M
         return read_bytes(path)
 
     monkeypatch.setattr(Path, "read_bytes", watched)
-    identity.code_digest.__wrapped__("front_end", "odometry")
-    wanted = {"matching", "features", "five_point", "essential", "translation", "filtering", "geometry"}
+    identity.code_digest.__wrapped__()
+    wanted = {"config", "klt", "corners", "five_point", "selection", "translation", "viso2", "geometry"}
     assert wanted <= set(read)
     assert not {"plots", "console", "cli", "report"} & set(read)
+
+
+def test_any_change_of_the_maths_is_another_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "method").mkdir()
+    (tmp_path / "config.py").write_text("", encoding="utf-8")
+    (tmp_path / "other.py").write_text("", encoding="utf-8")
+    (tmp_path / "method" / "odometry.py").write_text("", encoding="utf-8")
+    monkeypatch.setattr(identity, "PACKAGE", tmp_path)
+    digest = identity.code_digest.__wrapped__
+    before = digest()
+    (tmp_path / "other.py").write_text("x = 1\n", encoding="utf-8")
+    assert digest() == before
+    for name in ("config.py", "method/odometry.py", "method/new.py"):
+        (tmp_path / name).write_text("x = 2\n", encoding="utf-8")
+        after = digest()
+        assert after != before, name
+        before = after
 
 
 def test_the_commit_is_that_of_the_kit_or_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

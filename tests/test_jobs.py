@@ -12,9 +12,9 @@ from conftest import write_bands
 
 from vo_lib import DataError, Sequence, open_sequence, preset, run
 from vo_lib.config import Config, FeatureConfig
-from vo_lib.jobs import Job, run_jobs
-from vo_lib.poses import format_kitti_poses
-from vo_lib.results import read_run
+from vo_lib.core.poses import format_kitti_poses
+from vo_lib.runs.jobs import Job, run_jobs
+from vo_lib.runs.results import read_run
 
 FRAMES = 8
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from file_server import FileServer
 
-from vo_lib import kitti_archive
-from vo_lib.errors import DataError
-from vo_lib.kitti_archive import CALIB, GRAY, POSES, absent, fetch, link_tree, plan
-from vo_lib.zip_archives import Archives, Member
+from data_scripts.fetch import kitti_archive
+from data_scripts.fetch.kitti_archive import CALIB, GRAY, POSES, absent, fetch, link_tree, plan
+from data_scripts.fetch.zip_archives import Archives, Member
+from vo_lib.core.errors import DataError
 
 FRAMES = 12
 
@@ -211,7 +211,7 @@ def test_a_disk_that_fills_up_leaves_no_half_file(
         if written > 5:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("vo_lib.files.os.fsync", full)
+    monkeypatch.setattr("vo_lib.core.files.os.fsync", full)
     with pytest.raises(DataError, match="No space left"):
         take(kitti, tmp_path)
     there = files_below(tmp_path)

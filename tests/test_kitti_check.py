@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from conftest import write_bands
 
-from vo_lib import kitti_check
-from vo_lib.errors import DataError
-from vo_lib.kitti_check import (
+from vo_lib.core.errors import DataError
+from vo_lib.data import kitti_check
+from vo_lib.data.kitti_check import (
     EXPECTED_FRAMES,
     SequenceReport,
     check_tree,

@@ -7,13 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from vo_lib.errors import DataError
-from vo_lib.geometry import inverse, rigid, rotation_from_vector
-from vo_lib.kitti_raw import EARTH_RADIUS, imu_poses, read_raw_drive
-
-Array = NDArray[np.float64]
+from data_scripts.fetch.kitti_raw import EARTH_RADIUS, imu_poses, read_raw_drive
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import inverse, rigid, rotation_from_vector
+from vo_lib.core.types import Array
 
 P0 = np.array([[720.0, 0, 60, 0], [0, 720, 20, 0], [0, 0, 1, 0]])
 P1 = P0 - np.array([[0, 0, 0, 387.0], [0, 0, 0, 0], [0, 0, 0, 0]])

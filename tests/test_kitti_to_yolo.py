@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from test_data_scripts import load
 
-from vo_lib.detection import read_labels
-from vo_lib.errors import DataError
-from vo_lib.training.kitti_set import check_origin, read_object_set, read_tracking_set, split
+from data_scripts.training.kitti_set import check_origin, read_object_set, read_tracking_set, split
+from vo_lib.core.errors import DataError
+from vo_lib.data.labels import read_labels
 
 kitti_to_yolo = load("kitti_to_yolo")
 WIDTH, HEIGHT = 200, 100

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from vo_lib import DataError
-from vo_lib.cli import main
 from vo_lib.commands import lab
-from vo_lib.script import Ended, unbroken
+from vo_lib.commands.cli import main
+from vo_lib.commands.script import Ended, unbroken
 
 
 def test_the_command_is_a_list_that_opens_the_first_notebook(tmp_path: Path) -> None:

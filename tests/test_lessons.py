@@ -7,9 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from vo_lib.cli import main
+from vo_lib.beyond.translation import solve_translation
+from vo_lib.commands.cli import main
 from vo_lib.config import TranslationConfig
-from vo_lib.lessons import (
+from vo_lib.course.lessons import (
     CAMERA,
     Cell,
     drive,
@@ -18,9 +19,8 @@ from vo_lib.lessons import (
     selections,
     translation_errors,
 )
+from vo_lib.course.three_frames import solve_three_frames
 from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
-from vo_lib.three_frames import solve_three_frames
-from vo_lib.translation import solve_translation
 
 
 def test_a_cell_tells_median_spread_and_bad_frames() -> None:

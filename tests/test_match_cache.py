@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from conftest import write_bands
 
-from vo_lib import Sequence, open_sequence, preset, run, settings
-from vo_lib.arrays import pack_arrays, unpack_arrays
+from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.config import Config
-from vo_lib.match_cache import CachedMatches, pack, unpack
-from vo_lib.matching import StereoMatches, empty_matches
-from vo_lib.poses import format_kitti_poses
-from vo_lib.runner import FoundMatches, run_methods
+from vo_lib.core import settings
+from vo_lib.core.matches import StereoMatches, empty_matches
+from vo_lib.core.poses import format_kitti_poses
+from vo_lib.runs.arrays import pack_arrays, unpack_arrays
+from vo_lib.runs.match_cache import CachedMatches, pack, unpack
+from vo_lib.runs.runner import FoundMatches, run_methods
 
 FRAMES = 12
 CHUNK = 5
@@ -25,7 +26,7 @@ CHUNK = 5
 @pytest.fixture
 def sequence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Sequence:
     """Twelve frames, kept five to a file."""
-    monkeypatch.setattr("vo_lib.match_cache.CHUNK", CHUNK)
+    monkeypatch.setattr("vo_lib.runs.match_cache.CHUNK", CHUNK)
     return open_sequence(write_bands(tmp_path / "bands", frames=FRAMES))
 
 
@@ -61,7 +62,7 @@ def test_matches_and_poses_are_the_same_bytes_with_and_without_the_cache(sequenc
 
 def test_the_second_time_no_image_is_decoded(sequence: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
     cached(sequence, small()).fill()
-    monkeypatch.setattr("vo_lib.sequence.read_image", None)
+    monkeypatch.setattr("vo_lib.data.sequence.read_image", None)
     frames = list(cached(sequence, small(selection__sets=50, filter__rule="all")))
     assert len(frames) == FRAMES
     assert all(set(ms) == {"cached_matches"} for _, ms in frames)
@@ -97,7 +98,7 @@ def test_matches_of_older_code_are_removed(sequence: Sequence, monkeypatch: pyte
     kept = [cached(sequence, small()), cached(sequence, small(matching__window=11))]
     for matches in kept:
         matches.fill()
-    monkeypatch.setattr("vo_lib.match_cache.code_digest", lambda *modules: "changed")
+    monkeypatch.setattr("vo_lib.runs.match_cache.code_digest", lambda *modules: "changed")
     newer = cached(sequence, small())
     newer.fill()
     assert [matches.folder.exists() for matches in (*kept, newer)] == [False, True, True]

@@ -10,8 +10,9 @@ from conftest import BANDS, HEIGHT
 
 from vo_lib import Sequence, open_sequence
 from vo_lib.config import FeatureConfig, MatchingConfig
-from vo_lib.matching import LoopMatcher, PreparedPair, StereoMatches, prepare_pair
-from vo_lib.surface import coarse_disparity
+from vo_lib.core.matches import StereoMatches
+from vo_lib.front_end.klt import LoopMatcher, PreparedPair, prepare_pair
+from vo_lib.front_end.surface import coarse_disparity
 
 
 def prepared(sequence: Sequence, index: int) -> PreparedPair:

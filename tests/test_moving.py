@@ -7,10 +7,7 @@ import pytest
 from box_scenes import CAMERA, STEP, match_points, street_points
 from numpy.typing import NDArray
 
-from vo_lib.config import FilterConfig, MovingConfig
-from vo_lib.detection import Boxes
-from vo_lib.geometry import Array, rotation_angle, transform
-from vo_lib.moving import (
+from vo_lib.beyond.moving import (
     PointSteps,
     box_steps,
     owner_of,
@@ -19,6 +16,10 @@ from vo_lib.moving import (
     street_noise,
     vehicles,
 )
+from vo_lib.config import FilterConfig, MovingConfig
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.geometry import rotation_angle, transform
+from vo_lib.core.types import Array
 
 CAR = np.array([-0.7, 0.3, 0.2])  # step of a car against the street, current camera's axes
 

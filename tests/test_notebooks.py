@@ -10,9 +10,9 @@ import nbclient
 import nbformat
 import pytest
 
-from vo_lib.exercises.verdict import NOT_YET_CLASS, RIGHT_CLASS
-from vo_lib.panels.base import ERROR_CLASS
-from vo_lib.sequence import Sequence
+from vo_lib.course.exercises.verdict import NOT_YET_CLASS, RIGHT_CLASS
+from vo_lib.course.panels.base import ERROR_CLASS
+from vo_lib.data.sequence import Sequence
 
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
 CHAPTERS = sorted(FOLDER.glob("*.ipynb"))

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from conftest import BASELINE, write_bands
 
-from vo_lib import Run, open_sequence, preset, run, settings
+from vo_lib import Run, open_sequence, preset, run
 from vo_lib.config import Config
-from vo_lib.evaluation import kitti_errors
-from vo_lib.poses import format_kitti_poses
+from vo_lib.core import settings
+from vo_lib.core.poses import format_kitti_poses
+from vo_lib.evaluation.kitti import kitti_errors
 
 METHODS = ("mesvo_f", "solution_selection", "feature_selection")
 

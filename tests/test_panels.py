@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from vo_lib.errors import DataError
-from vo_lib.panels import (
+from vo_lib.core.errors import DataError
+from vo_lib.core.types import Progress
+from vo_lib.course.panels import (
     PANELS,
     Drawing,
     Fact,
@@ -25,12 +26,12 @@ from vo_lib.panels import (
     ch01_trace,
     stack,
 )
-from vo_lib.panels.base import OWN_FOLDER
-from vo_lib.panels.chart import Chart, boxed_legend, room
-from vo_lib.panels.controls import Control
-from vo_lib.panels.data import Memory
-from vo_lib.panels.style import WIDTH, figure, raster
-from vo_lib.sequence import Progress, Sequence
+from vo_lib.course.panels.base import OWN_FOLDER
+from vo_lib.course.panels.chart import Chart, boxed_legend, room
+from vo_lib.course.panels.controls import Control
+from vo_lib.course.panels.data import Memory
+from vo_lib.course.panels.style import WIDTH, figure, raster
+from vo_lib.data.sequence import Sequence
 
 LONG = 300.0  # seconds that a job may take; a safeguard
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from vo_lib.config import METHODS
-from vo_lib.errors import DataError
-from vo_lib.paper import AVERAGE, PAPER_METHODS, PAPER_ROWS, read_paper_table, shipped_table
+from vo_lib.core.errors import DataError
+from vo_lib.tables.paper import AVERAGE, PAPER_METHODS, PAPER_ROWS, read_paper_table, shipped_table
 
 
 def changed(tmp_path: Path, old: str, new: str) -> Path:

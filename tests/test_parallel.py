@@ -14,7 +14,7 @@ import joblib
 import pytest
 
 from vo_lib import DataError
-from vo_lib.parallel import KILLED, Done, parallel
+from vo_lib.runs.parallel import KILLED, Done, parallel
 
 
 def write(item: tuple[Path, str]) -> None:
@@ -122,7 +122,7 @@ def is_alive(process: int) -> bool:
 
 def test_a_scheduler_that_is_not_there_is_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("vo_lib.parallel.CONNECT", 0.5)
+    monkeypatch.setattr("vo_lib.runs.parallel.CONNECT", 0.5)
     with pytest.raises(DataError, match="no scheduler answers there"):
         parallel(write, [(Path(), "a")], scheduler="tcp://127.0.0.1:1")
     with pytest.raises(DataError, match="expected an address such as tcp://"):

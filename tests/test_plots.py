@@ -6,13 +6,13 @@ import itertools
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vo_lib.config import METHODS
-from vo_lib.detection import Boxes
-from vo_lib.geometry import rigid, rotation_from_vector
-from vo_lib.matching import StereoMatches
-from vo_lib.plots import (
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.geometry import rigid, rotation_from_vector
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.types import Array
+from vo_lib.tables.plots import (
     KEPT,
     METHOD_COLOURS,
     REMOVED,
@@ -55,9 +55,6 @@ def test_the_truth_is_drawn_from_the_place_where_the_estimate_starts() -> None:
     np.testing.assert_allclose(truth, mine, atol=1e-12)
     assert figure.axes[0].get_aspect() == 1.0
     assert png(figure) == png(figure)
-
-
-Array = NDArray[np.float64]
 
 
 def drives(n: int) -> Array:

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from vo_lib.errors import DataError
-from vo_lib.files import write_bytes_atomic, write_text_atomic
-from vo_lib.geometry import rotation_from_vector
-from vo_lib.poses import (
+from vo_lib.core.errors import DataError
+from vo_lib.core.files import write_bytes_atomic, write_text_atomic
+from vo_lib.core.geometry import rotation_from_vector
+from vo_lib.core.poses import (
     format_kitti_poses,
     format_tum,
     read_kitti_pair,
@@ -23,8 +22,7 @@ from vo_lib.poses import (
     write_kitti_poses,
     write_tum,
 )
-
-Array = NDArray[np.float64]
+from vo_lib.core.types import Array
 
 IDENTITY_ROW = "1 0 0 0 0 1 0 0 0 0 1 0\n"
 TUM_IDENTITY = "{} 0 0 0 0 0 0 1\n"

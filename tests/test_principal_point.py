@@ -8,18 +8,20 @@ import numpy as np
 import pytest
 from conftest import winding_road
 
-from vo_lib import preset, settings
-from vo_lib.camera import StereoCamera
+from vo_lib import preset
+from vo_lib.beyond.odometry import Odometry
+from vo_lib.beyond.principal_point import PrincipalPoint, by_points, shrunk
+from vo_lib.beyond.refinement import refine
 from vo_lib.config import CalibrationConfig
-from vo_lib.detection import no_boxes
-from vo_lib.evaluation import kitti_errors
-from vo_lib.geometry import Array, essential_from_motion, inverse, rotation_angle, sampson_distance
-from vo_lib.odometry import Odometry
-from vo_lib.principal_point import PrincipalPoint, by_points, shrunk
-from vo_lib.refinement import refine
-from vo_lib.runner import FoundMatches, run
-from vo_lib.sampson import match_terms
-from vo_lib.sequence import Sequence
+from vo_lib.core import settings
+from vo_lib.core.boxes import no_boxes
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import essential_from_motion, inverse, rotation_angle, sampson_distance
+from vo_lib.core.sampson import match_terms
+from vo_lib.core.types import Array
+from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.runs.runner import FoundMatches, run
 from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)

@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 import cv2
 import numpy as np
 
-from vo_lib.report import Picture, ReportTable, render_report
+from vo_lib.tables.report import Picture, ReportTable, render_report
 
 PNG = bytes(cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1])
 

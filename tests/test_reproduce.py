@@ -13,24 +13,24 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import write_bands
-from numpy.typing import NDArray
 
-from vo_lib.camera import StereoCamera
-from vo_lib.cli import main
+from vo_lib.beyond.odometry import Motion
+from vo_lib.commands.cli import main
 from vo_lib.config import METHODS, preset
-from vo_lib.entries import Entry, back_end_ms, group_entries, measure_runs
-from vo_lib.errors import DataError
-from vo_lib.evaluation import KITTI_MEASURE, SHORT_MEASURE, Measure, suitable_measure
-from vo_lib.kitti_check import EXPECTED_FRAMES
-from vo_lib.odometry import Motion
-from vo_lib.paper import PAPER_ROWS, PaperTable, read_paper_table
-from vo_lib.poses import read_kitti_poses
-from vo_lib.report import ReportTable
-from vo_lib.reproduce import default_sequences, plan_jobs, slug, split_missing
-from vo_lib.runner import Run
-from vo_lib.sequence import Sequence, open_sequence, parse_sequences
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.errors import DataError
+from vo_lib.core.poses import read_kitti_poses
+from vo_lib.core.types import Array
+from vo_lib.data.kitti_check import EXPECTED_FRAMES
+from vo_lib.data.sequence import Sequence, open_sequence, parse_sequences
+from vo_lib.evaluation.kitti import KITTI_MEASURE, SHORT_MEASURE, Measure, suitable_measure
+from vo_lib.runs.runner import Run
 from vo_lib.synthetic import SCENES
-from vo_lib.table1 import (
+from vo_lib.tables.entries import Entry, back_end_ms, group_entries, measure_runs
+from vo_lib.tables.paper import PAPER_ROWS, PaperTable, read_paper_table
+from vo_lib.tables.report import ReportTable
+from vo_lib.tables.reproduce import default_sequences, plan_jobs, slug, split_missing
+from vo_lib.tables.table1 import (
     layout_table,
     length_table,
     markdown,
@@ -40,9 +40,7 @@ from vo_lib.table1 import (
     spread,
     trajectory_table,
 )
-from vo_lib.table1_data import groups_json, table_csv
-
-Array = NDArray[np.float64]
+from vo_lib.tables.table1_data import groups_json, table_csv
 
 
 def straight(n: int, step: float = 1.0) -> Array:
@@ -252,7 +250,9 @@ def reproduce(tree: Path, *words: str) -> int:
 def test_kitti_is_the_default_where_it_is_and_the_scenes_where_not(monkeypatch: pytest.MonkeyPatch) -> None:
     assert {"kitti/02", "kitti/07", "kitti/11"} <= set(default_sequences())
     assert not any(name in default_sequences() for name in (f"synthetic/{scene}" for scene in SCENES))
-    monkeypatch.setattr("vo_lib.reproduce.available", lambda: {f"synthetic/{name}": None for name in SCENES})
+    monkeypatch.setattr(
+        "vo_lib.tables.reproduce.available", lambda: {f"synthetic/{name}": None for name in SCENES}
+    )
     assert default_sequences() == [f"synthetic/{name}" for name in SCENES]
 
 

@@ -8,14 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vo_lib import open_sequence, preset, run, settings
-from vo_lib.camera import StereoCamera
+from vo_lib import open_sequence, preset, run
+from vo_lib.baseline.viso2 import _triples, centre_weight, ransac_motion, refit_motion
+from vo_lib.beyond.odometry import Odometry
 from vo_lib.config import ReprojectionConfig
-from vo_lib.detection import no_boxes
-from vo_lib.evaluation import kitti_errors
-from vo_lib.geometry import Array, rigid, rotation_angle, rotation_from_vector, transform
-from vo_lib.odometry import Odometry
-from vo_lib.reprojection import Mask, _triples, centre_weight, linearise, ransac_motion, refit_motion
+from vo_lib.core import settings
+from vo_lib.core.boxes import no_boxes
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import rigid, rotation_angle, rotation_from_vector, transform
+from vo_lib.core.reprojection import linearise
+from vo_lib.core.types import Array, Mask
+from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.synthetic.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vo_lib import DataError, Run, Sequence, open_sequence, preset, run, settings
-from vo_lib.results import read_run, run_folder, timing, write_run
+from vo_lib import DataError, Run, Sequence, open_sequence, preset, run
+from vo_lib.core import settings
+from vo_lib.runs.results import read_run, run_folder, timing, write_run
 
 
 @pytest.fixture

@@ -18,14 +18,15 @@ import numpy as np
 import pytest
 from conftest import write_bands
 
-from vo_lib import DataError, Sequence, open_sequence, preset, run, settings
-from vo_lib.cli import main
+from vo_lib import DataError, Sequence, open_sequence, preset, run
+from vo_lib.beyond.odometry import Odometry
+from vo_lib.commands.cli import main
 from vo_lib.config import Config
-from vo_lib.odometry import Odometry
-from vo_lib.results import write_run
-from vo_lib.resume import only_process, resumable_run
-from vo_lib.run_log import CHECKPOINT, LOG, RunLog
-from vo_lib.runner import FoundMatches, Run
+from vo_lib.core import settings
+from vo_lib.runs.results import write_run
+from vo_lib.runs.resume import only_process, resumable_run
+from vo_lib.runs.run_log import CHECKPOINT, LOG, RunLog
+from vo_lib.runs.runner import FoundMatches, Run
 
 FRAMES = 14
 COMMAND = "import sys; from vo_lib.cli import main; sys.exit(main())"
@@ -38,7 +39,7 @@ class Stopped(Exception):
 @pytest.fixture
 def sequence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Sequence:
     """Fourteen frames with boxes, a checkpoint every five."""
-    monkeypatch.setattr("vo_lib.resume.EVERY", 5)
+    monkeypatch.setattr("vo_lib.runs.resume.EVERY", 5)
     folder = write_bands(tmp_path / "bands", frames=FRAMES)
     (folder / "labels").mkdir()
     for frame in range(FRAMES):
@@ -148,7 +149,7 @@ def test_a_finished_run_is_only_read(
 ) -> None:
     first, _ = resumable_run(folder, sequence, small(), "m")
     written = {path.name: path.read_bytes() for path in folder.iterdir()}
-    monkeypatch.setattr("vo_lib.sequence.read_image", None)
+    monkeypatch.setattr("vo_lib.data.sequence.read_image", None)
     second, before = resumable_run(folder, sequence, small(), "m")
     assert before
     assert second.config == first.config
@@ -247,9 +248,9 @@ def test_another_method_sequence_label_or_code_is_refused_by_name(
     assert "other images" in refused(sequence)
     image.write_bytes(data)
     with monkeypatch.context() as patch:
-        patch.setattr("vo_lib.identity.code_digest", lambda *modules: "changed")
+        patch.setattr("vo_lib.runs.identity.code_digest", lambda *modules: "changed")
         assert "the kit's code has changed" in refused(sequence)
-        patch.setattr("vo_lib.identity.np.__version__", "1.0")
+        patch.setattr("vo_lib.runs.identity.np.__version__", "1.0")
         assert "numpy is" in refused(sequence)
     assert not resumable_run(folder, sequence, small(), "m")[1]
 
@@ -387,7 +388,7 @@ def test_a_full_disk_is_one_line_and_what_was_written_stays_readable(tmp_path: P
 def test_a_real_clip_stopped_and_continued_is_the_same(
     clips: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vo_lib.resume.EVERY", 10)
+    monkeypatch.setattr("vo_lib.runs.resume.EVERY", 10)
     sequence = open_sequence(clips / "sequences" / "01").part(0, 30)
     config = preset("feature_selection")
     with pytest.raises(Stopped):

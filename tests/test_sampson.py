@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vo_lib.geometry import essential_from_motion, rotation_angle, rotation_from_vector, sampson_distance
-from vo_lib.problems import MOTIONS, Motion, random_problems
-from vo_lib.refinement import refine
-from vo_lib.sampson import candidate_terms, match_terms, squared_distances
+from vo_lib.beyond.refinement import refine
+from vo_lib.core.geometry import essential_from_motion, rotation_angle, rotation_from_vector, sampson_distance
+from vo_lib.core.sampson import candidate_terms, match_terms, squared_distances
+from vo_lib.synthetic.problems import MOTIONS, Motion, random_problems
 
 FOCAL = 718.856
 

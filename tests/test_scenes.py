@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vo_lib import Sequence, open_sequence, preset
-from vo_lib.evaluation import kitti_errors
-from vo_lib.runner import run_methods
+from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.runs.runner import run_methods
 from vo_lib.synthetic import ensure_scene, scene_config
 
 

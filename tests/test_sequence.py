@@ -14,8 +14,8 @@ import pytest
 from conftest import BASELINE, FOCAL, HEIGHT, WIDTH
 
 from vo_lib import DataError, available, open_sequence
-from vo_lib.kitti import read_image
-from vo_lib.sequence import stereo_ahead
+from vo_lib.data.kitti import read_image
+from vo_lib.data.sequence import stereo_ahead
 
 
 def test_a_folder_is_read_with_camera_times_and_truth(bands: Path) -> None:

@@ -7,7 +7,8 @@ import json
 
 import pytest
 
-from vo_lib import METHODS, Config, DataError, preset, settings
+from vo_lib import METHODS, Config, DataError, preset
+from vo_lib.core import settings
 
 DECLARED = list(settings.declared(Config))
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vo_lib.errors import DataError
-from vo_lib.geometry import rotation_from_vector
-from vo_lib.stereo_calibration import read_opencv, rig_from_matrices, rig_from_numbers
-
-Array = NDArray[np.float64]
+from data_scripts.fetch.stereo_calibration import read_opencv, rig_from_matrices, rig_from_numbers
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import rotation_from_vector
+from vo_lib.core.types import Array
 
 SIZE = (640, 400)
 BASELINE = 0.25

@@ -8,14 +8,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from vo_lib.errors import DataError
-from vo_lib.sequence import open_sequence
-from vo_lib.stereo_check import PairStatistics, complaints, measure_pairs
+from vo_lib.core.errors import DataError
+from vo_lib.core.types import Image
+from vo_lib.data.sequence import open_sequence
+from vo_lib.data.stereo_check import PairStatistics, complaints, measure_pairs
 from vo_lib.synthetic import ensure_scene, scene_config
 
-Image = NDArray[np.uint8]
 Pair = tuple[Image, Image]
 
 

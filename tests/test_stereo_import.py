@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vo_lib.errors import DataError
-from vo_lib.geometry import rotation_from_vector
-from vo_lib.sequence import open_sequence
-from vo_lib.stereo_calibration import Rig, rig_from_matrices
-from vo_lib.stereo_import import write_sequence
-from vo_lib.stereo_sources import FolderSource, VideoSource, pair_folders
+from data_scripts.fetch.stereo_calibration import Rig, rig_from_matrices
+from data_scripts.fetch.stereo_import import write_sequence
+from data_scripts.fetch.stereo_sources import FolderSource, VideoSource, pair_folders
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import rotation_from_vector
+from vo_lib.data.sequence import open_sequence
 
 Image = NDArray[Any]
 

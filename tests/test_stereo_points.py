@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from vo_lib.camera import StereoCamera
-from vo_lib.geometry import Array, rotation_from_vector
-from vo_lib.stereo_points import linearised_points, stereo_points
-from vo_lib.symmetric import FULL, invert, times
+from vo_lib.beyond.stereo_points import linearised_points, stereo_points
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import rotation_from_vector
+from vo_lib.core.symmetric import FULL, invert, times
+from vo_lib.core.types import Array
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vo_lib.alignment import align
-from vo_lib.camera import StereoCamera
-from vo_lib.geometry import rotation_from_vector
-from vo_lib.surface import fit_surface, motion_warp, right_slope, stereo_warp
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import rotation_from_vector
+from vo_lib.core.types import Array
+from vo_lib.front_end.alignment import align
+from vo_lib.front_end.surface import fit_surface, motion_warp, right_slope, stereo_warp
 
-Array = NDArray[np.float64]
 CAMERA = StereoCamera(f=700.0, cx=300.0, cy=100.0, baseline=0.5, width=600, height=200)
 R = rotation_from_vector(np.array([0.01, 0.03, -0.02]))
 T = np.array([0.1, -0.05, -1.2])

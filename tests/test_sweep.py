@@ -16,12 +16,13 @@ import numpy as np
 import pytest
 from conftest import write_bands
 
-from vo_lib import DataError, Sequence, open_sequence, preset, run, settings
-from vo_lib.cli import main
-from vo_lib.evaluation import kitti_errors
-from vo_lib.jobs import run_jobs
-from vo_lib.plots import heat_map_figure, png
-from vo_lib.sweep import Axis, parse_axis, run_sweep, sweep_csv, sweep_table
+from vo_lib import DataError, Sequence, open_sequence, preset, run
+from vo_lib.commands.cli import main
+from vo_lib.core import settings
+from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.runs.jobs import run_jobs
+from vo_lib.tables.plots import heat_map_figure, png
+from vo_lib.tables.sweep import Axis, parse_axis, run_sweep, sweep_csv, sweep_table
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from vo_lib.errors import DataError
+from vo_lib.core.errors import DataError
 from vo_lib.synthetic import ensure_scene, is_complete, scene_config, scene_key
 
 TINY = scene_config("empty", width=160, height=64, length=2.0, speed=8.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vo_lib.geometry import inverse, rotation_angle
+from vo_lib.core.geometry import inverse, rotation_angle
 from vo_lib.synthetic import SCENES, SceneConfig
 from vo_lib.synthetic.drive import Drive, Route, make_drive, make_route
 from vo_lib.synthetic.mesh import MeshBuilder

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from vo_lib.errors import DataError
-from vo_lib.geometry import inverse, transform
-from vo_lib.matching import StereoMatches
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import inverse, transform
+from vo_lib.core.matches import StereoMatches
 from vo_lib.synthetic import SCENES, SceneConfig, Truth, ensure_scene, open_truth, scene_config
 from vo_lib.synthetic.antialias import soften_edges
 from vo_lib.synthetic.atlas import TextureSet

@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from vo_lib.camera import StereoCamera
-from vo_lib.errors import DataError
-from vo_lib.geometry import (
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import (
     essential_from_motion,
     inverse,
     rigid,

@@ -8,8 +8,9 @@ import cv2
 import pytest
 from threadpoolctl import threadpool_limits
 
-from vo_lib import Sequence, open_sequence, preset, run, settings
-from vo_lib.poses import format_kitti_poses
+from vo_lib import Sequence, open_sequence, preset, run
+from vo_lib.core import settings
+from vo_lib.core.poses import format_kitti_poses
 
 
 def poses_with(threads: int, sequence: Sequence, cell: int) -> str:

@@ -15,12 +15,12 @@ from test_data_scripts import load
 from tiny_onnx import write_answering
 
 from vo_lib.config import DetectorConfig, preset
-from vo_lib.errors import DataError
-from vo_lib.label_cache import RECORD, detected_sequence, labelled_sequence, write_label_folder
-from vo_lib.runner import run
-from vo_lib.sequence import open_sequence
-from vo_lib.yolo import YoloDetector
-from vo_lib.yolo_layout import yolox_cells
+from vo_lib.core.errors import DataError
+from vo_lib.data.sequence import open_sequence
+from vo_lib.detection.label_cache import RECORD, detected_sequence, labelled_sequence, write_label_folder
+from vo_lib.detection.yolo import YoloDetector
+from vo_lib.detection.yolo_layout import yolox_cells
+from vo_lib.runs.runner import run
 
 write_labels = load("write_labels")
 

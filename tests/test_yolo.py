@@ -14,18 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tiny_onnx import write_answering
 
-from vo_lib.class_names import COCO, choose_classes, class_numbers, names_from_metadata
+from data_scripts.training.mean_ap import Judged, judge, recall_precision
 from vo_lib.config import DetectorConfig
-from vo_lib.detection import Boxes, read_labels
-from vo_lib.errors import DataError
-from vo_lib.synthetic.render import Renderer
-from vo_lib.synthetic.scenes import scene_config
-from vo_lib.synthetic.sensor import expose
-from vo_lib.synthetic.truth_files import visible_boxes
-from vo_lib.synthetic.world import make_world
-from vo_lib.training.mean_ap import Judged, judge, recall_precision
-from vo_lib.yolo import MODELS, YoloDetector, find_model
-from vo_lib.yolo_layout import (
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.errors import DataError
+from vo_lib.data.labels import read_labels
+from vo_lib.detection.class_names import COCO, choose_classes, class_numbers, names_from_metadata
+from vo_lib.detection.yolo import MODELS, YoloDetector, find_model
+from vo_lib.detection.yolo_layout import (
     STRIDES,
     best_boxes,
     fit_size,
@@ -35,6 +31,11 @@ from vo_lib.yolo_layout import (
     size_from_metadata,
     yolox_cells,
 )
+from vo_lib.synthetic.render import Renderer
+from vo_lib.synthetic.scenes import scene_config
+from vo_lib.synthetic.sensor import expose
+from vo_lib.synthetic.truth_files import visible_boxes
+from vo_lib.synthetic.world import make_world
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 VEHICLES = (2, 5, 7)

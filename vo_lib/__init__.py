@@ -6,8 +6,8 @@
 """
 
 from .config import METHODS, Config, preset
-from .errors import DataError
-from .runner import Run, run
-from .sequence import Sequence, available, open_sequence
+from .core.errors import DataError
+from .data.sequence import Sequence, available, open_sequence
+from .runs.runner import Run, run
 
 __all__ = ["METHODS", "Config", "DataError", "Run", "Sequence", "available", "open_sequence", "preset", "run"]

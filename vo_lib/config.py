@@ -6,8 +6,8 @@ import dataclasses
 import difflib
 from dataclasses import dataclass
 
-from .errors import DataError
-from .settings import Checked, section, setting
+from .core.errors import DataError
+from .core.settings import Checked, section, setting
 
 
 @dataclass(frozen=True)

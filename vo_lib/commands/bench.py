@@ -6,12 +6,12 @@ import argparse
 import json
 from typing import Any
 
-from ..bench import Bench, Effort, run_bench
 from ..config import preset
-from ..console import reporting, say, show_table
-from ..feature_errors import BESIDE
-from ..sequence import SYNTHETIC, available
+from ..data.sequence import SYNTHETIC, available
+from .bench_matches import BESIDE
+from .bench_stages import Bench, Effort, run_bench
 from .common import add_cache, open_with_bar, parse_whole
+from .console import reporting, say, show_table
 
 SCENE = f"{SYNTHETIC}traffic"
 METHOD = "feature_selection"

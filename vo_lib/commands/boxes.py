@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from ..box_tracks import MOVING, PARKED, UNKNOWN, Judgement
+from ..beyond.box_tracks import MOVING, PARKED, UNKNOWN, Judgement
+from ..beyond.odometry import Odometry
 from ..config import preset
-from ..console import reporting, say, show_table
-from ..files import write_bytes_atomic
-from ..matching import StereoMatches
-from ..odometry import Odometry
-from ..plots import jpeg, match_image
-from ..results import run_folder
-from ..runner import FoundMatches, one_blas_thread
-from ..sequence import Sequence
+from ..core.files import write_bytes_atomic
+from ..core.matches import StereoMatches
+from ..data.sequence import Sequence
+from ..runs.results import run_folder
+from ..runs.runner import FoundMatches, one_blas_thread
+from ..tables.plots import jpeg, match_image
 from .common import add_cache, open_with_bar, parse_frames
+from .console import reporting, say, show_table
 
 WORDS = {MOVING: "moves", PARKED: "parked", UNKNOWN: "unknown"}
 COLUMNS = ["frame", "box: left, top, right, bottom", "score", "features", "step m", "m/s", "judged"]

@@ -6,11 +6,11 @@ import argparse
 from pathlib import Path
 
 from ..config import preset
-from ..console import reporting
-from ..errors import DataError
-from ..poses import FARTHEST
-from ..sequence import Sequence, open_sequence
+from ..core.errors import DataError
+from ..core.poses import FARTHEST
+from ..data.sequence import Sequence, open_sequence
 from ..synthetic import cache_folder
+from .console import reporting
 
 
 def add_cache(parser: argparse.ArgumentParser) -> None:

@@ -8,20 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..comparison import StoredRun, common_kind, comparison_table, curve, read_stored_runs
-from ..console import say, show_report_table
-from ..errors import DataError
-from ..plots import error_curves_figure, trajectories_figure
-from ..reproduce import slug
-from ..results import run_folder
-from ..sequence import SYNTHETIC, available, open_sequence
+from ..core.errors import DataError
+from ..core.types import Array
+from ..data.sequence import SYNTHETIC, available, open_sequence
+from ..runs.results import run_folder
 from ..synthetic import SCENES, cache_folder, scene_key
+from ..tables.comparison import StoredRun, common_kind, comparison_table, curve, read_stored_runs
+from ..tables.plots import error_curves_figure, trajectories_figure
+from ..tables.reproduce import slug
+from ..tables.table_files import write_figure
 from .common import add_cache
-from .table_files import write_figure
-
-Array = NDArray[np.float64]
+from .console import say, show_report_table
 
 
 def add(commands: Any) -> None:

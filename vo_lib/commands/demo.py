@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from ..console import reporting, say, show_report_table
-from ..demo import SCENE, run_demo
-from ..results import run_folder
+from ..runs.results import run_folder
+from ..tables.demo import SCENE, run_demo
 from .common import add_cache, open_with_bar
+from .console import reporting, say, show_report_table
 
 
 def add(commands: Any) -> None:

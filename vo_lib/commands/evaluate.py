@@ -7,12 +7,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..ate_rpe import Alignment
-from ..console import show_evaluation
-from ..errors import DataError
-from ..evaluation import KITTI_LENGTHS, KITTI_STEP, evaluate
-from ..poses import read_kitti_pair, read_tum_pair
+from ..core.errors import DataError
+from ..core.poses import read_kitti_pair, read_tum_pair
+from ..evaluation.ate_rpe import Alignment
+from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, evaluate
 from .common import parse_lengths, parse_whole
+from .console import show_evaluation
 
 
 def add(commands: Any) -> None:

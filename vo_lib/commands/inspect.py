@@ -6,9 +6,9 @@ import argparse
 import json
 from typing import Any
 
-from ..console import say, show_findings, show_table
-from ..environment import check
-from ..sequence import available
+from ..data.sequence import available
+from .console import say, show_findings, show_table
+from .environment import check
 
 
 def add(commands: Any) -> None:

@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ..console import say
-from ..errors import DataError
-from ..script import Ended, unbroken
+from ..core.errors import DataError
+from .console import say
+from .script import Ended, unbroken
 
 FIRST = "00_start_here.ipynb"
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"

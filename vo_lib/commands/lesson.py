@@ -6,9 +6,9 @@ import argparse
 import json
 from typing import Any
 
-from ..console import reporting, say, show_table
-from ..lessons import BAD, BAD_STEP, Table, selection_table, to_dict, translation_table
+from ..course.lessons import BAD, BAD_STEP, Table, selection_table, to_dict, translation_table
 from .common import parse_whole
+from .console import reporting, say, show_table
 
 SCENES_A_TABLE = 3
 WHAT = {

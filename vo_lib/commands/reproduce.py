@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from ..config import METHODS
-from ..console import reporting, say, show_report_table
-from ..entries import group_entries
-from ..evaluation import Measure
-from ..jobs import run_jobs
-from ..paper import read_paper_table
-from ..reproduce import collect, default_sequences, plan_jobs, split_missing
-from ..results import run_folder
-from ..sequence import parse_sequences
-from ..table1 import short_layouts
+from ..data.sequence import parse_sequences
+from ..evaluation.kitti import Measure
+from ..runs.jobs import run_jobs
+from ..runs.results import run_folder
+from ..tables.entries import group_entries
+from ..tables.paper import read_paper_table
+from ..tables.reproduce import collect, default_sequences, plan_jobs, split_missing
+from ..tables.table1 import short_layouts
+from ..tables.table_files import write_table_files
 from .common import add_cache, open_with_bar, parse_lengths, parse_methods, parse_whole
-from .table_files import write_table_files
+from .console import reporting, say, show_report_table
 
 
 def add(commands: Any) -> None:

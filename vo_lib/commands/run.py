@@ -8,20 +8,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from .. import settings
 from ..config import METHODS, Config, DetectorConfig, preset
-from ..console import reporting, say, show_run
-from ..errors import DataError
-from ..files import write_bytes_atomic
-from ..label_cache import detected_sequence
-from ..match_cache import match_folder
-from ..plots import png, trajectory_figure
-from ..results import evaluate_run, run_folder
-from ..resume import resumable_run
-from ..sequence import Sequence
-from ..setting_options import add_option, given
-from ..stereo_check import doubts
+from ..core import settings
+from ..core.errors import DataError
+from ..core.files import write_bytes_atomic
+from ..data.sequence import Sequence
+from ..data.stereo_check import doubts
+from ..detection.label_cache import detected_sequence
+from ..runs.match_cache import match_folder
+from ..runs.results import evaluate_run, run_folder
+from ..runs.resume import resumable_run
+from ..tables.plots import png, trajectory_figure
 from .common import open_with_bar, parse_frames
+from .console import reporting, say, show_run
+from .setting_options import add_option, given
 
 DETECTOR = "detector."
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from ..config import METHODS
-from ..console import reporting, say, show_report_table
-from ..files import write_bytes_atomic, write_text_atomic
-from ..jobs import run_jobs
-from ..plots import heat_map_figure, png
-from ..results import run_folder
-from ..sweep import Sweep, mean_and_spread, parse_axis, run_sweep, sweep_csv, sweep_table
+from ..core.files import write_bytes_atomic, write_text_atomic
+from ..runs.jobs import run_jobs
+from ..runs.results import run_folder
+from ..tables.plots import heat_map_figure, png
+from ..tables.sweep import Sweep, mean_and_spread, parse_axis, run_sweep, sweep_csv, sweep_table
 from .common import add_cache, open_with_bar, parse_frames, parse_whole
+from .console import reporting, say, show_report_table
 
 
 def add(commands: Any) -> None:

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import StereoCamera
+from ..core.camera import StereoCamera
+from ..core.types import Array
 
 Float32 = NDArray[np.float32]
-Array = NDArray[np.float64]
 Int = NDArray[np.int32]
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ..geometry import rotation_angle
-from .mesh import Array
+from ..core.geometry import rotation_angle
+from ..core.types import Array
 from .render import Float32, View
 from .world import World
 

@@ -18,9 +18,10 @@ import cv2
 import numpy as np
 import platformdirs
 
-from ..errors import DataError
-from ..settings import to_dict
-from .folder import Progress, write_scene
+from ..core.errors import DataError
+from ..core.settings import to_dict
+from ..core.types import Progress
+from .folder import write_scene
 from .scenes import SCENES, SceneConfig, scene_config
 
 # Raised with every change that alters a picture: old cached scenes are then drawn anew.

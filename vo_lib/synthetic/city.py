@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .mesh import Array, box
+from ..core.types import Array
+from .mesh import box
 from .site import KERB, Site
 from .things import add_bollards, add_lamp, add_sign, add_tree
 

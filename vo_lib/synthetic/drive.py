@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..geometry import rotation_from_vector
+from ..core.geometry import rotation_from_vector
+from ..core.types import Array
 from .scenes import SceneConfig
-
-Array = NDArray[np.float64]
 
 LANE_WIDTH = 3.3
 STEP = 0.25  # metres between samples of the centre line

@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import StereoCamera
-from ..settings import from_dict, to_dict
+from ..core.camera import StereoCamera
+from ..core.settings import from_dict, to_dict
+from ..core.types import Progress
 from .blur import smear
 from .render import Renderer
 from .scenes import SceneConfig
@@ -22,7 +23,6 @@ from .sensor import expose, exposures
 from .truth_files import FARTHEST, NEAREST, encode_depth, visible_boxes, write_objects
 from .world import World, make_world
 
-Progress = Callable[[int, int], None]
 SCENE_FILE = "truth/scene.json"
 
 

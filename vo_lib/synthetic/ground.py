@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .mesh import Array, prism, ring
+from ..core.types import Array
+from .mesh import prism, ring
 from .site import KERB, SEGMENT, Site
 from .textures import fractal
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import transform
+from ..core.geometry import transform
+from ..core.types import Array
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int32]
 
 # Towards the sun, street frame (x right, y down, z forward).

@@ -14,10 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import StereoCamera
-from ..geometry import inverse, transform
+from ..core.camera import StereoCamera
+from ..core.geometry import inverse, transform
+from ..core.types import Array
 from .antialias import soften_edges
-from .mesh import Array, Faces, join
+from .mesh import Faces, join
 from .world import World
 
 Float32 = NDArray[np.float32]

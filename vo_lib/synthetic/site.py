@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import transform
+from ..core.geometry import transform
+from ..core.types import Array
 from .drive import BEHIND, LANE_WIDTH, Route
-from .mesh import Array, MeshBuilder
+from .mesh import MeshBuilder
 from .scenes import SceneConfig
 
 PARKING = 2.2  # width of the row of parked cars, metres

@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.types import Array
+
 Image = NDArray[np.float32]
-Array = NDArray[np.float64]
 Rng = np.random.Generator
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .mesh import Array, box, prism, ring, sunlight
+from ..core.types import Array
+from .mesh import box, prism, ring, sunlight
 from .site import KERB, Site
 
 

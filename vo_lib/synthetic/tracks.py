@@ -14,14 +14,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import StereoCamera
-from ..errors import DataError
-from ..geometry import inverse, rigid, rotation_from_vector, transform
-from ..matching import StereoMatches
-from ..settings import Checked, setting
+from ..core.camera import StereoCamera
+from ..core.errors import DataError
+from ..core.geometry import inverse, rigid, rotation_from_vector, transform
+from ..core.matches import StereoMatches
+from ..core.settings import Checked, setting
+from ..core.types import Array, Mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Rng = np.random.Generator
 
 ROUNDS = 8  # attempts to fill a frame with points before it is left with fewer

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.types import Array
 from .drive import LANE_WIDTH, Drive, Route, lane_offset
-from .mesh import Array
 from .scenes import SceneConfig
 from .shapes import CAR, TRUCK
 from .site import PARKING, Profile

@@ -12,18 +12,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import StereoCamera
-from ..errors import DataError
-from ..geometry import inverse
-from ..matching import StereoMatches
-from ..poses import read_kitti_poses
-from ..settings import from_dict
+from ..core.camera import StereoCamera
+from ..core.errors import DataError
+from ..core.geometry import inverse
+from ..core.matches import StereoMatches
+from ..core.poses import read_kitti_poses
+from ..core.settings import from_dict
+from ..core.types import Array, Mask
 from .scenes import SceneConfig
 from .traffic import STILL
 from .truth_files import decode_depth
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

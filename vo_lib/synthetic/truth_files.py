@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import StereoCamera
-from ..geometry import inverse, transform
-from .mesh import Array
+from ..core.camera import StereoCamera
+from ..core.geometry import inverse, transform
+from ..core.types import Array
 from .render import NEAR, View
 from .world import World
 

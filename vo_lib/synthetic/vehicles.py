@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.types import Array
 from .atlas import TextureSet
-from .mesh import Array, Faces, MeshBuilder, box, prism
+from .mesh import Faces, MeshBuilder, box, prism
 from .shapes import CAR, PAINTS, SHAPES, Shape
 from .textures import Rng, plain
 from .vehicle_paint import VIEWS, paint_vehicle, paint_wheel

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import inverse
+from ..core.geometry import inverse
+from ..core.types import Array
 from .atlas import Atlas, TextureSet
 from .drive import Drive, Route, make_drive, make_route
-from .mesh import Array, Faces, MeshBuilder, join
+from .mesh import Faces, MeshBuilder, join
 from .scenes import SceneConfig
 from .shapes import SHAPES
 from .site import Site

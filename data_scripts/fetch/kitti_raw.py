@@ -1,0 +1,182 @@
+"""Drives of KITTI's raw data (synced and rectified): images, calibration, times, poses from the GPS/IMU."""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vo_lib.core.errors import DataError
+from vo_lib.core.files import read_text
+from vo_lib.core.geometry import inverse, nearest_rotation, rigid
+from vo_lib.core.poses import read_rows
+from vo_lib.core.types import Array
+from vo_lib.data.kitti import read_image
+
+EARTH_RADIUS = 6378137.0  # metres, at the equator
+OXTS_ROW = "30 numbers of a GPS/IMU packet"
+
+
+@dataclass(frozen=True)
+class RawDrive:
+    """A drive of N stereo pairs.
+
+    Attributes
+    ----------
+    left, right : (N) image files of the grey cameras.
+    P0, P1 : (3, 4) projection of the rectified left and right camera.
+    times : (N,) seconds from the first frame.
+    poses : (N, 4, 4) T_w_c of the left camera, the first one the identity; None where files are missing.
+    note : why there are no poses, or "".
+    """
+
+    left: list[Path]
+    right: list[Path]
+    P0: Array
+    P1: Array
+    times: Array
+    poses: Array | None
+    note: str
+
+
+def read_raw_drive(drive: Path, calibration: Path | None = None) -> RawDrive:
+    """A drive folder such as 2011_09_26_drive_0005_sync.
+
+    Parameters
+    ----------
+    calibration : folder of calib_cam_to_cam.txt; by default the drive's own or the one above.
+
+    Raises
+    ------
+    DataError : with the file, where something needed is missing or wrong.
+    """
+    folders = [drive / f"image_0{camera}" / "data" for camera in (0, 1)]
+    for folder in folders:
+        if not folder.is_dir():
+            raise DataError("is no raw drive: expected image_00/data and image_01/data in it", drive)
+    names = [{p.stem: p for p in folder.glob("*.png") if p.stem.isdecimal()} for folder in folders]
+    for stem in sorted(names[0].keys() ^ names[1].keys()):
+        raise DataError(f"image {stem}.png is in one camera's folder only", drive)
+    stems = sorted(names[0], key=int)
+    if len(stems) < 2:
+        raise DataError(f"expected two images or more, found {len(stems)}", folders[0])
+    places = [calibration] if calibration is not None else [drive, drive.resolve().parent]
+    where = next((p for p in places if (p / "calib_cam_to_cam.txt").exists()), places[-1])
+    cameras = read_calibration_file(where / "calib_cam_to_cam.txt")
+    path = where / "calib_cam_to_cam.txt"
+    P0, P1 = (_matrix(cameras, f"P_rect_0{camera}", (3, 4), path) for camera in (0, 1))
+    _check_size(names[0][stems[0]], _matrix(cameras, "S_rect_00", (2,), path))
+    moments = _timestamps(drive / "image_00" / "timestamps.txt")
+    if len(moments) <= int(stems[-1]):
+        raise DataError(f"{len(moments)} rows, but there is an image {stems[-1]}", drive / "image_00")
+    times = moments[[int(stem) for stem in stems]]
+    poses, note = _poses(drive, where, cameras, stems)
+    return RawDrive(
+        left=[names[0][stem] for stem in stems],
+        right=[names[1][stem] for stem in stems],
+        P0=P0,
+        P1=P1,
+        times=times - times[0],
+        poses=poses,
+        note=note,
+    )
+
+
+def _check_size(image: Path, expected: Array) -> None:
+    height, width = read_image(image).shape
+    if (width, height) != tuple(expected):
+        raise DataError(
+            f"the image is {width}×{height}, the rectified ones are {expected[0]:.0f}×{expected[1]:.0f}: "
+            "take the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
+            image,
+        )
+
+
+def read_calibration_file(path: Path) -> dict[str, Array]:
+    """The lines `name: numbers` of one of KITTI's calibration files; other lines are left out."""
+    found = {}
+    for line in read_text(path).splitlines():
+        name, _, rest = line.partition(":")
+        try:
+            found[name.strip()] = np.array([float(word) for word in rest.split()])
+        except ValueError:
+            continue  # a date
+    return found
+
+
+def _matrix(found: dict[str, Array], name: str, shape: tuple[int, ...], path: Path) -> Array:
+    values = found.get(name, np.zeros(0))
+    if len(values) != np.prod(shape) or not np.isfinite(values).all():
+        raise DataError(f"expected a line '{name}: ' with {np.prod(shape)} numbers", path)
+    return values.reshape(shape)
+
+
+def _timestamps(path: Path) -> Array:
+    """Seconds of the lines `2011-09-26 13:02:25.964389445`, from midnight of the first day. (N,)"""
+    seconds = []
+    first: datetime.datetime | None = None
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        if not line.strip():
+            continue
+        whole, _, fraction = line.strip().partition(".")
+        try:
+            moment = datetime.datetime.fromisoformat(whole)
+            part = float(f"0.{fraction or 0}")
+        except ValueError:
+            raise DataError("expected a time such as 2011-09-26 13:02:25.964389445", path, number) from None
+        first = first or moment.replace(hour=0, minute=0, second=0)
+        seconds.append((moment - first).total_seconds() + part)
+    return np.array(seconds)
+
+
+def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]) -> tuple[Array | None, str]:
+    needed = [where / "calib_imu_to_velo.txt", where / "calib_velo_to_cam.txt"]
+    packets = [drive / "oxts" / "data" / f"{stem}.txt" for stem in stems]
+    for path in (*needed, *packets):
+        if not path.exists():
+            return None, f"no true poses: {path} is missing"
+    velo_imu, cam_velo = (_rigid(path) for path in needed)
+    R_rect = _matrix(cameras, "R_rect_00", (3, 3), where / "calib_cam_to_cam.txt")
+    T_cam_imu = rigid(R_rect, np.zeros(3)) @ cam_velo @ velo_imu
+    rows = np.concatenate([read_rows(path, OXTS_ROW, 30)[0] for path in packets])
+    T_w_imu = imu_poses(rows)
+    T = T_cam_imu @ inverse(T_w_imu[:1]) @ T_w_imu @ inverse(T_cam_imu)
+    return T, ""
+
+
+def _rigid(path: Path) -> Array:
+    found = read_calibration_file(path)
+    return rigid(nearest_rotation(_matrix(found, "R", (3, 3), path)), _matrix(found, "T", (3,), path))
+
+
+def imu_poses(rows: Array) -> Array:
+    """Poses T_w_imu of GPS/IMU packets: x east, y north, z up, metres; by the Mercator projection.
+
+    Parameters
+    ----------
+    rows : (N, 6 or more) latitude and longitude, degrees; altitude, metres; roll, pitch, yaw, radians.
+
+    Returns
+    -------
+    (N, 4, 4) poses; the map's scale is that of the first latitude (Geiger et al., IJRR 2013).
+    """
+    latitude, longitude = np.radians(rows[:, :2]).T
+    scale = EARTH_RADIUS * np.cos(latitude[0])
+    T = np.tile(np.eye(4), (len(rows), 1, 1))
+    T[:, 0, 3] = scale * longitude
+    T[:, 1, 3] = scale * np.log(np.tan(np.pi / 4 + latitude / 2))
+    T[:, 2, 3] = rows[:, 2]
+    T[:, :3, :3] = _turn(rows[:, 5], 2) @ _turn(rows[:, 4], 1) @ _turn(rows[:, 3], 0)
+    return T
+
+
+def _turn(angle: Array, axis: int) -> Array:
+    """Rotations about a coordinate axis, (N, 3, 3)."""
+    R = np.tile(np.eye(3), (len(angle), 1, 1))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R[:, i, i] = R[:, j, j] = np.cos(angle)
+    R[:, j, i] = np.sin(angle)
+    R[:, i, j] = -np.sin(angle)
+    return R

@@ -1,0 +1,187 @@
+"""Calibration of a user's own stereo pair: numbers or OpenCV YAML files, and rectification."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from vo_lib.core.errors import DataError
+from vo_lib.core.files import read_text
+from vo_lib.core.types import Array, Image
+
+# Names of one matrix in files of OpenCV's samples, of ORB-SLAM and of calibration tools; capitals and
+# underscores do not count. Second camera: 2 for 1, right for left.
+NAMES = {
+    "K1": ("k1", "m1", "cameramatrix1", "left.k", "leftcameramatrix", "cameramatrixleft", "kl"),
+    "D1": ("d1", "distcoeffs1", "dist1", "left.d", "leftdistcoeffs", "distcoeffsleft", "dl"),
+    "R1": ("r1", "left.r", "rectificationleft", "rl"),
+    "P1": ("p1", "left.p", "projectionleft", "pl"),
+    "K2": ("k2", "m2", "cameramatrix2", "right.k", "rightcameramatrix", "cameramatrixright", "kr"),
+    "D2": ("d2", "distcoeffs2", "dist2", "right.d", "rightdistcoeffs", "distcoeffsright", "dr"),
+    "R2": ("r2", "right.r", "rectificationright", "rr"),
+    "P2": ("p2", "right.p", "projectionright", "pr"),
+    "R": ("r", "rotation"),
+    "T": ("t", "translation"),
+}
+SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
+LONGEST_BASELINE = 10.0  # metres; a longer one was given in millimetres
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A stereo pair after rectification.
+
+    Attributes
+    ----------
+    f, cx, cy : pixels; baseline : metres, negative where the calibration puts the right camera on the left.
+    maps : for each camera the two maps of `cv2.remap` that rectify it, or None where images are rectified.
+    """
+
+    f: float
+    cx: float
+    cy: float
+    baseline: float
+    maps: tuple[tuple[Image, Image], tuple[Image, Image]] | None = None
+
+    def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
+        """The rectified pair, (H, W) uint8 each. `DataError` where it is not of the size calibrated."""
+        if self.maps is None:
+            return left, right
+        for image, maps in zip((left, right), self.maps, strict=True):
+            if image.shape != maps[0].shape[:2]:
+                found, wanted = (f"{shape[1]}×{shape[0]}" for shape in (image.shape, maps[0].shape))
+                raise DataError(f"an image is {found}, the first one was {wanted}: all must be of one size")
+        pair = zip((left, right), self.maps, strict=True)
+        done = [
+            np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+            for image, maps in pair
+        ]
+        return done[0], done[1]
+
+
+def read_opencv(paths: list[Path]) -> dict[str, Array]:
+    """The matrices of NAMES found in one or more OpenCV storage files (YAML, XML or JSON)."""
+    found: dict[str, Array] = {}
+    for path in paths:
+        for name, matrix in _matrices(path).items():
+            plain = name.lower().replace("_", "")
+            for known, names in NAMES.items():
+                if plain in names:
+                    found[known] = _shaped(known, matrix, path)
+    if not found:
+        raise DataError("no calibration in it: expected OpenCV matrices K1 D1 K2 D2 R T, or P1 P2", paths[0])
+    return found
+
+
+def _matrices(path: Path) -> dict[str, Array]:
+    text = read_text(path)
+    try:
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        root = storage.root()
+        names = root.keys()
+        nodes = {name: root.getNode(name) for name in names}
+        return {
+            name: _read_matrix(name, node, path)
+            for name, node in nodes.items()
+            if node.isMap() and "data" in node.keys()  # noqa: SIM118  (a FileNode is no dict)
+        }
+    except (cv2.error, SystemError):
+        raise DataError("is not a file of OpenCV's FileStorage (YAML with !!opencv-matrix)", path) from None
+
+
+def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
+    """A matrix, checked first: OpenCV writes beyond its end where the numbers are more than rows × cols."""
+    sizes = node.getNode("sizes")  # in place of rows and cols where it has one side
+    sides = [sizes.at(i) for i in range(sizes.size())] or [node.getNode("rows"), node.getNode("cols")]
+    shape = [int(side.real()) if side.isInt() else 0 for side in sides]
+    kind = re.fullmatch(r"(\d?)[a-z]", node.getNode("dt").string())  # "2f": two numbers each
+    count = node.getNode("data").size()
+    if min(shape) < 1 or kind is None or count != math.prod(shape) * int(kind[1] or 1):
+        raise DataError(f"{name}: expected rows, cols, dt and rows × cols numbers, found {count}", path)
+    return np.asarray(node.mat(), np.float64)
+
+
+def _shaped(name: str, matrix: Array, path: Path) -> Array:
+    if not np.isfinite(matrix).all():
+        raise DataError(f"{name}: expected finite numbers", path)
+    if name == "T":
+        expected, fits, matrix = "3 numbers", matrix.size == 3, matrix.reshape(-1)
+    elif name[0] == "D":
+        expected, fits, matrix = "4, 5, 8, 12 or 14 numbers", matrix.size in (4, 5, 8, 12, 14), matrix.ravel()
+    else:
+        shape = SHAPES[name[0]]
+        expected, fits = f"{shape[0]}×{shape[1]} numbers", matrix.shape == shape
+    if not fits:
+        raise DataError(f"{name}: expected {expected}", path)
+    return matrix
+
+
+def rig_from_matrices(
+    found: dict[str, Array], size: tuple[int, int], path: Path, rectified: bool = False, unit: float = 1.0
+) -> Rig:
+    """The rig of calibration matrices.
+
+    With K, D of both cameras and R, T between them the rectification is computed (`cv2.stereoRectify`, only
+    pixels that both images have); with R1, P1, R2, P2 in place of R, T it is taken as given. P1 and P2 alone
+    mean images that are rectified.
+
+    Parameters
+    ----------
+    size : width and height of the images, pixels.
+    rectified : the images are rectified whatever else the file has; P1 and P2 hold.
+    unit : metres of one unit of T.
+    """
+    raw = {"K1", "D1", "K2", "D2"} <= found.keys()
+    if not rectified and raw and {"R", "T"} <= found.keys():
+        K1, D1, K2, D2, R, T = (found[name] for name in ("K1", "D1", "K2", "D2", "R", "T"))
+        try:
+            R1, R2, P1, P2 = cv2.stereoRectify(
+                K1, D1, K2, D2, size, R, T.reshape(3, 1), flags=cv2.CALIB_ZERO_DISPARITY, alpha=0
+            )[:4]
+        except cv2.error:
+            raise DataError("no rectification follows from these matrices", path) from None
+        computed = {"R1": R1, "R2": R2, "P1": P1, "P2": P2}
+        found = {**found, **{name: np.asarray(matrix, np.float64) for name, matrix in computed.items()}}
+    if not {"P1", "P2"} <= found.keys():
+        missing = ", ".join(sorted({"K1", "D1", "K2", "D2", "R", "T"} - found.keys()))
+        wanted = "P1 and P2" if rectified else f"{missing} (or P1 and P2 of rectified images)"
+        raise DataError(f"the calibration lacks {wanted}", path)
+    P1, P2 = found["P1"], found["P2"]
+    if abs(P2[1, 3]) > abs(P2[0, 3]):
+        raise DataError("the second camera stands above or below the first one, not beside it", path)
+    f = float(P1[0, 0])
+    if f <= 0 or np.abs(P1[:, :3] - P2[:, :3]).max() > 1e-3 * f or abs(P1[1, 1] - f) > 1e-3 * f:
+        raise DataError("P1 and P2 are not those of a rectified pair: f, cx, cy must be equal", path)
+    maps = None
+    if not rectified and raw and {"R1", "R2"} <= found.keys():
+        maps = _maps(found, size, "1"), _maps(found, size, "2")
+    return rig_from_numbers(f, float(P1[0, 2]), float(P1[1, 2]), unit * float(-P2[0, 3] / f), path, maps)
+
+
+def _maps(found: dict[str, Array], size: tuple[int, int], camera: str) -> tuple[Image, Image]:
+    K, D, R, P = (found[name + camera] for name in "KDRP")
+    maps = cv2.initUndistortRectifyMap(K, D, R, P[:, :3], size, cv2.CV_16SC2)
+    return maps[0], maps[1]  # type: ignore[return-value]
+
+
+def rig_from_numbers(
+    f: float,
+    cx: float,
+    cy: float,
+    baseline: float,
+    path: Path | None = None,
+    maps: tuple[tuple[Image, Image], tuple[Image, Image]] | None = None,
+) -> Rig:
+    """A rig of plain numbers, pixels and metres; `DataError` where they are no camera's."""
+    if not np.isfinite([f, cx, cy, baseline]).all() or f <= 0:
+        raise DataError(f"focal length {f:g} px, centre {cx:g},{cy:g} px: expected positive numbers", path)
+    if baseline == 0:
+        raise DataError("the baseline is 0 m: expected the distance between the two cameras", path)
+    if abs(baseline) > LONGEST_BASELINE:
+        raise DataError(f"the baseline is {abs(baseline):g} m: is it in millimetres? say --unit mm", path)
+    return Rig(f, cx, cy, baseline, maps)

@@ -1,0 +1,132 @@
+"""A user's own stereo pairs, written as a folder in KITTI's layout."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.errors import DataError
+from vo_lib.core.files import write_text_atomic
+from vo_lib.core.poses import write_kitti_poses
+from vo_lib.core.types import Array, Progress
+from vo_lib.synthetic.folder import calibration_text
+
+from .stereo_calibration import Rig
+from .stereo_sources import Pair, Source
+
+
+def write_sequence(
+    source: Source,
+    rig: Rig,
+    out: Path,
+    times: Array | float,
+    poses: Array | None = None,
+    copy: bool = False,
+    progress: Progress | None = None,
+) -> int:
+    """Write a sequence in KITTI's layout; the folder appears whole or not at all.
+
+    PNG images that are rectified are linked (copied with `copy`, or where links are impossible); others
+    are rectified and written as grey PNG.
+
+    Parameters
+    ----------
+    times : (N,) seconds, or frames a second.
+    poses : (N, 4, 4) true poses T_w_c, or None.
+
+    Returns
+    -------
+    The number of pairs.
+    """
+    files = source.files() if rig.maps is None else None
+    with _new_folder(out) as folder:
+        if files is not None:
+            count = _take_files(files, folder, copy, progress)
+        else:
+            count = _write_images(source, rig, folder, progress)
+        if count < 2:
+            raise DataError(f"expected two stereo pairs or more, found {count}")
+        rows = np.arange(count) / times if isinstance(times, float) else times
+        for name, length in (("times", len(rows)), ("poses", count if poses is None else len(poses))):
+            if length != count:
+                raise DataError(f"{length} rows of {name} for {count} pairs: expected one row a pair")
+        camera = StereoCamera(rig.f, rig.cx, rig.cy, rig.baseline)
+        write_text_atomic(folder / "calib.txt", calibration_text(camera))
+        write_text_atomic(folder / "times.txt", "".join(f"{seconds:.6e}\n" for seconds in rows))
+        if poses is not None:
+            write_kitti_poses(folder / "poses.txt", poses)
+    return count
+
+
+def require_new(out: Path) -> None:
+    """`DataError` where `out` is a file or a folder with something in it."""
+    if os.path.lexists(out) and (not out.is_dir() or any(out.iterdir())):
+        raise DataError("is there already and not empty; name another folder", out)
+
+
+@contextmanager
+def _new_folder(out: Path) -> Iterator[Path]:
+    """A folder beside `out` that takes its name when all went well, and goes away otherwise."""
+    require_new(out)
+    working = out.with_name(f".{out.name}.{os.getpid()}.tmp")
+    try:
+        for side in ("image_0", "image_1"):
+            (working / side).mkdir(parents=True)
+        yield working
+        if out.is_dir():
+            out.rmdir()
+        os.replace(working, out)
+    except OSError as error:
+        raise DataError(f"cannot be written: {error.strerror}", out) from None
+    finally:
+        shutil.rmtree(working, ignore_errors=True)
+
+
+def _take_files(files: list[tuple[Path, Path]], folder: Path, copy: bool, progress: Progress | None) -> int:
+    for number, pair in enumerate(files):
+        for side, path in zip(("image_0", "image_1"), pair, strict=True):
+            target = folder / side / f"{number:06d}.png"
+            if not copy:
+                try:
+                    target.symlink_to(path.resolve())
+                    continue
+                except OSError:
+                    copy = True  # a system without links
+            shutil.copyfile(path, target)
+        if progress is not None:
+            progress(number + 1, len(files))
+    return len(files)
+
+
+def _write_images(source: Source, rig: Rig, folder: Path, progress: Progress | None) -> int:
+    """Rectify and write all pairs, a few at once, with as few in memory."""
+    total = source.size_hint()
+
+    def write(number: int, read: Callable[[], Pair]) -> None:
+        pair = rig.rectify(*read())
+        for side, image in zip(("image_0", "image_1"), pair, strict=True):
+            data = cv2.imencode(".png", image)[1]
+            (folder / side / f"{number:06d}.png").write_bytes(data.tobytes())
+
+    count = 0
+    with ThreadPoolExecutor(max_workers=min(os.cpu_count() or 1, 8)) as pool:
+        waiting: deque[Future[None]] = deque()
+        for number, read in enumerate(source.pairs()):
+            waiting.append(pool.submit(write, number, read))
+            if len(waiting) >= 16:
+                waiting.popleft().result()
+            count = number + 1
+            if progress is not None:
+                progress(count, max(total, count))
+        for future in waiting:
+            future.result()
+    return count

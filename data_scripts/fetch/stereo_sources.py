@@ -1,0 +1,169 @@
+"""Where a user's stereo pairs come from: two folders of images, or a video with both side by side."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from vo_lib.core.errors import DataError
+from vo_lib.core.types import Image
+from vo_lib.data.kitti import decode_image, read_image
+from vo_lib.data.stereo_check import SAMPLE, sample_of
+
+Pair = tuple[Image, Image]
+
+ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
+VIDEO_SAMPLE_STEP = 10  # frames of a video from one pair of the sample to the next
+
+
+class Source(Protocol):
+    """Stereo pairs in order."""
+
+    def sample(self) -> list[Pair]:
+        """A few pairs to judge the rest by."""
+
+    def pairs(self) -> Iterator[Callable[[], Pair]]:
+        """All pairs; each is read when it is called, perhaps in another thread."""
+
+    def files(self) -> list[tuple[Path, Path]] | None:
+        """The pairs as PNG files that can be used as they are, or None."""
+
+    def size_hint(self) -> int:
+        """About how many pairs there are."""
+
+
+@dataclass(frozen=True)
+class FolderSource:
+    """Pairs of image files."""
+
+    paths: list[tuple[Path, Path]]
+
+    def sample(self) -> list[Pair]:
+        """Pairs spread over the whole sequence."""
+        return [_read_pair(self.paths[i]) for i in sample_of(len(self.paths))]
+
+    def pairs(self) -> Iterator[Callable[[], Pair]]:
+        """All pairs."""
+        return (partial(_read_pair, paths) for paths in self.paths)
+
+    def files(self) -> list[tuple[Path, Path]] | None:
+        """The files themselves, where all are PNG."""
+        whole = all(path.suffix.lower() == ".png" for pair in self.paths for path in pair)
+        return self.paths if whole else None
+
+    def size_hint(self) -> int:
+        """How many there are."""
+        return len(self.paths)
+
+
+@dataclass(frozen=True)
+class VideoSource:
+    """A video whose frames hold both images side by side."""
+
+    path: Path
+    swap: bool = False
+
+    def sample(self) -> list[Pair]:
+        """Pairs of the first frames: videos are read in order."""
+        some = itertools.islice(self.pairs(), 0, SAMPLE * VIDEO_SAMPLE_STEP, VIDEO_SAMPLE_STEP)
+        return [read() for read in some]
+
+    def pairs(self) -> Iterator[Callable[[], Pair]]:
+        """All pairs."""
+        video = self._open()
+        try:
+            while True:
+                good, frame = video.read()
+                if not good:
+                    return
+                yield partial(self._halves, np.asarray(frame, np.uint8))
+        finally:
+            video.release()
+
+    def files(self) -> None:
+        """None: a video has no files of its frames."""
+        return None
+
+    def size_hint(self) -> int:
+        """As many as the video says it has."""
+        video = self._open()
+        count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        video.release()
+        return max(count, 0)
+
+    def fps(self) -> float:
+        """Frames a second, or 0 where the video does not say."""
+        video = self._open()
+        fps = float(video.get(cv2.CAP_PROP_FPS))
+        video.release()
+        return fps if np.isfinite(fps) else 0.0
+
+    def _open(self) -> cv2.VideoCapture:
+        if not self.path.is_file():
+            raise DataError("the file is missing", self.path)
+        video = cv2.VideoCapture(str(self.path))
+        if not video.isOpened():
+            raise DataError("is no video that OpenCV can read", self.path)
+        return video
+
+    def _halves(self, frame: Image) -> Pair:
+        if frame.shape[1] % 2:
+            raise DataError(
+                f"frames are {frame.shape[1]} px wide: two images side by side are even", self.path
+            )
+        grey = np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame, np.uint8)
+        half = grey.shape[1] // 2
+        first, second = np.ascontiguousarray(grey[:, :half]), np.ascontiguousarray(grey[:, half:])
+        return (second, first) if self.swap else (first, second)
+
+
+def pair_folders(left: Path, right: Path) -> list[tuple[Path, Path]]:
+    """Left and right image files that belong together: of the same name, else in the order of their numbers.
+
+    Raises `DataError` for folders without images, or of different length without equal names.
+    """
+    sides = []
+    for folder in (left, right):
+        if not folder.is_dir():
+            raise DataError("the folder is missing", folder)
+        found = sorted((p for p in folder.iterdir() if p.suffix.lower() in ENDINGS), key=_by_number)
+        if len(found) < 2:
+            raise DataError(f"expected two images or more, found {len(found)}", folder)
+        sides.append(found)
+    names = [{p.stem for p in side} for side in sides]
+    if names[0] & names[1]:
+        for stem in sorted(names[0] ^ names[1]):
+            lacking = right if stem in names[0] else left
+            raise DataError(f"the image {stem} is missing, its partner is there", lacking)
+    elif len(sides[0]) != len(sides[1]):
+        raise DataError(
+            f"has {len(sides[1])} images, {left} has {len(sides[0])}, and their names do not match", right
+        )
+    return list(zip(*sides, strict=True))
+
+
+def _by_number(path: Path) -> list[tuple[int, str]]:
+    """Sorts img2 before img10."""
+    return [(int(part or 0), word) for word, part in re.findall(r"(\D*)(\d*)", path.stem)]
+
+
+def _read_pair(paths: tuple[Path, Path]) -> Pair:
+    return _read_grey(paths[0]), _read_grey(paths[1])
+
+
+def _read_grey(path: Path) -> Image:
+    if path.suffix.lower() == ".png":
+        return read_image(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"the image cannot be read: {error.strerror}", path) from None
+    return decode_image(data, path)

@@ -1,0 +1,52 @@
+"""Images that the odometry is evaluated on must not teach its detector: which ones these are.
+
+A detector that has seen the test images removes their vehicles better than it will on any new street: the
+errors measured would be too small.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from vo_lib.core.errors import DataError
+
+# Raw drive of each KITTI odometry sequence with ground truth (odometry development kit, readme).
+ODOMETRY_DRIVES = {
+    "2011_10_03_drive_0027": "00",
+    "2011_10_03_drive_0042": "01",
+    "2011_10_03_drive_0034": "02",
+    "2011_09_26_drive_0067": "03",
+    "2011_09_30_drive_0016": "04",
+    "2011_09_30_drive_0018": "05",
+    "2011_09_30_drive_0020": "06",
+    "2011_09_30_drive_0027": "07",
+    "2011_09_30_drive_0028": "08",
+    "2011_09_30_drive_0033": "09",
+    "2011_09_30_drive_0034": "10",
+}
+DRIVE = re.compile(r"\d{4}_\d{2}_\d{2}_drive_\d{4}")
+SEQUENCE = re.compile(r"sequences[/\\](0\d|10)[/\\]")
+WHY = "a detector that learnt the images it is tested on makes the errors look smaller than they are"
+
+
+def evaluated_sequence(text: str) -> str | None:
+    """The odometry sequence, "07", that a path or a drive's name belongs to; None for any other."""
+    for drive in DRIVE.findall(text):
+        if drive in ODOMETRY_DRIVES:
+            return ODOMETRY_DRIVES[drive]
+    found = SEQUENCE.search(text)
+    return found[1] if found else None
+
+
+def refuse_evaluated(images: Iterable[Path]) -> None:
+    """Raise `DataError` for the first image whose path or name tells a KITTI odometry sequence."""
+    for image in images:
+        sequence = evaluated_sequence(str(image)) or evaluated_sequence(str(image.resolve()))
+        if sequence is not None:
+            raise DataError(
+                f"comes from KITTI odometry sequence {sequence}, which is evaluated: {WHY}; leave it out, or "
+                "allow it with --allow-evaluated",
+                image,
+            )

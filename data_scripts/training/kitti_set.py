@@ -1,0 +1,225 @@
+"""KITTI's object and tracking labels as a data set in YOLO form.
+
+Class mapping: Car and Van become car, Truck truck, Tram train. Misc and DontCare regions, and boxes lower
+than 8 px, are ignored: neither object nor background. Pedestrian, Person_sitting and Cyclist are background.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.errors import DataError
+from vo_lib.core.files import read_text, write_text_atomic
+from vo_lib.core.types import Progress
+from vo_lib.data.labels import write_labels
+
+from .evaluated import DRIVE, WHY, evaluated_sequence
+from .street_set import data_yaml
+
+NAMES = ("car", "truck", "train")
+CLASS_OF = {"Car": 0, "Van": 0, "Truck": 1, "Tram": 2}
+IGNORED = ("Misc", "DontCare")
+OTHERS = ("Pedestrian", "Person_sitting", "Person", "Cyclist")
+MIN_HEIGHT = 8.0  # px
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """One image with its labels, and the raw drive it comes from; "" where that is not known.
+
+    Attributes
+    ----------
+    boxes : class_id is the place in `NAMES`. ignored : boxes that are neither object nor background.
+    """
+
+    image: Path
+    drive: str
+    boxes: Boxes
+    ignored: Boxes
+
+    @property
+    def stem(self) -> str:
+        """Name in the data set: it tells the drive, so that evaluated ones are found again."""
+        folder = self.image.parent.name
+        return f"{self.drive or folder}_{self.image.stem}"
+
+
+def read_object_set(
+    root: Path, mapping: Path | None = None, permutation: Path | None = None
+) -> list[Labelled]:
+    """KITTI's object images: `image_2` with `label_2`.
+
+    Parameters
+    ----------
+    root : folder of both; KITTI's `training`.
+    mapping, permutation : `train_mapping.txt` and `train_rand.txt` of the object development kit, which tell
+        the raw drive of each image.
+    """
+    drives = _object_drives(mapping, permutation)
+    found = []
+    for path in _listed(root / "label_2", "*.txt"):
+        rows = [(number, line.split()) for number, line in enumerate(read_text(path).splitlines(), 1)]
+        boxes, ignored = _boxes([(number, words) for number, words in rows if words], path)
+        number = int(path.stem)
+        if drives and number >= len(drives):
+            raise DataError(f"the mapping knows {len(drives)} images only", path)
+        drive = drives[number] if drives else ""
+        found.append(Labelled(_image(root / "image_2" / f"{path.stem}.png"), drive, boxes, ignored))
+    return found
+
+
+def read_tracking_set(root: Path, drives: dict[str, str] | None = None) -> list[Labelled]:
+    """KITTI's tracking sequences: `image_02/0000/000000.png` with `label_02/0000.txt`.
+
+    `drives` gives the raw drive of a sequence, {"0000": "2011_09_26_drive_0005"}.
+    """
+    found = []
+    for path in _listed(root / "label_02", "*.txt"):
+        frames: dict[int, list[tuple[int, list[str]]]] = {}
+        for number, line in enumerate(read_text(path).splitlines(), 1):
+            words = line.split()
+            if words:
+                if not words[0].isdecimal() or len(words) < 10:
+                    raise DataError("expected frame, track, type and at least 7 numbers", path, number)
+                # Behind frame and track the fields are those of the object labels.
+                frames.setdefault(int(words[0]), []).append((number, words[2:]))
+        for image in _listed(root / "image_02" / path.stem, "*.png"):
+            boxes, ignored = _boxes(frames.get(int(image.stem), []), path)
+            found.append(Labelled(image, (drives or {}).get(path.stem, ""), boxes, ignored))
+    return found
+
+
+def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> tuple[Boxes, Boxes]:
+    """Objects and ignored boxes of label rows: type, 3 numbers, left, top, right, bottom, …"""
+    kept: list[tuple[int, list[float]]] = []
+    ignored: list[tuple[int, list[float]]] = []
+    for number, words in rows:
+        try:
+            corners = [float(word) for word in words[4:8]]
+        except ValueError:
+            corners = []
+        if len(corners) != 4 or not np.isfinite(corners).all():
+            raise DataError("expected type, 3 numbers, then left, top, right and bottom", path, number)
+        if words[0] not in (*CLASS_OF, *IGNORED, *OTHERS):
+            raise DataError(f"{words[0]!r} is no class of KITTI's", path, number)
+        good = corners[3] - corners[1] >= MIN_HEIGHT and corners[2] > corners[0]
+        if words[0] in CLASS_OF and good:
+            kept.append((CLASS_OF[words[0]], corners))
+        elif words[0] in CLASS_OF or words[0] in IGNORED:
+            ignored.append((0, corners))
+    return _as_boxes(kept), _as_boxes(ignored)
+
+
+def _as_boxes(rows: list[tuple[int, list[float]]]) -> Boxes:
+    corners = np.array([corners for _, corners in rows], np.float64).reshape(-1, 4)
+    return Boxes(corners, np.array([kind for kind, _ in rows], np.int64), np.ones(len(rows)))
+
+
+def _listed(folder: Path, pattern: str) -> list[Path]:
+    files = sorted(folder.glob(pattern))
+    if not files:
+        raise DataError(f"expected files {pattern}", folder)
+    return files
+
+
+def _image(path: Path) -> Path:
+    if not path.is_file():
+        raise DataError("the image is missing", path)
+    return path
+
+
+def _object_drives(mapping: Path | None, permutation: Path | None) -> list[str]:
+    """Raw drive of each object image: image i is row permutation[i] (counted from 1) of the mapping."""
+    if mapping is None or permutation is None:
+        return []
+    rows = [line.split() for line in read_text(mapping).splitlines() if line.strip()]
+    names = ["".join(DRIVE.findall(" ".join(words))[:1]) for words in rows]
+    if not all(names):
+        line = names.index("") + 1
+        raise DataError("expected date, drive and frame, as in train_mapping.txt", mapping, line)
+    try:
+        order = [int(word) for word in read_text(permutation).replace(",", " ").split()]
+        if sorted(order) != list(range(1, len(names) + 1)):
+            raise ValueError
+    except ValueError:
+        raise DataError(f"expected the numbers 1 to {len(names)}, each once", permutation) from None
+    return [names[k - 1] for k in order]
+
+
+def check_origin(found: list[Labelled], allow_evaluated: bool) -> list[Labelled]:
+    """The images that may be trained on: none of an evaluated drive, none of unknown origin.
+
+    Evaluated drives are left out; `DataError` where the origin is not known at all. `allow_evaluated`: all.
+    """
+    if allow_evaluated:
+        return found
+    unknown = next((one for one in found if not one.drive), None)
+    if unknown is not None:
+        raise DataError(
+            f"the raw drive it comes from is not known, so it may belong to an odometry sequence: {WHY}; "
+            "tell the drives, or allow it with --allow-evaluated",
+            unknown.image,
+        )
+    return [one for one in found if evaluated_sequence(one.drive) is None]
+
+
+def split(found: list[Labelled], share: float, seed: int) -> dict[str, list[Labelled]]:
+    """Training and validation part; whole drives where these are known, so that no street is in both."""
+    units = sorted({one.drive or one.stem for one in found})
+    order = np.random.default_rng([seed, 30]).permutation(len(units))
+    count = min(max(1, round(share * len(units))), len(units) - 1)
+    valid = {units[k] for k in order[:count]} if count > 0 else set()
+    parts: dict[str, list[Labelled]] = {"train": [], "valid": []}
+    for one in found:
+        parts["valid" if (one.drive or one.stem) in valid else "train"].append(one)
+    if not parts["valid"]:
+        # One drive alone: its last frames validate.
+        last = max(1, round(share * len(found)))
+        parts = {"train": found[:-last], "valid": found[-last:]}
+    return parts
+
+
+def write_set(parts: dict[str, list[Labelled]], folder: Path, progress: Progress | None = None) -> None:
+    """Write a data set; images are hard links where the disk allows it, else copies."""
+    total, done = sum(len(part) for part in parts.values()), 0
+    for name, part in parts.items():
+        for kind in ("images", "labels", "ignored"):
+            (folder / name / kind).mkdir(parents=True, exist_ok=True)
+        for one in part:
+            height, width = _size(one.image)
+            _link(one.image, folder / name / "images" / f"{one.stem}{one.image.suffix}")
+            for kind, boxes in (("ignored", one.ignored), ("labels", one.boxes)):
+                write_labels(folder / name / kind / f"{one.stem}.txt", boxes, width, height, scores=False)
+            done += 1
+            if progress:
+                progress(done, total)
+    write_text_atomic(folder / "data.yaml", data_yaml(NAMES, test=False))
+
+
+def _size(path: Path) -> tuple[int, int]:
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise DataError("this image cannot be read", path)
+    return int(image.shape[0]), int(image.shape[1])
+
+
+def _link(source: Path, target: Path) -> None:
+    target.unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
+
+
+def boxes_by_class(found: list[Labelled]) -> NDArray[np.int64]:
+    """How many boxes each class has."""
+    kinds = np.concatenate([one.boxes.class_id for one in found]) if found else np.zeros(0, np.int64)
+    return np.bincount(kinds, minlength=len(NAMES)).astype(np.int64)

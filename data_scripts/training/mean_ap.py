@@ -1,0 +1,101 @@
+"""How good detections are: recall, precision and average precision at one overlap, numpy only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.types import Array
+
+RECALLS = np.linspace(0.0, 1.0, 101)  # where the precision is read, as COCO's evaluation does
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Detections of one image beside its truth.
+
+    Attributes
+    ----------
+    score, right : (D,) of the detections that count; `right` where one found a true box of its own.
+    class_id : (D,) their classes. wanted : (K,) classes of the true boxes that count.
+    """
+
+    score: Array
+    right: NDArray[np.bool_]
+    class_id: NDArray[np.int64]
+    wanted: NDArray[np.int64]
+
+
+def iou(a: Array, b: Array) -> Array:
+    """Overlap (K, M) of boxes (K, 4) and (M, 4), corners."""
+    low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
+    both = np.clip(high - low, 0.0, None).prod(axis=2)
+    area = [(x[:, 2:] - x[:, :2]).prod(axis=1) for x in (a, b)]
+    return np.asarray(both / np.maximum(area[0][:, None] + area[1][None] - both, 1e-12))
+
+
+def covered(a: Array, b: Array) -> Array:
+    """Share of each box (K, 4) that lies in each region (M, 4): (K, M)."""
+    low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
+    both = np.clip(high - low, 0.0, None).prod(axis=2)
+    return np.asarray(both / np.maximum((a[:, 2:] - a[:, :2]).prod(axis=1), 1e-12)[:, None])
+
+
+def judge(found: Boxes, truth: Boxes, regions: Array, min_height: float = 0.0, least: float = 0.5) -> Judged:
+    """Compare the detections of one image with its truth.
+
+    A detection is right when it overlaps a true box of its class, not yet found by a better one, by an IoU of
+    `least` or more. True boxes lower than `min_height`, and what is found of them, do not count; neither do
+    detections lower than that, nor those at least half inside one of the `regions` (M, 4), unless right.
+    """
+    order = np.argsort(-found.score, kind="stable")
+    boxes, kinds = found.xyxy[order], found.class_id[order]
+    tall = truth.xyxy[:, 3] - truth.xyxy[:, 1] >= min_height
+    overlap = np.where(kinds[:, None] == truth.class_id[None], iou(boxes, truth.xyxy), 0.0)
+    free = np.ones(len(truth), np.bool_)
+    right, counts = np.zeros(len(boxes), np.bool_), np.ones(len(boxes), np.bool_)
+    aside = np.asarray((covered(boxes, regions) >= 0.5).any(axis=1))
+    low = boxes[:, 3] - boxes[:, 1] < min_height
+    for k in range(len(boxes)):
+        # A box that counts goes before one that does not, then the larger overlap.
+        worth = overlap[k] * free * np.where(tall, 2.0, 1.0)
+        best = int(worth.argmax()) if len(truth) else -1
+        if best >= 0 and overlap[k, best] >= least and free[best]:
+            free[best] = False
+            right[k], counts[k] = tall[best], tall[best]
+        else:
+            counts[k] = not (aside[k] or low[k])
+    return Judged(found.score[order][counts], right[counts], kinds[counts], truth.class_id[tall])
+
+
+def recall_precision(images: list[Judged], score: float = 0.0) -> tuple[float, float]:
+    """Recall and precision of all images' detections scored at least `score`; NaN where undefined."""
+    above = [part.right[part.score >= score] for part in images]
+    right, found = sum(int(part.sum()) for part in above), sum(len(part) for part in above)
+    wanted = sum(len(part.wanted) for part in images)
+    return (right / wanted if wanted else np.nan), (right / found if found else np.nan)
+
+
+def average_precision(images: list[Judged]) -> float:
+    """Mean over classes of the area under precision over recall (101 points); NaN where nothing is wanted."""
+    if not images:
+        return float("nan")
+    score, right, kind, wanted = (
+        np.concatenate([getattr(part, name) for part in images])
+        for name in ("score", "right", "class_id", "wanted")
+    )
+    areas = []
+    for one in np.unique(wanted):
+        order = np.argsort(-score[kind == one], kind="stable")
+        hits = np.cumsum(right[kind == one][order])
+        recall, precision = hits / np.count_nonzero(wanted == one), hits / np.arange(1, len(hits) + 1)
+        # At each recall the best precision that is still reached there or later.
+        envelope = np.maximum.accumulate(precision[::-1])[::-1]
+        at = np.searchsorted(recall, RECALLS)
+        areas.append(
+            np.where(at < len(envelope), np.append(envelope, 0.0)[np.minimum(at, len(envelope))], 0.0).mean()
+        )
+    return float(np.mean(areas)) if areas else float("nan")

@@ -1,0 +1,164 @@
+"""A detection data set drawn by the kit: left images of many streets, with exact boxes, in YOLO form.
+
+Every street has its own seed and settings drawn by chance; only a few frames far apart are taken from each.
+The test split holds scenes that training never draws: the kit's named scenes and further seeds of them.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from vo_lib.core.files import write_bytes_atomic, write_text_atomic
+from vo_lib.core.types import Progress
+from vo_lib.synthetic.blur import smear
+from vo_lib.synthetic.render import Renderer
+from vo_lib.synthetic.scenes import KITTI_F, SCENES, SceneConfig, scene_config
+from vo_lib.synthetic.sensor import expose, exposures
+from vo_lib.synthetic.truth_files import Box, visible_boxes
+from vo_lib.synthetic.world import make_world
+
+from .config import DetectionSetConfig
+
+NAMES = ("car", "bus", "truck")
+CLASS_OF = {2: 0, 5: 1, 7: 2}  # COCO number to place in NAMES
+# Seeds of the splits; far apart, so that no street is in two of them.
+TRAIN_SEED, VALID_SEED, TEST_SEED = 100_000, 200_000, 300_000
+JPEG_QUALITY = 92
+
+
+@dataclass(frozen=True)
+class Street:
+    """One street to draw: its split, its number there, its settings and the frames taken."""
+
+    split: str
+    number: int
+    scene: SceneConfig
+    frames: int
+
+    def stem(self, k: int) -> str:
+        """File name, without ending, of the k-th image taken."""
+        return f"{self.number:04d}_{k:02d}"
+
+
+def random_scene(seed: int) -> SceneConfig:
+    """Settings of one training street: layout, traffic, light, weather and camera by chance."""
+    rng = np.random.default_rng([seed, 20])
+
+    def between(low: float, high: float) -> float:
+        return float(rng.uniform(low, high))
+
+    base = str(rng.choice(["parked", "traffic", "traffic", "jam", "highway", "hard"]))
+    scene = SCENES[base]
+    city = scene.layout == "city"
+    return scene_config(
+        base,
+        seed=seed,
+        length=scene.length * between(0.6, 1.0),
+        parked=between(0.0, 0.95) if city else 0.0,
+        ahead=int(rng.integers(0, 4)),
+        truck_ahead=bool(rng.random() < 0.25),
+        gap=between(8.0, 30.0),
+        oncoming=between(0.0, 5.5),
+        overtaking=between(0.0, 14.0) if scene.lanes > 1 else 0.0,
+        lanes=int(rng.integers(1, 4)) if city else int(rng.integers(2, 4)),
+        shake=between(0.5, 3.0),
+        noise=between(0.5, 5.0),
+        optics=between(0.2, 1.2),
+        exposure_change=between(0.0, 0.9),
+        dark_stretches=between(0.0, 0.5) if rng.random() < 0.4 else 0.0,
+        shutter=between(2.0, 15.0) if rng.random() < 0.4 else 0.0,
+        focal=KITTI_F * between(0.8, 1.25),
+        camera_height=between(1.3, 2.0),
+    )
+
+
+def streets(config: DetectionSetConfig) -> list[Street]:
+    """All streets of a data set: the same settings give the same list."""
+    frames = config.frames
+    found = []
+    for split, first, images in (("train", TRAIN_SEED, config.train), ("valid", VALID_SEED, config.valid)):
+        count = -(-images // frames)
+        found += [
+            Street(split, k, random_scene(config.seed + first + k), min(frames, images - k * frames))
+            for k in range(count)
+        ]
+    number = 0
+    for seed in range(config.test_seeds):
+        for name in SCENES:
+            scene = SCENES[name] if seed == 0 else scene_config(name, seed=config.seed + TEST_SEED + number)
+            found.append(Street("test", number, scene, frames))
+            number += 1
+    return found
+
+
+def draw_street(street: Street, folder: Path, config: DetectionSetConfig) -> int:
+    """Draw the images of one street that are not there yet; returns how many the street has.
+
+    An image's label file is written last: where it is, the image is whole.
+    """
+    root = folder / street.split
+    missing = [k for k in range(street.frames) if not (root / "labels" / f"{street.stem(k)}.txt").exists()]
+    if not missing:
+        return street.frames
+    cv2.setNumThreads(1)  # the processes share the work by streets
+    world = make_world(street.scene)
+    renderer, exposure = Renderer(world), exposures(street.scene, world.drive.times)
+    places = np.linspace(0, len(world.drive.times) - 1, street.frames).round().astype(int)
+    for k in missing:
+        frame = int(places[k])
+        view = renderer.view(frame)
+        light = smear(world, frame, view, right=False)
+        image = expose(light, street.scene, float(exposure[frame]), frame, right=False)
+        seen = visible_boxes(world, frame, view, config.min_pixels, config.min_height, config.min_share)
+        every = visible_boxes(world, frame, view, 1, 1, 0.0)
+        ignored = [box for box in every if box not in seen]
+        done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        if not done:
+            raise RuntimeError(f"{street}: OpenCV could not encode the picture")
+        write_bytes_atomic(root / "images" / f"{street.stem(k)}.jpg", data.tobytes())
+        for kind, boxes in (("ignored", ignored), ("labels", seen)):
+            write_text_atomic(root / kind / f"{street.stem(k)}.txt", _label_text(boxes, street.scene))
+    return street.frames
+
+
+def _label_text(boxes: list[Box], scene: SceneConfig) -> str:
+    lines = []
+    for box in boxes:
+        kind, shares = box.yolo(scene.camera).split(" ", 1)
+        lines.append(f"{CLASS_OF[int(kind)]} {shares}\n")
+    return "".join(lines)
+
+
+def write_street_set(
+    folder: Path, config: DetectionSetConfig, jobs: int = 1, progress: Progress | None = None
+) -> None:
+    """Draw a whole data set; called again it draws what is missing.
+
+    Layout: `data.yaml`; `train`, `valid` and `test`, each with `images`, `labels` and `ignored` (boxes of
+    vehicles too small or too hidden to be asked for: neither vehicle nor background).
+    """
+    everything = streets(config)
+    for split in ("train", "valid", "test"):
+        for kind in ("images", "labels", "ignored"):
+            (folder / split / kind).mkdir(parents=True, exist_ok=True)
+    write_text_atomic(folder / "data.yaml", data_yaml(NAMES))
+    total, done = sum(street.frames for street in everything), 0
+    with ProcessPoolExecutor(max(1, min(jobs, os.cpu_count() or 1)), get_context("spawn")) as pool:
+        waiting = [pool.submit(draw_street, street, folder, config) for street in everything]
+        for future in as_completed(waiting):
+            done += future.result()
+            if progress:
+                progress(done, total)
+
+
+def data_yaml(names: tuple[str, ...], test: bool = True) -> str:
+    """The description of a data set as YOLO trainers and Roboflow write it, with or without a test split."""
+    lines = ["train: train/images", "val: valid/images", *(["test: test/images"] if test else [])]
+    return "\n".join([*lines, f"nc: {len(names)}", "names:", *(f"  - {name}" for name in names), ""])

@@ -1,0 +1,143 @@
+"""Motion from points of known depth by Gauss-Newton on the reprojection error in both current images.
+
+`fit_motion` is robust by its weights and needs a start; `ransac_motion` is the VISO2 estimator of Table 1
+(StereoScan: Geiger, Ziegler, Stiller, IV 2011): many motions from three matches each, the best one refitted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import ReprojectionConfig
+from ..core.camera import StereoCamera
+from ..core.geometry import rotation_from_vector
+from ..core.reprojection import CONVERGED, GOOD_ENOUGH, linearise, measured_pixels
+from ..core.types import Array, Mask
+
+FEWEST = 6  # matches that a motion needs; three would do without one wrong among them
+
+
+def ransac_motion(
+    camera: StereoCamera,
+    X_p: Array,
+    cur_left: Array,
+    cur_right: Array,
+    rng: np.random.Generator,
+    config: ReprojectionConfig,
+) -> tuple[Array, Array, Mask] | None:
+    """The motion with the most inliers among those of random triples of matches, refitted on its inliers.
+
+    Parameters
+    ----------
+    X_p : (N, 3) points in the previous left frame, metres; NaN where there is no depth.
+    cur_left, cur_right : (N, 2) pixels.
+
+    Returns
+    -------
+    R_cp (3, 3), t_cp (3,) metres, and the inliers (N,): residual norm over the four coordinates below the
+    threshold. None where fewer than six matches agree on a motion.
+    """
+    usable = np.flatnonzero(np.isfinite(X_p).all(axis=1))
+    if len(usable) < FEWEST:
+        return None
+    X, measured = X_p[usable], measured_pixels(camera, cur_left[usable], cur_right[usable])
+    weight = centre_weight(camera, cur_left[usable], config.centre)
+    triples = _triples(rng, len(usable), config.trials)
+    start = np.tile(np.eye(3), (config.trials, 1, 1)), np.zeros((config.trials, 3))
+    data = X[triples], measured[triples], weight[triples]
+    R, t = _gauss_newton(camera, *data, *start, config.iterations, GOOD_ENOUGH)
+    inliers = _residuals(camera, X, measured, R, t) < config.threshold
+    best = int(np.argmax(np.count_nonzero(inliers, axis=1)))
+    agreed = usable[inliers[best]]
+    if len(agreed) < FEWEST:
+        return None
+    R_cp, t_cp = refit_motion(camera, X_p, cur_left, cur_right, agreed, R[best], t[best], config)
+    # The refit moves the border: say which matches agree with the motion that is returned.
+    final = np.zeros(len(X_p), np.bool_)
+    final[usable] = (_residuals(camera, X, measured, R_cp[None], t_cp[None]) < config.threshold)[0]
+    return (R_cp, t_cp, final) if np.count_nonzero(final) >= FEWEST else None
+
+
+def refit_motion(
+    camera: StereoCamera,
+    X_p: Array,
+    cur_left: Array,
+    cur_right: Array,
+    chosen: NDArray[np.intp],
+    R_cp: Array,
+    t_cp: Array,
+    config: ReprojectionConfig,
+) -> tuple[Array, Array]:
+    """Least squares over the chosen matches, from a motion near the answer: R_cp (3, 3), t_cp (3,)."""
+    measured = measured_pixels(camera, cur_left[chosen], cur_right[chosen])
+    weight = centre_weight(camera, cur_left[chosen], config.centre)
+    data = X_p[chosen][None], measured[None], weight[None]
+    R, t = _gauss_newton(camera, *data, R_cp[None], t_cp[None], config.iterations, CONVERGED)
+    return R[0], t[0]
+
+
+def centre_weight(camera: StereoCamera, cur_left: Array, centre: float) -> Array:
+    """StereoScan's weight of a match's residual, (N,): 1 / (|u - cu| / |cu| + centre).
+
+    Calibration errors grow towards the left and right border of the image, so the middle counts more.
+    """
+    return np.asarray(1.0 / (np.abs(cur_left[:, 0] - camera.cx) / abs(camera.cx) + centre))
+
+
+def _gauss_newton(
+    camera: StereoCamera,
+    X_p: Array,
+    measured: Array,
+    weight: Array,
+    R: Array,
+    t: Array,
+    iterations: int,
+    tolerance: float,
+) -> tuple[Array, Array]:
+    """Least squares of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N), R, t to start.
+
+    A problem whose last step was below the tolerance is left alone; one that runs away stays where it was.
+    """
+    R, t = R.copy(), t.copy()
+    active = np.arange(len(R))
+    for _ in range(iterations):
+        rotated = X_p[active] @ np.swapaxes(R[active], 1, 2)
+        r, jac, _ = linearise(camera, rotated, t[active, None], measured[active])
+        w = weight[active][:, :, None]
+        r, jac = (w * r).reshape(len(active), -1, 1), (w[..., None] * jac).reshape(len(active), -1, 6)
+        jac_t = np.swapaxes(jac, 1, 2)
+        # Three points on one line leave a rotation open; closing it gently keeps the batch solvable.
+        H = jac_t @ jac
+        H += 1e-9 * np.trace(H, axis1=1, axis2=2)[:, None, None] * np.eye(6)
+        delta = np.asarray(np.linalg.solve(H, jac_t @ r)[:, :, 0], np.float64)
+        size = np.linalg.norm(delta, axis=1)
+        sane = size < 1e3
+        moved = active[sane]
+        R[moved] = rotation_from_vector(delta[sane, :3]) @ R[moved]
+        t[moved] += delta[sane, 3:]
+        active = active[sane & (size > tolerance)]
+        if len(active) == 0:
+            break
+    return R, t
+
+
+def _triples(rng: np.random.Generator, number: int, trials: int) -> NDArray[np.intp]:
+    """Three different indices below `number` for each trial, (trials, 3), all triples equally likely."""
+    first, second, third = (rng.integers(0, number - k, trials) for k in range(3))
+    # Each is drawn among those that are left, and steps over those already taken.
+    second += second >= first
+    for taken in np.sort([first, second], axis=0):
+        third += third >= taken
+    return np.stack([first, second, third], axis=1)
+
+
+def _residuals(camera: StereoCamera, X_p: Array, measured: Array, R: Array, t: Array) -> Array:
+    """Residual norm of N matches under M motions, (M, N) pixels; infinite behind the camera."""
+    x, y, z = np.moveaxis(R @ X_p.T + t[:, :, None], 1, 0)
+    front = z > 0
+    s = camera.f / np.where(front, z, 1.0)
+    u, v = s * x, s * y
+    squared = (measured[:, 0] - u) ** 2 + (measured[:, 1] - v) ** 2
+    squared += (measured[:, 2] - u + s * camera.baseline) ** 2 + (measured[:, 3] - v) ** 2
+    return np.asarray(np.where(front, np.sqrt(squared), np.inf))

@@ -1,0 +1,240 @@
+"""Chapter 5, beyond the paper: boxes followed from frame to frame, and which of them move."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import FilterConfig, MovingConfig
+from ..core.boxes import Boxes
+from ..core.camera import StereoCamera
+from ..core.matches import StereoMatches
+from ..core.types import Array, Mask
+from .moving import (
+    BoxSteps,
+    box_steps,
+    inside,
+    no_steps,
+    owner_of,
+    point_steps,
+    street_motion,
+    street_noise,
+    vehicles,
+)
+
+State = dict[str, NDArray[Any]]
+
+PARKED, UNKNOWN, MOVING = 0, 1, 2
+# Features from which a motion of the camera can be told.
+LEAST_STREET = 12
+STREET_SHARE = 4  # one feature of so many outside the boxes is asked how it scatters
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """M boxes followed, as of one frame.
+
+    Attributes
+    ----------
+    xyxy : (M, 4) box, pixels.
+    information, vector : (M, 3, 3), (M, 3) all evidence of the vehicle's step a frame, in information form,
+        in the axes of this frame's left camera: step = information⁻¹ vector, metres.
+    state : (M,) PARKED, UNKNOWN or MOVING.
+    missed : (M,) frames since the box was last seen.
+    """
+
+    xyxy: Array
+    information: Array
+    vector: Array
+    state: NDArray[np.int64]
+    missed: NDArray[np.int64]
+
+    def __getitem__(self, index: Mask | NDArray[np.intp]) -> Tracks:
+        return Tracks(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
+
+    def __add__(self, other: Tracks) -> Tracks:
+        """The tracks of both, in this order."""
+        names = [f.name for f in dataclasses.fields(self)]
+        return Tracks(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
+
+
+def new_tracks(xyxy: Array) -> Tracks:
+    """Tracks that begin with boxes (M, 4), of which nothing is known."""
+    m = len(xyxy)
+    zero = np.zeros(m, np.int64)
+    return Tracks(xyxy, np.zeros((m, 3, 3)), np.zeros((m, 3)), zero + UNKNOWN, zero)
+
+
+def overlap(a: Array, b: Array) -> Array:
+    """Intersection over union (M, K) of boxes (M, 4) with boxes (K, 4)."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    common = np.prod(np.maximum(high - low, 0.0), axis=2)
+    area_a, area_b = (np.prod(x[:, 2:] - x[:, :2], axis=1) for x in (a, b))
+    return np.asarray(common / np.maximum(area_a[:, None] + area_b - common, 1e-9))
+
+
+def pair_up(iou: Array, least: float) -> NDArray[np.int64]:
+    """Row for each column (K,) by descending overlap, each row once; -1 where none of `least` is left."""
+    row_of = np.full(iou.shape[1], -1)
+    left = iou.copy()
+    while left.size and left.max() >= least:
+        row, column = np.unravel_index(np.argmax(left), left.shape)
+        row_of[column] = row
+        left[row], left[:, column] = -1.0, -1.0
+    return row_of
+
+
+def shifted(tracks: Tracks, matches: StereoMatches, in_before: Mask) -> Array:
+    """Where the tracks' boxes (M, 4) are to be expected: each moves as its features do on average."""
+    member = in_before.T.astype(np.float64)
+    flow = member @ (matches.cur_left - matches.prev_left)
+    return np.asarray(tracks.xyxy + np.tile(flow / np.maximum(member.sum(axis=1), 1.0)[:, None], 2))
+
+
+def with_evidence(tracks: Tracks, fresh: BoxSteps, R_cp: Array, config: MovingConfig) -> Tracks:
+    """Tracks of the frame before, with the steps of their boxes into this one.
+
+    Evidence fades by `memory` when new evidence arrives, and waits while there is none. A box moves when
+    its step is significantly not zero; it is parked when a step of `min_step` would have been seen.
+    """
+    heard = fresh.information.any(axis=(1, 2))
+    keep = np.where(heard, config.memory, 1.0)
+    information = keep[:, None, None] * (R_cp @ tracks.information @ R_cp.T) + fresh.information
+    vector = keep[:, None] * (tracks.vector @ R_cp.T) + np.einsum("kij,kj->ki", fresh.information, fresh.step)
+    state = tracks.state.copy()
+    known = information.any(axis=(1, 2))
+    spread = np.linalg.inv(information[known])
+    step = np.einsum("kij,kj->ki", spread, vector[known])
+    deviations = np.sqrt(np.maximum(np.einsum("ki,ki->k", step, vector[known]), 0.0))
+    moves = (deviations > config.significance) & (np.linalg.norm(step, axis=1) > config.min_step)
+    certain = np.sqrt(np.linalg.eigvalsh(spread)[:, -1]) < config.min_step
+    # Half the significance keeps a box moving; with less it is as unknown as it was at first.
+    former = np.where(deviations > config.significance / 2, state[known], np.minimum(state[known], UNKNOWN))
+    state[known] = np.where(moves, MOVING, np.where(certain, PARKED, former))
+    return dataclasses.replace(tracks, information=information, vector=vector, state=state)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The K vehicle boxes of a frame, judged.
+
+    Attributes
+    ----------
+    boxes : the vehicle boxes, grown by the margin.
+    state : (K,) PARKED, UNKNOWN or MOVING.
+    step : (K, 3) step from this pair of frames, current left camera's axes, metres; NaN where not seen.
+    matches : (K,) features of this frame that may lie on the vehicle.
+    before : (B, 4) the boxes of the frame before, and state_before : (B,) what is known of them now.
+    few_street : there was too little street to judge by.
+    agrees : (N,) False for matches in boxes that do not agree with standing still.
+    """
+
+    boxes: Boxes
+    state: NDArray[np.int64]
+    step: Array
+    matches: NDArray[np.int64]
+    before: Array
+    state_before: NDArray[np.int64]
+    few_street: bool
+    agrees: Mask
+
+
+class BoxJudge:
+    """Judges the boxes of every frame: `start` with those of the first one, then `step` for each."""
+
+    def __init__(self, camera: StereoCamera, config: FilterConfig):
+        self.camera = camera
+        self.config = config
+        self._tracks = new_tracks(np.zeros((0, 4)))
+        self._motion: Array | None = None
+
+    def start(self, boxes: Boxes) -> None:
+        """The first frame."""
+        self._tracks = new_tracks(vehicles(boxes, self.config).xyxy)
+
+    def state(self) -> State:
+        """All that the frames so far left behind, as plain arrays; `restore` goes on from there."""
+        tracks = {f"tracks_{f.name}": getattr(self._tracks, f.name) for f in dataclasses.fields(Tracks)}
+        return tracks | {"tracks_motion": np.zeros((0, 4)) if self._motion is None else self._motion}
+
+    def restore(self, state: State) -> None:
+        """Go on as the judge with the same settings did whose `state` this was."""
+        self._tracks = Tracks(*(state[f"tracks_{f.name}"] for f in dataclasses.fields(Tracks)))
+        self._motion = state["tracks_motion"] if len(state["tracks_motion"]) else None
+
+    def step(self, matches: StereoMatches, boxes: Boxes) -> Judgement:
+        """Judge the boxes of the next frame's left image by its matches with the frame before."""
+        old, found = self._tracks, vehicles(boxes, self.config)
+        seen = old.missed == 0
+        in_before = inside(matches.prev_left, old.xyxy)
+        in_seen, in_found = in_before[:, seen], inside(matches.cur_left, found.xyxy)
+        outside = np.asarray(~(in_seen.any(axis=1) | in_found.any(axis=1)))
+        # A feature that leaves a parked car for a new box is not known to stand still.
+        doubtful = in_before[:, old.state != PARKED].any(axis=1) | (~in_seen.any(axis=1) & ~outside)
+        few_street = self._find_motion(matches, outside, np.asarray(~doubtful))
+        fresh, agrees = self._ask(matches, found, outside)
+        expected = shifted(old, matches, in_before)
+        row_of = pair_up(overlap(expected, found.xyxy), self.config.moving.overlap)
+        known = row_of >= 0
+        R_cp = np.eye(3) if self._motion is None else self._motion[:3, :3]
+        index = np.where(known, row_of, len(old.state) + np.arange(len(found)))
+        now = (old + new_tracks(found.xyxy))[index]
+        now = dataclasses.replace(now, xyxy=found.xyxy, missed=np.zeros(len(found), np.int64))
+        now = with_evidence(now, fresh, R_cp, self.config.moving)
+        lost = dataclasses.replace(old, xyxy=expected, missed=old.missed + 1)
+        lost = with_evidence(lost, no_steps(len(old.state)), R_cp, self.config.moving)
+        waits = lost.missed <= self.config.moving.patience
+        self._tracks = now + lost[waits & ~np.isin(np.arange(len(old.state)), row_of)]
+        heard = np.asarray(fresh.information.any(axis=(1, 2)))
+        state_before = old.state.copy()
+        state_before[row_of[known]] = now.state[known]
+        return Judgement(
+            boxes=found,
+            state=now.state,
+            step=np.where(heard[:, None], fresh.step, np.nan),
+            matches=fresh.matches,
+            before=old.xyxy[seen],
+            state_before=state_before[seen],
+            few_street=few_street,
+            agrees=agrees,
+        )
+
+    def _ask(self, matches: StereoMatches, found: Boxes, outside: Mask) -> tuple[BoxSteps, Mask]:
+        """Steps of the boxes found, and `agrees` of the judgement."""
+        if self._motion is None:
+            return no_steps(len(found)), np.ones(len(matches), np.bool_)
+        config = self.config.moving
+        agrees = np.ones(len(matches), np.bool_)
+        # A share of the street is enough to see its noise.
+        asked = np.concatenate([np.flatnonzero(~outside), np.flatnonzero(outside)[::STREET_SHARE]])
+        some = matches[asked]
+        owner = owner_of(self.camera, some.cur_left, some.cur_right, found, self.config)
+        points = point_steps(self.camera, some, self._motion)
+        stands = points.squared_error(np.zeros(3))
+        noise = street_noise(stands, outside[asked], config)
+        # What is not a number does not agree.
+        agrees[asked] = outside[asked] | (stands <= config.agreement**2 * noise)
+        return box_steps(points, owner, len(found), noise, config), agrees
+
+    def _find_motion(self, matches: StereoMatches, outside: Mask, still: Mask) -> bool:
+        """Motion of the camera from the street, None where nothing tells it; whether that was too little.
+
+        Where boxes hold nearly everything, those judged parked so far count as street (`still`); if that
+        is not enough, all features are asked, most of which then had better stand still.
+        """
+        least = self.config.moving.min_street
+        street = outside if np.count_nonzero(outside) >= least else outside | still
+        few = int(np.count_nonzero(street)) < least
+        if few:
+            street = np.ones(len(matches), np.bool_)
+        if np.count_nonzero(street) < LEAST_STREET:
+            self._motion = None
+        else:
+            start, steps = (np.eye(4), 10) if self._motion is None else (self._motion, 3)
+            self._motion = street_motion(self.camera, matches[street], start, steps)
+        return few

@@ -1,0 +1,227 @@
+"""Chapter 5, beyond the paper: how the vehicle in each box moves against the street.
+
+The camera's motion comes from the features outside all boxes. A feature that stands still must then be
+found at one place in both current images; what is left over is a step in space. Unlike the distance to an
+epipolar line, it also shows a car ahead that keeps its distance: its disparity stays, a standing car's grows.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import BucketConfig, FilterConfig, MovingConfig
+from ..core.boxes import Boxes
+from ..core.camera import StereoCamera
+from ..core.geometry import rigid
+from ..core.matches import StereoMatches
+from ..core.reprojection import fit_motion
+from ..core.types import Array, Mask
+from ..method.buckets import select_by_bucket
+
+# Features for the motion of the camera: enough for a millimetre, few enough for a millisecond.
+SPREAD = BucketConfig(size=100, features=2)
+# Half of all squared lengths of a normal 3-vector are below this.
+MEDIAN_CHI2 = 2.366
+# A feature agrees with a step when its squared error is below this, in deviations: 99 % of normal noise.
+AGREES_CHI2 = 11.3
+ITERATIONS = 3
+# Information on a direction that no feature sees, 1/m².
+OPEN = 1e-6
+
+
+@dataclass(frozen=True)
+class PointSteps:
+    """How N features moved against the street between two frames.
+
+    Attributes
+    ----------
+    step : (N, 3) displacement in the current left camera's axes, metres.
+    information : (N, 3, 3) inverse covariance of the step for matches with a deviation of one pixel.
+    depth : (N,) metres, where a standing feature would be.
+    """
+
+    step: Array
+    information: Array
+    depth: Array
+
+    def __getitem__(self, index: Mask | NDArray[np.intp]) -> PointSteps:
+        return PointSteps(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
+
+    def squared_error(self, step: Array) -> Array:
+        """Squared distance (N,) of each feature to a step (3,) or (N, 3), pixels²."""
+        e = self.step - step
+        return np.asarray(np.einsum("ni,nij,nj->n", e, self.information, e))
+
+
+def street_motion(camera: StereoCamera, matches: StereoMatches, start: Array, iterations: int) -> Array:
+    """Motion T_cp (4, 4) of the camera from features that stand still, most of them."""
+    chosen = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, SPREAD)]
+    chosen = chosen[chosen.prev_left[:, 0] > chosen.prev_right[:, 0]]
+    X_p = camera.triangulate(chosen.prev_left, chosen.prev_right)
+    R, t, _ = fit_motion(
+        camera, X_p, chosen.cur_left, chosen.cur_right, start[:3, :3], start[:3, 3], 0.5, iterations
+    )
+    return rigid(R, t)
+
+
+def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> PointSteps:
+    """Step of each feature against the street: where it is less where a standing one would be.
+
+    Both points are triangulated, u_left, v and u_right of three unknowns each, so that a far feature's
+    step is known well across the line of sight and badly along it; the information says so.
+    """
+    R_cp = T_cp[:3, :3]
+    X_p = _triangulate(camera, matches.prev_left, matches.prev_right)
+    X_c = _triangulate(camera, matches.cur_left, matches.cur_right)
+    stands = X_p @ R_cp.T + T_cp[:3, 3]
+    spread_c = _point_covariance(camera, X_c)
+    spread_p = R_cp @ _point_covariance(camera, X_p) @ R_cp.T
+    return PointSteps(X_c - stands, np.asarray(np.linalg.inv(spread_p + spread_c)), stands[:, 2])
+
+
+def _triangulate(camera: StereoCamera, left: Array, right: Array) -> Array:
+    """Points (N, 3) of pixels (N, 2) in both images, whose rows count alike."""
+    row = (left[:, 1] + right[:, 1]) / 2.0
+    return camera.back_project(np.stack([left[:, 0], row], axis=1), left[:, 0] - right[:, 0])
+
+
+def _point_covariance(camera: StereoCamera, X: Array) -> Array:
+    """Covariance (N, 3, 3) of triangulated points for a deviation of one pixel in u_left, v and u_right.
+
+    With d = u_left - u_right: Z = f b / d, X = (u_left - cx) Z / f, Y = (v - cy) Z / f. The mean row of
+    both images has half the variance of one.
+    """
+    z = X[:, 2]
+    per_pixel = z / camera.f
+    depth = -z * z / (camera.f * camera.baseline)  # dZ / dd
+    D = np.zeros((len(X), 3, 3))
+    D[:, :, 0] = (depth / z)[:, None] * X
+    D[:, :, 2] = -D[:, :, 0]
+    D[:, 0, 0] += per_pixel
+    D[:, 1, 1] = per_pixel / np.sqrt(2.0)
+    return D @ np.swapaxes(D, 1, 2)
+
+
+def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
+    """The boxes of vehicles scored well enough, each grown by the margin."""
+    chosen = np.isin(boxes.class_id, config.classes) & (boxes.score >= config.score)
+    xyxy = boxes.xyxy[chosen]
+    grow = config.margin * (xyxy[:, 2:] - xyxy[:, :2])
+    return Boxes(
+        np.concatenate([xyxy[:, :2] - grow, xyxy[:, 2:] + grow], axis=1),
+        boxes.class_id[chosen],
+        boxes.score[chosen],
+    )
+
+
+def inside(uv: Array, xyxy: Array) -> Mask:
+    """Which pixels (N, 2) lie in which boxes (K, 4): (N, K)."""
+    u, v = uv[:, :1], uv[:, 1:]
+    within = (u >= xyxy[:, 0]) & (u <= xyxy[:, 2]) & (v >= xyxy[:, 1]) & (v <= xyxy[:, 3])
+    return np.asarray(within)
+
+
+def owner_of(
+    camera: StereoCamera, left: Array, right: Array, boxes: Boxes, config: FilterConfig
+) -> NDArray[np.int64]:
+    """Box that each feature (N, 2), (N, 2) may lie on, -1 for none; of several the one in front.
+
+    The one in front is the lowest in the image. A feature so far away that a vehicle there would be taller
+    than any of its class belongs to the background that a box holds beside its vehicle.
+    """
+    if len(boxes) == 0 or len(left) == 0:
+        return np.full(len(left), -1)
+    tallest = dict(zip(config.classes, config.moving.heights, strict=False))
+    height = np.array([tallest.get(kind, max(config.moving.heights)) for kind in boxes.class_id.tolist()])
+    # depth <= f height / (bottom - top), as disparity
+    least = camera.baseline * (boxes.xyxy[:, 3] - boxes.xyxy[:, 1]) / height
+    may = inside(left, boxes.xyxy) & (left[:, :1] - right[:, :1] >= least)
+    nearness = np.where(may, boxes.xyxy[:, 3], -np.inf)
+    return np.where(may.any(axis=1), np.argmax(nearness, axis=1), -1)
+
+
+@dataclass(frozen=True)
+class BoxSteps:
+    """How the vehicles in K boxes moved between two frames, from these two frames alone.
+
+    Attributes
+    ----------
+    step : (K, 3) displacement against the street in the current left camera's axes, metres.
+    information : (K, 3, 3) its inverse covariance, 1/m²; zero where nothing is known.
+    matches : (K,) features that may lie on the vehicle.
+    """
+
+    step: Array
+    information: Array
+    matches: NDArray[np.int64]
+
+
+def no_steps(number: int) -> BoxSteps:
+    """Nothing known of a number of boxes."""
+    return BoxSteps(np.zeros((number, 3)), np.zeros((number, 3, 3)), np.zeros(number, np.int64))
+
+
+def street_noise(squared_error: Array, outside: Mask, config: MovingConfig) -> float:
+    """Variance of a match, pixels²: what the features outside the boxes show, and at least the setting."""
+    street = squared_error[outside & np.isfinite(squared_error)]
+    return max(config.noise**2, float(np.median(street)) / MEDIAN_CHI2 if len(street) else 0.0)
+
+
+def box_steps(
+    points: PointSteps, owner: NDArray[np.int64], number: int, noise: float, config: MovingConfig
+) -> BoxSteps:
+    """One step for each of `number` boxes from the features it owns (owner (N,), -1: none).
+
+    `noise` is the variance of a match, pixels², as `street_noise` finds it.
+
+    A box holds the vehicle, some street behind it, and outlines that belong to neither. Two robust fits
+    compete: one from all features, one from those alone that do not agree with standing still.
+    """
+    stands = points.squared_error(np.zeros(3)) / noise
+    mine = (owner >= 0) & np.isfinite(stands)
+    points, owner, stands = points[mine], owner[mine], stands[mine]
+    member = (owner == np.arange(number)[:, None]).astype(np.float64)
+    total = member.sum(axis=1)
+    moved = stands > AGREES_CHI2
+    start = np.stack([1.0 / (1.0 + stands / AGREES_CHI2), moved.astype(np.float64)])
+    steps, information, errors = _fit(points, member, owner, noise, start)
+    agreeing = member @ (moved & (errors[1] < AGREES_CHI2))
+    moves = (agreeing >= np.maximum(config.min_matches, config.moved_share * total)).astype(np.int64)
+    chosen = moves, np.arange(number)
+    depth = member @ points.depth / np.maximum(total, 1.0)
+    # What the motion of the camera does not know, no number of features in the box can tell.
+    shared = config.motion_error**2 + (np.radians(config.turn_error) * depth) ** 2
+    spread = np.linalg.inv(information[chosen] + OPEN * np.eye(3)) + shared[:, None, None] * np.eye(3)
+    enough = (total >= config.min_matches)[:, None, None]
+    return BoxSteps(steps[chosen], np.where(enough, np.linalg.inv(spread), 0.0), total.astype(np.int64))
+
+
+def _fit(
+    points: PointSteps, member: Array, owner: NDArray[np.int64], noise: float, weight: Array
+) -> tuple[Array, Array, Array]:
+    """Robust means of each box from several starts, with Cauchy weights.
+
+    Parameters
+    ----------
+    member : (K, N) 1 where a feature is in a box; owner : (N,) the box. weight : (S, N) first weights.
+
+    Returns
+    -------
+    Steps (S, K, 3), their information (S, K, 3, 3), and the features' squared errors (S, N) in deviations.
+    """
+    n = len(owner)
+    flat = points.information.reshape(n, 9) / noise
+    pull = np.einsum("nij,nj->ni", points.information, points.step) / noise
+    parts = np.concatenate([flat, pull], axis=1)
+    for _ in range(ITERATIONS):
+        sums = member @ (weight[:, :, None] * parts)
+        information = sums[:, :, :9].reshape(*sums.shape[:2], 3, 3)
+        steps = np.linalg.solve(information + OPEN * np.eye(3), sums[:, :, 9:, None])[:, :, :, 0]
+        e = points.step - steps[:, owner]
+        errors = np.einsum("sni,nij,snj->sn", e, points.information, e) / noise
+        weight = 1.0 / (1.0 + errors / AGREES_CHI2)
+    return steps, information, errors

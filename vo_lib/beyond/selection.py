@@ -1,0 +1,266 @@
+"""Chapters 2 and 3: from many candidate essential matrices to one rotation.
+
+Consensus takes the candidate with the smallest error over all features. Solution selection (paper,
+section 2.2) first keeps, of the candidates of each five-point set, the k nearest to the essential
+vector of the previous frame. The image error always has the last word.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import SelectionConfig
+from ..core.geometry import (
+    NORMAL,
+    decompose_essential,
+    essential_angle,
+    essential_from_motion,
+    essential_vector,
+)
+from ..core.sampson import MatchTerms, candidate_terms, match_terms, squared_distances
+from ..core.types import Array
+from ..method.five_point import five_point
+from .refinement import refine
+
+COARSE = 3  # iterations of the first refinement
+PARTS = 4  # in which the candidates meet the matches
+
+
+@dataclass(frozen=True)
+class EssentialEstimate:
+    """The motion that the essential matrix of a frame gives.
+
+    Attributes
+    ----------
+    R_cp : (3, 3) rotation, previous to current.
+    direction : (3,) unit translation.
+    e : (9,) essential vector, the next frame's prior (the paper's basis vector).
+    inliers : (N,) bool, matches whose Sampson distance is below the threshold.
+    prior_angle : angle of e to the previous essential vector, radians; NaN without one.
+    prior_dropped : the prior's best candidate was clearly worse than the best of all, so it was not used.
+    """
+
+    R_cp: Array
+    direction: Array
+    e: Array
+    inliers: NDArray[np.bool_]
+    prior_angle: float
+    prior_dropped: bool
+
+
+def sample_sets(
+    rng: np.random.Generator, number: int, sets: int, spread_by: Array | None = None
+) -> NDArray[np.intp]:
+    """Five different indices below `number` for each set, (sets, 5).
+
+    Cut from random permutations, so that every feature is used equally often. With `spread_by` (number,)
+    every other set takes one feature from each fifth of its range: with the direction from the image centre,
+    sets that see all sides and give better rotations. The others stay free, for a fifth may be all wrong.
+    """
+    each = number // 5
+    rounds = -(-sets // each)
+    order = rng.permuted(np.tile(np.arange(number), (rounds, 1)), axis=1)[:, : 5 * each]
+    chosen = order.reshape(-1, 5)[:sets]
+    if spread_by is not None:
+        # A few features stay out where five does not divide their number.
+        sorted_ones = order[0][np.argsort(spread_by[order[0]])]
+        fifths = np.repeat(sorted_ones.reshape(5, 1, each), rounds, axis=1)
+        chosen[1::2] = rng.permuted(fifths, axis=2).reshape(5, -1).T[: len(chosen[1::2])]
+    return chosen
+
+
+def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
+    """Mean squared Sampson distance of each candidate over all matches, truncated, (M,).
+
+    Parameters
+    ----------
+    E : (M, 3, 3) candidates; x_p, x_c : (N, 2) normalised points.
+    threshold : in the unit of the points; a match never costs more than threshold².
+
+    Returns
+    -------
+    mean(min(d² / threshold², 1)), in [0, 1]. In single precision: enough to rank, twice as fast.
+    """
+    single = np.float32
+    candidates, matches = candidate_terms(E, single), match_terms(x_p, x_c, single)
+    return _truncated_sums(candidates, matches, threshold) / len(x_p)
+
+
+def _truncated_sums(candidates: MatchTerms, matches: MatchTerms, threshold: float) -> Array:
+    d2 = squared_distances(candidates, matches)
+    np.minimum(d2, d2.dtype.type(threshold**2), out=d2)
+    return np.asarray(d2.sum(axis=1, dtype=np.float64) / threshold**2)
+
+
+def contender_errors(E: Array, kept: NDArray[np.bool_], x_p: Array, x_c: Array, threshold: float) -> Array:
+    """`truncated_errors`, but infinite for candidates that are surely neither the best nor the best kept.
+
+    The errors only grow with each match. The candidates meet the matches in parts; the best kept one after
+    the first part meets all others at once, and whoever is worse than its total already goes no further.
+    """
+    candidates, matches = candidate_terms(E, np.float32), match_terms(x_p, x_c, np.float32)
+    parts = [np.arange(first, len(x_p), PARTS) for first in range(PARTS)]
+    sums = _truncated_sums(candidates, matches.take(parts[0]), threshold)
+    leader = np.array([np.argmin(np.where(kept, sums, np.inf))])
+    total = _truncated_sums(candidates.take(leader), matches, threshold)[0]
+    bound = (1.0 + 1e-3) * total  # single precision: sums in another order differ
+    left = np.flatnonzero(sums <= bound)
+    for part in parts[1:]:
+        sums[left] += _truncated_sums(candidates.take(left), matches.take(part), threshold)
+        left = left[sums[left] <= bound]
+    errors = np.full(len(E), np.inf)
+    errors[left] = sums[left] / len(x_p)
+    # Where all errors are tiny, rounding can put even its own sum above the bound.
+    errors[leader] = total / len(x_p)
+    return errors
+
+
+def nearest_to_prior(E: Array, set_index: NDArray[np.intp], e_prev: Array, keep: int) -> NDArray[np.bool_]:
+    """Solution selection: of each set's candidates, the `keep` nearest to the previous essential vector.
+
+    Parameters
+    ----------
+    E : (M, 3, 3) candidates; set_index : (M,) the set each one comes from.
+    e_prev : (9,) essential vector of the previous frame.
+
+    Returns
+    -------
+    (M,) bool; nearness is the angle acos|eᵀ e_prev|.
+    """
+    angle = essential_angle(essential_vector(E), e_prev)
+    order = np.lexsort((angle, set_index))
+    ordered_sets = set_index[order]
+    rank = np.arange(len(order)) - np.searchsorted(ordered_sets, ordered_sets)
+    kept = np.zeros(len(order), np.bool_)
+    kept[order[rank < keep]] = True
+    return kept
+
+
+def choose(
+    E: Array,
+    set_index: NDArray[np.intp],
+    x_p: Array,
+    x_c: Array,
+    e_prev: Array | None,
+    config: SelectionConfig,
+    focal: float,
+) -> tuple[int, bool]:
+    """The winner among the candidates, by consensus or by solution selection (paper, section 2.2).
+
+    Parameters
+    ----------
+    E, set_index : all candidates of a frame, from `five_point`; x_p, x_c : (N, 2) normalised points.
+    e_prev : (9,) previous essential vector, or None: then nothing can be near it and consensus decides.
+
+    Returns
+    -------
+    Its index, and whether the prior was dropped: with it the best candidate would have been worse than the
+    best of all by more than `config.turn_ratio`. So it is in a sharp turn, and after a wrong vector.
+    """
+    kept = np.ones(len(E), np.bool_)
+    if config.prior and e_prev is not None:
+        kept = nearest_to_prior(E, set_index, e_prev, config.keep)
+    errors = contender_errors(E, kept, x_p, x_c, config.threshold / focal)
+    winner = int(np.argmin(errors))
+    choice = int(np.argmin(np.where(kept, errors, np.inf)))
+    dropped = bool(errors[choice] > config.turn_ratio * errors[winner])
+    return (winner if dropped else choice), dropped
+
+
+def motion_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:
+    """Of the four (R, ±t) of E the one that agrees with the stereo depth of the matches.
+
+    Parameters
+    ----------
+    E : (3, 3); x_p, x_c : (N, 2) normalised points; X_p : (N, 3) points of the previous left frame, metres.
+
+    Returns
+    -------
+    R_cp (3, 3) and the unit direction of t_cp (3,).
+
+    Each pair is given its best common length s, by least squares on x_c × (R X_p + s t) = 0; its sign
+    chooses between t and -t, and the median residual angle between the two rotations.
+    """
+    rotations, t = decompose_essential(E)
+    ray = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    ray_t = ray @ t
+    length2 = np.maximum(np.sum(X_p**2, axis=1), 1e-12)
+    best = (-np.inf, rotations[0], t)
+    for R in rotations:
+        rotated = X_p @ R.T
+        along, across = np.sum(ray * rotated, axis=1), rotated @ t
+        # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer points know the length better: weight 1 / |X|².
+        s = -np.sum((across - ray_t * along) / length2) / max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
+        moved = np.sqrt(np.maximum(length2 + 2.0 * s * across + s * s, 1e-12))
+        cosine = float(np.median((along + s * ray_t) / moved))
+        if cosine > best[0]:
+            best = (cosine, R, t if s >= 0 else -t)
+    return best[1], best[2]
+
+
+def estimate_essential(
+    x_p: Array,
+    x_c: Array,
+    X_p: Array,
+    e_prev: Array | None,
+    rng: np.random.Generator,
+    config: SelectionConfig,
+    focal: float,
+) -> EssentialEstimate | None:
+    """Rotation of a frame by consensus or by solution selection, as the configuration says.
+
+    Parameters
+    ----------
+    x_p, x_c : (N, 2) normalised points; X_p : (N, 3) their points in the previous left frame, metres.
+    e_prev : (9,) previous essential vector, or None (first frame).
+    focal : pixels; thresholds are in pixels.
+
+    Returns
+    -------
+    None when no set gave a candidate (fewer than five matches, or degenerate ones).
+    """
+    if len(x_p) < 5:
+        return None
+    sets = sample_sets(rng, len(x_p), config.sets, np.arctan2(x_c[:, 1], x_c[:, 0]))
+    E, set_index = five_point(x_p[sets], x_c[sets])
+    if len(E) == 0:
+        return None
+    winner, dropped = choose(E, set_index, x_p, x_c, e_prev, config, focal)
+    R, t, best, inliers = motion_of_winner(E[winner], x_p, x_c, X_p, config, focal)
+    e = essential_vector(best)
+    angle = float("nan") if e_prev is None else float(essential_angle(e, e_prev))
+    return EssentialEstimate(R, t, e, inliers, angle, dropped)
+
+
+def motion_of_winner(
+    E: Array, x_p: Array, x_c: Array, X_p: Array, config: SelectionConfig, focal: float
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Rotation, unit translation, essential matrix (3, 3) and inliers (N,) of the winner E (3, 3).
+
+    `literal` leaves E as it is, `refined` improves it on its inliers.
+    """
+    threshold = config.threshold / focal
+    matches = match_terms(x_p, x_c)
+    inliers = _squared(E, matches) < threshold**2
+    trusted = np.flatnonzero(inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers))
+    R, t = motion_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
+    if config.mode == "refined":
+        # Coarsely, then with weights as narrow as the matches are exact: a car that crawls along moves its
+        # features by less than the threshold.
+        kept = matches.take(trusted)
+        R, t = refine(R, t, kept, threshold / 2, COARSE)
+        deviation = NORMAL * float(np.sqrt(np.median(_squared(essential_from_motion(R, t), kept))))
+        scale = min(config.refine_scale * max(deviation, 1e-3 * threshold), threshold / 2)
+        R, t = refine(R, t, kept, scale)
+        E = essential_from_motion(R, t)
+        inliers = _squared(E, matches) < threshold**2
+    return R, t, E, inliers
+
+
+def _squared(E: Array, matches: MatchTerms) -> Array:
+    """Squared Sampson distances (N,) to one E (3, 3)."""
+    return np.asarray(squared_distances(candidate_terms(E[None]), matches)[0], np.float64)

@@ -1,0 +1,106 @@
+"""How good the matches are: those of a drawn scene against its truth, on vehicles and elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..beyond.box_filter import in_boxes
+from ..config import Config
+from ..core.matches import StereoMatches
+from ..data.sequence import Sequence
+from ..synthetic import open_truth
+from ..synthetic.truth import Truth
+
+FEATURE_FRAMES = 30  # frames whose matches are compared with the truth
+RIGHT = 1.0  # pixels; a right match is no farther from the truth in any image
+BESIDE = 2  # pixels; a corner on an outline lies this near to the surface that it belongs to
+
+
+@dataclass(frozen=True)
+class FeatureErrors:
+    """Matches of a drawn scene against its truth, inside or outside vehicle boxes.
+
+    Attributes
+    ----------
+    matches : how many were compared.
+    known_share : share whose true place is known: not on the sky, and still in both images.
+    flow_share : share of the known ones within RIGHT pixels of the true flow from left to left image.
+    right_share : share of all within RIGHT pixels in all four images; none on the sky is.
+    beside_share : the same where the true place of a point up to BESIDE pixels beside counts as well.
+    median_error : pixels, of the current left position of the right ones.
+    """
+
+    matches: int
+    known_share: float | None
+    flow_share: float | None
+    right_share: float | None
+    beside_share: float | None
+    median_error: float | None
+
+
+def feature_errors(
+    sequence: Sequence, matches: list[StereoMatches], config: Config
+) -> dict[str, FeatureErrors] | None:
+    """Matches of some frames, evenly spread, against the truth of a drawn scene; None for other sequences."""
+    if not (sequence.folder / "truth").is_dir():
+        return None
+    truth = open_truth(sequence.folder)
+    chosen = np.unique(np.linspace(1, len(sequence) - 1, min(FEATURE_FRAMES, len(sequence) - 1)).astype(int))
+    inside: list[NDArray[np.bool_]] = []
+    right: list[NDArray[np.bool_]] = []
+    beside: list[NDArray[np.bool_]] = []
+    known: list[NDArray[np.bool_]] = []
+    error: list[NDArray[np.float64]] = []
+    for i in chosen.tolist():
+        before, now = int(sequence.frames[i - 1]), int(sequence.frames[i])
+        m = matches[i]
+        on_vehicle = in_boxes(m.prev_left, sequence.boxes(i - 1), config.filter)
+        inside.append(on_vehicle | in_boxes(m.cur_left, sequence.boxes(i), config.filter))
+        right.append(truth.is_right(m, now, RIGHT, before))
+        beside.append(_is_right_beside(truth, m, before, now))
+        left, _, valid = truth.predict(before, now, m.prev_left)
+        known.append(valid)
+        error.append(np.linalg.norm(m.cur_left - left, axis=1))
+    is_inside = np.concatenate(inside)
+    is_right, is_beside, is_known = (np.concatenate(part) for part in (right, beside, known))
+    errors = np.concatenate(error)
+    return {
+        name: _feature_errors(is_right[group], is_beside[group], is_known[group], errors[group])
+        for name, group in (("inside boxes", is_inside), ("outside boxes", ~is_inside))
+    }
+
+
+def _is_right_beside(truth: Truth, m: StereoMatches, before: int, now: int) -> NDArray[np.bool_]:
+    """Whether matches (N,) are right as their own point's or as one's up to BESIDE pixels beside."""
+    found = np.zeros(len(m), np.bool_)
+    for step in itertools.product(range(-BESIDE, BESIDE + 1), repeat=2):
+        by = np.array(step, float)
+        moved = dataclasses.replace(
+            m,
+            prev_left=m.prev_left + by,
+            prev_right=m.prev_right + by,
+            cur_left=m.cur_left + by,
+            cur_right=m.cur_right + by,
+        )
+        found |= truth.is_right(moved, now, RIGHT, before)
+    return found
+
+
+def _feature_errors(
+    right: NDArray[np.bool_],
+    beside: NDArray[np.bool_],
+    known: NDArray[np.bool_],
+    error: NDArray[np.float64],
+) -> FeatureErrors:
+    if not len(right):
+        return FeatureErrors(0, None, None, None, None, None)
+    flow = float(np.mean(error[known] <= RIGHT)) if known.any() else None
+    median = float(np.median(error[right])) if right.any() else None
+    return FeatureErrors(
+        len(right), float(np.mean(known)), flow, float(np.mean(right)), float(np.mean(beside)), median
+    )

@@ -1,0 +1,227 @@
+"""What a machine needs for the method: time of every stage, memory, and how good the matches are."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import platform
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ..beyond.odometry import Clock
+from ..config import Config
+from ..core.matches import StereoMatches
+from ..core.types import Progress
+from ..data.sequence import Sequence
+from ..runs.match_cache import CHUNK, pack, unpack
+from ..runs.runner import FoundMatches, Run, TimedMatches, run_methods
+from .bench_detector import DetectorBench, DetectorTimer
+from .bench_matches import FeatureErrors, feature_errors
+from .bench_solver import Precision, microseconds_a_set, precision
+
+BACK_END_RUNS = 3
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much a bench does: repeats of a timed call, and problems of each kind for the precision."""
+
+    repeats: int = 40
+    problems: int = 20000
+    problems_of_others: int = 2000
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Figures of one machine. Times are of the wall clock: other work on the machine lengthens them.
+
+    Attributes
+    ----------
+    machine : processor, cores, versions, and `load`, how many processes wanted to run before the bench.
+    sequence, frames, width, height : what was run; method : by which preset.
+    stages : mean milliseconds a frame of each stage; whole : milliseconds a frame from start to end.
+    back_end : milliseconds a frame, from matches read out of a cache to the motion; least of several runs.
+    matches : mean number a frame.
+    peak_memory : megabytes of the process until the sequence was done, the bench's own store of matches
+        included; None where the system does not tell.
+    solver : microseconds a five-point set, by solver; solver_precision : rows of its table.
+    features : by "inside boxes" and "outside boxes"; None where there is no truth of single pixels.
+    detector : what a detector costs; None where none was asked for.
+    """
+
+    machine: dict[str, Any]
+    sequence: str
+    frames: int
+    width: int
+    height: int
+    method: str
+    matches: float
+    stages: dict[str, float]
+    whole: float
+    back_end: float
+    peak_memory: float | None
+    solver: dict[str, float]
+    solver_precision: list[Precision]
+    features: dict[str, FeatureErrors] | None
+    detector: DetectorBench | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain values for JSON, with units in the names."""
+        return {
+            "machine": self.machine,
+            "sequence": {
+                "name": self.sequence,
+                "frames": self.frames,
+                "width_px": self.width,
+                "height_px": self.height,
+                "method": self.method,
+                "matches_a_frame": self.matches,
+            },
+            "ms_a_frame_of": self.stages,
+            "whole_run_ms_a_frame": self.whole,
+            "back_end_from_cache_ms_a_frame": self.back_end,
+            "peak_memory_mb": self.peak_memory,
+            "five_point_us_a_set": self.solver,
+            "five_point_precision": [dataclasses.asdict(row) for row in self.solver_precision],
+            "features": None
+            if self.features is None
+            else {name: dataclasses.asdict(errors) for name, errors in self.features.items()},
+            "detector": None if self.detector is None else self.detector.to_dict(),
+        }
+
+
+def run_bench(
+    sequence: Sequence,
+    method: str,
+    config: Config,
+    effort: Effort,
+    progress: Progress | None = None,
+    detector: str | None = None,
+) -> Bench:
+    """Run the method over a sequence with a clock, then its parts alone; `progress` counts frames and parts.
+
+    Parameters
+    ----------
+    detector : name or file of a model whose cost is measured too.
+
+    Raises
+    ------
+    DataError : the sequence cannot be read, or the detector cannot be used.
+    """
+    by_detector = None if detector is None else DetectorTimer(sequence, detector)
+    steps = len(sequence) * (1 + BACK_END_RUNS) + 2 + (0 if by_detector is None else by_detector.steps)
+    done = 0
+
+    def advance(count: int = 1) -> None:
+        nonlocal done
+        done += count
+        if progress is not None:
+            progress(done, steps)
+
+    machine = describe_machine()
+    found = _Recorded(FoundMatches(sequence, config.features, config.matching))
+    start = time.perf_counter()
+    result = run_methods(sequence, {"": config}, lambda *_: advance(), found)[""]
+    whole = time.perf_counter() - start
+    memory = peak_memory()
+    packed = [pack(found.matches[i : i + CHUNK], {}) for i in range(0, len(sequence), CHUNK)]
+    back_end = []
+    for _ in range(BACK_END_RUNS):
+        start = time.perf_counter()
+        run_methods(sequence, {"": config}, matches=_read(packed))
+        back_end.append(time.perf_counter() - start)
+        advance(len(sequence))
+    solver = microseconds_a_set(effort.repeats)
+    advance()
+    solver_precision = precision(effort.problems, effort.problems_of_others)
+    advance()
+    cost = None if by_detector is None else by_detector.measure(config, advance)
+    return Bench(
+        machine=machine,
+        sequence=sequence.name,
+        frames=len(sequence),
+        width=sequence.camera.width,
+        height=sequence.camera.height,
+        method=method,
+        matches=float(np.mean([len(matches) for matches in found.matches[1:]])),
+        stages=stage_means(result),
+        whole=1e3 * whole / len(sequence),
+        back_end=1e3 * min(back_end) / len(sequence),
+        peak_memory=memory,
+        solver=solver,
+        solver_precision=solver_precision,
+        features=feature_errors(sequence, found.matches, config),
+        detector=cost,
+    )
+
+
+class _Recorded:
+    """Matches as they are found, and kept."""
+
+    def __init__(self, found: FoundMatches):
+        self.found = found
+        self.matches: list[StereoMatches] = []
+
+    def __iter__(self) -> Iterator[TimedMatches]:
+        for matches, ms in self.found:
+            self.matches.append(matches)
+            yield matches, ms
+
+
+def _read(packed: list[bytes]) -> Iterator[TimedMatches]:
+    """Matches out of the bytes of a cache's files."""
+    for data in packed:
+        clock = Clock()
+        frames, _ = unpack(data)
+        clock.stage("cached_matches")
+        yield from (
+            (matches, {"cached_matches": clock.ms["cached_matches"] / len(frames)}) for matches in frames
+        )
+
+
+def stage_means(result: Run) -> dict[str, float]:
+    """Mean milliseconds a frame of each stage, in the order in which they come."""
+    names = dict.fromkeys(name for motion in result.motions for name in motion.ms)
+    return {n: float(np.mean([motion.ms.get(n, 0.0) for motion in result.motions])) for n in names}
+
+
+def describe_machine() -> dict[str, Any]:
+    """Processor, cores that may be used, load, system and versions."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return {
+        "processor": processor_name(),
+        "cores": len(affinity(0)) if affinity is not None else os.cpu_count(),
+        "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "opencv": cv2.__version__,
+    }
+
+
+def processor_name() -> str:
+    """The processor's name as the system gives it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def peak_memory() -> float | None:
+    """Largest memory of this process so far, megabytes; None where the system does not tell (Windows)."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1e6 if sys.platform == "darwin" else 1e3)

@@ -1,0 +1,129 @@
+"""What is installed and what is missing: the facts behind `vo check`."""
+
+from __future__ import annotations
+
+import importlib.metadata as metadata
+import platform
+import sys
+from dataclasses import dataclass
+
+from ..core.errors import DataError
+from ..data.kitti_check import EXPECTED_FRAMES, count_pairs
+from ..data.places import detector_folder, kitti_root, script_command
+from ..data.sequence import available, kitti_roots
+from ..detection.detectors import known
+
+PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "matplotlib", "jupyterlab", "ipywidgets")
+OPENCV_NAMES = (
+    "opencv-python",
+    "opencv-python-headless",
+    "opencv-contrib-python",
+    "opencv-contrib-python-headless",
+)
+OLDEST_PYTHON = (3, 10)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the check: what was looked at, what was found, and what to do where it is not well.
+
+    `state` is "ok", "note" (optional thing missing) or "problem".
+    """
+
+    what: str
+    state: str
+    found: str
+    remedy: str = ""
+
+
+def check() -> list[Finding]:
+    """All findings, problems and notes included, in a fixed order."""
+    findings = [_python()]
+    findings += [_package(name) for name in PACKAGES]
+    findings.append(_opencv())
+    findings.append(_kitti())
+    findings.append(_detectors())
+    return findings
+
+
+def _python() -> Finding:
+    found = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    if sys.version_info[:2] < OLDEST_PYTHON:
+        return Finding("Python", "problem", found, "install Python 3.10 or newer")
+    return Finding("Python", "ok", found)
+
+
+def installed_version(name: str) -> str | None:
+    """Version of an installed package, or None."""
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _package(name: str) -> Finding:
+    version = installed_version(name)
+    if version is None:
+        return Finding(name, "problem", "not installed", "pip install -r environment.txt")
+    return Finding(name, "ok", version)
+
+
+def _opencv() -> Finding:
+    present = [name for name in OPENCV_NAMES if installed_version(name) is not None]
+    if len(present) > 1:
+        remedy = f"pip uninstall -y {' '.join(present)}, then pip install -r environment.txt"
+        return Finding("one OpenCV only", "problem", " and ".join(present) + " share one folder", remedy)
+    try:
+        import cv2
+    except ImportError as error:
+        return Finding("one OpenCV only", "problem", str(error), "pip install -r environment.txt")
+    return Finding("one OpenCV only", "ok", f"cv2 {cv2.__version__}")
+
+
+def data_steps() -> list[tuple[str, str]]:
+    """How one comes to data, step by step: a command that can be typed here, and what it does."""
+    get, check = script_command("get_kitti.py"), script_command("check_kitti.py")
+    return [
+        (f"{get} --sequences 07,04", f"two short sequences with true poses, 0.7 GB, into {kitti_root()}"),
+        (f"{get} --from-zip FILE", "the same out of KITTI's archives, where you have them"),
+        (f"{get} --sequences 00-10 --link DIR", "or out of a KITTI tree that you have (or set KITTI_ROOT)"),
+        (check, "what is complete, what is missing, and the command that gets it"),
+        (f"{script_command('get_detector.py')} yolox-tiny", "a vehicle detector for real images, 20 MB"),
+        (f"{script_command('from_folder.py')} --help", "stereo images or a video of your own"),
+    ]
+
+
+def _steps(*wanted: str) -> str:
+    """Those steps whose commands name one of the scripts wanted, a line each."""
+    steps = [step for step in data_steps() if any(name in step[0] for name in wanted)]
+    return "".join(f"\n  {command}\n      {text}" for command, text in steps)
+
+
+def _kitti() -> Finding:
+    found = {name: path for name, path in available().items() if name.startswith("kitti/") and path}
+    if not found:
+        remedy = "optional; the steps, in their order" + _steps(
+            "get_kitti.py", "check_kitti.py", "from_folder.py"
+        )
+        return Finding("KITTI odometry", "note", "no sequences", remedy)
+    words = f"{len(found)} sequences in {', '.join(map(str, kitti_roots()))}"
+    folders = [path for path in found.values() if path is not None]
+    short = [path.name for path in folders if count_pairs(path) < EXPECTED_FRAMES.get(path.name, 0)]
+    if short:
+        return Finding(
+            "KITTI odometry", "note", f"{words}; incomplete: {', '.join(short)}", _steps("check_kitti.py")
+        )
+    return Finding("KITTI odometry", "ok", words)
+
+
+def _detectors() -> Finding:
+    steps = _steps("get_detector.py")
+    try:
+        here = [name for name, (_, path) in known().items() if path is not None]
+    except DataError as error:
+        return Finding("fetched detectors", "problem", str(error), steps)
+    if here:
+        return Finding("fetched detectors", "ok", ", ".join(here))
+    return Finding(
+        "fetched detectors", "note", f"none in {detector_folder()}", "optional, for real images" + steps
+    )

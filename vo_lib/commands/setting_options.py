@@ -1,0 +1,44 @@
+"""Command-line options made from declared settings, for the `vo` command and the data scripts."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from typing import Any, Protocol, TypeVar
+
+from ..core.settings import Setting, declared
+
+Config = TypeVar("Config")
+
+
+class Options(Protocol):
+    """A parser, or a group of its options."""
+
+    def add_argument(self, *names: str, **about: Any) -> Any: ...
+
+
+def add_option(group: Options, item: Setting, name: str) -> None:
+    """The option `--name` for a setting: its help says the range and the default."""
+    default = ",".join(map(str, item.default)) if isinstance(item.default, tuple) else item.default
+    text = f"{item.text}; {item.describe()}; default {default}".replace("%", "%%")
+    group.add_argument(f"--{name}", metavar="X", dest=item.name, help=text)
+
+
+def given(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:
+    """Values of the settings that were given, by name; `DataError` says what was expected."""
+    raw = {item: getattr(options, item.name) for item in items}
+    values = {item: item.parse(text) for item, text in raw.items() if text is not None}
+    for item, value in values.items():
+        item.check(value)
+    return {item.name: value for item, value in values.items()}
+
+
+def add_options(parser: argparse.ArgumentParser, cls: type) -> None:
+    """An option for every setting of a class: `--min-height` for min_height."""
+    for item in declared(cls):
+        add_option(parser, item, item.name.replace("_", "-"))
+
+
+def from_options(options: argparse.Namespace, cls: type[Config]) -> Config:
+    """The settings with what was given; `DataError` says which value is wrong and what was expected."""
+    return cls(**given(options, declared(cls)))

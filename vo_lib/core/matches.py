@@ -1,0 +1,46 @@
+"""What passes from the front end to the method: features seen in all four images of two stereo pairs."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .types import Array
+
+
+@dataclass(frozen=True)
+class StereoMatches:
+    """N features seen in all four images of two stereo pairs.
+
+    Attributes
+    ----------
+    prev_left, prev_right, cur_left, cur_right : (N, 2) float, pixels (u, v), sub-pixel.
+    age : (N,) int, frames for which the feature has been followed, >= 1.
+    strength : (N,) float, the detector's response; larger is better.
+    id : (N,) int, the same number for the same feature in every frame that sees it.
+    """
+
+    prev_left: Array
+    prev_right: Array
+    cur_left: Array
+    cur_right: Array
+    age: NDArray[np.int64]
+    strength: Array
+    id: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> StereoMatches:
+        """The matches chosen by a boolean mask or an index array."""
+        return StereoMatches(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
+
+
+def empty_matches() -> StereoMatches:
+    """Matches of a frame in which nothing was found."""
+    uv = np.zeros((0, 2))
+    whole = np.zeros(0, np.int64)
+    return StereoMatches(uv, uv, uv, uv, whole, np.zeros(0), whole)

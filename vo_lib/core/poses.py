@@ -1,0 +1,190 @@
+"""Trajectory files: KITTI (12 numbers a row) and TUM (t x y z qx qy qz qw).
+
+A trajectory is an array (N, 4, 4) of poses `T_w_c`: each takes a point from camera c into the world
+(for KITTI, the first left camera). Metres; times in seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from .errors import DataError
+from .files import read_text, write_text_atomic
+from .geometry import quaternion_from_rotation, rotation_from_quaternion
+from .types import Array
+
+KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
+TUM_ROW = "8 numbers, t x y z qx qy qz qw"
+# Wide enough for files printed with three digits, narrow enough to catch rows in another format.
+ROTATION_TOLERANCE = 1e-2
+FARTHEST = 1e9  # metres; a larger coordinate is no position on Earth and would overflow later on
+
+
+def read_kitti_poses(path: str | Path) -> Array:
+    """Poses of a file in KITTI's format, one row a frame.
+
+    Rotations are returned as printed, not made orthonormal: KITTI's own files carry 7 digits.
+
+    Returns
+    -------
+    (N, 4, 4) poses T_w_c, metres, N >= 1.
+
+    Raises
+    ------
+    DataError : with file and line, when a row is not a pose.
+    """
+    rows, lines = read_rows(path, KITTI_ROW, 12)
+    T = np.tile(np.eye(4), (len(rows), 1, 1))
+    T[:, :3] = rows.reshape(-1, 3, 4)
+    R = T[:, :3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        wrong = ~(off < ROTATION_TOLERANCE) | ~(np.linalg.det(R) > 0)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        raise DataError(f"the 3×3 part is not a rotation; expected {KITTI_ROW}", path, lines[first])
+    _check_positions(T, lines, path)
+    return T
+
+
+def read_kitti_pair(truth_path: str | Path, estimate_path: str | Path) -> tuple[Array, Array]:
+    """Truth and estimate from two KITTI files, (N, 4, 4) each; `DataError` when their lengths differ."""
+    truth, estimate = read_kitti_poses(truth_path), read_kitti_poses(estimate_path)
+    if len(truth) != len(estimate):
+        raise DataError(
+            f"has {len(estimate)} rows, but the truth {truth_path} has {len(truth)}; "
+            "both need one row for every frame",
+            estimate_path,
+        )
+    return truth, estimate
+
+
+def read_tum(path: str | Path) -> tuple[Array, Array]:
+    """Times and poses of a file in TUM's format; lines that start with # are comments.
+
+    Returns
+    -------
+    times : (N,) seconds, increasing.
+    T : (N, 4, 4) poses T_w_c, metres, N >= 1.
+
+    Raises
+    ------
+    DataError : with file and line, when a row is not a time and a pose, or time does not increase.
+    """
+    rows, lines = read_rows(path, TUM_ROW, 8, comment="#")
+    times = rows[:, 0]
+    late = np.diff(times) <= 0
+    if late.any():
+        raise DataError("time does not increase", path, lines[int(np.argmax(late)) + 1])
+    with np.errstate(over="ignore"):
+        wrong = ~(np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1.0) < ROTATION_TOLERANCE)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        raise DataError(f"the quaternion is not of length 1; expected {TUM_ROW}", path, lines[first])
+    T = np.tile(np.eye(4), (len(rows), 1, 1))
+    T[:, :3, :3] = [rotation_from_quaternion(q) for q in rows[:, 4:]]
+    T[:, :3, 3] = rows[:, 1:4]
+    _check_positions(T, lines, path)
+    return times, T
+
+
+def read_tum_pair(
+    truth_path: str | Path, estimate_path: str | Path, tolerance: float = 0.01
+) -> tuple[Array, Array]:
+    """Truth and estimate from two TUM files, (N, 4, 4) each, at the times that both have.
+
+    Each pose of the shorter file goes with the one nearest in time of the other, at most `tolerance` seconds
+    away; poses without a partner are left out. `DataError` where fewer than two go together.
+    """
+    (times_t, truth), (times_e, estimate) = read_tum(truth_path), read_tum(estimate_path)
+    few, many = (times_t, times_e) if len(times_t) <= len(times_e) else (times_e, times_t)
+    after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
+    nearest = after - (np.abs(few - many[after - 1]) <= np.abs(few - many[np.minimum(after, len(many) - 1)]))
+    close = np.flatnonzero(np.abs(few - many[nearest]) <= tolerance)
+    # A pose goes with one other only.
+    chosen, first = np.unique(nearest[close], return_index=True)
+    if len(chosen) < 2:
+        raise DataError(
+            f"fewer than two times are within {tolerance:g} s of one in {truth_path}", estimate_path
+        )
+    pair = close[first], chosen
+    at_t, at_e = pair if few is times_t else pair[::-1]
+    return truth[at_t], estimate[at_e]
+
+
+def format_kitti_poses(T: Array) -> str:
+    """Text of poses (N, 4, 4) in KITTI's format, ten significant digits."""
+    _check_poses(T)
+    row = " ".join(["%.9e"] * 12) + "\n"
+    # Adding zero turns -0 into 0: equal poses give equal text.
+    return "".join(row % tuple(values) for values in T[:, :3].reshape(-1, 12) + 0.0)
+
+
+def write_kitti_poses(path: str | Path, T: Array) -> None:
+    """Write poses (N, 4, 4) in KITTI's format; the file appears whole or not at all."""
+    write_text_atomic(path, format_kitti_poses(T))
+
+
+def format_tum(times: Array, T: Array) -> str:
+    """Text of times (N,), seconds, and poses (N, 4, 4) in TUM's format: t x y z qx qy qz qw."""
+    _check_poses(T)
+    if np.shape(times) != (len(T),) or not np.isfinite(times).all():
+        raise ValueError(f"expected {len(T)} finite times, one a pose; got shape {np.shape(times)}")
+    row = "%.9f" + " %.9e" * 7 + "\n"
+    quaternions = [quaternion_from_rotation(R) for R in T[:, :3, :3]]
+    return "".join(
+        row % (t, *(p + 0.0), *(q + 0.0)) for t, p, q in zip(times, T[:, :3, 3], quaternions, strict=True)
+    )
+
+
+def write_tum(path: str | Path, times: Array, T: Array) -> None:
+    """Write times and poses in TUM's format; the file appears whole or not at all."""
+    write_text_atomic(path, format_tum(times, T))
+
+
+def _check_poses(T: Array) -> None:
+    if np.ndim(T) != 3 or np.shape(T)[1:] != (4, 4) or not np.isfinite(T).all():
+        raise ValueError(f"expected finite poses of shape (N, 4, 4), got shape {np.shape(T)}")
+
+
+def _check_positions(T: Array, lines: list[int], path: str | Path) -> None:
+    far = (np.abs(T[:, :3, 3]) > FARTHEST).any(axis=1)
+    if far.any():
+        raise DataError(f"a position beyond {FARTHEST:g} m", path, lines[int(np.argmax(far))])
+
+
+def read_rows(
+    path: str | Path, expected: str, columns: int, comment: str | None = None
+) -> tuple[Array, list[int]]:
+    """Finite numbers of a text table, (N, columns), and the line each row stands in, from 1."""
+    text = read_text(path)
+    rows: list[list[float]] = []
+    numbers: list[int] = []
+    for number, line in enumerate(text.rstrip().split("\n"), start=1):
+        words = line.split()
+        if comment is not None and line.lstrip().startswith(comment):
+            continue
+        if len(words) != columns:
+            found = f"{len(words)} columns" if words else "blank" if text.strip() else "nothing in the file"
+            raise DataError(f"{found}; expected {expected}", path, number)
+        try:
+            rows.append([_number(word) for word in words])
+        except ValueError as error:
+            raise DataError(f"{error}; expected {expected}", path, number) from None
+        numbers.append(number)
+    if not rows:
+        raise DataError(f"no rows in the file; expected {expected}", path)
+    return np.array(rows), numbers
+
+
+def _number(word: str) -> float:
+    try:
+        value = math.nan if "_" in word else float(word)  # Python alone reads 1_0 as 10
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"{word[:20]!r} is not a finite number")
+    return value

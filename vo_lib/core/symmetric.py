@@ -1,0 +1,36 @@
+"""Many symmetric 3×3 matrices at once, as six rows: xx, yy, zz, xy, xz, yz."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .types import Array
+
+ROW, COLUMN = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
+FULL = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places of the nine entries among the six
+
+
+def outer(v: Array) -> Array:
+    """v vᵀ of vectors (3, …), (6, …)."""
+    return np.asarray(v[ROW] * v[COLUMN])
+
+
+def invert(C: Array) -> Array:
+    """Inverses (6, N) of symmetric 3×3 matrices (6, N), by cofactors."""
+    xx, yy, zz, xy, xz, yz = C
+    cofactors = np.stack(
+        [
+            yy * zz - yz * yz,
+            xx * zz - xz * xz,
+            xx * yy - xy * xy,
+            xz * yz - xy * zz,
+            xy * yz - xz * yy,
+            xy * xz - xx * yz,
+        ]
+    )
+    return np.asarray(cofactors / (xx * cofactors[0] + xy * cofactors[3] + xz * cofactors[4]))
+
+
+def times(S: Array, v: Array) -> Array:
+    """Products (3, N) of symmetric 3×3 matrices (6, N) with vectors (3, N)."""
+    return np.asarray(np.einsum("ijn,jn->in", S[FULL], v))

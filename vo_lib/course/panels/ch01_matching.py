@@ -1,0 +1,156 @@
+"""Chapter 1: which features are found again, which check drops which, and which are truly right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...config import Config
+from ...core.errors import DataError
+from ...core.matches import StereoMatches
+from ...core.settings import Checked, setting
+from ...core.types import Array
+from ...data.sequence import Sequence
+from ...method.buckets import select_by_bucket
+from ...synthetic import Truth
+from .base import Drawing, Panel, State
+from .ch01_figures import CHOSEN, SURPLUS, depths_chart, errors_chart, fates, fates_chart, fates_picture
+from .ch01_trace import LOST, trace
+from .chart import beside
+from .controls import Control
+from .data import Memory, stereo, truth
+from .style import Fact, stack
+
+PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
+RIGHT = 1.0  # pixels; a match is right whose places in the other three images are this near to the truth
+
+_errors: Memory[Array] = Memory(16)
+
+
+@dataclass(frozen=True)
+class MatchingView(Checked):
+    """Settings of the panel that mean the same for both detectors."""
+
+    spacing: int = setting(
+        18, "at most one feature (of a kind) in a square of this size", unit="px", low=10, high=60
+    )
+    threshold: float = setting(
+        1.0,
+        "the detector's threshold, times its usual value; higher: fewer, safer features",
+        low=0.1,
+        high=20,
+    )
+
+
+def true_errors(known: Truth, matches: StereoMatches, frame: int) -> Array:
+    """Largest distance (M,) from the true places in the other three images, pixels; NaN where unknown."""
+    before = frame - 1
+    _, right_p, valid_p = known.predict(before, before, matches.prev_left)
+    left, right, valid_c = known.predict(before, frame, matches.prev_left)
+    told = np.stack([matches.prev_right - right_p, matches.cur_left - left, matches.cur_right - right])
+    return np.where(valid_p & valid_c, np.linalg.norm(told, axis=2).max(axis=0), np.nan)
+
+
+def with_view(config: Config, view: MatchingView) -> Config:
+    """The configuration with the view's spacing and threshold for whichever detector is in use."""
+    usual = config.features
+    features = replace(
+        usual,
+        cell=view.spacing,
+        blob_cell=view.spacing,
+        quality=min(view.threshold * usual.quality, 50.0),
+        blob_quality=view.threshold * usual.blob_quality,
+    )
+    return replace(config, features=features)
+
+
+class MatchingPanel(Panel):
+    """One step of a front end: every feature of the previous pair and what became of it."""
+
+    title = "Found again or not: the loop, its checks and the buckets"
+    view = MatchingView
+    height = PHOTO_HEIGHT + CHART_HEIGHT
+    controls = (
+        Control("matching.front_end", "front end"),
+        Control("view.spacing", "spacing"),
+        Control("view.threshold", "threshold ×", step=0.1),
+        Control("matching.max_difference", "difference", high=60),
+        Control("matching.row_tolerance", "row tolerance", high=3),
+        Control("matching.surface_tolerance", "surface tolerance", high=5),
+        Control("matching.loop_tolerance", "loop tolerance", high=5),
+        Control("buckets.size", "bucket size", high=300),
+        Control("buckets.features", "features a bucket", high=20),
+    )
+
+    def next_states(self, state: State) -> list[State]:
+        beside = [frame for frame in (state.frame + 1, state.frame - 1) if 1 <= frame < len(state.sequence)]
+        other = "klt" if state.config.matching.front_end == "blob_corner" else "blob_corner"
+        matching = replace(state.config.matching, front_end=other)
+        return [
+            *(replace(state, frame=frame) for frame in beside),
+            replace(state, config=replace(state.config, matching=matching)),
+        ]
+
+    def prepare(self, state: State) -> None:
+        config = with_view(state.config, state.view)
+        traced = trace(state.sequence, state.frame, config.features, config.matching)
+        _true_errors(state.sequence, truth(state.sequence), traced.found, state.frame)
+
+    def draw(self, state: State) -> Drawing:
+        sequence, frame = state.sequence, state.frame
+        config = with_view(state.config, state.view)
+        traced = trace(sequence, frame, config.features, config.matching)
+        if len(traced.id) == 0:
+            raise DataError(f"frame {frame - 1} has no features: lower the threshold")
+        kept = traced.kept
+        chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, config.buckets)]
+        fate = fates(traced, chosen.id)
+        names = fate[traced.index]
+        known = truth(sequence)
+        error = _true_errors(sequence, known, traced.found, frame)
+        # False where the truth is not known: without truth, and on outlines before the sky.
+        wrong = error > RIGHT
+        everywhere = np.zeros(len(fate), np.bool_)
+        everywhere[traced.index] = wrong
+        words = f"frame {frame}: kept blue, others by what dropped them" + (
+            "; rings: kept, but wrong" if known is not None else ""
+        )
+        picture = fates_picture(stereo(sequence, frame)[0], traced, fate, wrong, words)
+        left = fates_chart(fate, None if known is None else everywhere)
+        if known is None:
+            right = depths_chart(sequence.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2])
+        else:
+            right = errors_chart(names, error)
+        chart = beside([left, right], CHART_HEIGHT)
+        dropped = int(np.count_nonzero((fate != CHOSEN) & (fate != SURPLUS) & (fate != LOST)))
+        sentence = (
+            f"Of {len(fate)} features of the previous pair {len(names)} are found again; the checks drop "
+            f"{dropped} of these, the buckets {np.count_nonzero(fate == SURPLUS)}, and {len(chosen)} stay."
+        )
+        facts = [
+            Fact("features", len(fate)),
+            Fact("found again", len(names)),
+            Fact("dropped by checks", dropped),
+            Fact("kept", len(chosen)),
+        ]
+        if known is not None:
+            by_check = (names != CHOSEN) & (names != SURPLUS)
+            facts += [
+                Fact("wrong among the kept", int(np.count_nonzero(wrong & (names == CHOSEN)))),
+                Fact("right ones dropped", int(np.count_nonzero((error <= RIGHT) & by_check))),
+                Fact("median error of the kept", _median(error[names == CHOSEN]), "px", 3),
+            ]
+        return Drawing(stack([picture, chart], self.height), sentence, tuple(facts))
+
+
+def _true_errors(sequence: Sequence, known: Truth | None, matches: StereoMatches, frame: int) -> Array:
+    if known is None:
+        return np.full(len(matches), np.nan)
+    key = sequence.folder, frame, matches.cur_left.tobytes(), matches.cur_right.tobytes()
+    return _errors.get(key, lambda: true_errors(known, matches, frame))
+
+
+def _median(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")

@@ -1,0 +1,198 @@
+"""Chapter 2, drawn: epipolar lines, the polynomial and its roots, the four motions of one E."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...core.camera import StereoCamera
+from ...core.geometry import decompose_essential
+from ...core.real_roots import DEGREE, real_roots
+from ...core.types import Array, Image
+from ...method.five_point import cubic_constraints, determinant, eliminate, epipolar_rows, null_space
+from .chart import FINE, Chart, put_title, room
+from .style import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr, figure, finish, photo
+
+# Of the polynomial's largest value: smaller values are shown as they are, larger compressed.
+COMPRESSED = 1e-3
+TOP = 1.1 * float(np.arcsinh(1 / COMPRESSED))
+
+
+def epipolar_line(E: Array, x_p: Array, camera: StereoCamera) -> Array:
+    """The line a u + b v + c = 0, (3,) pixels, a² + b² = 1, on which the current point must lie.
+
+    `E x_p` is the line in normalised coordinates; K⁻ᵀ takes it to pixels.
+    """
+    line = np.linalg.inv(camera.K).T @ E @ np.append(x_p, 1.0)
+    return np.asarray(line / np.linalg.norm(line[:2]))
+
+
+def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> None:
+    """Draw a line a u + b v + c = 0 across a BGR picture, in place."""
+    a, b, c = line
+    height, width = picture.shape[:2]
+    if abs(b) >= abs(a):
+        ends = [(0.0, -c / b), (float(width), -(c + a * width) / b)]
+    else:
+        ends = [(-c / a, 0.0), (-(c + b * height) / a, float(height))]
+    # Sixteenths of a pixel; a steep line may end far outside.
+    (u0, v0), (u1, v1) = np.clip(np.rint(np.array(ends) * 16), -(2**24), 2**24).astype(int).tolist()
+    cv2.line(picture, (u0, v0), (u1, v1), bgr(colour), thickness, cv2.LINE_AA, shift=4)
+
+
+def draw_dot(picture: Image, uv: Array, colour: str, radius: float, words: str = "") -> None:
+    """A disc at a sub-pixel place of a BGR picture, in place, with words beside it."""
+    u, v = np.rint(np.asarray(uv) * 16).astype(int).tolist()
+    cv2.circle(picture, (u, v), round(radius * 16), bgr(colour), -1, cv2.LINE_AA, shift=4)
+    if words:
+        place = (u // 16 + 7, max(v // 16 - 6, 14))
+        for shade, width in ((bgr("#000000"), 4), (bgr("#FFFFFF"), 1)):
+            cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, shade, width, cv2.LINE_AA)
+
+
+def draw_flow(picture: Image, start: Array, end: Array, colours: Sequence[str], radius: float) -> None:
+    """A line from each start (N, 2) to a disc at its end (N, 2), pixels, the last on top, in place."""
+    places = np.rint(16 * np.stack([start, end], axis=1)).astype(int).tolist()
+    paint = {colour: bgr(colour) for colour in set(colours)}
+    for (a, b), colour in zip(places, colours, strict=True):
+        cv2.line(picture, a, b, paint[colour], 1, cv2.LINE_AA, shift=4)
+        cv2.circle(picture, b, round(16 * radius), paint[colour], -1, cv2.LINE_AA, shift=4)
+
+
+def epipolar_picture(
+    image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, shown: list[int]
+) -> Image:
+    """The current image with a few matches and the epipolar lines that E gives for them."""
+    picture = photo(image, image.shape[1])
+    for number, index in enumerate(shown):
+        colour = CYCLE[number % len(CYCLE)]
+        draw_line(picture, epipolar_line(E, x_p[index], camera), colour)
+        draw_dot(picture, x_c[index] * camera.f + (camera.cx, camera.cy), colour, 5, str(index))
+    return picture
+
+
+class Polynomial(NamedTuple):
+    """Coefficients (11,) of z¹⁰, z⁹w, …, w¹⁰ and the real roots (z, w), (K,) each."""
+
+    coefficients: Array
+    z: Array
+    w: Array
+
+    @property
+    def angles(self) -> Array:
+        """The roots as directions: angle of (z, w) in [0, 180) degrees."""
+        return np.degrees(np.arctan2(self.w, self.z)) % 180.0
+
+
+def polynomial_of(x_p: Array, x_c: Array) -> Polynomial:
+    """The degree-10 polynomial of one five-point set, x_p and x_c (5, 2), and its real roots."""
+    basis, _ = null_space(epipolar_rows(x_p[None], x_c[None]))
+    coefficients = determinant(eliminate(cubic_constraints(basis)))
+    z, w, _, _ = real_roots(coefficients)
+    return Polynomial(coefficients[:, 0], z, w)
+
+
+def polynomial_chart(polynomial: Polynomial) -> Chart:
+    """The polynomial along the directions (z, w) = (cos θ, sin θ), and its real roots."""
+    theta = np.linspace(0.0, np.pi, 721)
+    order = np.arange(DEGREE + 1)
+    values = (
+        np.cos(theta)[:, None] ** order[::-1] * np.sin(theta)[:, None] ** order
+    ) @ polynomial.coefficients
+    height = np.arcsinh(values / (COMPRESSED * np.max(np.abs(values))))
+
+    def put(axis: Axes) -> None:
+        axis.axhline(0.0, color=PALE, linewidth=1)
+        axis.plot(np.degrees(theta), height, color=DARK, linewidth=1)
+        axis.plot(polynomial.angles, np.zeros(len(polynomial.z)), "o", color=BAD, markersize=5)
+        put_title(axis, f"polynomial of degree 10: {len(polynomial.z)} real roots")
+
+    def frame(axis: Axes) -> None:
+        axis.set_xlim(-5, 185)
+        axis.set_ylim(-TOP, TOP)
+        axis.set_xticks([0, 45, 90, 135, 180])
+        axis.set_yticks([])
+        finish(axis, "", "direction of (z, w) [deg]", "det C, compressed")
+
+    return Chart(("polynomial",), put, frame)
+
+
+def errors_chart(errors: Array, winner: float) -> Chart:
+    """Histogram of rotation errors, degrees, on a logarithmic axis, and the error of the winner."""
+    edges = np.logspace(-3, 2, 41)
+    counts = np.histogram(np.clip(errors, edges[0], edges[-1]), edges)[0]
+    top = room(1.05 * float(counts.max()), steps=FINE, least=1.0)
+
+    def put(axis: Axes) -> None:
+        axis.stairs(counts, edges, fill=True, color=GOOD)
+        axis.axvline(max(winner, edges[0]), color=BAD, linewidth=2)
+
+    def frame(axis: Axes) -> None:
+        axis.set_xscale("log")
+        axis.set_xlim(edges[0], edges[-1])
+        axis.set_xticks([0.001, 0.01, 0.1, 1, 10, 100], ["0.001", "0.01", "0.1", "1", "10", "100"])
+        axis.minorticks_off()
+        axis.set_ylim(0, top)
+        finish(axis, "each set's best solution (line: consensus winner)", "rotation error [deg]", "sets")
+
+    return Chart(("set errors", top), put, frame)
+
+
+class TwoViewMotion(NamedTuple):
+    """One of the four (R, ±t) of E, with depths (N,) of the points along both rays in units of |t|."""
+
+    R: Array
+    t: Array
+    depth_p: Array
+    depth_c: Array
+
+    @property
+    def in_front(self) -> float:
+        """Share of the points that lie in front of both cameras."""
+        return float(np.mean((self.depth_p > 0) & (self.depth_c > 0)))
+
+
+def four_motions(E: Array, x_p: Array, x_c: Array) -> list[TwoViewMotion]:
+    """The four motions of E (3, 3) and the depths they give to matches x_p, x_c (N, 2).
+
+    depth_c x_c = depth_p R x_p + t, solved by least squares: the cross product with one ray leaves the
+    other's depth.
+    """
+    rotations, t = decompose_essential(E)
+    p, c = (np.concatenate([x, np.ones((len(x), 1))], axis=1) for x in (x_p, x_c))
+    motions = []
+    for R in rotations:
+        q = p @ R.T
+        normal = np.cross(c, q)
+        for direction in (t, -t):
+            squared = np.maximum(np.sum(normal**2, axis=1), 1e-18)
+            depth_p = -np.sum(normal * np.cross(c, direction), axis=1) / squared
+            depth_c = -np.sum(normal * np.cross(q, direction), axis=1) / squared
+            motions.append(TwoViewMotion(R, direction, depth_p, depth_c))
+    return motions
+
+
+def four_motions_figure(motions: list[TwoViewMotion], x_p: Array, height: int = 230) -> Figure:
+    """The scene from above as each of the four motions would have it; the cameras as triangles."""
+    made, axes = figure(height, 4)
+    for axis, motion in zip(axes, motions, strict=True):
+        x, z = motion.depth_p * x_p[:, 0], motion.depth_p
+        front = (motion.depth_p > 0) & (motion.depth_c > 0)
+        axis.plot(x[front], z[front], ".", color=GOOD, markersize=3)
+        axis.plot(x[~front], z[~front], ".", color=BAD, markersize=3)
+        forward = motion.R.T @ np.array([0.0, 0.0, 1.0])
+        place = -motion.R.T @ motion.t
+        # The cameras are near each other: the first arrow is the longer one, seen behind the second.
+        previous = np.zeros(3), np.array([0.0, 0.0, 20.0]), DARK
+        for start, way, colour in (previous, (place, 12 * forward, FOURTH)):
+            arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
+            axis.annotate("", (start + way)[[0, 2]].tolist(), start[[0, 2]].tolist(), arrowprops=arrow)
+        axis.set_xlim(-30, 30)
+        axis.set_ylim(-50, 50)
+        finish(axis, f"{100 * motion.in_front:.0f} % in front of both", "x / |t|", "z / |t|")
+    return made

@@ -1,0 +1,188 @@
+"""Chapter 6: one trajectory judged in every way, with one of its sub-sequences in view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import ipywidgets as widgets
+import numpy as np
+
+from ...config import METHODS
+from ...core.errors import DataError
+from ...core.settings import Checked, setting
+from ...core.types import Array, Progress
+from ...data.sequence import Sequence
+from ...evaluation.ate_rpe import Alignment, absolute_error, align, relative_error, rmse
+from ...evaluation.kitti import KittiErrors, kitti_errors, suitable_measure
+from ..made_up import made_up
+from .base import Drawing, Panel, State
+from .ch06_figures import PER_100_M, PER_CENT, drift_chart, length_chart, note_chart, paths_chart
+from .ch06_trajectories import known_run, method_poses, read_own
+from .chart import beside
+from .controls import CELL_WIDTH, Control
+from .style import Fact, stack
+
+MADE_UP, OWN = "made-up errors", "a file of your own"
+PATH_HEIGHT, CHART_HEIGHT = 330, 220
+MILLI = 1e3
+
+
+@dataclass(frozen=True)
+class EvaluationView(Checked):
+    """What the panel of chapter 6 judges, and how."""
+
+    estimate: str = setting(
+        MADE_UP,
+        "whose poses are judged: the truth with errors put in, a method that was run, or a file",
+        choices=(MADE_UP, *METHODS, OWN),
+    )
+    lengths: tuple[float, ...] = setting(
+        (), "lengths of the sub-sequences; none given: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000
+    )
+    step: int = setting(10, "frames from one start to the next", low=1, high=50)
+    alignment: str = setting(
+        Alignment.SE3.value,
+        "what may be moved before ATE is taken; TE and RE need nothing",
+        choices=tuple(alignment.value for alignment in Alignment),
+    )
+    scale: float = setting(1.0, "made-up: every step is so much too long", unit="%", low=-5, high=5)
+    yaw: float = setting(1.0, "made-up: turns too far to the right", unit="deg/100 m", low=-5, high=5)
+    noise: float = setting(5.0, "made-up: noise of each step", unit="mm", low=0, high=100)
+    jitter: float = setting(0.0, "made-up: noise of each turn", unit="deg", low=0, high=0.5)
+    file: str = setting("", "path of a file of poses, in KITTI's or TUM's format")
+
+
+class EvaluationPanel(Panel):
+    """Paths, the sub-sequence that starts at the frame, and the errors of all sub-sequences."""
+
+    title = "One trajectory, judged"
+    view = EvaluationView
+    height = PATH_HEIGHT + CHART_HEIGHT
+    long_job = "Run the method"
+    controls = (
+        Control("view.estimate", "estimate"),
+        Control("view.lengths", "lengths", tries=("20", "10,40")),
+        Control("view.step", "step", high=20),
+        Control("view.alignment", "alignment"),
+        Control("view.scale", "scale error", step=0.1),
+        Control("view.yaw", "yaw error", step=0.1),
+        Control("view.noise", "noise", step=1),
+        Control("view.jitter", "jitter", step=0.01),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        truth = _truth(state.sequence)
+        estimate = self._estimate(state, truth)
+        if estimate is None:
+            path = paths_chart(truth, None, state.sequence.name).picture(PATH_HEIGHT)
+            sentence = (
+                "Type the path of the file below the controls."
+                if state.view.estimate == OWN
+                else f"{state.view.estimate} has not been run on {state.sequence.name} here: press Run."
+            )
+            return Drawing(stack([path], self.height), sentence, (Fact("poses", len(truth)),))
+        return self._judged(state, truth, estimate)
+
+    def work(self, state: State, progress: Progress) -> Drawing:
+        if state.view.estimate not in METHODS:
+            raise DataError(f"choose one of the methods as the estimate: {', '.join(METHODS)}")
+        method_poses(state.sequence, state.view.estimate, progress)
+        return self.draw(state)
+
+    def state(self) -> State:
+        state = super().state()
+        return replace(state, view=replace(state.view, file=self.file.value.strip()))
+
+    def _layout(self) -> Any:
+        self.file = widgets.Text(
+            placeholder=f"{OWN}: path of the poses, KITTI (12 numbers a row) or TUM (8)",
+            continuous_update=False,
+            layout={"width": f"{2 * CELL_WIDTH - 12}px"},
+        )
+        self.file.observe(self._typed_file, "value")
+        box = super()._layout()
+        place = box.children.index(self.picture) - 3  # above the Run button, the bar and the message
+        box.children = (*box.children[:place], self.file, *box.children[place:])
+        return box
+
+    def _typed_file(self, _: Any) -> None:
+        chooser = self.knobs["view.estimate"].widget
+        if chooser.value == OWN:
+            self.redraw()
+        else:
+            chooser.value = OWN
+
+    def _estimate(self, state: State, truth: Array) -> Array | None:
+        view = state.view
+        if view.estimate == MADE_UP:
+            return made_up(truth, view.scale, view.yaw, view.noise, view.jitter)
+        if view.estimate == OWN:
+            return read_own(view.file, truth) if view.file else None
+        return known_run(state.sequence, view.estimate)
+
+    def _judged(self, state: State, truth: Array, estimate: Array) -> Drawing:
+        view, frame = state.view, state.frame
+        lengths = view.lengths or suitable_measure(truth).lengths
+        errors = kitti_errors(truth, estimate, lengths, view.step)
+        part = longest_from(truth, estimate, lengths, frame)
+        aligned, scale = align(truth, estimate, Alignment(view.alignment))
+        ate = rmse(absolute_error(truth, estimate, Alignment(view.alignment)).distance)
+        rpe = relative_error(truth, estimate)
+        shown = None if part is None else (int(part.first[0]), int(part.last[0]))
+        title = f"{state.sequence.name}, alignment {view.alignment}"
+        whole = paths_chart(truth, aligned, title, shown)
+        piece = (
+            note_chart(f"from frame {frame} on the path is too short")
+            if shown is None
+            else drift_chart(truth, estimate, *shown)
+        )
+        others = {
+            name: kitti_errors(truth, poses, lengths, view.step)
+            for name in METHODS
+            if name != view.estimate and (poses := known_run(state.sequence, name)) is not None
+        }
+        by_length = [length_chart(errors, others, rotation) for rotation in (False, True)]
+        pictures = [beside([whole, piece], PATH_HEIGHT), beside(by_length, CHART_HEIGHT)]
+        facts = (
+            Fact("TE", _number(errors.te), "%", 3),
+            Fact("RE", _number(errors.re), "deg/100 m", 3),
+            Fact("sub-sequences", len(errors)),
+            Fact("TE here", float("nan") if part is None else _number(part.te), "%", 3),
+            Fact("RE here", float("nan") if part is None else _number(part.re), "deg/100 m", 3),
+            Fact("ATE", _number(ate), "m", 3),
+            Fact("RPE", MILLI * _number(rmse(rpe.translation)), "mm", 2),
+            Fact("scale", scale, "", 4),
+        )
+        return Drawing(stack(pictures, self.height), _sentence(truth, errors, part), facts)
+
+
+def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors | None:
+    """The longest sub-sequence of these lengths that starts at a frame; None where the path is too short."""
+    errors = kitti_errors(truth[first:], estimate[first:], lengths, len(truth))
+    if len(errors) == 0:
+        return None
+    longest = errors.where(np.arange(len(errors)) == int(np.argmax(errors.length)))
+    return replace(longest, first=longest.first + first, last=longest.last + first)
+
+
+def _sentence(truth: Array, errors: KittiErrors, part: KittiErrors | None) -> str:
+    if part is None:
+        return "No sub-sequence of these lengths starts here: choose an earlier frame, or shorter lengths."
+    metres = float(part.t_err[0] * part.length[0])
+    degrees = float(np.degrees(part.r_err[0] * part.length[0]))
+    return (
+        f"From frame {part.first[0]} to {part.last[0]}, {part.length[0]:g} m: the end is {metres:.2f} m off "
+        f"({PER_CENT * part.t_err[0]:.2f} %), and turned by {degrees:.2f}° ({PER_100_M * part.r_err[0]:.2f} "
+        f"deg/100 m). TE and RE are the means over {len(errors)} such sub-sequences."
+    )
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _truth(sequence: Sequence) -> Array:
+    if sequence.truth is None:
+        raise DataError(f"{sequence.name} has no ground truth to compare with")
+    return sequence.truth

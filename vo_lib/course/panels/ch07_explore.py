@@ -1,0 +1,245 @@
+"""Chapter 7: what a threshold is worth over forty frames, on matches that are found once and kept."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...config import METHODS, Config, preset
+from ...core import settings
+from ...core.errors import DataError
+from ...core.settings import Checked, setting
+from ...core.types import Array, Progress
+from ...data.sequence import Sequence
+from ...evaluation.ate_rpe import relative_error
+from ...evaluation.kitti import SHORT_MEASURE, kitti_errors
+from ...runs.match_cache import CachedMatches
+from ...runs.runner import TimedMatches, run_methods
+from .base import Drawing, Panel, State
+from .ch07_figures import methods_chart, steps_picture
+from .chart import beside
+from .controls import Control
+from .data import Memory, opened
+from .style import Fact, stack
+
+FRAMES, SEEDS = 40, 3
+PATIENCE = 0.6  # seconds that a run may take without a bar
+STEPS_HEIGHT, DOTS_HEIGHT = 240, 220
+
+_matches: Memory[list[TimedMatches]] = Memory(4)
+_runs: Memory[Array] = Memory(400)
+
+
+@dataclass(frozen=True)
+class ExploreView(Checked):
+    """Which method the sliders change."""
+
+    method: str = setting("feature_selection", "the method that follows the sliders", choices=tuple(METHODS))
+
+
+class ExplorePanel(Panel):
+    """A method with changed settings beside its preset, on the first frames of a sequence."""
+
+    title = f"One threshold at a time, on the first {FRAMES} frames"
+    view = ExploreView
+    start = preset("feature_selection")
+    height = STEPS_HEIGHT + DOTS_HEIGHT
+    long_job = f"All methods, {SEEDS} seeds"
+    controls = (
+        Control("view.method", "method"),
+        Control("selection.sets", "five-point sets", high=400),
+        Control("selection.threshold", "inlier threshold", high=5, step=0.05),
+        Control("selection.refine_scale", "refinement width", high=10, step=0.1),
+        Control("selection.mode", "mode"),
+        Control("buckets.features", "features a bucket", high=20),
+        Control("filter.margin", "margin of boxes", step=0.05),
+        Control("translation.max_depth", "farthest feature", high=200, step=5),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        changed = changes(self.start, state.config, tuple(self.knobs))
+        method, sequence = state.view.method, state.sequence
+        truth = _truth(sequence)
+        estimates = {
+            "preset": poses_of(sequence, preset(method)),
+            "with these settings": poses_of(sequence, with_changes(preset(method), changed)),
+        }
+        rpe = {name: relative_error(truth, poses) for name, poses in estimates.items()}
+        words = ", ".join(f"{name} = {_short(value)}" for name, value in changed.items()) or "nothing changed"
+        steps = steps_picture(rpe, state.frame, method, STEPS_HEIGHT)
+        dots = [methods_chart(_known_errors(sequence, changed, kind), kind) for kind in (False, True)]
+        te, re = errors_of(truth, estimates["with these settings"])
+        te_preset, re_preset = errors_of(truth, estimates["preset"])
+        here, at = rpe["with these settings"], min(state.frame, len(sequence) - 1) - 1
+        facts = (
+            Fact("TE", te, "%", 4),
+            Fact("TE of the preset", te_preset, "%", 4),
+            Fact("RE", re, "deg/100 m", 4),
+            Fact("RE of the preset", re_preset, "deg/100 m", 4),
+            Fact("five-point sets", state.config.selection.sets),
+            Fact("rotation error here", float(np.degrees(here.rotation[at])), "deg", 4),
+            Fact("translation error here", 1e3 * float(here.translation[at]), "mm", 1),
+        )
+        sentence = (
+            f"{method}, seed 0, {len(sequence)} frames; TE and RE over {SHORT_MEASURE.words}, as far as it "
+            f"goes. Changed: {words}. Below: grey is the preset; methods not drawn have not been run."
+        )
+        return Drawing(stack([steps, beside(dots, DOTS_HEIGHT)], self.height), sentence, facts)
+
+    def work(self, state: State, progress: Progress) -> Drawing:
+        changed = changes(self.start, state.config, tuple(self.knobs))
+        wanted = [
+            config
+            for method in METHODS
+            for seed in range(SEEDS)
+            for config in (preset(method, seed=seed), with_changes(preset(method, seed=seed), changed))
+        ]
+        run_all(state.sequence, wanted, progress)
+        return self.draw(state)
+
+    def set(self, **values: Any) -> None:
+        """As for every panel; what has to be run for it is run before this returns."""
+        super().set(**values)
+        self.wait()
+
+    def redraw(self, _: Any = None) -> None:
+        """Draw what has been run; what has not is run first, in a job that the next change supersedes."""
+        if self._quiet or self._sequence is None:
+            return
+        try:
+            state = self.state()
+        except DataError as error:
+            self._fail(error)
+            return
+        method = state.view.method
+        changed = with_changes(preset(method), changes(self.start, state.config, tuple(self.knobs)))
+        wanted = [each for each in (preset(method), changed) if known_poses(state.sequence, each) is None]
+        if not wanted:
+            super().redraw()
+            return
+
+        def run(report: Progress) -> None:
+            self._message.value = ""  # of the run before, which this one ended
+            run_all(state.sequence, wanted, report)
+
+        # Drawn is what the controls say by then.
+        self.job.start(f"running {method}", run, self.redraw, self._fail, after=PATIENCE)
+
+    def _open(self, name: str) -> None:
+        """The first frames of a sequence with their matches: seconds the first time, so always a job."""
+
+        def prepare(report: Progress) -> Sequence:
+            whole = opened(name, report)
+            sequence = whole.part(0, min(FRAMES, len(whole)))
+            _truth(sequence)
+            matches_of(sequence, self.start, report)
+            return sequence
+
+        self.job.start(f"matching {FRAMES} frames of {name}", prepare, self._use, self._fail)
+
+
+def changes(start: Config, config: Config, names: tuple[str, ...]) -> dict[str, object]:
+    """Settings that differ from those a panel began with, by dotted name."""
+    found = {}
+    for item in settings.declared(Config):
+        if item.name in names:
+            value = _value(config, item.name)
+            if value != _value(start, item.name):
+                found[item.name] = value
+    return found
+
+
+def with_changes(config: Config, changed: dict[str, object]) -> Config:
+    """A configuration with some settings replaced."""
+    for name, value in changed.items():
+        config = settings.replace(config, name, value)
+    return config
+
+
+def matches_of(sequence: Sequence, config: Config, progress: Progress | None = None) -> list[TimedMatches]:
+    """Matches of all frames, from the match cache on disk, kept here as well."""
+
+    def find() -> list[TimedMatches]:
+        found = []
+        for frame in CachedMatches(sequence, config.features, config.matching):
+            found.append(frame)
+            if progress is not None:
+                progress(len(found), len(sequence))
+        return found
+
+    key = sequence.folder, sequence.frames[0], len(sequence), config.features, config.matching
+    return _matches.get(key, find)
+
+
+def poses_of(sequence: Sequence, config: Config, progress: Progress | None = None) -> Array:
+    """Poses (N, 4, 4) of a configuration on the kept matches: the back end alone."""
+
+    def run() -> Array:
+        matches = matches_of(sequence, config)
+        return run_methods(sequence, {"": config}, progress, matches)[""].poses
+
+    return _runs.get(_key(sequence, config), run)
+
+
+def run_all(sequence: Sequence, configs: list[Config], progress: Progress) -> None:
+    """`poses_of` several configurations, to be had from `known_poses`; one progress for all."""
+    total = len(configs) * len(sequence)
+    for number, config in enumerate(configs):
+        before = number * len(sequence)
+        progress(before, total)
+        poses_of(sequence, config, lambda done, _, b=before: progress(b + done, total))  # type: ignore[misc]
+
+
+def known_poses(sequence: Sequence, config: Config) -> Array | None:
+    """Poses that `poses_of` has found before, or None."""
+    key = _key(sequence, config)
+    return _runs.get(key, lambda: np.zeros(0)) if key in _runs else None
+
+
+def errors_of(truth: Array, poses: Array) -> tuple[float, float]:
+    """TE in % and RE in deg/100 m over short sub-sequences; NaN where the path holds none."""
+    errors = kitti_errors(truth, poses, SHORT_MEASURE.lengths, SHORT_MEASURE.step)
+    nothing = float("nan")
+    return (nothing if errors.te is None else errors.te), (nothing if errors.re is None else errors.re)
+
+
+def _known_errors(
+    sequence: Sequence, changed: dict[str, object], rotation: bool
+) -> dict[str, tuple[Array, Array]]:
+    """TE or RE of the seeds that have been run, by method: of the preset, and with changed settings."""
+
+    def of(method: str, changed: dict[str, object]) -> Array:
+        configs = [_seeded(method, seed, changed) for seed in range(SEEDS)]
+        runs = [poses for config in configs if (poses := known_poses(sequence, config)) is not None]
+        return np.array([errors_of(_truth(sequence), poses)[int(rotation)] for poses in runs])
+
+    return {method: (of(method, {}), of(method, changed)) for method in METHODS}
+
+
+def _key(sequence: Sequence, config: Config) -> tuple[object, ...]:
+    return sequence.folder, sequence.frames[0], len(sequence), sequence.labels, config
+
+
+def _seeded(method: str, seed: int, changed: dict[str, object]) -> Config:
+    return dataclasses.replace(with_changes(preset(method), changed), seed=seed)
+
+
+def _truth(sequence: Sequence) -> Array:
+    if sequence.truth is None:
+        raise DataError(f"{sequence.name} has no ground truth to compare with")
+    return sequence.truth
+
+
+def _short(value: object) -> str:
+    """A setting as a person writes it: a slider's 0.05 may be 0.04999999999999999."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _value(config: Config, name: str) -> object:
+    value: object = config
+    for part in name.split("."):
+        value = getattr(value, part)
+    return value

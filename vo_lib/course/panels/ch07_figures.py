@@ -1,0 +1,194 @@
+"""Chapter 7, drawn: Figure 4 and what it hides, Table 1 as dots with their spread, and steps."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...core.types import Array, Image
+from ...data.sequence import KITTI
+from ...evaluation.ate_rpe import RelativeError
+from ...tables.entries import Entry, group_entries
+from ...tables.paper import PaperTable, read_paper_table
+from ...tables.plots import METHOD_MARKERS, TRUTH_COLOUR, draw_trajectories, method_colour
+from ...tables.report import ReportTable
+from ...tables.table1 import layout_table, method_table, paper_table
+from .chart import FINE, Chart, beside, put_title, room
+from .style import DARK, FONT_SIZE, PALE, figure, finish
+
+HALF = 0.36  # of the distance between two sequences: the methods stand side by side within it
+
+
+def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array], frame: int | None = None) -> None:
+    """Distance from the truth at each frame, first poses made equal."""
+    start = np.linalg.inv(truth[0]) @ truth
+    for number, (name, poses) in enumerate(estimates.items()):
+        off = np.linalg.norm(poses[:, :3, 3] - start[:, :3, 3], axis=1)
+        axis.plot(off, color=method_colour(name, number), linewidth=1.5)
+    if frame is not None:
+        axis.axvline(frame, color=PALE, linewidth=1)
+    axis.set_ylim(0, None)
+    finish(axis, "distance from the truth, first poses made equal", "frame", "distance [m]")
+
+
+def draw_paths(axis: Axes, title: str, truth: Array, estimates: dict[str, Array], frame: int) -> None:
+    """As the paper's Figure 4, with the place of a frame."""
+    draw_trajectories(axis, "", truth, estimates)
+    place = (np.linalg.inv(truth[0]) @ truth[frame])[[0, 2], 3]
+    axis.plot(*place, "o", color=DARK, markersize=7, markerfacecolor="none")
+    finish(axis, title, "x, right [m]", "z, forward [m]")
+
+
+def draw_errors(axis: Axes, entries: list[Entry], rotation: bool, paper: PaperTable | None = None) -> None:
+    """TE or RE of each sequence: a dot a method, a bar for one standard deviation, the paper's as a dash."""
+    sequences = list(dict.fromkeys(entry.sequence for entry in entries))
+    methods = list(dict.fromkeys(entry.method for entry in entries))
+    places = np.linspace(-HALF, HALF, len(methods)) if len(methods) > 1 else np.zeros(1)
+    for entry in entries:
+        number = methods.index(entry.method)
+        x = sequences.index(entry.sequence) + places[number]
+        draw_dot(axis, x, entry.re if rotation else entry.te, entry.method, number)
+        if paper is not None:
+            printed = paper.value(entry.sequence.removeprefix(KITTI), entry.method)[int(rotation)]
+            if printed is not None:
+                axis.plot(x, printed, "_", color=DARK, markersize=14)
+    axis.set_xticks(range(len(sequences)), [name.removeprefix(KITTI) for name in sequences])
+    axis.set_xlim(-0.6, len(sequences) - 0.4)
+    finish_dots(axis, "rotation error" if rotation else "translation error", rotation)
+
+
+def draw_dot(axis: Axes, x: float, values: Array, name: str, number: int, hollow: bool = False) -> None:
+    """Mean over seeds as the method's marker, a bar from a standard deviation below to one above."""
+    if len(values) == 0 or not np.isfinite(values).all():
+        return
+    colour = PALE if hollow else method_colour(name, number)
+    mean, spread = float(values.mean()), float(values.std())
+    axis.plot([x, x], [mean - spread, mean + spread], color=colour, linewidth=2)
+    axis.plot(x, mean, METHOD_MARKERS.get(name, "o"), color=colour, markersize=7)
+
+
+def finish_dots(axis: Axes, title: str, rotation: bool) -> None:
+    """From 0 to a little above the highest dot."""
+    axis.set_ylim(0, 1.08 * axis.get_ylim()[1])
+    finish(axis, title, "", _unit(rotation))
+
+
+def _unit(rotation: bool) -> str:
+    return "RE [deg/100 m]" if rotation else "TE [%]"
+
+
+def errors_figure(entries: list[Entry], height: int, paper: PaperTable | None = None) -> Figure:
+    """TE and RE side by side, as `draw_errors`."""
+    made, axes = figure(height, 2)
+    for axis, rotation in zip(axes, (False, True), strict=True):
+        draw_errors(axis, entries, rotation, paper)
+    return made
+
+
+def paths_figure(entries: list[Entry], frame: int, height: int) -> Figure:
+    """One sequence: paths of all methods' first seeds from above, and their distances from the truth."""
+    truth, estimates = entries[0].truth, {entry.method: entry.poses for entry in entries}
+    made, (paths, drift) = figure(height, 2)
+    frame = min(frame, len(truth) - 1)
+    draw_paths(paths, f"{entries[0].sequence}, {len(truth)} frames", truth, estimates, frame)
+    draw_drift(drift, truth, estimates, frame)
+    return made
+
+
+def plan_figure(truth: Array, frame: int, title: str, words: str, height: int) -> Figure:
+    """The path to be run, and words beside it."""
+    made, (paths, text) = figure(height, 2)
+    draw_paths(paths, title, truth, {}, frame)
+    text.text(0.0, 0.5, words, fontsize=FONT_SIZE + 1, color=DARK, va="center", transform=text.transAxes)
+    text.set_axis_off()
+    return made
+
+
+def steps_picture(errors: Mapping[str, RelativeError], frame: int, method: str, height: int = 240) -> Image:
+    """Rotation and translation error of each step of several runs of a method, by name."""
+    turns = {name: 1e3 * np.degrees(each.rotation) for name, each in errors.items()}
+    millimetres = {name: 1e3 * each.translation for name, each in errors.items()}
+    charts = [
+        steps_chart(turns, frame, f"rotation error of each step, {method}", "0.001 deg"),
+        steps_chart(millimetres, frame, f"translation error of each step, {method}", "mm"),
+    ]
+    return beside(charts, height)
+
+
+def steps_chart(errors: Mapping[str, Array], frame: int, title: str, y: str) -> Chart:
+    """Errors of each step, (N - 1,), by name; those of "preset" in grey, below the others."""
+    steps = max(map(len, errors.values()))
+    # The legend stands above the highest value.
+    top = room(1.25 * max(float(values.max()) for values in errors.values()), steps=FINE, least=1e-3)
+
+    def put(axis: Axes) -> None:
+        for name, values in errors.items():
+            colour, width = (PALE, 3.0) if name == "preset" else (TRUTH_COLOUR, 1.2)
+            axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=width, label=name)
+        axis.axvline(frame, ymax=0.8, color=DARK, linewidth=0.8)  # below the legend
+        put_title(axis, title)
+
+    def frame_of(axis: Axes) -> None:
+        axis.set_xlim(0, steps + 1)
+        axis.set_ylim(0, top)
+        finish(axis, "", "frame", y, "upper left")
+        axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=False, ncols=len(errors))
+
+    return Chart(("steps", steps, top, y, *errors), put, frame_of)
+
+
+def methods_chart(errors: Mapping[str, tuple[Array, Array]], rotation: bool) -> Chart:
+    """TE or RE (S,) over seeds by method, each with the preset, grey, and with changed settings."""
+    known = np.concatenate([values for pair in errors.values() for values in pair])
+    top = room(1.08 * float(np.max(known, initial=0.0, where=np.isfinite(known))), steps=FINE, least=1e-3)
+
+    def put(axis: Axes) -> None:
+        for number, (method, (preset, changed)) in enumerate(errors.items()):
+            draw_dot(axis, number - 0.15, preset, method, number, hollow=True)
+            draw_dot(axis, number + 0.15, changed, method, number)
+
+    def frame(axis: Axes) -> None:
+        axis.set_xticks(range(len(errors)), [name.replace("_", "\n") for name in errors])
+        axis.set_xlim(-0.5, len(errors) - 0.5)
+        axis.set_ylim(0, top)
+        finish(axis, "", "", _unit(rotation))
+
+    return Chart(("methods", rotation, top, *errors), put, frame)
+
+
+def table_tables(entries: list[Entry], paper: PaperTable | None = None) -> list[ReportTable]:
+    """Table 1, in the paper's layout where it has several rows; KITTI's also beside the paper's numbers."""
+    paper = read_paper_table() if paper is None else paper
+    tables = []
+    for group in group_entries(entries):
+        one = len(group.sequences) == 1
+        tables.append(method_table(list(group.entries.values())) if one else layout_table(group))
+        if group.kitti:
+            tables.append(paper_table(group, paper))
+    return tables
+
+
+def table_html(table: ReportTable) -> str:
+    """A table with its notes, for a notebook."""
+    cell = 'style="padding:1px 10px;text-align:{}"'
+
+    def row(words: list[str], tag: str) -> str:
+        sides = ["left", *["right"] * (len(words) - 1)]
+        cells = [
+            f"<{tag} {cell.format(side)}>{html.escape(word)}</{tag}>"
+            for side, word in zip(sides, words, strict=True)
+        ]
+        return f"<tr>{''.join(cells)}</tr>"
+
+    rows = row(table.columns, "th") + "".join(row(words, "td") for words in table.rows)
+    notes = "".join(
+        f'<div style="font-size:11px;opacity:.75">{html.escape(note)}</div>' for note in table.notes
+    )
+    return (
+        f'<div style="margin:8px 0;overflow-x:auto"><b>{html.escape(table.title)}</b>'
+        f'<table style="border-collapse:collapse;font-size:12px;margin:4px 0">{rows}</table>{notes}</div>'
+    )

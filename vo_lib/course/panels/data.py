@@ -1,0 +1,165 @@
+"""Earlier stages, kept: sequences, prepared pairs and matches that panels ask for again and again."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import ipywidgets as widgets
+from IPython.display import display
+
+from ...config import Config
+from ...core.errors import DataError
+from ...core.geometry import inverse
+from ...core.matches import StereoMatches
+from ...core.types import Array, Image, Progress
+from ...data.sequence import Sequence, open_sequence
+from ...front_end.front_end import make_front_end
+from ...method.buckets import select_by_bucket
+from ...runs.runner import one_blas_thread
+from ...synthetic import Truth, open_truth
+
+DEFAULT = "synthetic/traffic"
+WARM_UP = 1  # pairs before the two asked for: they give the front end a motion to predict from
+
+Value = TypeVar("Value")
+
+
+class Memory(Generic[Value]):
+    """The last few results of something slow, by key; the least recently used one is forgotten first."""
+
+    def __init__(self, size: int):
+        self.size = size
+        self._kept: OrderedDict[Hashable, Value] = OrderedDict()
+        self._making: dict[Hashable, threading.Lock] = {}
+        self._lock = threading.Lock()
+
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._kept
+
+    def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
+        """The result kept under `key`; made now, once, where there is none."""
+        with self._lock:
+            gate = self._making.setdefault(key, threading.Lock())
+        # Others may make other things meanwhile; who wants the same one waits for it.
+        with gate:
+            try:
+                value = self._kept[key] if key in self._kept else make()
+            finally:
+                with self._lock:
+                    self._making.pop(key, None)
+            with self._lock:
+                self._kept[key] = value
+                self._kept.move_to_end(key)
+                while len(self._kept) > self.size:
+                    self._kept.popitem(last=False)
+            return value
+
+
+_sequences: Memory[Sequence] = Memory(8)
+_pairs: Memory[tuple[Image, Image]] = Memory(12)
+_prepared: Memory[Any] = Memory(6)
+_matches: Memory[StereoMatches] = Memory(24)
+_truths: Memory[Truth] = Memory(4)
+
+
+def is_open(name: str) -> bool:
+    """Whether a sequence can be had at once."""
+    return name in _sequences
+
+
+def keep(sequence: Sequence) -> None:
+    """Remember a sequence that was opened elsewhere."""
+    _sequences.get(sequence.name, lambda: sequence)
+
+
+def opened(name: str, progress: Progress | None = None) -> Sequence:
+    """A sequence by name or folder; `progress` is called while a synthetic scene is drawn."""
+    return _sequences.get(name, lambda: open_sequence(name, progress=progress))
+
+
+def load(name: str = DEFAULT) -> Sequence:
+    """A sequence for a notebook cell; shows a bar while a synthetic scene is drawn for the first time."""
+    return with_bar(f"drawing {name}", lambda report: opened(name, report))
+
+
+def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
+    """The result of `work(progress)` for a notebook cell; a bar is shown from its first report to its end."""
+    bar = widgets.IntProgress(description=words, style={"description_width": "initial"})
+
+    def report(done: int, total: int) -> None:
+        if bar.value == 0:
+            display(bar)  # type: ignore[no-untyped-call]
+        bar.max, bar.value = total, max(done, 1)
+
+    try:
+        return work(report)
+    finally:
+        bar.close()
+
+
+def stereo(sequence: Sequence, frame: int) -> tuple[Image, Image]:
+    """Left and right image of a frame."""
+    return _pairs.get((sequence.folder, frame), lambda: sequence.stereo(frame))
+
+
+def frame_matches(sequence: Sequence, frame: int, config: Config) -> StereoMatches:
+    """Matches of a frame >= 1 with the one before, as the configuration's front end finds them."""
+    settings = config.features, config.matching
+
+    def make() -> StereoMatches:
+        front_end = make_front_end(sequence.camera, *settings)
+
+        def prepare(index: int) -> Any:
+            key = (sequence.folder, index, *settings)
+            return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
+
+        indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
+        with ThreadPoolExecutor(max_workers=2) as pool, one_blas_thread():
+            return [front_end.step(pair) for pair in pool.map(prepare, indices)][-1]
+
+    return _matches.get((sequence.folder, frame, *settings), make)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Matches of a frame after bucketing, as the method takes them.
+
+    Attributes
+    ----------
+    matches : (N,); x_p, x_c : (N, 2) normalised points; X_p : (N, 3) metres, previous left frame.
+    T_cp : (4, 4) the true motion, or None.
+    """
+
+    matches: StereoMatches
+    x_p: Array
+    x_c: Array
+    X_p: Array
+    T_cp: Array | None
+
+
+def frame_points(sequence: Sequence, frame: int, config: Config) -> Points:
+    """What chapters 2 to 4 start from: a frame's matches, bucketed, in normalised coordinates."""
+    matches, camera = frame_matches(sequence, frame, config), sequence.camera
+    matches = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)]
+    if len(matches) < 5:
+        raise DataError(f"frame {frame} has {len(matches)} matches; the five-point algorithm needs five")
+    poses = sequence.truth
+    return Points(
+        matches,
+        camera.normalise(matches.prev_left),
+        camera.normalise(matches.cur_left),
+        camera.triangulate(matches.prev_left, matches.prev_right),
+        None if poses is None else inverse(poses[frame]) @ poses[frame - 1],
+    )
+
+
+def truth(sequence: Sequence) -> Truth | None:
+    """The full truth of a drawn scene (depth, objects); None for other sequences."""
+    if not (sequence.folder / "truth" / "scene.json").exists():
+        return None
+    return _truths.get(sequence.folder, lambda: open_truth(sequence.folder))

@@ -1,0 +1,238 @@
+"""Boxes of a detector as label folders: written once, frame by frame, ahead of who reads them.
+
+    with detected_sequence(sequence, "street", DetectorConfig()) as sequence:
+        run(sequence, config)               # sequence.boxes(i) waits for frame i where it is not there yet
+
+A label folder holds `000000.txt` … and `detector.json`: the model's SHA-256 and the settings that made it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..config import DetectorConfig
+from ..core.boxes import Boxes
+from ..core.errors import DataError
+from ..core.files import file_sha256, read_text, write_text_atomic
+from ..core.settings import to_dict
+from ..core.types import Progress
+from ..data.kitti import read_image
+from ..data.labels import read_labels, write_labels
+from ..data.sequence import Sequence
+from ..synthetic import cache_folder
+from .yolo import YoloDetector, find_model
+
+RECORD = "detector.json"
+DIGITS = 12
+# Images detected at once, each in a thread: while one is read or its boxes are chosen, the network is busy
+# with the other, and a core that the odometry leaves idle is used.
+AT_ONCE = 2
+
+
+def detection_record(model: str | Path, config: DetectorConfig, provider: str = "cpu") -> dict[str, Any]:
+    """What decides a detector's boxes, ready for JSON: model with its hash, settings, provider."""
+    path = find_model(model)
+    settings = to_dict(config)
+    del settings["threads"]
+    settings["classes"] = list(config.classes)
+    return {"model": path.name, "sha256": file_sha256(path), "provider": provider, "settings": settings}
+
+
+def label_folder(sequence: Sequence, record: dict[str, Any], cache: Path | None = None) -> Path:
+    """Where the boxes of a sequence by a detector are kept; `cache`: in place of the user's cache folder."""
+    root = cache_folder().parent if cache is None else cache
+    what = json.dumps([record, str(sequence.folder.resolve())], sort_keys=True)
+    digest = hashlib.sha256(what.encode()).hexdigest()[:DIGITS]
+    return root / "labels" / f"{sequence.folder.resolve().name}-{Path(record['model']).stem}-{digest}"
+
+
+def claim_folder(folder: Path, record: dict[str, Any], replace: bool = False) -> None:
+    """Make a label folder, or check that an existing one was made by the same detector.
+
+    Labels made otherwise, or beside a damaged record, are removed with `replace`; without it `DataError` says
+    what they are.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / RECORD
+        labels = sorted(folder.glob("*.txt"))
+        made_by = _read_record(path, replace) if path.exists() else None
+        if made_by == record:
+            return
+        if labels and not replace:
+            other = (
+                "labels that no detector of the kit wrote" if made_by is None else "another detector's labels"
+            )
+            raise DataError(f"holds {other}: give another folder, or replace them", folder)
+        # The record goes first: labels must never stand beside the record of another detector.
+        path.unlink(missing_ok=True)
+        for label in labels:
+            label.unlink()
+    except OSError as error:
+        raise DataError(f"cannot be written: {error.strerror}", folder) from None
+    write_text_atomic(path, json.dumps(record, indent=1) + "\n")
+
+
+def _read_record(path: Path, replace: bool) -> Any:
+    try:
+        return json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        if replace:
+            return None
+        raise DataError("is not JSON", path, error.lineno) from None
+
+
+def missing_frames(sequence: Sequence, folder: Path) -> list[str]:
+    """Frames whose label file is not there, damaged, or older than the image."""
+    return [frame for frame in sequence.frames if not _current(sequence, folder, frame)]
+
+
+def _current(sequence: Sequence, folder: Path, frame: str) -> bool:
+    path = folder / f"{frame}.txt"
+    try:
+        if path.stat().st_mtime_ns < _left(sequence, frame).stat().st_mtime_ns:
+            return False
+        read_labels(path, sequence.camera.width, sequence.camera.height)
+    except (OSError, DataError):
+        return False
+    return True
+
+
+def _left(sequence: Sequence, frame: str) -> Path:
+    return sequence.folder / "image_0" / f"{frame}.png"
+
+
+def write_label_folder(
+    sequence: Sequence,
+    model: str | Path,
+    config: DetectorConfig,
+    folder: Path,
+    *,
+    provider: str = "cpu",
+    replace: bool = False,
+    progress: Progress | None = None,
+) -> int:
+    """Write the labels of a whole sequence; called again it goes on. Returns how many were detected."""
+    claim_folder(folder, detection_record(model, config, provider), replace)
+    missing = missing_frames(sequence, folder)
+    detector = YoloDetector(model, config, provider=provider) if missing else None
+    writer = LabelWriter(sequence, folder, missing, detector)
+    writer.start()
+    try:
+        for number, frame in enumerate(missing, start=len(sequence) - len(missing) + 1):
+            writer.wait(frame)
+            if progress:
+                progress(number, len(sequence))
+    finally:
+        writer.stop()
+    return len(missing)
+
+
+def labelled_sequence(
+    sequence: Sequence,
+    model: str | Path,
+    config: DetectorConfig | None = None,
+    *,
+    provider: str = "cpu",
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> Sequence:
+    """The sequence with a detector's labels from the cache, all written now: for runs in many processes."""
+    config = config or DetectorConfig()
+    folder = label_folder(sequence, detection_record(model, config, provider), cache)
+    write_label_folder(sequence, model, config, folder, provider=provider, replace=True, progress=progress)
+    return dataclasses.replace(sequence, labels=folder)
+
+
+class LabelWriter:
+    """Writes missing labels in threads of its own, in the order of the frames."""
+
+    def __init__(self, sequence: Sequence, folder: Path, missing: list[str], detector: YoloDetector | None):
+        self._sequence, self._folder, self._missing, self._detector = sequence, folder, missing, detector
+        self._pool = ThreadPoolExecutor(AT_ONCE, "detector")
+        self._written: dict[str, Future[None]] = {}
+
+    def start(self) -> None:
+        """Begin to write."""
+        self._written = {frame: self._pool.submit(self._write, frame) for frame in self._missing}
+
+    def stop(self) -> None:
+        """End after the frames in work."""
+        self._pool.shutdown(cancel_futures=True)
+
+    def wait(self, frame: str) -> None:
+        """Return once the label of a frame is there; raises what went wrong with it."""
+        if frame in self._written:
+            try:
+                self._written[frame].result()
+            except CancelledError:
+                raise DataError(f"the detector was stopped before frame {frame}", self._folder) from None
+
+    def _write(self, frame: str) -> None:
+        assert self._detector is not None
+        image = read_image(_left(self._sequence, frame))
+        boxes = self._detector.detect(image)
+        write_labels(self._folder / f"{frame}.txt", boxes, image.shape[1], image.shape[0])
+
+
+@dataclass(frozen=True)
+class DetectedSequence(Sequence):
+    """A sequence whose labels come from a detector that may still be at work.
+
+    Attributes
+    ----------
+    record : what decides the boxes, `detection_record`. writer : who writes them.
+    """
+
+    record: dict[str, Any]
+    writer: LabelWriter
+
+    def boxes(self, index: int) -> Boxes:
+        """The detector's boxes in a frame's left image; waits until they are there."""
+        self.writer.wait(self.frames[index])
+        return super().boxes(index)
+
+    def labels_identity(self) -> str:
+        """Digest of model and settings."""
+        return hashlib.sha256(json.dumps(self.record, sort_keys=True).encode()).hexdigest()[:DIGITS]
+
+
+@contextmanager
+def detected_sequence(
+    sequence: Sequence,
+    model: str | Path,
+    config: DetectorConfig | None = None,
+    *,
+    provider: str = "cpu",
+    cache: Path | None = None,
+) -> Iterator[DetectedSequence]:
+    """The sequence with the boxes of a detector, from the cache or detected in threads that run ahead.
+
+    The boxes are always those of the label files, so that a run on cached labels gives the same bytes.
+
+    Parameters
+    ----------
+    model : name of a model or path of an ONNX file. provider : "cpu" or "cuda".
+    cache : folder that keeps the labels, in place of the user's cache folder.
+    """
+    config = config or DetectorConfig()
+    record = detection_record(model, config, provider)
+    folder = label_folder(sequence, record, cache)
+    claim_folder(folder, record, replace=True)
+    missing = missing_frames(sequence, folder)
+    detector = YoloDetector(model, config, provider=provider) if missing else None
+    writer = LabelWriter(sequence, folder, missing, detector)
+    own = {item.name: getattr(sequence, item.name) for item in dataclasses.fields(Sequence)}
+    writer.start()
+    try:
+        yield DetectedSequence(**{**own, "labels": folder}, record=record, writer=writer)
+    finally:
+        writer.stop()

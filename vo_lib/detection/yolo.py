@@ -1,0 +1,232 @@
+"""Chapter 5: vehicle boxes from a YOLO network, run by ONNX Runtime.
+
+detector = YoloDetector("street", DetectorConfig())
+boxes = detector.detect(image)          # (H, W) grey or (H, W, 3) BGR
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from ..config import DetectorConfig
+from ..core.boxes import Boxes
+from ..core.errors import DataError
+from ..core.types import Array, Image
+from .class_names import COCO, choose_classes, class_numbers, names_from_metadata
+from .detectors import find_detector, known
+from .yolo_layout import (
+    STRIDE,
+    Letterbox,
+    best_boxes,
+    fit_size,
+    letterbox,
+    place,
+    read_yolov8,
+    read_yolox,
+    size_from_metadata,
+    yolox_cells,
+)
+
+MODELS = {"street": Path(__file__).parent / "models" / "street.onnx"}
+PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
+USUAL_SIZE = 640  # what most models are made for
+INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+SILENT = 4  # ONNX Runtime's own lines would come beside ours
+
+
+def find_model(name: str | Path) -> Path:
+    """The file of a model: shipped, fetched or registered under a name, or the path of an ONNX file."""
+    path = MODELS.get(str(name), Path(name))
+    if path.is_file():
+        return path
+    if path.suffix == "" and path.name == str(name):
+        names = ", ".join([*MODELS, *known()])
+        if str(name) not in known():
+            raise DataError(f"no detector is called {str(name)!r}: expected an ONNX file or one of {names}")
+        return find_detector(str(name))
+    raise DataError(f"the model is missing: expected an ONNX file or one of {', '.join(MODELS)}", path)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """What a network says of an image, before anything is chosen.
+
+    Attributes
+    ----------
+    plan : how the image lies in the network's. width, height : of the image, pixels.
+    corners : (N, 4) x0, y0, x1, y1 in the network's image, pixels; scores : (N, C) of the classes.
+    """
+
+    plan: Letterbox
+    corners: Array
+    scores: Array
+    width: int
+    height: int
+
+
+class YoloDetector:
+    """A YOLOv8 or YOLOX network in an ONNX file.
+
+    Attributes
+    ----------
+    path : the file. config : the settings.
+    names : of its classes: from its metadata; COCO's for 80 classes without names.
+    layout : "yolov8", output [1, 4 + C, N], or "yolox", [1, N, 5 + C] before the grids are decoded.
+    """
+
+    def __init__(
+        self, model: str | Path, config: DetectorConfig | None = None, *, provider: str = "cpu"
+    ) -> None:
+        """Load a model and try it once.
+
+        Parameters
+        ----------
+        model : name of a shipped model or path of an ONNX file.
+        config : thresholds, classes and threads. provider : "cpu" or "cuda".
+
+        Raises
+        ------
+        DataError : the file is no usable model, or the provider is not installed.
+        """
+        self.path, self.config = find_model(model), config or DetectorConfig()
+        self._session = _open_session(self.path, self.config.threads, provider)
+        self._input, self._width, self._height = self._check_input()
+        self._type = INPUT_TYPES[self._input.type]
+        width, height = self._width or 4 * STRIDE, self._height or 2 * STRIDE
+        output = self._run(np.zeros((1, 3, height, width), self._type))
+        self.layout, count = self._check_output(output, width, height)
+        about = self._session.get_modelmeta().custom_metadata_map
+        self.names = _class_names(about.get("names", ""), count)
+        self._made_for = size_from_metadata(about.get("imgsz", "")) or USUAL_SIZE
+        self._numbers = class_numbers(self.names)
+        self._wanted = choose_classes(self.config.classes, self.names)
+        if not self._wanted.any():
+            wanted, names = ", ".join(self.config.classes), ", ".join(self.names)
+            raise DataError(f"the model knows none of the classes {wanted}: it has {names[:200]}", self.path)
+
+    def detect(self, image: Image) -> Boxes:
+        """Boxes in an image (H, W) grey or (H, W, 3) BGR, uint8: best first, COCO class numbers.
+
+        A grey image is given to the network as three equal channels.
+        """
+        return self.choose(self.candidates(image), self.config.score, self.config.nms)
+
+    def candidates(self, image: Image) -> Candidates:
+        """What the network says of an image, as for `detect`, before anything is chosen."""
+        height, width = image.shape[:2]
+        net_width, net_height = self.input_size(width, height)
+        centred = self.layout == "yolov8"
+        plan = letterbox(width, height, net_width, net_height, centred)
+        output = self._run(self._to_input(place(image, plan)))
+        corners, scores = read_yolov8(output) if centred else read_yolox(output, net_width, net_height)
+        return Candidates(plan, corners, scores, width, height)
+
+    def choose(self, found: Candidates, score: float, nms: float) -> Boxes:
+        """The boxes among candidates that stay at these thresholds, in the image, as `detect` gives them."""
+        chosen = best_boxes(found.corners, found.scores, score, nms, self._wanted)
+        xyxy = found.plan.to_image(chosen.xyxy, found.width, found.height)
+        return dataclasses.replace(chosen, xyxy=xyxy, class_id=self._numbers[chosen.class_id])
+
+    def input_size(self, width: int, height: int) -> tuple[int, int]:
+        """Width and height of the network's image for an image of this size.
+
+        The model's own where it is fixed; else in the image's aspect, the longer side `config.size` or, where
+        that is 0, what the model was made for by its metadata, 640 where these do not say.
+        """
+        free_width, free_height = fit_size(width, height, self.config.size or self._made_for)
+        return self._width or free_width, self._height or free_height
+
+    def _to_input(self, image: Image) -> NDArray[Any]:
+        """(1, 3, H, W): YOLOv8 takes RGB in 0..1, YOLOX BGR in 0..255."""
+        if image.ndim == 2:
+            planes = np.broadcast_to(image, (3, *image.shape))
+        else:
+            ordered = image[:, :, ::-1] if self.layout == "yolov8" else image
+            planes = ordered.transpose(2, 0, 1)
+        scale = 1.0 / 255.0 if self.layout == "yolov8" else 1.0
+        return np.multiply(planes[None], scale, dtype=np.float32).astype(self._type, copy=False)
+
+    def _run(self, images: NDArray[Any]) -> NDArray[np.float32]:
+        try:
+            return np.asarray(self._session.run(None, {self._input.name: images})[0][0], np.float32)
+        except Exception as error:  # its many exception types share no base of their own
+            raise DataError(f"ONNX Runtime cannot run this model: {_first_line(error)}", self.path) from None
+
+    def _check_input(self) -> tuple[Any, int, int]:
+        """The input, and its fixed width and height; 0 where the model leaves them open."""
+        inputs = self._session.get_inputs()
+        shape = inputs[0].shape if len(inputs) == 1 else []
+        if len(shape) != 4 or shape[1] != 3 or (shape[0] not in (1, None) and not isinstance(shape[0], str)):
+            found = f"{len(inputs)} inputs" if len(inputs) != 1 else f"input {_shown(shape)}"
+            raise DataError(f"expected one input [1, 3, height, width], found {found}", self.path)
+        if inputs[0].type not in INPUT_TYPES:
+            raise DataError(f"expected an input of floating-point numbers, found {inputs[0].type}", self.path)
+        height, width = (side if isinstance(side, int) else 0 for side in shape[2:])
+        return inputs[0], width, height
+
+    def _check_output(self, output: NDArray[np.float32], width: int, height: int) -> tuple[str, int]:
+        """Layout and number of classes, from the output for an image of this size."""
+        if output.ndim == 2:
+            rows, columns = output.shape
+            cells = yolox_cells(width, height)
+            if rows == cells and columns > 5:
+                return "yolox", columns - 5
+            if columns == cells and rows > 4:
+                return "yolov8", rows - 4
+        raise DataError(
+            f"unknown layout: expected the output [1, 4 + classes, N] of YOLOv8 or [1, N, 5 + classes] of "
+            f"YOLOX, N = {yolox_cells(width, height)} for {width}×{height} px, "
+            f"found {_shown([1, *output.shape])}",
+            self.path,
+        )
+
+
+def _class_names(told: str, count: int) -> tuple[str, ...]:
+    """Names of a model's classes: from its metadata; COCO's for 80 classes without names."""
+    names = names_from_metadata(told, count)
+    if names is None:
+        names = COCO if count == len(COCO) else tuple(f"class {k}" for k in range(count))
+    return names
+
+
+def _open_session(path: Path, threads: int, provider: str) -> Any:
+    if provider not in PROVIDERS:
+        raise DataError(f"provider {provider!r}: expected one of {', '.join(PROVIDERS)}")
+    wanted = PROVIDERS[provider]
+    if wanted not in onnxruntime.get_available_providers():
+        raise DataError(f"provider {provider}: this ONNX Runtime lacks it; install onnxruntime-gpu instead")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.log_severity_level = SILENT
+    # What becomes of a provider is told by another logger.
+    onnxruntime.set_default_logger_severity(SILENT)
+    # Threads that wait in a busy loop would take the processor from the odometry.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=[wanted])
+    except Exception as error:  # its many exception types share no base of their own
+        text = _first_line(error)
+        if "external" in text.lower() and "data" in text.lower():
+            text = f"its weights are kept in a second file, which is missing beside it: {text}"
+        raise DataError(f"is no model that ONNX Runtime can load: {text}", path) from None
+    if session.get_providers()[0] != wanted:
+        raise DataError(
+            f"provider {provider}: it is installed but could not be started on this machine: it needs an "
+            f"NVIDIA GPU, and the CUDA and cuDNN that ONNX Runtime {onnxruntime.__version__} asks for"
+        )
+    return session
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
+
+
+def _shown(shape: list[Any]) -> str:
+    return "[" + ", ".join(str(side) for side in shape) + "]"

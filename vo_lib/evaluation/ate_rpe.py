@@ -1,0 +1,146 @@
+"""Absolute (ATE) and relative (RPE) trajectory error, and the alignment of trajectories.
+
+Both are those of Sturm et al., IROS 2012. All poses are `T_w_c`, (N, 4, 4), metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import DataError
+from ..core.geometry import rotation_angle
+from ..core.types import Array
+
+
+class Alignment(Enum):
+    """What may be moved before positions are compared."""
+
+    NONE = "none"
+    ORIGIN = "origin"  # first poses made equal
+    SE3 = "se3"  # best rotation and translation
+    SIM3 = "sim3"  # and the best scale
+
+    @property
+    def words(self) -> str:
+        """As a table's note says it."""
+        return {
+            "none": "without alignment",
+            "origin": "with the first poses made equal",
+            "se3": "after the best rotation and translation (SE3)",
+            "sim3": "after the best rotation, translation and scale (Sim3)",
+        }[self.value]
+
+
+@dataclass(frozen=True)
+class AbsoluteError:
+    """ATE: distances (N,), metres, between true and estimated positions after the named alignment."""
+
+    alignment: Alignment
+    scale: float
+    distance: Array
+
+    def to_dict(self) -> dict[str, Any]:
+        """Alignment, scale applied to the estimate, and statistics, for JSON."""
+        return {"alignment": self.alignment.value, "scale": self.scale} | _statistics(self.distance, "m")
+
+
+@dataclass(frozen=True)
+class RelativeError:
+    """RPE over `delta` frames: translation (M,), metres, and rotation angle (M,), radians."""
+
+    delta: int
+    translation: Array
+    rotation: Array
+
+    def to_dict(self) -> dict[str, Any]:
+        """Frames apart and statistics, for JSON; None where the trajectory is shorter than delta."""
+        return {
+            "delta_frames": self.delta,
+            "translation": _statistics(self.translation, "m"),
+            "rotation": _statistics(np.degrees(self.rotation), "deg"),
+        }
+
+
+def rmse(errors: Array) -> float | None:
+    """Root of the mean square; None of nothing."""
+    return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else None
+
+
+def motion_error(truth: Array, estimate: Array, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+    """Error motions inverse(Δest) Δgt, (S, 4, 4), with Δ = inverse(T[first]) T[last]."""
+    # A general inverse: printed rotations are orthonormal to 1e-7 only, and the transpose would turn
+    # that into up to 0.05° of rotation error.
+    true_motion = np.linalg.inv(truth[first]) @ truth[last]
+    return np.asarray(np.linalg.inv(np.linalg.inv(estimate[first]) @ estimate[last]) @ true_motion)
+
+
+def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, float]:
+    """The estimate moved onto the truth.
+
+    SE3 and SIM3 minimise the squared distances of positions (Umeyama 1991, equations 38-43). On a straight
+    path the rotation about the path is not determined: distances are still the smallest, orientations not.
+
+    Returns
+    -------
+    (N, 4, 4) aligned poses, and the scale applied to the estimate's positions (1 except for SIM3).
+    """
+    check_pair(truth, estimate)
+    if alignment is Alignment.NONE:
+        return estimate, 1.0
+    if alignment is Alignment.ORIGIN:
+        return np.asarray(truth[0] @ np.linalg.inv(estimate[0]) @ estimate), 1.0
+    y, x = truth[:, :3, 3], estimate[:, :3, 3]
+    y_mean, x_mean = y.mean(axis=0), x.mean(axis=0)
+    U, D, Vt = np.linalg.svd((y - y_mean).T @ (x - x_mean) / len(x))
+    S = np.array([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)])
+    R = (U * S) @ Vt
+    spread = float(np.mean(np.sum((x - x_mean) ** 2, axis=1)))
+    scale = float(D @ S) / spread if alignment is Alignment.SIM3 and spread > 0 else 1.0
+    aligned = estimate.copy()
+    aligned[:, :3, :3] = R @ estimate[:, :3, :3]
+    aligned[:, :3, 3] = scale * (x - x_mean) @ R.T + y_mean
+    return aligned, scale
+
+
+def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignment.SE3) -> AbsoluteError:
+    """ATE: distances between positions after alignment."""
+    aligned, scale = align(truth, estimate, alignment)
+    return AbsoluteError(alignment, scale, np.linalg.norm(aligned[:, :3, 3] - truth[:, :3, 3], axis=1))
+
+
+def relative_error(truth: Array, estimate: Array, delta: int = 1) -> RelativeError:
+    """RPE over the frames 0 to delta, delta to 2·delta, … (evo's default pairs); needs no alignment."""
+    check_pair(truth, estimate)
+    if delta < 1:
+        raise DataError(f"delta: expected 1 frame or more, got {delta}")
+    frames = np.arange(0, len(truth), delta)
+    error = motion_error(truth, estimate, frames[:-1], frames[1:])
+    return RelativeError(delta, np.linalg.norm(error[:, :3, 3], axis=1), rotation_angle(error[:, :3, :3]))
+
+
+def _statistics(errors: Array, unit: str) -> dict[str, float | None]:
+    some = len(errors) > 0
+    return {
+        f"rmse_{unit}": rmse(errors),
+        f"mean_{unit}": float(np.mean(errors)) if some else None,
+        f"median_{unit}": float(np.median(errors)) if some else None,
+        f"max_{unit}": float(np.max(errors)) if some else None,
+    }
+
+
+def check_pair(truth: Array, estimate: Array, where: str = "") -> None:
+    """Raise `DataError` unless both trajectories have as many poses, all finite."""
+    if len(truth) != len(estimate) or len(truth) == 0:
+        raise DataError(
+            f"{where}truth has {len(truth)} poses and the estimate {len(estimate)}; "
+            "both need one for every frame"
+        )
+    for name, poses in (("truth", truth), ("estimate", estimate)):
+        bad = ~np.isfinite(poses).all(axis=(1, 2))
+        if bad.any():
+            raise DataError(f"{where}pose {int(np.argmax(bad))} of the {name} is not finite")

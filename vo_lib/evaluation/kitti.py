@@ -1,0 +1,269 @@
+"""Chapter 6: trajectory errors, KITTI's over sub-sequences, with ATE and RPE beside them.
+
+KITTI's odometry benchmark (Geiger, Lenz, Urtasun, CVPR 2012) compares motions over stretches of 100 to
+800 m of path. TE is the translation error in % of the stretch, RE the rotation error in deg/100 m.
+All poses are `T_w_c`, (N, 4, 4), metres. ATE and RPE are in `ate_rpe.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import DataError
+from ..core.types import Array
+from .ate_rpe import (
+    AbsoluteError,
+    Alignment,
+    RelativeError,
+    absolute_error,
+    check_pair,
+    motion_error,
+    relative_error,
+)
+
+# For paths too short for these lengths: from every frame, and labelled as such.
+SHORT_LENGTHS = (20.0, 50.0, 100.0)  # metres
+KITTI_LENGTHS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)  # metres
+KITTI_STEP = 10  # frames from one start to the next
+KITTI_SPEEDS = tuple(float(v) for v in range(2, 25, 2))  # bin centres, m/s
+KITTI_FRAME_TIME = 0.1  # seconds, for the speed only
+KITTI_BIN_MINIMUM = 3  # the devkit draws no point of a curve from fewer sub-sequences
+
+
+@dataclass(frozen=True)
+class KittiErrors:
+    """KITTI errors of S sub-sequences; empty where the path is shorter than every length.
+
+    Attributes
+    ----------
+    first, last : (S,) frame numbers.
+    length : (S,) nominal length, metres.
+    t_err : (S,) translation error divided by the nominal length, no unit.
+    r_err : (S,) rotation error divided by the nominal length, rad/m.
+    speed : (S,) mean speed, m/s.
+    """
+
+    first: NDArray[np.intp]
+    last: NDArray[np.intp]
+    length: Array
+    t_err: Array
+    r_err: Array
+    speed: Array
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    @property
+    def te(self) -> float | None:
+        """Mean translation error, %; None without sub-sequences."""
+        return 100.0 * float(self.t_err.mean()) if len(self) else None
+
+    @property
+    def re(self) -> float | None:
+        """Mean rotation error, deg/100 m; None without sub-sequences."""
+        return 100.0 * math.degrees(self.r_err.mean()) if len(self) else None
+
+    def where(self, chosen: NDArray[np.bool_]) -> KittiErrors:
+        """The sub-sequences of a mask (S,)."""
+        return KittiErrors(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+
+    def by_length(self, lengths: Sequence[float] = KITTI_LENGTHS) -> dict[float, KittiErrors]:
+        """The sub-sequences of each nominal length, metres; empty where there are none."""
+        return {float(length): self.where(self.length == length) for length in lengths}
+
+    def by_speed(self, speeds: Sequence[float] = KITTI_SPEEDS) -> dict[float, KittiErrors]:
+        """The sub-sequences within 2 m/s of each bin centre; bins overlap, as in the devkit."""
+        return {float(speed): self.where(np.abs(self.speed - speed) < 2.0) for speed in speeds}
+
+    def curve(
+        self, by: str, lengths: Sequence[float] = KITTI_LENGTHS
+    ) -> list[tuple[float, float | None, float | None]]:
+        """The devkit's curve by "length", metres, or by "speed", km/h: (place, TE, RE) of each full bin."""
+        bins = self.by_length(lengths) if by == "length" else {3.6 * v: e for v, e in self.by_speed().items()}
+        return [(at, e.te, e.re) for at, e in bins.items() if len(e) >= KITTI_BIN_MINIMUM]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Count and means, for JSON; None where there is no sub-sequence."""
+        return {"subsequences": len(self), "te_percent": self.te, "re_deg_per_100m": self.re}
+
+    def to_tables(self, lengths: Sequence[float] = KITTI_LENGTHS) -> dict[str, Any]:
+        """`to_dict` of all sub-sequences, of each length and of each speed, for JSON."""
+        return self.to_dict() | {
+            "by_length": [{"length_m": at} | part.to_dict() for at, part in self.by_length(lengths).items()],
+            "by_speed": [{"speed_m_s": at} | part.to_dict() for at, part in self.by_speed().items()],
+        }
+
+
+def trajectory_distances(T: Array, dtype: type[np.floating[Any]] = np.float64) -> NDArray[np.floating[Any]]:
+    """Path length from the first pose to each pose, (N,), metres, summed in `dtype`."""
+    steps = np.linalg.norm(np.diff(T[:, :3, 3], axis=0).astype(dtype), axis=1)
+    return np.concatenate([np.zeros(1, dtype), np.cumsum(steps, dtype=dtype)])
+
+
+def kitti_errors(
+    truth: Array,
+    estimate: Array,
+    lengths: Sequence[float] = KITTI_LENGTHS,
+    step: int = KITTI_STEP,
+) -> KittiErrors:
+    """Errors of all sub-sequences of one sequence, as KITTI's development kit computes them.
+
+    From every `step`-th frame and for each length, a sub-sequence ends at the first frame whose true path
+    exceeds start + length. Both errors of inverse(Δest) Δgt are divided by the nominal length.
+
+    Parameters
+    ----------
+    truth, estimate : (N, 4, 4) poses.
+    lengths : nominal lengths, metres.
+    step : frames between starts.
+
+    Returns
+    -------
+    KittiErrors, ordered by first frame, then as `lengths`.
+    """
+    check_pair(truth, estimate)
+    if len(lengths) == 0 or not all(0 < length < math.inf for length in lengths):
+        raise DataError(f"lengths: expected positive numbers of metres, got {list(lengths)}")
+    if step < 1:
+        raise DataError(f"step: expected 1 frame or more, got {step}")
+    # Single precision as in the devkit: it decides which frame is the first beyond the length.
+    path = trajectory_distances(truth, np.float32)
+    nominal = np.asarray(lengths, dtype=np.float32)
+    starts = np.arange(0, len(truth), step)
+    ends = np.searchsorted(path, path[starts, None] + nominal, side="right")
+    start, which = np.nonzero(ends < len(truth))
+    first, last = starts[start], ends[start, which]
+    length = np.asarray(lengths, dtype=np.float64)[which]
+    error = motion_error(truth, estimate, first, last)
+    cosine = 0.5 * (np.trace(error[:, :3, :3], axis1=1, axis2=2) - 1.0)
+    speed = length / (KITTI_FRAME_TIME * (last - first + 1))
+    return KittiErrors(
+        first=first,
+        last=last,
+        length=length,
+        t_err=np.linalg.norm(error[:, :3, 3], axis=1) / length,
+        r_err=np.arccos(np.clip(cosine, -1.0, 1.0)) / length,
+        # Rounded as the devkit's, so that a speed on the edge of a bin falls on the same side.
+        speed=speed.astype(np.float32).astype(np.float64),
+    )
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Which sub-sequences errors are taken over: their lengths, metres, and the frames between starts."""
+
+    lengths: tuple[float, ...]
+    step: int
+
+    @property
+    def words(self) -> str:
+        """As a table's label says it: "100, 200, … 800 m, every 10 frames (as KITTI)"."""
+        numbers = [f"{length:g}" for length in self.lengths]
+        if len(numbers) > 4:
+            numbers = [*numbers[:2], f"… {numbers[-1]}"]
+        every = "every frame" if self.step == 1 else f"every {self.step} frames"
+        return ", ".join(numbers) + f" m, {every}" + (" (as KITTI)" if self == KITTI_MEASURE else "")
+
+
+KITTI_MEASURE = Measure(KITTI_LENGTHS, KITTI_STEP)
+SHORT_MEASURE = Measure(SHORT_LENGTHS, 1)
+
+
+def suitable_measure(truth: Array) -> Measure:
+    """KITTI's measure where the true path (N, 4, 4) holds a sub-sequence of it, else that of short paths."""
+    return KITTI_MEASURE if len(kitti_errors(truth, truth)) else SHORT_MEASURE
+
+
+def pooled(errors: Iterable[KittiErrors]) -> KittiErrors:
+    """All sub-sequences of several sequences as one set: the devkit's total."""
+    parts = list(errors)
+    names = KittiErrors.__dataclass_fields__
+    return KittiErrors(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+@dataclass(frozen=True)
+class SequenceResult:
+    """All errors of one sequence; `distance` is the length of its true path, metres."""
+
+    name: str
+    frames: int
+    distance: float
+    kitti: KittiErrors
+    ate: AbsoluteError
+    rpe: RelativeError
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Errors of several sequences, with the lengths (metres) and the step (frames) they were made with."""
+
+    sequences: tuple[SequenceResult, ...]
+    lengths: tuple[float, ...]
+    step: int
+
+    @property
+    def pooled(self) -> KittiErrors:
+        """All sub-sequences of all sequences: long sequences count more."""
+        return pooled(sequence.kitti for sequence in self.sequences)
+
+    def mean(self, leave_out: Sequence[str] = ()) -> dict[str, Any]:
+        """Plain mean over the sequences that have sub-sequences: each counts the same."""
+        counted = [s for s in self.sequences if len(s.kitti) and s.name not in leave_out]
+        te, re = ([getattr(s.kitti, name) for s in counted] for name in ("te", "re"))
+        return {
+            "sequences": [s.name for s in counted],
+            "te_percent": float(np.mean(te)) if te else None,
+            "re_deg_per_100m": float(np.mean(re)) if re else None,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the single sub-sequences, for JSON: no NaN, None where there is no number."""
+        return {
+            "lengths_m": list(self.lengths),
+            "step_frames": self.step,
+            "sequences": [
+                {"name": s.name, "frames": s.frames, "distance_m": s.distance}
+                | s.kitti.to_tables(self.lengths)
+                | {"ate": s.ate.to_dict(), "rpe": s.rpe.to_dict()}
+                for s in self.sequences
+            ],
+            "pooled": self.pooled.to_tables(self.lengths),
+            "mean": self.mean(),
+        }
+
+
+def evaluate(
+    pairs: Iterable[tuple[str, Array, Array]],
+    lengths: Sequence[float] = KITTI_LENGTHS,
+    step: int = KITTI_STEP,
+    alignment: Alignment = Alignment.SE3,
+    delta: int = 1,
+) -> Evaluation:
+    """KITTI errors, ATE and RPE of (name, truth, estimate) triples, poses (N, 4, 4) each.
+
+    Raises
+    ------
+    DataError : truth and estimate of a sequence differ in length, or an option is out of range.
+    """
+    results = []
+    for name, truth, estimate in pairs:
+        check_pair(truth, estimate, f"sequence {name}: ")
+        results.append(
+            SequenceResult(
+                name=name,
+                frames=len(truth),
+                distance=float(trajectory_distances(truth)[-1]),
+                kitti=kitti_errors(truth, estimate, lengths, step),
+                ate=absolute_error(truth, estimate, alignment),
+                rpe=relative_error(truth, estimate, delta),
+            )
+        )
+    if not results:
+        raise DataError("nothing to evaluate: expected at least one truth and estimate")
+    return Evaluation(tuple(results), tuple(float(length) for length in lengths), step)

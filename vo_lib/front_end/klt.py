@@ -1,0 +1,260 @@
+"""Chapter 1: loop matching through two stereo pairs."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import BucketConfig, FeatureConfig, MatchingConfig
+from ..core.camera import StereoCamera
+from ..core.matches import StereoMatches, empty_matches
+from ..core.reprojection import GOOD_ENOUGH, fit_motion
+from ..core.types import Array, Image
+from ..method.buckets import select_by_bucket
+from .corners import corner_strength, detect_corners, in_empty_cells
+from .subpixel import finish_over_time, finish_stereo, is_stereo
+from .surface import CoarseDisparity, coarse_disparity
+
+# R_cp and t_cp, metres.
+Motion = tuple[Array, Array]
+
+
+@dataclass(frozen=True)
+class _Features:
+    """Features of one stereo pair that wait for the next one; slope is that of their surface."""
+
+    left: Array
+    right: Array
+    slope: Array
+    age: NDArray[np.int64]
+    strength: Array
+    id: NDArray[np.int64]
+
+    def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> _Features:
+        return _Features(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
+
+
+@dataclass(frozen=True)
+class PreparedPair:
+    """A stereo pair with all that can be computed without knowing the motion, ahead and in other threads.
+
+    Attributes
+    ----------
+    left, right : (H, W) uint8.
+    corners : (N, 2) pixels of the left image's corners; strength : (N,) of them.
+    disparity : (H / 2, W / 2) coarse disparity, pixels of the full image; negative where none.
+    """
+
+    left: Image
+    right: Image
+    corners: Array
+    strength: Array
+    disparity: CoarseDisparity
+
+    @property
+    def images(self) -> tuple[Image, Image]:
+        """Left and right image."""
+        return self.left, self.right
+
+
+def prepare_pair(
+    pair: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
+) -> PreparedPair:
+    """Corners and coarse disparity of a stereo pair."""
+    disparity = coarse_disparity(*pair, matching.max_disparity)
+    return PreparedPair(*pair, *detect_corners(corner_strength(pair[0]), features), disparity)
+
+
+class LoopMatcher:
+    """Corners followed round the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
+
+    The search starts where the last motion and the stereo depth predict each feature (constant velocity).
+    The matcher fits that motion itself, so the matches depend on the images and on its own settings
+    only: whatever method comes after it, and whatever the seed, sees the same matches.
+    """
+
+    def __init__(self, camera: StereoCamera, features: FeatureConfig, matching: MatchingConfig):
+        self.camera = camera
+        self.features = features
+        self.config = matching
+        self._previous: tuple[PreparedPair, _Features] | None = None
+        self._motion: tuple[Array, Array] | None = None
+        self._next_id = 0
+
+    def prepare(self, pair: tuple[Image, Image]) -> PreparedPair:
+        """Corners and coarse disparity of a stereo pair."""
+        return prepare_pair(pair, self.features, self.config)
+
+    def step(self, pair: PreparedPair) -> StereoMatches:
+        """Matches of the pair before with this one; empty for the first pair."""
+        matches, slope = empty_matches(), np.zeros((0, 2))
+        if self._previous is not None:
+            matches, slope = self._follow(pair)
+        kept = select_by_bucket(
+            matches.cur_left, matches.age, matches.strength, BucketConfig(size=self.features.cell, features=1)
+        )
+        followed = matches[kept]
+        known = _Features(
+            followed.cur_left,
+            followed.cur_right,
+            slope[kept],
+            followed.age + 1,
+            followed.strength,
+            followed.id,
+        )
+        self._previous = (pair, self._add_corners(pair, known))
+        return matches
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What the pairs so far left behind, as plain arrays, without the images; empty before the first."""
+        if self._previous is None:
+            return {}
+        known = self._previous[1]
+        return {
+            **{f.name: getattr(known, f.name) for f in dataclasses.fields(known)},
+            "motion": pack_motion(self._motion),
+            "next_id": np.array(self._next_id),
+        }
+
+    def restore(self, state: dict[str, NDArray[Any]], previous: PreparedPair) -> None:
+        """Go on as the matcher whose `state` this was after the pair `previous`; same settings."""
+        known = _Features(*(state[f.name] for f in dataclasses.fields(_Features)))
+        self._previous = (previous, known)
+        self._motion = unpack_motion(state["motion"])
+        self._next_id = int(state["next_id"])
+
+    def _follow(self, pair: PreparedPair) -> tuple[StereoMatches, Array]:
+        assert self._previous is not None
+        before, known = self._previous
+        found = empty_matches(), np.zeros((0, 2))
+        if self._motion is not None:
+            R, t = self._motion
+            X_p = self.camera.triangulate(known.left, known.right)
+            guess = self.camera.project(X_p @ R.T + t)
+            found = self._close_loop(before, pair, known, guess, self.config.levels)
+        if len(found[0]) < 0.3 * len(known.id):
+            # No motion yet, or it changed abruptly: search from where the features were.
+            start = known.left, known.right
+            again = self._close_loop(before, pair, known, start, self.config.search_levels)
+            found = max(found, again, key=lambda each: len(each[0]))
+        self._motion = next_motion(self.camera, found[0], self._motion)
+        return found
+
+    def _close_loop(
+        self,
+        before: PreparedPair,
+        pair: PreparedPair,
+        known: _Features,
+        guess: tuple[Array, Array],
+        levels: int,
+    ) -> tuple[StereoMatches, Array]:
+        """Lucas-Kanade finds the features coarsely; returns the finished matches and their slopes (N, 2)."""
+        start = np.flatnonzero(self._inside(guess[0], pair.left) & self._inside(guess[1], pair.right))
+        cur_left, ok_left = self._track(before.left, pair.left, known.left[start], guess[0][start], levels)
+        over_time, ok_right = self._track(
+            before.right, pair.right, known.right[start], guess[1][start], levels
+        )
+        ok = ok_left & ok_right & is_stereo(cur_left, over_time, self.config)
+        return self._finish(before, pair, known[start[ok]], cur_left[ok], over_time[ok])
+
+    def _finish(
+        self,
+        before: PreparedPair,
+        pair: PreparedPair,
+        seen: _Features,
+        cur_left: Array,
+        over_time: Array,
+    ) -> tuple[StereoMatches, Array]:
+        """Sub-pixel places, and the checks: the loop closes, windows look alike, the surface is known."""
+        cur_left, over_time, ok = finish_over_time(
+            self.camera,
+            before.images,
+            pair.images,
+            (seen.left, seen.right),
+            seen.slope,
+            (cur_left, over_time),
+            self._motion or (np.eye(3), np.zeros(3)),
+            self.config,
+        )
+        seen, cur_left, over_time = seen[ok], cur_left[ok], over_time[ok]
+        cur_right, slope, ok = finish_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
+        ok &= self._inside(cur_left, pair.left) & self._inside(cur_right, pair.right)
+        ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
+        seen = seen[ok]
+        matches = StereoMatches(
+            seen.left, seen.right, cur_left[ok], cur_right[ok], seen.age, seen.strength, seen.id
+        )
+        return matches, slope[ok]
+
+    def _add_corners(self, pair: PreparedPair, known: _Features) -> _Features:
+        free = in_empty_cells(pair.corners, known.left, self.features.cell)
+        uv, strength = pair.corners[free], pair.strength[free]
+        column, row = np.rint(uv / 2).astype(int).T
+        height, width = pair.disparity.shape
+        disparity = pair.disparity[np.minimum(row, height - 1), np.minimum(column, width - 1)]
+        uv, strength, disparity = (a[disparity > 0] for a in (uv, strength, disparity))
+        guess = uv - np.stack([disparity, np.zeros_like(disparity)], axis=1)
+        found, slope, ok = finish_stereo(pair.images, pair.disparity, uv, guess, self.config)
+        ok &= self._inside(found, pair.right)
+        number = int(np.count_nonzero(ok))
+        ids = np.arange(self._next_id, self._next_id + number)
+        self._next_id += number
+        return _Features(
+            np.concatenate([known.left, uv[ok]]),
+            np.concatenate([known.right, found[ok]]),
+            np.concatenate([known.slope, slope[ok]]),
+            np.concatenate([known.age, np.ones(number, np.int64)]),
+            np.concatenate([known.strength, strength[ok]]),
+            np.concatenate([known.id, ids]),
+        )
+
+    def _track(
+        self, image: Image, target: Image, uv: Array, guess: Array, levels: int
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        if len(uv) == 0:
+            return np.zeros((0, 2)), np.zeros(0, np.bool_)
+        moved, status, difference = cv2.calcOpticalFlowPyrLK(
+            image,
+            target,
+            uv.astype(np.float32),
+            guess.astype(np.float32),
+            winSize=(self.config.window, self.config.window),
+            maxLevel=levels,
+            # No finer: the finish is what makes a place exact.
+            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03),
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        ok = (status.ravel() == 1) & (difference.ravel() <= self.config.max_difference)
+        found = np.asarray(moved, np.float64).reshape(-1, 2)
+        return found, ok & self._inside(found, target)
+
+    def _inside(self, uv: Array, image: Image) -> NDArray[np.bool_]:
+        # NaN (a point behind the camera) compares false.
+        inside = (uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))
+        return np.asarray(inside.all(axis=1))
+
+
+def next_motion(camera: StereoCamera, matches: StereoMatches, last: Motion | None) -> Motion | None:
+    """The motion that matches show, from which the next search starts; None from too few of them."""
+    if len(matches) < 10:
+        return None
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    start = last or (np.eye(3), np.zeros(3))
+    current = matches.cur_left, matches.cur_right
+    return fit_motion(camera, X_p, *current, *start, tolerance=GOOD_ENOUGH)[:2]
+
+
+def pack_motion(motion: Motion | None) -> Array:
+    """A motion as an array (1, 3, 4); empty where there is none."""
+    return np.array([] if motion is None else [np.hstack([motion[0], motion[1][:, None]])])
+
+
+def unpack_motion(packed: Array) -> Motion | None:
+    """The motion that `pack_motion` packed."""
+    # A copy: arithmetic on a view with other strides may round differently.
+    return (packed[0, :, :3].copy(), packed[0, :, 3].copy()) if len(packed) else None

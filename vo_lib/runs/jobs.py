@@ -1,0 +1,179 @@
+"""Many runs at once, in parallel processes, each in a run folder that can be continued."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from threading import Event, Thread
+
+from ..config import Config
+from ..core.errors import DataError
+from ..core.types import Progress
+from ..data.sequence import Sequence
+from .match_cache import CachedMatches
+from .parallel import parallel
+from .results import run_folder
+from .resume import is_finished, resumable_run
+from .run_log import logged_frames
+from .runner import one_blas_thread
+
+POLL = 0.3  # seconds between two looks at what was done
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run to be done: everything that a process, here or on a cluster, needs to know.
+
+    Attributes
+    ----------
+    sequence : what to run, opened by the caller (a part of it, or other labels, are set there).
+    method : name of the method, written into the folder and shown to the person.
+    config : its settings, the seed among them.
+    folder : the run folder; made when needed, continued when it holds this run, left when that is finished.
+    """
+
+    sequence: Sequence
+    method: str
+    config: Config
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """How a person knows the job."""
+        return f"{self.sequence.name}, {self.method}, seed {self.config.seed}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job.
+
+    Attributes
+    ----------
+    error : the cause in one line, or None when the run folder is complete.
+    seconds : wall time spent on it now; near 0 when the folder was complete before.
+    """
+
+    job: Job
+    error: str | None
+    seconds: float
+
+
+def run_jobs(
+    jobs: list[Job],
+    workers: int = 1,
+    progress: Progress | None = None,
+    cache: Path | None = None,
+    scheduler: str | None = None,
+    fresh: bool = False,
+) -> list[Outcome]:
+    """Do all jobs; the front end of each sequence runs once, its matches are kept in the match cache.
+
+    Afterwards each folder without an error holds poses.txt, poses_tum.txt, config.json, frames.csv and, where
+    there is truth, metrics.json: `results.read_run` gives the run back.
+
+    Parameters
+    ----------
+    jobs : with folders all different.
+    workers : processes; 1 runs in this one.
+    progress : called with (frames done, frames in all) over all jobs and their front ends, now and then,
+        from another thread.
+    cache : folder of the match cache; default the user's cache folder.
+    scheduler : address of a Dask scheduler, "tcp://host:port", that runs the jobs in place of local
+        processes; its workers must see the same files under the same names.
+    fresh : start finished and half-done folders anew.
+
+    Returns
+    -------
+    An outcome for each job, in the order of the jobs. A job that fails (bad input, an exception, a process
+    that is killed) has its cause there while the others finish.
+
+    Raises
+    ------
+    DataError : two jobs share a folder, or the scheduler cannot be reached.
+    KeyboardInterrupt : all processes are stopped; started again, every job continues.
+    """
+    jobs = [replace(job, folder=job.folder.resolve()) for job in jobs]
+    if len({job.folder for job in jobs}) < len(jobs):
+        raise DataError("two jobs share a folder")
+    cache = None if cache is None else cache.resolve()
+    # One job for each front end that is needed.
+    needed = {_front_end(job): job for job in jobs if fresh or not is_finished(job.folder)}
+    with _counting(jobs, list(needed.values()), cache, fresh, progress):
+        filled = parallel(partial(_fill, cache=cache), list(needed.values()), workers, scheduler)
+        broken = {name: done for name, done in zip(needed, filled, strict=True) if done.error}
+        ready = [job for job in jobs if _front_end(job) not in broken or is_finished(job.folder)]
+        run = partial(_run, cache=cache, fresh=fresh)
+        ended = parallel(run, ready, workers, scheduler, begun=_is_begun)
+    done = {job.folder: end for job, end in zip(ready, ended, strict=True)}
+    everything = [(job, done.get(job.folder) or broken[_front_end(job)]) for job in jobs]
+    return [Outcome(job, end.error, end.seconds) for job, end in everything]
+
+
+def _front_end(job: Job) -> Hashable:
+    """What a job's matches depend on; jobs with the same share them."""
+    return job.sequence.folder, job.sequence.frames, job.config.features, job.config.matching
+
+
+def _matches(job: Job, cache: Path | None) -> CachedMatches:
+    return CachedMatches(job.sequence, job.config.features, job.config.matching, cache)
+
+
+def _fill(job: Job, cache: Path | None) -> None:
+    """The front end: find all matches that are not in the cache."""
+    with one_blas_thread():
+        _matches(job, cache).fill()
+
+
+def _run(job: Job, cache: Path | None, fresh: bool) -> None:
+    """The back end, in the job's folder."""
+    with run_folder(job.folder) as folder:
+        resumable_run(folder, job.sequence, job.config, job.method, cached=True, cache=cache, fresh=fresh)
+
+
+def _is_begun(job: Job) -> bool:
+    return logged_frames(job.folder) is not None
+
+
+@contextmanager
+def _counting(
+    jobs: list[Job], front_ends: list[Job], cache: Path | None, fresh: bool, progress: Progress | None
+) -> Iterator[None]:
+    """A context in which a thread tells how far the jobs are. It looks into their folders: that works
+    for processes of this machine and of a cluster alike."""
+    if progress is None:
+        yield
+        return
+    total = sum(len(job.sequence) for job in jobs + front_ends)
+    begun: set[Path] = set()
+    stop = Event()
+
+    def watch() -> None:
+        caches = []
+        for job in front_ends:
+            with suppress(DataError):  # the task itself says what is wrong
+                caches.append(_matches(job, cache))
+        while not stop.is_set():
+            found = sum(matches.frames_kept() for matches in caches)
+            progress(found + sum(_frames_done(job, fresh, begun) for job in jobs), total)
+            stop.wait(POLL)
+
+    thread = Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+    progress(total, total)
+
+
+def _frames_done(job: Job, fresh: bool, begun: set[Path]) -> int:
+    """Frames of a job that are done; a folder to be done anew counts from when it was begun."""
+    logged = logged_frames(job.folder)
+    if logged is not None:
+        begun.add(job.folder)
+        return min(logged, len(job.sequence))
+    return len(job.sequence) if is_finished(job.folder) and (not fresh or job.folder in begun) else 0

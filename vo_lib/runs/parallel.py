@@ -1,0 +1,147 @@
+"""Tasks in parallel processes, here or on a Dask cluster, through joblib; one may fail or be killed."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+import joblib
+from joblib.externals.loky.process_executor import BrokenProcessPool
+
+from ..core.errors import DataError
+
+Item = TypeVar("Item")
+Task = tuple[int, Callable[[Any], None], Any, int]
+
+KILLED = "its process was killed, perhaps for too much memory"
+WATCH = 0.5  # seconds between two looks at whether the first process is there
+CONNECT = 10.0  # seconds to wait for a scheduler
+
+
+@dataclass(frozen=True)
+class Done:
+    """What became of a task: the cause of its failure in one line, or None; and the seconds it took."""
+
+    error: str | None
+    seconds: float
+
+
+def parallel(
+    function: Callable[[Item], None],
+    items: list[Item],
+    workers: int = 1,
+    scheduler: str | None = None,
+    begun: Callable[[Item], bool] = lambda item: True,
+) -> list[Done]:
+    """Call `function` for each item, in several processes; returns what became of each, in order.
+
+    When a process is killed, its pool is lost. The tasks that were begun then are done again alone, one at a
+    time: the one at fault shows itself. The others go on in a new pool.
+
+    Parameters
+    ----------
+    function : a function of a module, which can be called for the same item again.
+    workers : processes, of which no more start than there are tasks; 1 works in this one, where a kill ends
+        everything.
+    scheduler : address of a Dask scheduler, whose workers are used instead.
+    begun : whether an unfinished item may have been in work when a pool was lost.
+
+    Raises
+    ------
+    DataError : the scheduler cannot be reached, or has no workers.
+    KeyboardInterrupt : the processes are stopped.
+    """
+    if scheduler is None and workers == 1:
+        return [_attempt((index, function, item, 0))[1] for index, item in enumerate(items)]
+    # A process costs memory, so none goes without a task. Two at least: joblib takes a pool of one to mean
+    # this process.
+    workers = max(min(workers, len(items)), 2)
+    threads = max(1, (os.cpu_count() or 1) // workers)
+    tasks = [(index, function, item, threads) for index, item in enumerate(items)]
+    done: dict[int, Done] = {}
+    with _backend(workers, scheduler) as killed:
+        while len(done) < len(tasks):
+            left = [task for task in tasks if task[0] not in done]
+            try:
+                _pool(left, done)
+            except killed:
+                left = [task for task in left if task[0] not in done]
+                for task in [task for task in left if begun(task[2])] or left:
+                    try:
+                        _pool([task], done)
+                    except killed:
+                        done[task[0]] = Done(KILLED, 0.0)
+    return [done[index] for index in range(len(tasks))]
+
+
+def _pool(tasks: list[Task], done: dict[int, Done]) -> None:
+    """Do tasks with joblib's present backend; each is noted in `done` as it ends."""
+    run = joblib.Parallel(batch_size=1, max_nbytes=None, return_as="generator_unordered")
+    with closing(run(joblib.delayed(_attempt)(task) for task in tasks)) as ended:
+        done.update(ended)
+
+
+def _attempt(task: Task) -> tuple[int, Done]:
+    """Do one task; an exception becomes one line that says where it came from."""
+    index, function, item, threads = task
+    if threads:
+        cv2.setNumThreads(threads)
+    start, error = time.perf_counter(), None
+    try:
+        function(item)
+    except DataError as wrong:
+        error = str(wrong)
+    except Exception as wrong:
+        place = traceback.extract_tb(wrong.__traceback__)[-1]
+        text = " ".join(str(wrong).split())
+        error = f"{type(wrong).__name__}: {text} ({Path(place.filename).name}, line {place.lineno})"
+    return index, Done(error, time.perf_counter() - start)
+
+
+def _set_up_worker() -> None:
+    """Ctrl-C reaches every process of a terminal: the first stops the others, none of which may go on.
+
+    When the first is killed it stops nothing: each sees itself that it is gone.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(WATCH)
+    os._exit(1)
+
+
+@contextmanager
+def _backend(workers: int, scheduler: str | None) -> Iterator[type[Exception]]:
+    """Joblib set up for local processes or a Dask cluster; yields the exception that means a killed task."""
+    if scheduler is None:
+        with joblib.parallel_config("loky", n_jobs=workers, initializer=_set_up_worker):
+            yield BrokenProcessPool
+        return
+    try:
+        from distributed import Client, KilledWorker
+    except ImportError:
+        raise DataError('--dask needs the extra cluster: pip install "stereo-vo-kit[cluster]"') from None
+    if not re.fullmatch(r"\w+://\S+:\d+", scheduler):
+        raise DataError(f"--dask {scheduler}: expected an address such as tcp://127.0.0.1:8786")
+    try:
+        client = Client(scheduler, timeout=CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise DataError(f"--dask {scheduler}: no scheduler answers there ({error})") from None
+    with client:
+        if not client.scheduler_info()["workers"]:
+            raise DataError(f"--dask {scheduler}: the scheduler has no workers")
+        with joblib.parallel_config("dask", client=client, n_jobs=-1):
+            yield KilledWorker

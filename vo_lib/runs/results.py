@@ -1,0 +1,214 @@
+"""Run folders: everything a run leaves behind, each file whole or not there."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..beyond.odometry import Motion
+from ..config import Config
+from ..core import settings
+from ..core.errors import DataError
+from ..core.files import read_text, write_bytes_atomic, write_text_atomic
+from ..core.geometry import inverse
+from ..core.poses import format_kitti_poses, format_tum, read_kitti_poses
+from ..core.types import Array
+from ..data.sequence import Sequence
+from ..evaluation.kitti import (
+    KITTI_LENGTHS,
+    KITTI_STEP,
+    SHORT_LENGTHS,
+    Evaluation,
+    evaluate,
+    trajectory_distances,
+)
+from .identity import run_identity, surroundings
+from .runner import Run
+
+CONFIG = "config.json"
+LOG = "frames.csv"
+METRICS = "metrics.json"
+STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
+
+
+@contextmanager
+def run_folder(folder: str | Path) -> Iterator[Path]:
+    """A run folder that can be written to, seen before any work is done.
+
+    When the work inside fails, folders made for it are taken away again if they are still empty. A sequence's
+    own folder is refused: a run's poses.txt would take the place of the truth.
+    """
+    if not str(folder):
+        raise DataError("the folder's name is empty: expected where results are written")
+    path = Path(folder)
+    made: list[Path] = []
+    try:
+        try:
+            if (path / "image_0").is_dir():
+                raise DataError("holds a sequence's images: name another folder for results", path)
+            made += [p for p in (path, *path.parents) if not p.exists()]
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DataError(f"the folder cannot be made: {error.strerror}", path) from None
+        probe = path / ".writable"
+        write_bytes_atomic(probe, b"")
+        probe.unlink()
+        yield path
+    except BaseException:
+        with suppress(OSError):
+            for new in made:
+                new.rmdir()
+        raise
+
+
+def evaluate_run(result: Run) -> dict[str, Evaluation]:
+    """Errors of a run with truth: "kitti" as the benchmark has it, "short" where the path is short."""
+    truth = result.sequence.truth
+    if truth is None:
+        return {}
+    pairs = [(result.sequence.name, truth, result.poses)]
+    errors = {"kitti": evaluate(pairs, KITTI_LENGTHS, KITTI_STEP)}
+    if trajectory_distances(truth)[-1] < KITTI_LENGTHS[-1]:
+        errors["short"] = evaluate(pairs, SHORT_LENGTHS, 1)
+    return errors
+
+
+def write_run(
+    folder: Path, result: Run, method: str, identity: dict[str, Any] | None = None
+) -> dict[str, Evaluation]:
+    """Write poses, per-frame log, errors, and last what the run was; returns the errors.
+
+    `identity` is that of `identity.run_identity`, where it is known already.
+    """
+    sequence = result.sequence
+    errors = evaluate_run(result)
+    config = identity or run_identity(sequence, result.config, method)
+    config = config | {"timing": timing(result), "surroundings": surroundings()}
+    write_text_atomic(folder / "poses.txt", format_kitti_poses(result.poses))
+    write_text_atomic(folder / "poses_tum.txt", format_tum(sequence.times, result.poses))
+    write_text_atomic(folder / LOG, frames_csv(sequence.frames[1:], result.motions))
+    _write_metrics(folder, errors)
+    write_text_atomic(folder / CONFIG, _json(config))
+    return errors
+
+
+def _write_metrics(folder: Path, errors: dict[str, Evaluation]) -> None:
+    if errors:
+        write_text_atomic(folder / METRICS, _json({k: e.to_dict() for k, e in errors.items()}))
+    else:
+        # A folder used before may hold errors of another sequence.
+        (folder / METRICS).unlink(missing_ok=True)
+
+
+def read_metrics(folder: Path) -> dict[str, Any]:
+    """metrics.json, or nothing where the run has no truth; `DataError` where it is not as it was written."""
+    path = folder / METRICS
+    if not path.exists():
+        return {}
+    try:
+        data = json.loads(read_text(path))
+        for kind in data.values():
+            entry = kind["sequences"][0]
+            _ = entry["te_percent"], entry["ate"]["alignment"], entry["by_length"], entry["by_speed"]
+            _ = entry["subsequences"] + 0, entry["rpe"]["rotation"]
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError):
+        raise DataError("expected the errors of a run, as `vo run` writes them", path) from None
+    return dict(data)
+
+
+def mend_metrics(folder: Path, result: Run) -> None:
+    """Write metrics.json of a finished run again where it is missing or damaged."""
+    with suppress(DataError):
+        if read_metrics(folder):
+            return
+    _write_metrics(folder, evaluate_run(result))
+
+
+def timing(result: Run) -> dict[str, Any]:
+    """Mean milliseconds a frame, of each stage and in all."""
+    stages = [stage for stage in STAGES if any(stage in motion.ms for motion in result.motions)]
+    mean = {s: float(np.mean([motion.ms.get(s, 0.0) for motion in result.motions])) for s in stages}
+    return {"ms_per_frame": result.ms_per_frame, "ms_per_frame_of": mean}
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """What config.json of a finished run says; `DataError` where it is no such file."""
+    path = folder / CONFIG
+    try:
+        data = json.loads(read_text(path))
+    except ValueError:
+        data = None
+    if not isinstance(data, dict) or not isinstance(data.get("settings"), dict):
+        raise DataError("expected the settings of a run, as `vo run` writes them", path)
+    return data
+
+
+def read_run(folder: Path, sequence: Sequence) -> Run:
+    """A finished run from its folder, to the digits that poses.txt and frames.csv have.
+
+    Parameters
+    ----------
+    sequence : what was run, opened as it was then.
+
+    Raises
+    ------
+    DataError : a file is missing or broken, or does not have a row for each frame.
+    """
+    config = settings.from_dict(Config, read_config(folder)["settings"])
+    poses = read_kitti_poses(folder / "poses.txt")
+    path = folder / LOG
+    rows = list(csv.DictReader(io.StringIO(read_text(path))))
+    if len(poses) != len(sequence) or len(rows) != len(sequence) - 1:
+        raise DataError(f"expected a row for each of the {len(sequence)} frames of {sequence.name}", path)
+    T_cp = inverse(poses[1:]) @ poses[:-1]
+    try:
+        motions = [_read_motion(row, T) for row, T in zip(rows, T_cp, strict=True)]
+    except (KeyError, ValueError, TypeError, AttributeError):
+        raise DataError("expected the columns of a per-frame log, as `vo run` writes it", path) from None
+    return Run(sequence, config, poses, motions)
+
+
+def _read_motion(row: dict[str, str], T_cp: Array) -> Motion:
+    """A row of frames.csv, and the motion that belongs to it."""
+    return Motion(
+        T_cp,
+        matches=int(row["matches"]),
+        removed=int(row["removed_by_boxes"]),
+        used=int(row["used"]),
+        inliers=int(row["inliers"]),
+        offset=float(row["disparity_offset_px"] or "nan"),
+        centre=(float(row.get("centre_u_px") or 0.0), float(row.get("centre_v_px") or 0.0)),
+        prior_angle=float(row["prior_angle_deg"] or "nan"),
+        flags=tuple(row["flags"].split()),
+        ms={stage: float(row[f"{stage}_ms"]) for stage in STAGES if row.get(f"{stage}_ms")},
+    )
+
+
+def frames_csv(frames: tuple[str, ...], motions: list[Motion]) -> str:
+    """The per-frame log as CSV: one row for the motion into each frame but the first."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    counts = ["frame", "matches", "removed_by_boxes", "used", "inliers", "prior_angle_deg"]
+    counts += ["step_m", "disparity_offset_px", "centre_u_px", "centre_v_px", "flags"]
+    writer.writerow(counts + [f"{stage}_ms" for stage in STAGES])
+    for frame, motion in zip(frames, motions, strict=True):
+        angle, offset = ("" if math.isnan(x) else f"{x:.4f}" for x in (motion.prior_angle, motion.offset))
+        step = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}"
+        writer.writerow(
+            [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step]
+            + [offset, *(f"{x + 0.0:.3f}" for x in motion.centre), " ".join(motion.flags)]
+            + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES]
+        )
+    return buffer.getvalue()
+
+
+def _json(data: dict[str, Any]) -> str:
+    return json.dumps(data, indent=2, allow_nan=False) + "\n"

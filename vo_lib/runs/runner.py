@@ -1,0 +1,173 @@
+"""The loop over frames: a sequence in, poses out, several methods on the same matches."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from ..beyond.odometry import Clock, Motion, Odometry, State
+from ..config import Config, FeatureConfig, MatchingConfig
+from ..core.boxes import Boxes
+from ..core.geometry import inverse, nearest_rotation
+from ..core.matches import StereoMatches
+from ..core.types import Array, Progress
+from ..data.sequence import Sequence, stereo_ahead
+from ..front_end.front_end import make_front_end
+
+# Matches of a frame with the one before, and the milliseconds of each stage that they took.
+TimedMatches = tuple[StereoMatches, dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Result of a run over N frames.
+
+    Attributes
+    ----------
+    sequence : what was run; config : how.
+    poses : (N, 4, 4) T_w_c of the left camera, first one the identity, metres.
+    motions : (N - 1) motions, from each frame to the next.
+    """
+
+    sequence: Sequence
+    config: Config
+    poses: Array
+    motions: list[Motion]
+
+    @property
+    def ms_per_frame(self) -> float:
+        """Mean time of all stages of this method, milliseconds."""
+        return float(np.mean([sum(motion.ms.values()) for motion in self.motions]))
+
+    @property
+    def removed_share(self) -> float:
+        """Share of the matches that boxes removed, over all frames, in [0, 1]."""
+        return sum(m.removed for m in self.motions) / max(sum(m.matches for m in self.motions), 1)
+
+
+class Chain:
+    """One method along a sequence: its odometry, its motions so far and the poses they add up to."""
+
+    def __init__(self, sequence: Sequence, config: Config):
+        self.sequence = sequence
+        self.config = config
+        self.odometry = Odometry(sequence.camera, config)
+        self.motions: list[Motion] = []
+        self._poses = [np.eye(4)]
+
+    def step(self, index: int, frame: TimedMatches, boxes: Boxes) -> None:
+        """Take in a frame; the first one, 0, gives no motion."""
+        if index == 0:
+            self.odometry.start(boxes)
+            return
+        matches, ms = frame
+        truth = self.config.filter.rule == "truth"
+        on_moving = self.sequence.on_moving(index, matches) if truth else None
+        motion = self.odometry.step(matches, boxes, on_moving)
+        self.add(dataclasses.replace(motion, ms={**ms, **motion.ms}))
+
+    def add(self, motion: Motion) -> None:
+        """Append a motion that is known already."""
+        T_w_c = self._poses[-1] @ inverse(motion.T_cp)
+        T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
+        self._poses.append(T_w_c)
+        self.motions.append(motion)
+
+    def result(self) -> Run:
+        """The run, once all frames were taken in."""
+        return Run(self.sequence, self.config, np.array(self._poses), self.motions)
+
+
+def run(sequence: Sequence, config: Config, progress: Progress | None = None) -> Run:
+    """Visual odometry over a sequence; `progress` as in `run_methods`."""
+    return run_methods(sequence, {"": config}, progress)[""]
+
+
+def run_methods(
+    sequence: Sequence,
+    configs: dict[str, Config],
+    progress: Progress | None = None,
+    matches: Iterable[TimedMatches] | None = None,
+) -> dict[str, Run]:
+    """Several methods over one sequence, all on the same matches, which are found once.
+
+    Parameters
+    ----------
+    configs : name and configuration of each method; their feature and matching settings must be equal.
+    progress : called with (frames done, frames in all) after each frame.
+    matches : of every frame, found with these settings, such as `match_cache.CachedMatches`; default: found
+        here from the images.
+
+    Raises
+    ------
+    DataError : an image or a label file is not as it should be.
+    ValueError : the methods do not share one front end.
+    """
+    front_ends = {(config.features, config.matching) for config in configs.values()}
+    if len(front_ends) != 1:
+        raise ValueError("the methods need the same feature and matching settings to share their matches")
+    chains = {name: Chain(sequence, config) for name, config in configs.items()}
+    with one_blas_thread():
+        frames = FoundMatches(sequence, *front_ends.pop()) if matches is None else matches
+        for index, frame in enumerate(frames):
+            boxes = sequence.boxes(index)
+            for chain in chains.values():
+                chain.step(index, frame, boxes)
+            if progress is not None:
+                progress(index + 1, len(sequence))
+    return {name: chain.result() for name, chain in chains.items()}
+
+
+# To look through all loaded libraries takes a millisecond or two.
+_libraries = functools.cache(ThreadpoolController)
+
+
+def one_blas_thread() -> AbstractContextManager[Any]:
+    """A context: the matrices are small, more threads only wait for each other and for the image threads."""
+    return cast(AbstractContextManager[Any], _libraries().limit(limits=1, user_api="blas"))
+
+
+class FoundMatches:
+    """Matches of every frame with the one before, found from the images; the first are empty.
+
+    Iterating gives the frames from `start` on. `state` is that of the front end after the frame given last;
+    an object made with `start` one frame later and that state gives the same matches from there on.
+    """
+
+    def __init__(
+        self,
+        sequence: Sequence,
+        features: FeatureConfig,
+        matching: MatchingConfig,
+        start: int = 0,
+        state: State | None = None,
+    ):
+        self.sequence = sequence
+        self.start = start
+        self._front_end = make_front_end(sequence.camera, features, matching)
+        self._state: State = {}
+        if start > 0:
+            assert state is not None
+            self._front_end.restore(state, self._front_end.prepare(sequence.stereo(start - 1)))
+
+    def state(self) -> State:
+        """The front end's state after the frame given last, plain arrays."""
+        return self._state
+
+    def __iter__(self) -> Iterator[TimedMatches]:
+        # In no thread of its own: like what comes after it, it holds Python's lock half of the time.
+        clock = Clock()
+        for pair in stereo_ahead(self.sequence, self._front_end.prepare, start=self.start):
+            clock.stage("wait_images")
+            matches = self._front_end.step(pair)
+            clock.stage("matching")
+            self._state = self._front_end.state()
+            yield matches, clock.ms
+            clock = Clock()

@@ -1,0 +1,131 @@
+"""Finished runs read back from their folders, to be put side by side."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..core.errors import DataError
+from ..core.poses import read_kitti_poses
+from ..core.types import Array
+from ..evaluation.kitti import KITTI_BIN_MINIMUM
+from ..runs.results import read_config, read_metrics
+from .report import ReportTable
+from .table1 import number
+
+KINDS = {"kitti": "as KITTI, 100 m and more", "short": "20, 50, 100 m, every frame"}
+COLUMNS = ["run", "TE %", "RE deg/100 m", "ATE m", "RPE m", "RPE deg", "ms a frame"]
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """A run folder's content.
+
+    Attributes
+    ----------
+    label : what a legend calls it: the method, with more where another run is called so.
+    frames : names of the first and last frame.
+    poses : (N, 4, 4) T_w_c.
+    metrics : what metrics.json holds, by kind ("kitti", "short"); empty without truth.
+    ms_per_frame : NaN where the folder does not say.
+    """
+
+    folder: Path
+    label: str
+    method: str
+    seed: int
+    sequence: str
+    frames: tuple[str, str]
+    poses: Array
+    metrics: dict[str, Any]
+    ms_per_frame: float
+
+
+def read_stored_run(folder: str | Path) -> StoredRun:
+    """A finished run of any method; `DataError` names the file that is missing or broken."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise DataError("the run folder is missing", folder)
+    config = read_config(folder)
+    poses = read_kitti_poses(folder / "poses.txt")
+    try:
+        first, last = config["frames"]
+        seed = int(config["settings"]["seed"])
+        ms = float(config.get("timing", {}).get("ms_per_frame", float("nan")))
+        method, sequence = str(config["method"]), str(config["sequence"])
+    except (KeyError, ValueError, TypeError, AttributeError):
+        raise DataError("expected method, sequence and frames of a run", folder / "config.json") from None
+    metrics = read_metrics(folder)
+    return StoredRun(folder, method, method, seed, sequence, (first, last), poses, metrics, ms)
+
+
+def read_stored_runs(folders: list[str]) -> dict[str, list[StoredRun]]:
+    """Runs by sequence (and frames, where those differ), each with a label of its own."""
+    runs = [read_stored_run(folder) for folder in folders]
+    parts: dict[str, set[tuple[str, str]]] = {}
+    for run in runs:
+        parts.setdefault(run.sequence, set()).add(run.frames)
+    groups: dict[str, list[StoredRun]] = {}
+    for run in runs:
+        whole = len(parts[run.sequence]) == 1
+        name = run.sequence if whole else f"{run.sequence}, frames {run.frames[0]}-{run.frames[1]}"
+        groups.setdefault(name, []).append(run)
+    return {name: _distinct(group) for name, group in groups.items()}
+
+
+def comparison_table(name: str, runs: list[StoredRun]) -> ReportTable:
+    """Errors and time of the runs over one sequence; over KITTI's sub-sequences where all have them."""
+    kind = common_kind(runs)
+    rows = []
+    for run in runs:
+        found = run.metrics[kind]["sequences"][0] if kind else {}
+        rpe = found.get("rpe", {})
+        values = [
+            found.get("te_percent"),
+            found.get("re_deg_per_100m"),
+            found.get("ate", {}).get("rmse_m"),
+            rpe.get("translation", {}).get("rmse_m"),
+            rpe.get("rotation", {}).get("rmse_deg"),
+        ]
+        rows.append([run.label, *(number(value) for value in values), number(run.ms_per_frame, 1)])
+    if kind is None:
+        return ReportTable(name, COLUMNS, rows, ["No ground truth in these folders: no errors."])
+    alignment = runs[0].metrics[kind]["sequences"][0]["ate"]["alignment"]
+    note = (
+        f"TE and RE {KINDS[kind]}; ATE (alignment {alignment}) and RPE (frame to frame) as root mean squares."
+    )
+    return ReportTable(name, COLUMNS, rows, [note])
+
+
+def common_kind(runs: list[StoredRun]) -> str | None:
+    """The errors that all runs have: KITTI's, else those of short paths; None where one has none."""
+    for kind in KINDS:
+        if all(kind in run.metrics and run.metrics[kind]["sequences"][0]["subsequences"] for run in runs):
+            return kind
+    return None
+
+
+def curve(run: StoredRun, kind: str, by: str) -> list[tuple[float, float | None, float | None]]:
+    """Points (length in m or speed in km/h, TE, RE) of a run; of three sub-sequences and more."""
+    key, scale = ("length_m", 1.0) if by == "length" else ("speed_m_s", 3.6)
+    return [
+        (scale * point[key], point["te_percent"], point["re_deg_per_100m"])
+        for point in run.metrics[kind]["sequences"][0][f"by_{by}"]
+        if point["subsequences"] >= KITTI_BIN_MINIMUM
+    ]
+
+
+def _distinct(runs: list[StoredRun]) -> list[StoredRun]:
+    """The runs with the shortest labels that tell them apart: method, seed, folder."""
+    named = runs
+    for make in (
+        lambda run: run.method,
+        lambda run: f"{run.method}, seed {run.seed}",
+        lambda run: f"{run.method}, {run.folder}",
+    ):
+        named = [dataclasses.replace(run, label=make(run)) for run in runs]
+        if len({run.label for run in named}) == len(runs):
+            break
+    return named

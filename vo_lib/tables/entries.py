@@ -1,0 +1,166 @@
+"""Errors of methods over seeds, and the sequences that may be averaged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.errors import DataError
+from ..core.types import Array
+from ..data.sequence import KITTI
+from ..evaluation.kitti import KittiErrors, Measure, SequenceResult, evaluate, pooled, suitable_measure
+from ..runs.runner import Run
+from .paper import LEFT_OUT
+
+FRONT_END_STAGES = ("wait_images", "matching", "cached_matches")
+BENCHMARK = tuple(f"{KITTI}{number:02d}" for number in range(22))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Errors of one method on one sequence with truth, over S seeds.
+
+    Attributes
+    ----------
+    sequence, method : names; seeds : (S) seeds that ran.
+    frames : of the sequence as it was run.
+    measure : the sub-sequences that TE and RE are taken over.
+    results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
+    poses : (N, 4, 4) trajectory of the first seed; truth : (N, 4, 4).
+    labels : whether the sequence has vehicle boxes.
+    removed_share : share of the matches that boxes removed, first seed, in [0, 1].
+    back_end_ms : mean time a frame of the method itself, without getting the matches, milliseconds.
+    """
+
+    sequence: str
+    method: str
+    seeds: tuple[int, ...]
+    frames: int
+    measure: Measure
+    results: tuple[SequenceResult, ...]
+    poses: Array
+    truth: Array
+    labels: bool
+    removed_share: float
+    back_end_ms: float
+
+    @property
+    def te(self) -> Array:
+        """Translation error of each seed, (S,) %; NaN where no sub-sequence fits."""
+        return over_seeds(result.kitti.te for result in self.results)
+
+    @property
+    def re(self) -> Array:
+        """Rotation error of each seed, (S,) deg/100 m; NaN where no sub-sequence fits."""
+        return over_seeds(result.kitti.re for result in self.results)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Sequences that may be averaged: KITTI's, or others, over the same sub-sequences.
+
+    `entries` by (sequence, method); `kitti` says whether they are the benchmark's.
+    """
+
+    kitti: bool
+    measure: Measure
+    entries: dict[tuple[str, str], Entry]
+
+    @property
+    def sequences(self) -> list[str]:
+        """Names in order."""
+        return list(dict.fromkeys(sequence for sequence, _ in self.entries))
+
+    @property
+    def methods(self) -> list[str]:
+        """Names in order."""
+        return list(dict.fromkeys(method for _, method in self.entries))
+
+    @property
+    def words(self) -> str:
+        """What the group is, for titles."""
+        return f"{'KITTI' if self.kitti else 'other sequences'}, {self.measure.words}"
+
+    def of_method(self, method: str) -> list[Entry]:
+        """Entries of a method, in the order of the sequences."""
+        return [entry for (_, name), entry in self.entries.items() if name == method]
+
+    def of_sequence(self, sequence: str) -> list[Entry]:
+        """Entries of a sequence, in the order of the methods."""
+        return [entry for (name, _), entry in self.entries.items() if name == sequence]
+
+    def mean(self, method: str) -> tuple[Array, Array]:
+        """TE and RE of each seed, (S,) each: the plain mean over the sequences, of KITTI without 01."""
+        left_out = {f"{KITTI}{LEFT_OUT}"} if self.kitti else set()
+        chosen = [entry for entry in self.of_method(method) if entry.sequence not in left_out]
+        return _by_seed(chosen, lambda parts: (_mean(p.te for p in parts), _mean(p.re for p in parts)))
+
+    def pooled(self, method: str) -> tuple[Array, Array]:
+        """TE and RE of each seed, (S,) each: over all sub-sequences together, as the devkit's total."""
+        return _by_seed(self.of_method(method), lambda parts: (pooled(parts).te, pooled(parts).re))
+
+    def sub_sequences(self, method: str) -> KittiErrors:
+        """The sub-sequences of all sequences and seeds of a method together."""
+        return pooled(result.kitti for entry in self.of_method(method) for result in entry.results)
+
+
+def over_seeds(values: Iterable[float | None]) -> Array:
+    """Numbers of seeds as an array, NaN for None."""
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -> Entry:
+    """Errors of one method's runs, one a seed; without a measure, the one that suits the sequence."""
+    sequence = runs[0].sequence
+    if sequence.truth is None:
+        raise DataError(f"{sequence.name} has no ground truth: nothing to compare")
+    measure = suitable_measure(sequence.truth) if measure is None else measure
+    pairs = [(sequence.name, sequence.truth, run.poses) for run in runs]
+    return Entry(
+        sequence=sequence.name,
+        method=method,
+        seeds=tuple(run.config.seed for run in runs),
+        frames=len(sequence),
+        measure=measure,
+        results=evaluate(pairs, measure.lengths, measure.step).sequences,
+        poses=runs[0].poses,
+        truth=sequence.truth,
+        labels=sequence.labels is not None,
+        removed_share=runs[0].removed_share,
+        back_end_ms=float(np.mean([back_end_ms(run) for run in runs])),
+    )
+
+
+def back_end_ms(run: Run) -> float:
+    """Mean milliseconds a frame of the method itself, without getting the matches."""
+    return float(
+        np.mean([sum(ms for s, ms in m.ms.items() if s not in FRONT_END_STAGES) for m in run.motions])
+    )
+
+
+def group_entries(entries: list[Entry]) -> list[Group]:
+    """Entries that may be averaged together, in the order they come."""
+    groups: dict[tuple[bool, Measure], Group] = {}
+    for entry in entries:
+        key = entry.sequence in BENCHMARK, entry.measure
+        groups.setdefault(key, Group(*key, {})).entries[entry.sequence, entry.method] = entry
+    return list(groups.values())
+
+
+def _by_seed(
+    entries: list[Entry], average: Callable[[list[KittiErrors]], tuple[float | None, float | None]]
+) -> tuple[Array, Array]:
+    """An average over sequences for each seed that all of them have."""
+    common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
+    numbers = []
+    for seed in sorted(common):
+        parts = [entry.results[entry.seeds.index(seed)].kitti for entry in entries]
+        some = [part for part in parts if len(part)]
+        numbers.append(average(some) if some else (None, None))
+    return over_seeds(te for te, _ in numbers), over_seeds(re for _, re in numbers)
+
+
+def _mean(values: Iterable[float | None]) -> float:
+    return float(np.mean([value for value in values if value is not None]))

@@ -1,0 +1,233 @@
+"""Figures. Functions draw on an axis they are given or return a matplotlib Figure; none uses pyplot."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from numpy.typing import NDArray
+
+from ..beyond.box_tracks import MOVING, PARKED
+from ..core.boxes import Boxes
+from ..core.matches import StereoMatches
+from ..core.types import Array, Image
+
+# Points (length in m or speed in km/h, TE in %, RE in deg/100 m) of a method.
+Curve = Sequence[tuple[float, float | None, float | None]]
+
+SMALL_PAGE = (4.8, 5.6)  # inches; the text is still read on a telephone
+# The colours of the paper's Figure 4; orange for the method that is not in it.
+TRUTH_COLOUR = "#e3000f"
+METHOD_COLOURS = {
+    "viso2": "#009a3d",
+    "mesvo_f": "#000000",
+    "solution_selection": "#0038c8",
+    "feature_selection": "#5cc3f2",
+    "moving_selection": "#e69f00",
+}
+METHOD_MARKERS = dict(zip(METHOD_COLOURS, "so^Dv", strict=True))
+# For other names: Okabe and Ito's colours, told apart by colour-blind readers too.
+ESTIMATE_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+
+
+def draw_trajectory(
+    axis: Axes, poses: Array, label: str, colour: str, style: str = "-", width: float = 1.5
+) -> None:
+    """Top view of poses (N, 4, 4): x to the right, z forward, metres; a dot marks the start."""
+    axis.plot(poses[:, 0, 3], poses[:, 2, 3], style, color=colour, label=label, linewidth=width)
+    axis.plot(poses[0, 0, 3], poses[0, 2, 3], "o", color=colour, markersize=4)
+
+
+def method_colour(name: str, number: int) -> str:
+    """The colour of a method's line; of a name that is no method, the one of its number."""
+    return METHOD_COLOURS.get(name, ESTIMATE_COLOURS[number % len(ESTIMATE_COLOURS)])
+
+
+def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: dict[str, Array]) -> None:
+    """Top view of the truth and of named estimates, (N, 4, 4) each, with equal axes in metres."""
+    # Lines get thinner from the first to the last, so that those below still show where they overlap.
+    widths = np.linspace(1.0 + 0.9 * len(estimates), 1.0, len(estimates) + 1)
+    if truth is not None:
+        # An estimate starts at the identity; the truth of a part of a sequence does not.
+        start = np.linalg.inv(truth[0]) @ truth
+        draw_trajectory(axis, start, "ground truth", TRUTH_COLOUR, width=float(widths[0]))
+    for number, (name, poses) in enumerate(estimates.items()):
+        draw_trajectory(axis, poses, name, method_colour(name, number), width=float(widths[number + 1]))
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_xlabel("x, right [m]")
+    axis.set_ylabel("z, forward [m]")
+    axis.set_title(title)
+    axis.grid(alpha=0.3)
+
+
+def trajectory_figure(title: str, truth: Array | None, estimates: dict[str, Array]) -> Figure:
+    """One sequence from above, as `draw_trajectories`."""
+    return trajectories_figure({title: (truth, estimates)})
+
+
+def trajectories_figure(panels: Mapping[str, tuple[Array | None, dict[str, Array]]]) -> Figure:
+    """Sequences from above side by side, by title: truth and named estimates; one legend for all."""
+    columns = min(len(panels), 2)
+    rows = -(-len(panels) // columns)
+    width, height = SMALL_PAGE
+    figure = Figure(figsize=(width * columns, height * rows), dpi=160, layout="constrained")
+    labels: dict[str, Any] = {}
+    for place, (title, (truth, estimates)) in enumerate(panels.items(), start=1):
+        axis = figure.add_subplot(rows, columns, place)
+        draw_trajectories(axis, title, truth, estimates)
+        lines = {str(line.get_label()): line for line in axis.get_lines()}
+        labels |= {name: line for name, line in lines.items() if not name.startswith("_")}
+    figure.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=2 * columns)
+    return figure
+
+
+def error_curves_figure(title: str, by: str, curves: Mapping[str, Curve]) -> Figure:
+    """The devkit's curves of named methods, TE and RE `by` sub-sequence "length" or "speed".
+
+    Parameters
+    ----------
+    curves : the points of each name.
+    """
+    figure = Figure(figsize=SMALL_PAGE, dpi=160, layout="constrained")
+    figure.suptitle(title)
+    axes = figure.subplots(2, sharex=True)
+    widths = np.linspace(1.0 + 0.6 * len(curves), 1.0, max(len(curves), 1))
+    for number, (name, points) in enumerate(curves.items()):
+        style = {
+            "color": method_colour(name, number),
+            "marker": METHOD_MARKERS.get(name, "o"),
+            "markersize": 3 + widths[number],
+            "linewidth": widths[number],
+            "markerfacecolor": "none",
+            "label": name,
+        }
+        at, te, re = np.reshape(np.asarray(points, np.float64), (-1, 3)).T
+        axes[0].plot(at, te, **style)
+        axes[1].plot(at, re, **style)
+    for axis, label in zip(axes, ("TE [%]", "RE [deg/100 m]"), strict=True):
+        axis.set_ylabel(label)
+        axis.set_ylim(bottom=0.0)
+        axis.grid(alpha=0.3)
+    axes[1].set_xlabel("sub-sequence length [m]" if by == "length" else "speed [km/h]")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+def heat_map_figure(
+    title: str, down: tuple[str, list[str]], across: tuple[str, list[str]], panels: dict[str, Array]
+) -> Figure:
+    """Grids of numbers over two settings, one below the other: dark is large, a cross stands where none is.
+
+    Differences of less than a hundredth do not get a colour of their own.
+
+    Parameters
+    ----------
+    down, across : name of the setting and its values, in words.
+    panels : (rows, columns, 2) mean and spread of each cell by the quantity's label; NaN where there is none.
+    """
+    (row_name, rows), (column_name, columns) = down, across
+    size = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns)), len(panels) * (1.2 + 0.55 * len(rows)) + 0.8
+    figure = Figure(figsize=size, dpi=160, layout="constrained")
+    figure.suptitle(title, fontsize="medium", wrap=True)
+    for place, (label, cells) in enumerate(panels.items(), start=1):
+        axis = figure.add_subplot(len(panels), 1, place)
+        mean = np.ma.masked_invalid(cells[..., 0])
+        middle = float(np.ma.filled((mean.min() + mean.max()) / 2, 0.0))
+        half = max(float(np.ma.filled(mean.max() - mean.min(), 0.0)) / 2, 0.01 * abs(middle), 1e-9)
+        image = axis.imshow(mean, "YlGnBu", aspect="auto", vmin=middle - half, vmax=middle + half)
+        figure.colorbar(image, ax=axis, label=label, format="%.3g")
+        axis.set_xticks(range(len(columns)), columns)
+        axis.set_yticks(range(len(rows)), rows)
+        axis.set_xlabel(column_name)
+        axis.set_ylabel(row_name)
+        for row, column in np.ndindex(mean.shape):
+            value, spread = cells[row, column]
+            text = f"{value:.3f}\n± {spread:.3f}" if np.isfinite(value) else "×"
+            colour = "white" if value > middle + 0.2 * half else "black"
+            axis.text(column, row, text, ha="center", va="center", color=colour, fontsize="small")
+    return figure
+
+
+# Features in BGR: kept in blue, removed in orange; boxes in white.
+KEPT, REMOVED, BOX = (178, 114, 0), (0, 94, 213), (255, 255, 255)
+
+
+def match_image(
+    image: Image,
+    matches: StereoMatches,
+    kept: NDArray[np.bool_],
+    boxes: Boxes,
+    state: NDArray[np.int64] | None = None,
+    words: Sequence[str] = (),
+) -> Image:
+    """The current left image (H, W), each match a line from its previous place to a dot; BGR (H, W, 3).
+
+    Kept matches are blue, those removed by boxes orange. With the boxes' `state` (K,), as `box_tracks` has
+    it, boxes that move have a thick whole line, parked ones a dashed one, unknown ones dots. `words` are
+    written above the boxes.
+    """
+    picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), np.uint8)
+    states = [MOVING] * len(boxes) if state is None else state.tolist()
+    for number, corners in enumerate(np.rint(boxes.xyxy).astype(int).tolist()):
+        _draw_box(picture, corners, states[number], thick=state is not None)
+        if number < len(words):
+            at = max(corners[0], 0), max(corners[1] - 4, 10)
+            for width, colour in ((3, (0, 0, 0)), (1, BOX)):  # white on a black rim
+                cv2.putText(
+                    picture, words[number], at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, colour, width, cv2.LINE_AA
+                )
+    # Sub-pixel drawing: OpenCV takes fixed-point coordinates with four binary digits.
+    ends = np.rint(np.stack([matches.prev_left, matches.cur_left], axis=1) * 16).astype(int)
+    for (start, end), keep in zip(ends.tolist(), kept.tolist(), strict=True):
+        colour = KEPT if keep else REMOVED
+        cv2.line(picture, start, end, colour, 1, cv2.LINE_AA, shift=4)
+        cv2.circle(picture, end, 2 * 16, colour, -1, cv2.LINE_AA, shift=4)
+    return np.asarray(picture, np.uint8)
+
+
+def _draw_box(picture: Image, corners: list[int], state: int, thick: bool) -> None:
+    """Draw a box in place in the line style of its state."""
+    x0, y0, x1, y1 = corners
+    if state == MOVING:
+        cv2.rectangle(picture, (x0, y0), (x1, y1), BOX, 2 if thick else 1, cv2.LINE_AA)
+        return
+    dash, period = (7, 12) if state == PARKED else (1, 5)
+    for x in range(x0, x1 + 1, period):
+        for y in (y0, y1):
+            cv2.line(picture, (x, y), (min(x + dash, x1), y), BOX, 1)
+    for y in range(y0, y1 + 1, period):
+        for x in (x0, x1):
+            cv2.line(picture, (x, y), (x, min(y + dash, y1)), BOX, 1)
+
+
+def jpeg(picture: Image, quality: int = 85) -> bytes:
+    """A BGR picture (H, W, 3) as JPEG bytes."""
+    return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1])
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as PNG bytes, the same for the same figure."""
+    return _saved(figure, "png", {"Software": None})
+
+
+def pdf(figure: Figure) -> bytes:
+    """A figure as PDF bytes, the same for the same figure."""
+    return _saved(figure, "pdf", {"CreationDate": None})
+
+
+def _saved(figure: Figure, kind: str, metadata: dict[str, None]) -> bytes:
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)  # a dollar sign in a folder's name begins no formula
+    if figure.get_layout_engine() is not None:
+        # Each drawing would lay the parts out again, starting from where they are: once is enough.
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, metadata=metadata)
+    return buffer.getvalue()

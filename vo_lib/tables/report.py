@@ -1,0 +1,72 @@
+"""Reports: one HTML page with its pictures inside, to be opened from disk or handed on."""
+
+from __future__ import annotations
+
+import base64
+import platform
+from dataclasses import dataclass
+from importlib import metadata
+
+import cv2
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """A table: the first column names the row, the others are values already formatted."""
+
+    title: str
+    columns: list[str]
+    rows: list[list[str]]
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Bytes of a PNG or JPEG, what a person should see in it, and what it shows for one who cannot see it."""
+
+    data: bytes
+    caption: str
+    alt: str = ""
+
+    @property
+    def kind(self) -> str:
+        """The picture's media type, "png" or "jpeg"."""
+        return "png" if self.data.startswith(b"\x89PNG") else "jpeg"
+
+    @property
+    def base64(self) -> str:
+        """The bytes as text for a data address."""
+        return base64.b64encode(self.data).decode("ascii")
+
+
+def provenance() -> list[str]:
+    """What a figure was made with: kit, Python, libraries, machine."""
+    return [
+        f"stereo-vo-kit {metadata.version('stereo-vo-kit')}, Python {platform.python_version()}, "
+        f"numpy {np.__version__}, OpenCV {cv2.__version__}",
+        f"{platform.system()} {platform.machine()}",
+    ]
+
+
+def render_report(
+    title: str,
+    introduction: list[str],
+    tables: list[ReportTable],
+    pictures: list[Picture],
+    made: list[str],
+    problems: tuple[str, ...] = (),
+) -> str:
+    """The page as HTML text; every text is escaped. `problems` are shown first, in a box."""
+    environment = Environment(
+        loader=PackageLoader("vo_lib.tables"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template("report.html").render(
+        title=title,
+        introduction=introduction,
+        problems=problems,
+        tables=tables,
+        pictures=pictures,
+        made=made + provenance(),
+    )

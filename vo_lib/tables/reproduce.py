@@ -1,0 +1,110 @@
+"""Table 1 over sequences, methods and seeds: which runs it takes, and what they add up to."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..config import preset
+from ..core.errors import DataError
+from ..core.types import Array
+from ..data.sequence import KITTI, SYNTHETIC, Sequence, available
+from ..evaluation.kitti import Measure
+from ..runs.jobs import Job, Outcome
+from ..runs.results import read_run
+from ..synthetic import SCENES
+from .entries import BENCHMARK, Entry, measure_runs
+
+FAILURES_TOLD = 8  # a cause that all runs share fills no screen
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """What the runs of a table add up to.
+
+    Attributes
+    ----------
+    entries : errors by sequence and method, where there is truth.
+    poses : trajectories (N, 4, 4) of the first seed by sequence and method, where there is none.
+    missing : KITTI sequences asked for that are not here.
+    failed : (job, cause) of runs that gave nothing, in words.
+    seeds : how many were asked for.
+    """
+
+    entries: list[Entry]
+    poses: dict[str, dict[str, Array]]
+    missing: list[str]
+    failed: list[tuple[str, str]]
+    seeds: int
+
+    @property
+    def problems(self) -> list[str]:
+        """What is not in the tables and why, a sentence each."""
+        absent = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
+        failed = [f"Failed: {job}: {cause}" for job, cause in self.failed[:FAILURES_TOLD]]
+        more = len(self.failed) - len(failed)
+        return absent + failed + ([f"Failed: {more} runs more; metrics.json names them."] if more else [])
+
+
+def default_sequences() -> list[str]:
+    """The benchmark's sequences that are here or, without any, the synthetic scenes."""
+    found = available()
+    return [name for name in BENCHMARK if name in found] or [f"{SYNTHETIC}{name}" for name in SCENES]
+
+
+def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
+    """Names that can be opened, and KITTI sequences that are not here; `DataError` when none is left."""
+    found = available()
+    missing = [name for name in names if name.startswith(KITTI) and name not in found]
+    present = [name for name in dict.fromkeys(names) if name not in missing]
+    if not present:
+        raise DataError(f"none of the sequences is here: {', '.join(missing)}; see `vo check`")
+    return present, missing
+
+
+def plan_jobs(sequences: list[Sequence], methods: list[str], seeds: int, folder: Path) -> list[Job]:
+    """A run for each sequence, method and seed 0 … seeds - 1, in runs/<sequence>/<method>/seed_<n>."""
+    names = [sequence.name for sequence in sequences]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise DataError(f"two sequences are called {twice[0]}: run them one after the other")
+    return [
+        Job(sequence, method, preset(method, seed=seed), job_folder(folder, sequence.name, method, seed))
+        for sequence in sequences
+        for method in methods
+        for seed in range(seeds)
+    ]
+
+
+def job_folder(folder: Path, sequence: str, method: str, seed: int) -> Path:
+    """The run folder of a job under the folder of the table."""
+    return folder / "runs" / slug(sequence) / method / f"seed_{seed}"
+
+
+def slug(name: str) -> str:
+    """A sequence's name as a file name: "kitti/07" is kitti_07."""
+    return re.sub(r"[^A-Za-z0-9.-]+", "_", name)
+
+
+def collect(
+    outcomes: list[Outcome], missing: list[str], seeds: int, measure: Measure | None = None
+) -> Reproduction:
+    """The runs of finished jobs, read from their folders, as a table's numbers."""
+    failed = [(o.job.name, o.error) for o in outcomes if o.error is not None]
+    table = Reproduction([], {}, missing, failed, seeds)
+    together: dict[tuple[str, str], list[Job]] = {}
+    for job in (outcome.job for outcome in outcomes if outcome.error is None):
+        together.setdefault((job.sequence.name, job.method), []).append(job)
+    for (name, method), jobs in together.items():
+        runs = []
+        for job in jobs:
+            try:
+                runs.append(read_run(job.folder, job.sequence))
+            except DataError as error:
+                table.failed.append((job.name, str(error)))
+        if runs and runs[0].sequence.truth is None:
+            table.poses.setdefault(name, {})[method] = runs[0].poses
+        elif runs:
+            table.entries.append(measure_runs(method, runs, measure))
+    return table
