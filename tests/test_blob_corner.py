@@ -13,7 +13,7 @@ from vo_lib import open_sequence
 from vo_lib.config import FeatureConfig, MatchingConfig
 from vo_lib.core.matches import StereoMatches
 from vo_lib.front_end.front_end import make_front_end
-from vo_lib.method.blob_features import best_matches, describe
+from vo_lib.method.features import best_matches, describe
 
 FEATURES = FeatureConfig(cell=10, blob_cell=9, blob_quality=30)
 FRONT_ENDS = ["klt", "blob_corner"]

@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 
 from vo_lib.beyond.refinement import refine
-from vo_lib.beyond.selection import (
-    EssentialEstimate,
-    contender_errors,
-    estimate_essential,
-    motion_by_depth,
-    nearest_to_prior,
-    sample_sets,
-    truncated_errors,
-)
+from vo_lib.beyond.selection import EssentialEstimate, contender_errors, estimate_essential, sample_sets
 from vo_lib.config import SelectionConfig
 from vo_lib.core.geometry import (
     essential_angle,
@@ -28,6 +20,7 @@ from vo_lib.core.geometry import (
 from vo_lib.core.sampson import match_terms
 from vo_lib.core.types import Array
 from vo_lib.method.five_point import five_point
+from vo_lib.method.selection import nearest_to_prior, resolve_by_depth, truncated_errors
 from vo_lib.synthetic.problems import PoseProblems, random_problems
 
 FOCAL = 718.856
@@ -122,7 +115,7 @@ def test_known_depth_tells_the_four_motions_of_an_essential_matrix_apart(motion:
     problems = random_problems(np.random.default_rng(6), 40, 30, motion)  # type: ignore[arg-type]
     for i in range(40):
         for sign in (1.0, -1.0):
-            R, t = motion_by_depth(sign * problems.E[i], problems.x_p[i], problems.x_c[i], problems.X_p[i])
+            R, t = resolve_by_depth(sign * problems.E[i], problems.x_p[i], problems.x_c[i], problems.X_p[i])
             assert rotation_angle(R.T @ problems.R_cp[i]) < 1e-6
             np.testing.assert_allclose(t, problems.t_cp[i] / np.linalg.norm(problems.t_cp[i]), atol=1e-6)
 

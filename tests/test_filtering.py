@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vo_lib import DataError, open_sequence, preset, run
-from vo_lib.beyond.box_filter import BoxFilter, Filtered, in_boxes, static_matches
+from vo_lib.beyond.box_filter import BoxFilter, Filtered, static_matches
 from vo_lib.beyond.box_tracks import MOVING
 from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core import settings
@@ -19,6 +19,7 @@ from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.matches import StereoMatches
 from vo_lib.data.labels import read_labels
 from vo_lib.data.sequence import Sequence
+from vo_lib.method.boxes import in_boxes
 from vo_lib.runs.arrays import pack_arrays, unpack_arrays
 from vo_lib.runs.runner import FoundMatches
 from vo_lib.synthetic import open_truth

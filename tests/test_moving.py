@@ -7,19 +7,12 @@ import pytest
 from box_scenes import CAMERA, STEP, match_points, street_points
 from numpy.typing import NDArray
 
-from vo_lib.beyond.moving import (
-    PointSteps,
-    box_steps,
-    owner_of,
-    point_steps,
-    street_motion,
-    street_noise,
-    vehicles,
-)
+from vo_lib.beyond.moving import PointSteps, box_steps, owner_of, point_steps, street_motion, street_noise
 from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.geometry import rotation_angle, transform
 from vo_lib.core.types import Array
+from vo_lib.method.boxes import vehicles
 
 CAR = np.array([-0.7, 0.3, 0.2])  # step of a car against the street, current camera's axes
 

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from conftest import write_bands
 
-from vo_lib.beyond.odometry import Motion
 from vo_lib.commands.cli import main
 from vo_lib.config import METHODS, preset
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.errors import DataError
+from vo_lib.core.frame import Motion
 from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Array
 from vo_lib.data.kitti_check import EXPECTED_FRAMES

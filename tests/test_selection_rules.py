@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vo_lib.beyond.odometry import Motion, Odometry
+from vo_lib.beyond.odometry import Odometry
 from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import Config, SelectionConfig, preset
 from vo_lib.core import settings
 from vo_lib.core.boxes import no_boxes
+from vo_lib.core.frame import Motion
 from vo_lib.core.geometry import essential_from_motion, essential_vector, rotation_angle, rotation_from_vector
 from vo_lib.core.types import Array
 from vo_lib.course.lessons import CAMERA, NEVER, Pair, Scene, drive, frames_of, selection_errors

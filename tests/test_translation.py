@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from vo_lib.beyond.stereo_points import stereo_points
-from vo_lib.beyond.translation import feature_rows, solve_translation, stack
+from vo_lib.beyond.translation import solve_translation, stack
 from vo_lib.config import TranslationConfig
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_angle, rotation_from_vector
@@ -15,6 +15,7 @@ from vo_lib.core.matches import StereoMatches
 from vo_lib.core.reprojection import fit_motion
 from vo_lib.core.symmetric import FULL
 from vo_lib.core.types import Array
+from vo_lib.method.translation import feature_rows
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
 R_CP = rotation_from_vector(np.array([0.002, 0.01, -0.001]))

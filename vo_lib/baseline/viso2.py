@@ -9,13 +9,38 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import ReprojectionConfig
 from ..core.camera import StereoCamera
-from ..core.geometry import rotation_from_vector
+from ..core.frame import Clock, Motion
+from ..core.geometry import rigid, rotation_from_vector
+from ..core.matches import StereoMatches
 from ..core.reprojection import CONVERGED, GOOD_ENOUGH, linearise, measured_pixels
 from ..core.types import Array, Mask
+from ..method.odometry import Odometry
+from .config import PublishedConfig, ReprojectionConfig
 
 FEWEST = 6  # matches that a motion needs; three would do without one wrong among them
+
+
+class Viso2(Odometry):
+    """VISO2 along a sequence: StereoScan's estimator in place of the essential matrix and equation (3)."""
+
+    def __init__(self, camera: StereoCamera, config: PublishedConfig):
+        super().__init__(camera, config)
+        self.reprojection = config.reprojection
+
+    def stands_still(self, matches: StereoMatches) -> bool:
+        """No special case: the reprojection error is defined for a camera at rest."""
+        return False
+
+    def motion(self, matches: StereoMatches, clock: Clock) -> Motion | None:
+        """Rotation and translation in one fit; None where too few matches agree on them."""
+        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
+        current = matches.cur_left, matches.cur_right
+        found = ransac_motion(self.camera, X_p, *current, self.random(), self.reprojection)
+        clock.stage("rotation")
+        if found is None or np.count_nonzero(found[2]) < self.config.min_matches:
+            return None
+        return Motion(rigid(*found[:2]), inliers=int(np.count_nonzero(found[2])))
 
 
 def ransac_motion(

@@ -6,18 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..config import FilterConfig
 from ..core.boxes import Boxes, no_boxes
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
-from ..core.types import Array, Mask
+from ..core.types import Mask
+from ..method.boxes import inside, on_vehicles
 from .box_tracks import MOVING, UNKNOWN, BoxJudge, Judgement, State
-from .moving import inside, vehicles
-
-
-def in_boxes(uv: Array, boxes: Boxes, config: FilterConfig) -> Mask:
-    """Which pixels (N, 2) lie in a vehicle's box of enough score, grown by the margin. (N,) bool."""
-    return np.asarray(inside(uv, vehicles(boxes, config).xyxy).any(axis=1))
+from .config import FilterConfig
 
 
 def static_matches(
@@ -29,8 +24,7 @@ def static_matches(
     """
     if config.rule == "none":
         return np.ones(len(matches), np.bool_), False
-    gone = in_boxes(matches.prev_left, boxes_p, config) | in_boxes(matches.cur_left, boxes_c, config)
-    return unless_too_few(~gone, config)
+    return unless_too_few(~on_vehicles(matches, boxes_p, boxes_c, config), config)
 
 
 def unless_too_few(keep: Mask, config: FilterConfig) -> tuple[Mask, bool]:

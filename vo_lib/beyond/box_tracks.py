@@ -9,21 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import FilterConfig, MovingConfig
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
 from ..core.types import Array, Mask
+from ..method.boxes import inside, vehicles
+from .config import FilterConfig, MovingConfig
 from .moving import (
     BoxSteps,
     box_steps,
-    inside,
     no_steps,
     owner_of,
     point_steps,
     street_motion,
     street_noise,
-    vehicles,
 )
 
 State = dict[str, NDArray[Any]]

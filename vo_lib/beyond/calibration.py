@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import CalibrationConfig
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
 from ..core.symmetric import FULL, times
 from ..core.types import Array
+from .config import CalibrationConfig
 from .row_calibration import RowError
 from .stereo_points import linearised_points
 from .translation import stack

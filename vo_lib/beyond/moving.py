@@ -13,14 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import BucketConfig, FilterConfig, MovingConfig
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
 from ..core.geometry import rigid
 from ..core.matches import StereoMatches
 from ..core.reprojection import fit_motion
 from ..core.types import Array, Mask
+from ..method.boxes import inside
 from ..method.buckets import select_by_bucket
+from ..method.config import BucketConfig
+from .config import FilterConfig, MovingConfig
 
 # Features for the motion of the camera: enough for a millimetre, few enough for a millisecond.
 SPREAD = BucketConfig(size=100, features=2)
@@ -104,25 +106,6 @@ def _point_covariance(camera: StereoCamera, X: Array) -> Array:
     D[:, 0, 0] += per_pixel
     D[:, 1, 1] = per_pixel / np.sqrt(2.0)
     return D @ np.swapaxes(D, 1, 2)
-
-
-def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
-    """The boxes of vehicles scored well enough, each grown by the margin."""
-    chosen = np.isin(boxes.class_id, config.classes) & (boxes.score >= config.score)
-    xyxy = boxes.xyxy[chosen]
-    grow = config.margin * (xyxy[:, 2:] - xyxy[:, :2])
-    return Boxes(
-        np.concatenate([xyxy[:, :2] - grow, xyxy[:, 2:] + grow], axis=1),
-        boxes.class_id[chosen],
-        boxes.score[chosen],
-    )
-
-
-def inside(uv: Array, xyxy: Array) -> Mask:
-    """Which pixels (N, 2) lie in which boxes (K, 4): (N, K)."""
-    u, v = uv[:, :1], uv[:, 1:]
-    within = (u >= xyxy[:, 0]) & (u <= xyxy[:, 2]) & (v >= xyxy[:, 1]) & (v <= xyxy[:, 3])
-    return np.asarray(within)
 
 
 def owner_of(

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import time
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..baseline.viso2 import ransac_motion, refit_motion
-from ..config import Config
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
+from ..core.frame import Clock, Motion
 from ..core.geometry import rigid
 from ..core.matches import StereoMatches
 from ..core.reprojection import fit_motion
@@ -21,39 +19,12 @@ from ..core.types import Array
 from ..method.buckets import select_by_bucket
 from .box_filter import BoxFilter, Filtered
 from .calibration import StereoCalibration
+from .config import Config
 from .principal_point import PrincipalPoint
 from .selection import estimate_essential
 from .translation import solve_translation
 
 State = dict[str, NDArray[Any]]
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Motion of one frame and how it came about.
-
-    Attributes
-    ----------
-    T_cp : (4, 4) motion from the previous to the current left camera, metres.
-    matches : matches found; removed : matches removed by boxes; used : left after bucketing.
-    inliers : matches in use that agree with the epipolar geometry.
-    offset : disparity offset known after the frame, pixels; NaN where the frame did not get that far.
-    centre : principal point known after the frame, pixels from its nominal place along u and v.
-    prior_angle : angle to the previous essential vector, degrees; NaN without one.
-    flags : words such as "standstill"; empty when nothing was unusual.
-    ms : milliseconds of each stage.
-    """
-
-    T_cp: Array
-    matches: int = 0
-    removed: int = 0
-    used: int = 0
-    inliers: int = 0
-    offset: float = float("nan")
-    centre: tuple[float, float] = (0.0, 0.0)
-    prior_angle: float = float("nan")
-    flags: tuple[str, ...] = ()
-    ms: dict[str, float] = field(default_factory=dict)
 
 
 class Odometry:
@@ -210,16 +181,3 @@ class Odometry:
             prior_angle=float(np.degrees(estimate.prior_angle)),
             flags=("prior_dropped",) if estimate.prior_dropped else (),
         )
-
-
-class Clock:
-    """Milliseconds of stages, each measured from the end of the one before."""
-
-    def __init__(self) -> None:
-        self.ms: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def stage(self, name: str) -> None:
-        now = time.perf_counter()
-        self.ms[name] = 1e3 * (now - self._last)
-        self._last = now

@@ -29,11 +29,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..config import CalibrationConfig
 from ..core.camera import StereoCamera
 from ..core.geometry import NORMAL, essential_from_motion
 from ..core.sampson import match_terms
 from ..core.types import Array
+from .config import CalibrationConfig
 from .refinement import distances_and_derivatives
 
 FINEST = 0.05  # pixels; no match is taken to be known better

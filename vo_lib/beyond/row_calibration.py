@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..config import CalibrationConfig
 from ..core.camera import StereoCamera
 from ..core.types import Array
+from .config import CalibrationConfig
 
 TERMS = 6
 ITERATIONS = 6  # re-weightings in the first frame; later ones need fewer

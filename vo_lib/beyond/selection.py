@@ -12,10 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import SelectionConfig
 from ..core.geometry import (
     NORMAL,
-    decompose_essential,
     essential_angle,
     essential_from_motion,
     essential_vector,
@@ -23,6 +21,8 @@ from ..core.geometry import (
 from ..core.sampson import MatchTerms, candidate_terms, match_terms, squared_distances
 from ..core.types import Array
 from ..method.five_point import five_point
+from ..method.selection import nearest_to_prior, resolve_by_depth
+from .config import SelectionConfig
 from .refinement import refine
 
 COARSE = 3  # iterations of the first refinement
@@ -72,23 +72,6 @@ def sample_sets(
     return chosen
 
 
-def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
-    """Mean squared Sampson distance of each candidate over all matches, truncated, (M,).
-
-    Parameters
-    ----------
-    E : (M, 3, 3) candidates; x_p, x_c : (N, 2) normalised points.
-    threshold : in the unit of the points; a match never costs more than threshold².
-
-    Returns
-    -------
-    mean(min(d² / threshold², 1)), in [0, 1]. In single precision: enough to rank, twice as fast.
-    """
-    single = np.float32
-    candidates, matches = candidate_terms(E, single), match_terms(x_p, x_c, single)
-    return _truncated_sums(candidates, matches, threshold) / len(x_p)
-
-
 def _truncated_sums(candidates: MatchTerms, matches: MatchTerms, threshold: float) -> Array:
     d2 = squared_distances(candidates, matches)
     np.minimum(d2, d2.dtype.type(threshold**2), out=d2)
@@ -116,27 +99,6 @@ def contender_errors(E: Array, kept: NDArray[np.bool_], x_p: Array, x_c: Array, 
     # Where all errors are tiny, rounding can put even its own sum above the bound.
     errors[leader] = total / len(x_p)
     return errors
-
-
-def nearest_to_prior(E: Array, set_index: NDArray[np.intp], e_prev: Array, keep: int) -> NDArray[np.bool_]:
-    """Solution selection: of each set's candidates, the `keep` nearest to the previous essential vector.
-
-    Parameters
-    ----------
-    E : (M, 3, 3) candidates; set_index : (M,) the set each one comes from.
-    e_prev : (9,) essential vector of the previous frame.
-
-    Returns
-    -------
-    (M,) bool; nearness is the angle acos|eᵀ e_prev|.
-    """
-    angle = essential_angle(essential_vector(E), e_prev)
-    order = np.lexsort((angle, set_index))
-    ordered_sets = set_index[order]
-    rank = np.arange(len(order)) - np.searchsorted(ordered_sets, ordered_sets)
-    kept = np.zeros(len(order), np.bool_)
-    kept[order[rank < keep]] = True
-    return kept
 
 
 def choose(
@@ -168,38 +130,6 @@ def choose(
     choice = int(np.argmin(np.where(kept, errors, np.inf)))
     dropped = bool(errors[choice] > config.turn_ratio * errors[winner])
     return (winner if dropped else choice), dropped
-
-
-def motion_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:
-    """Of the four (R, ±t) of E the one that agrees with the stereo depth of the matches.
-
-    Parameters
-    ----------
-    E : (3, 3); x_p, x_c : (N, 2) normalised points; X_p : (N, 3) points of the previous left frame, metres.
-
-    Returns
-    -------
-    R_cp (3, 3) and the unit direction of t_cp (3,).
-
-    Each pair is given its best common length s, by least squares on x_c × (R X_p + s t) = 0; its sign
-    chooses between t and -t, and the median residual angle between the two rotations.
-    """
-    rotations, t = decompose_essential(E)
-    ray = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    ray_t = ray @ t
-    length2 = np.maximum(np.sum(X_p**2, axis=1), 1e-12)
-    best = (-np.inf, rotations[0], t)
-    for R in rotations:
-        rotated = X_p @ R.T
-        along, across = np.sum(ray * rotated, axis=1), rotated @ t
-        # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer points know the length better: weight 1 / |X|².
-        s = -np.sum((across - ray_t * along) / length2) / max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
-        moved = np.sqrt(np.maximum(length2 + 2.0 * s * across + s * s, 1e-12))
-        cosine = float(np.median((along + s * ray_t) / moved))
-        if cosine > best[0]:
-            best = (cosine, R, t if s >= 0 else -t)
-    return best[1], best[2]
 
 
 def estimate_essential(
@@ -247,7 +177,7 @@ def motion_of_winner(
     matches = match_terms(x_p, x_c)
     inliers = _squared(E, matches) < threshold**2
     trusted = np.flatnonzero(inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers))
-    R, t = motion_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
+    R, t = resolve_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
     if config.mode == "refined":
         # Coarsely, then with weights as narrow as the matches are exact: a car that crawls along moves its
         # features by less than the threshold.

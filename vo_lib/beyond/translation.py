@@ -16,37 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..config import TranslationConfig
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
 from ..core.symmetric import FULL, invert, times
 from ..core.types import Array
+from .config import TranslationConfig
 from .stereo_points import StereoPoints, stereo_points
 
 DONE = 1e-4  # metres, a fortieth of what noise leaves; a re-weighting that changes less is the last
 NEAREST = 0.1  # metres; rows are divided by no smaller depth
-
-
-def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> tuple[Array, Array, Array]:
-    """The system A Q + B t = c of every feature, as the paper writes it.
-
-    Returns
-    -------
-    A (N, 8, 3), B (N, 8, 3), c (N, 8). Rows: x and y in previous left, previous right, current left,
-    current right. Q in the previous left frame and t_cp, metres.
-    """
-    n = len(matches)
-    A = np.zeros((n, 4, 2, 3))
-    c = np.zeros((n, 4, 2))
-    views = (matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right)
-    for view, uv in enumerate(views):
-        A[:, view, :, 2] = camera.normalise(uv)
-        A[:, view, 0, 0] = A[:, view, 1, 1] = -1.0
-    c[:, 1::2, 0] = -camera.baseline
-    B = np.zeros_like(A)
-    B[:, 2:] = A[:, 2:]
-    A[:, 2:] = A[:, 2:] @ R_cp
-    return A.reshape(n, 8, 3), B.reshape(n, 8, 3), c.reshape(n, 8)
 
 
 def solve_translation(

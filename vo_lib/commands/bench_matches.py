@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..beyond.box_filter import in_boxes
 from ..config import Config
 from ..core.matches import StereoMatches
 from ..data.sequence import Sequence
+from ..method.boxes import in_boxes
 from ..synthetic import open_truth
 from ..synthetic.truth import Truth
 

@@ -15,8 +15,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..beyond.odometry import Clock
 from ..config import Config
+from ..core.frame import Clock
 from ..core.matches import StereoMatches
 from ..core.types import Progress
 from ..data.sequence import Sequence

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ..config import MatchingConfig
 from ..core.errors import DataError
 from ..core.geometry import NORMAL
 from ..core.types import Array, Image
+from ..front_end.config import MatchingConfig
 from .sequence import Sequence
 
 SAMPLE = 6  # pairs looked at

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..config import DetectorConfig
 from ..core.boxes import Boxes
 from ..core.errors import DataError
 from ..core.files import file_sha256, read_text, write_text_atomic
@@ -28,6 +27,7 @@ from ..data.kitti import read_image
 from ..data.labels import read_labels, write_labels
 from ..data.sequence import Sequence
 from ..synthetic import cache_folder
+from .config import DetectorConfig
 from .yolo import YoloDetector, find_model
 
 RECORD = "detector.json"

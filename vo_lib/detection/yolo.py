@@ -15,11 +15,11 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from ..config import DetectorConfig
 from ..core.boxes import Boxes
 from ..core.errors import DataError
 from ..core.types import Array, Image
 from .class_names import COCO, choose_classes, class_numbers, names_from_metadata
+from .config import DetectorConfig
 from .detectors import find_detector, known
 from .yolo_layout import (
     STRIDE,

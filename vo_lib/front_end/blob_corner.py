@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import FeatureConfig, MatchingConfig
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches, empty_matches
 from ..core.types import Array, Image
-from ..method.blob_features import Described, best_matches, describe
+from ..method.features import Described, best_matches, describe
+from .config import FeatureConfig, MatchingConfig
 from .klt import next_motion, pack_motion, unpack_motion
 from .subpixel import finish_over_time, finish_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
-# Search radius round a predicted place and without a prediction, pixels.
-NEAR, FAR = 20, 120
+# Search radius round a predicted place, pixels.
+NEAR = 20
 # Rows of a stereo pair agree to this before the finish, pixels.
 ROWS = 2
 
@@ -121,7 +121,7 @@ class BlobCornerMatcher:
     ) -> tuple[StereoMatches, Array, NDArray[np.intp]]:
         """Matches, slopes of their surfaces, and their index among the current left features."""
         R, t = motion or (np.eye(3), np.zeros(3))
-        reach = FAR if motion is None else NEAR
+        reach = self.config.search_radius if motion is None else NEAR
         source = np.flatnonzero(seen["stereo"])
         left, right = seen["left"][source], seen["right"][source]
         guess_left, guess_right = left, right

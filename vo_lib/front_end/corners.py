@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import FeatureConfig
 from ..core.types import Array
 from ..method.buckets import square_numbers
+from .config import FeatureConfig
 
 
 def corner_strength(image: NDArray[np.uint8]) -> NDArray[np.float32]:

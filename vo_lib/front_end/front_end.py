@@ -13,11 +13,13 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-from ..config import FeatureConfig, MatchingConfig
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
 from ..core.types import Image
+from ..method import config as method
+from ..method.matching import LoopMatcher as PublishedMatcher
 from .blob_corner import BlobCornerMatcher
+from .config import FeatureConfig, MatchingConfig
 from .klt import LoopMatcher
 
 
@@ -40,8 +42,12 @@ class FrontEnd(Protocol):
         """Go on as the front end whose `state` this was; `previous` is its last prepared pair."""
 
 
-def make_front_end(camera: StereoCamera, features: FeatureConfig, matching: MatchingConfig) -> FrontEnd:
-    """The front end that the settings name."""
+def make_front_end(
+    camera: StereoCamera, features: method.FeatureConfig, matching: method.MatchingConfig
+) -> FrontEnd:
+    """The front end that the settings name; the paper's where they are no more than the paper's."""
+    if not isinstance(matching, MatchingConfig) or not isinstance(features, FeatureConfig):
+        return PublishedMatcher(features, matching)
     kinds: dict[str, type[LoopMatcher] | type[BlobCornerMatcher]] = {
         "klt": LoopMatcher,
         "blob_corner": BlobCornerMatcher,

@@ -10,14 +10,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import BucketConfig, FeatureConfig, MatchingConfig
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches, empty_matches
 from ..core.reprojection import GOOD_ENOUGH, fit_motion
 from ..core.types import Array, Image
 from ..method.buckets import select_by_bucket
+from ..method.config import BucketConfig
+from ..method.matching import is_stereo
+from .config import FeatureConfig, MatchingConfig
 from .corners import corner_strength, detect_corners, in_empty_cells
-from .subpixel import finish_over_time, finish_stereo, is_stereo
+from .subpixel import finish_over_time, finish_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
 # R_cp and t_cp, metres.

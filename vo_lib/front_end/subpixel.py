@@ -9,17 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import MatchingConfig
 from ..core.camera import StereoCamera
 from ..core.types import Array, Image
+from ..method.matching import is_stereo
 from .alignment import FARTHEST, align
+from .config import MatchingConfig
 from .surface import CoarseDisparity, fit_surface, motion_warp, right_slope, stereo_warp
-
-
-def is_stereo(left: Array, right: Array, config: MatchingConfig) -> NDArray[np.bool_]:
-    """Which pixels (N, 2) can be a stereo match: rows agree, the disparity is large enough. (N,) bool."""
-    disparity, row = (left - right).T
-    return np.asarray((disparity >= config.min_disparity) & (np.abs(row) <= config.row_tolerance))
 
 
 def finish_stereo(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import BucketConfig
 from ..core.types import Array
+from .config import BucketConfig
 
 
 def square_numbers(uv: Array, side: int) -> NDArray[np.int64]:

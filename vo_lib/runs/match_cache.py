@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..beyond.odometry import Clock, State
+from ..beyond.odometry import State
 from ..config import FeatureConfig, MatchingConfig
 from ..core.errors import DataError
 from ..core.files import write_bytes_atomic, write_text_atomic
+from ..core.frame import Clock
 from ..core.matches import StereoMatches, empty_matches
 from ..core.settings import to_dict
 from ..data.sequence import Sequence

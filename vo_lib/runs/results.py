@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from ..beyond.odometry import Motion
 from ..config import Config
 from ..core import settings
 from ..core.errors import DataError
 from ..core.files import read_text, write_bytes_atomic, write_text_atomic
+from ..core.frame import Motion
 from ..core.geometry import inverse
 from ..core.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..core.types import Array

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ..beyond.odometry import Motion, State
+from ..beyond.odometry import State
 from ..core.errors import DataError
 from ..core.files import write_bytes_atomic, write_text_atomic
+from ..core.frame import Motion
 from .arrays import pack_arrays, unpack_arrays
 
 LOG = "progress.jsonl"

@@ -12,9 +12,10 @@ from typing import Any, cast
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from ..beyond.odometry import Clock, Motion, Odometry, State
+from ..beyond.odometry import Odometry, State
 from ..config import Config, FeatureConfig, MatchingConfig
 from ..core.boxes import Boxes
+from ..core.frame import Clock, Motion
 from ..core.geometry import inverse, nearest_rotation
 from ..core.matches import StereoMatches
 from ..core.types import Array, Progress

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ...beyond.selection import nearest_to_prior, sample_sets, truncated_errors
+from ...beyond.selection import sample_sets
 from ...core.geometry import essential_vector
 from ...core.types import Array
 from ...method.five_point import five_point
+from ...method.selection import nearest_to_prior, truncated_errors
 from ...synthetic.problems import random_problems
 from .verdict import Wrong, as_array, as_number, exercise
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ...beyond.translation import feature_rows as library_rows
 from ...beyond.translation import solve_translation
 from ...config import TranslationConfig
 from ...core.camera import StereoCamera
 from ...core.geometry import rotation_from_vector
 from ...core.matches import StereoMatches
 from ...core.types import Array
+from ...method.translation import feature_rows as library_rows
 from .verdict import Wrong, as_array, as_number, differs, exercise
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)

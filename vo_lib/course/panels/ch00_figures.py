@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...beyond.box_filter import in_boxes
 from ...beyond.selection import estimate_essential, sample_sets
 from ...beyond.translation import solve_translation
 from ...config import SelectionConfig, preset
@@ -15,6 +14,7 @@ from ...core.boxes import no_boxes
 from ...core.geometry import inverse
 from ...core.types import Array, Image
 from ...data.sequence import Sequence
+from ...method.boxes import in_boxes
 from ...method.five_point import five_point
 from ...runs.runner import Run
 from ...tables.plots import draw_trajectory, match_image

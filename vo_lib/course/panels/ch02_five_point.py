@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...beyond.refinement import refine
-from ...beyond.selection import motion_by_depth, sample_sets, truncated_errors
+from ...beyond.selection import sample_sets
 from ...core.camera import StereoCamera
 from ...core.errors import DataError
 from ...core.geometry import decompose_essential, essential_from_motion, rotation_angle
@@ -17,6 +17,7 @@ from ...core.settings import Checked, setting
 from ...core.types import Array, Image
 from ...data.sequence import Sequence
 from ...method.five_point import Candidates, five_point
+from ...method.selection import resolve_by_depth, truncated_errors
 from .base import Drawing, Panel, State
 from .ch02_figures import (
     draw_dot,
@@ -73,7 +74,7 @@ def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
         E = five_point(points.x_p[sets], points.x_c[sets]).E
         threshold = THRESHOLD / sequence.camera.f
         best = E[np.argmin(truncated_errors(E, points.x_p, points.x_c, threshold))]
-        R, t = motion_by_depth(best, points.x_p, points.x_c, points.X_p)
+        R, t = resolve_by_depth(best, points.x_p, points.x_c, points.X_p)
         return refine(R, t, match_terms(points.x_p, points.x_c), threshold / 2)[0]
 
     return _rotations.get((sequence.folder, frame, len(points.x_p)), estimate)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ...beyond.selection import choose, motion_of_winner, nearest_to_prior, sample_sets, truncated_errors
+from ...beyond.selection import choose, motion_of_winner, sample_sets
 from ...config import Config, SelectionConfig
 from ...core.camera import StereoCamera
 from ...core.errors import DataError
@@ -24,6 +24,7 @@ from ...core.settings import Checked, setting
 from ...core.types import Array, Image, Progress
 from ...data.sequence import Sequence
 from ...method.five_point import Candidates, five_point
+from ...method.selection import nearest_to_prior, truncated_errors
 from .base import Drawing, Panel, State
 from .ch02_figures import draw_flow
 from .ch02_five_point import reference_rotation, rotation_errors

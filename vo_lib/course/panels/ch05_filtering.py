@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...beyond.box_filter import BoxFilter, Filtered
-from ...beyond.moving import vehicles
-from ...beyond.odometry import Motion, Odometry
+from ...beyond.odometry import Odometry
 from ...config import CalibrationConfig, Config, DetectorConfig, FilterConfig, preset
 from ...core.boxes import Boxes, no_boxes
 from ...core.errors import DataError
+from ...core.frame import Motion
 from ...core.geometry import inverse, rotation_angle
 from ...core.settings import Checked, setting
 from ...core.types import Array, Image, Progress
 from ...data.sequence import Sequence
 from ...detection.yolo import Candidates, YoloDetector, find_model
 from ...detection.yolo_layout import STRIDES, Float32
+from ...method.boxes import vehicles
 from .base import Drawing, Panel, State
 from .ch05_figures import MILLI, candidates_picture, errors_chart, filter_picture, rules_figure
 from .controls import Control

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import FeatureConfig
 from ..core.types import Array, Image, Whole
+from .config import FeatureConfig
 
 BLOB = np.full((5, 5), -1, np.float32)
 BLOB[1:4, 1:4] = 1

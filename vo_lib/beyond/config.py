@@ -1,0 +1,217 @@
+"""Thresholds of what the kit adds to the paper, and all of a run's together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..baseline.config import PublishedConfig
+from ..core.settings import Checked, section, setting
+from ..front_end.config import FeatureConfig, MatchingConfig
+from ..method import config as method
+
+
+@dataclass(frozen=True)
+class MovingConfig(Checked):
+    """The judgement whether the vehicle in a box moves (chapter 5, beyond the paper)."""
+
+    noise: float = setting(
+        0.2,
+        "smallest standard deviation of a match; more where the street shows more",
+        unit="px",
+        low=0.01,
+        high=5,
+    )
+    motion_error: float = setting(
+        0.01, "standard deviation of the camera's step from features outside boxes", unit="m", low=0, high=1
+    )
+    turn_error: float = setting(
+        0.01, "standard deviation of the camera's rotation", unit="deg", low=0, high=1
+    )
+    heights: tuple[float, ...] = setting(
+        (2.3, 4.2, 4.2),
+        "tallest vehicle of each of the classes; what is farther than such a one in its box is background",
+        unit="m",
+        low=0.5,
+        high=10,
+    )
+    min_matches: int = setting(3, "a box with fewer matches is judged by its history", low=1, high=100)
+    min_street: int = setting(
+        30, "with fewer features outside boxes those in parked boxes join them", low=5, high=1000
+    )
+    moved_share: float = setting(
+        0.3, "share of a box's matches that must move together; the rest may be background", low=0, high=1
+    )
+    overlap: float = setting(
+        0.3, "a box is known again above this overlap (IoU) with its place expected", low=0.01, high=1
+    )
+    patience: int = setting(3, "frames for which a track waits for its box to be seen again", low=0, high=100)
+    memory: float = setting(
+        0.7, "share of a track's evidence that is kept from frame to frame", low=0, high=0.99
+    )
+    significance: float = setting(
+        4.0, "a box moves when its step is this many standard deviations from none", low=1, high=50
+    )
+    min_step: float = setting(
+        0.05, "a box moves when its step between two frames is longer than this", unit="m", low=0, high=5
+    )
+    unknown: str = setting(
+        "keep", "what happens to features in boxes of which too little is known", choices=("keep", "remove")
+    )
+    agreement: float = setting(
+        2.0,
+        "a feature in any box must agree with the street within this many standard deviations",
+        low=0.1,
+        high=1000,
+    )
+
+
+@dataclass(frozen=True)
+class FilterConfig(method.FilterConfig):
+    """Removal of features in vehicle boxes (chapter 5)."""
+
+    rule: str = setting(
+        "all", "which boxes remove their features", choices=("none", "all", "moving", "truth")
+    )
+    min_matches: int = setting(
+        60, "with fewer matches left the filter is off for the frame", low=0, high=10000
+    )
+    min_share: float = setting(
+        0.3, "with a smaller share left the filter is off for the frame", low=0, high=1
+    )
+    moving: MovingConfig = section(MovingConfig)
+
+
+@dataclass(frozen=True)
+class SelectionConfig(method.SelectionConfig):
+    """Refinement of the winner, standing still, and when the prior is dropped (chapter 3)."""
+
+    mode: str = setting(
+        "refined", "take the winner as it is, or refine it on its inliers", choices=("literal", "refined")
+    )
+    refine_scale: float = setting(
+        1.5,
+        "residual at which the refinement halves a match's weight, in standard deviations of the residuals; "
+        "never above half the threshold",
+        low=0.5,
+        high=100,
+    )
+    rest_flow: float = setting(
+        0.05, "below this median flow, under a millimetre a frame, the camera rests", unit="px", low=0, high=5
+    )
+    turn_ratio: float = setting(
+        1.25,
+        "drop the prior when its best candidate scores worse than the best of all by this factor",
+        low=1,
+        high=1000,
+    )
+
+
+@dataclass(frozen=True)
+class TranslationConfig(method.TranslationConfig):
+    """The translation with weights, robust (chapter 4)."""
+
+    variant: str = setting(
+        "stacked",
+        "all features stacked, weighted and robust: the method; the others are for comparison",
+        choices=("stacked", "unweighted", "feature_median", "feature_mean"),
+    )
+    scale: float = setting(
+        0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
+    )
+    iterations: int = setting(6, "largest number of robust re-weightings", low=1, high=50)
+    agreement: float = setting(
+        2.0, "a feature agrees with the motion where its rows leave less", unit="px", low=0.1, high=50
+    )
+
+
+@dataclass(frozen=True)
+class CalibrationConfig(Checked):
+    """What is left of an imperfect rectification, found on the way (not in the paper)."""
+
+    estimate: bool = setting(True, "learn rows, disparities and principal point; off: all is taken as it is")
+    row_deviation: float = setting(
+        3.0,
+        "standard deviation of each coefficient of the rows before the first frame",
+        unit="px",
+        low=0.001,
+        high=100,
+    )
+    row_scale: float = setting(
+        0.2, "difference of rows at which a match's weight is halved", unit="px", low=0.01, high=10
+    )
+    row_memory: float = setting(
+        1000.0, "what was learnt of the rows this long ago counts a third", unit="frames", low=10, high=1e6
+    )
+    centre_deviation: float = setting(
+        8.0,
+        "standard deviation of the principal point before the first frame, along u and v each; more than "
+        "three times this is not believed",
+        unit="px",
+        low=0.001,
+        high=100,
+    )
+    centre_scale: float = setting(
+        3.0,
+        "Sampson distance at which a match's weight for the principal point is a quarter, in standard "
+        "deviations of the distances",
+        low=0.5,
+        high=100,
+    )
+    centre_caution: float = setting(
+        1.5,
+        "the principal point is learnt as if frames scattered this much more than noise",
+        low=1,
+        high=1000,
+    )
+    centre_floor: float = setting(
+        2.0,
+        "standard deviation of what is learnt of the principal point that no number of frames mends",
+        unit="px",
+        low=0,
+        high=100,
+    )
+    flow_stretch: float = setting(
+        0.05,
+        "standard deviation of a flow that is too long along u and too short along v, in all frames alike",
+        unit="px",
+        low=0.0001,
+        high=10,
+    )
+    initial_deviation: float = setting(
+        1.0,
+        "standard deviation of the disparity error before the first frame, the offset and the bow each",
+        unit="px",
+        low=0,
+        high=10,
+    )
+    drift: float = setting(
+        0.01,
+        "standard deviation of the offset's change from frame to frame, ten times the bow's",
+        unit="px",
+        low=0,
+        high=1,
+    )
+    caution: float = setting(
+        4.0, "a frame's estimate is trusted as if it scattered this much more than noise", low=1, high=100
+    )
+    scale: float = setting(
+        0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
+    )
+    least_change: float = setting(
+        0.03, "a smaller change of the disparities does not solve the step again", unit="px", low=0, high=1
+    )
+
+
+@dataclass(frozen=True)
+class Config(PublishedConfig):
+    """Everything that decides a run of the kit's own way, with the images."""
+
+    variant: ClassVar[str] = "kit"
+
+    features: FeatureConfig = section(FeatureConfig)
+    matching: MatchingConfig = section(MatchingConfig)
+    filter: FilterConfig = section(FilterConfig)
+    selection: SelectionConfig = section(SelectionConfig)
+    translation: TranslationConfig = section(TranslationConfig)
+    calibration: CalibrationConfig = section(CalibrationConfig)

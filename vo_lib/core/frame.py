@@ -1,0 +1,50 @@
+"""What the odometry says of a frame, and the clock that times its stages."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+from .types import Array
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion of one frame and how it came about.
+
+    Attributes
+    ----------
+    T_cp : (4, 4) motion from the previous to the current left camera, metres.
+    matches : matches found; removed : matches removed by boxes; used : left after bucketing.
+    inliers : matches in use that agree with the epipolar geometry.
+    offset : disparity offset known after the frame, pixels; NaN where none is learnt.
+    centre : principal point known after the frame, pixels from its nominal place along u and v.
+    prior_angle : angle to the previous essential vector, degrees; NaN without one.
+    flags : words such as "standstill"; empty when nothing was unusual.
+    ms : milliseconds of each stage.
+    """
+
+    T_cp: Array
+    matches: int = 0
+    removed: int = 0
+    used: int = 0
+    inliers: int = 0
+    offset: float = float("nan")
+    centre: tuple[float, float] = (0.0, 0.0)
+    prior_angle: float = float("nan")
+    flags: tuple[str, ...] = ()
+    ms: dict[str, float] = field(default_factory=dict)
+
+
+class Clock:
+    """Milliseconds of stages, each measured from the end of the one before."""
+
+    def __init__(self) -> None:
+        self.ms: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def stage(self, name: str) -> None:
+        """End a stage."""
+        now = time.perf_counter()
+        self.ms[name] = 1e3 * (now - self._last)
+        self._last = now

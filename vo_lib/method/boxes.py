@@ -1,0 +1,35 @@
+"""Chapter 5: which features lie in vehicle boxes, and so are removed (paper, section 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.boxes import Boxes
+from ..core.matches import StereoMatches
+from ..core.types import Array, Mask
+from .config import FilterConfig
+
+
+def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
+    """The boxes of vehicles scored well enough, each grown by the margin."""
+    chosen = np.isin(boxes.class_id, config.classes) & (boxes.score >= config.score)
+    xyxy = boxes.xyxy[chosen]
+    grow = config.margin * (xyxy[:, 2:] - xyxy[:, :2])
+    corners = np.concatenate([xyxy[:, :2] - grow, xyxy[:, 2:] + grow], axis=1)
+    return Boxes(corners, boxes.class_id[chosen], boxes.score[chosen])
+
+
+def inside(uv: Array, xyxy: Array) -> Mask:
+    """Which of N pixels (N, 2) lie in which of K boxes (K, 4), borders included. (N, K) bool."""
+    u, v = uv[:, :1], uv[:, 1:]
+    return (u >= xyxy[:, 0]) & (u <= xyxy[:, 2]) & (v >= xyxy[:, 1]) & (v <= xyxy[:, 3])
+
+
+def in_boxes(uv: Array, boxes: Boxes, config: FilterConfig) -> Mask:
+    """Which pixels (N, 2) lie in a vehicle's box. (N,) bool."""
+    return np.asarray(inside(uv, vehicles(boxes, config).xyxy).any(axis=1))
+
+
+def on_vehicles(matches: StereoMatches, boxes_p: Boxes, boxes_c: Boxes, config: FilterConfig) -> Mask:
+    """Which matches (N,) lie in a vehicle's box, in the previous or in the current left image."""
+    return in_boxes(matches.prev_left, boxes_p, config) | in_boxes(matches.cur_left, boxes_c, config)

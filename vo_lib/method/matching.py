@@ -1,0 +1,177 @@
+"""Chapter 1: features matched in a loop through two stereo pairs (paper, section 2).
+
+    left previous -> right previous -> right current -> left current -> left previous
+
+Each step takes the feature of the same kind that looks most alike; the loop must end where it began. That
+gives whole pixels; Lucas-Kanade then moves each place by a fraction of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..core.matches import StereoMatches, empty_matches
+from ..core.types import Array, Image, Index, Mask, Whole
+from .config import FeatureConfig, MatchingConfig
+from .features import Described, best_matches, describe
+
+FINISH_REACH = 2.0  # pixels that the sub-pixel finish may move a place
+# (N, 2) pixels in the previous left and right, and in the current left and right image.
+FourPlaces = tuple[Array, Array, Array, Array]
+
+ROWS = 2  # pixels by which whole-pixel rows of a stereo pair may differ
+
+
+@dataclass(frozen=True)
+class DescribedPair:
+    """A stereo pair with its features.
+
+    Attributes
+    ----------
+    left, right : (H, W) uint8; in_left, in_right : their features.
+    to_right : (N,) for each left feature the right one most alike, -1 where none is; to_left : (M,) likewise.
+    """
+
+    left: Image
+    right: Image
+    in_left: Described
+    in_right: Described
+    to_right: Index
+    to_left: Index
+
+
+def describe_pair(
+    pair: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
+) -> DescribedPair:
+    """Features of a left and a right image, and for each the one most alike in the other image."""
+    left, right = (describe(image, features) for image in pair)
+    # The right image shows a feature further left, by its disparity of 0 … max_disparity.
+    half = np.array([matching.max_disparity / 2, 0.0])
+    to_right = best_matches(left, right, left.uv - half, (half[0], ROWS))
+    to_left = best_matches(right, left, right.uv + half, (half[0], ROWS))
+    return DescribedPair(*pair, left, right, to_right, to_left)
+
+
+class LoopMatcher:
+    """Blobs and corners matched round the loop, pair by pair.
+
+    A feature found again gets a year older and keeps its number.
+    """
+
+    def __init__(self, features: FeatureConfig, matching: MatchingConfig):
+        self.features = features
+        self.config = matching
+        self._previous: DescribedPair | None = None
+        self._age: Whole = np.zeros(0, np.int64)
+        self._id: Whole = np.zeros(0, np.int64)
+        self._next_id = 0
+
+    def prepare(self, pair: tuple[Image, Image]) -> DescribedPair:
+        """What needs no other pair; may run in other threads, ahead."""
+        return describe_pair(pair, self.features, self.config)
+
+    def step(self, pair: DescribedPair) -> StereoMatches:
+        """Matches of the pair before with this one; empty for the first pair."""
+        before, self._previous = self._previous, pair
+        number = len(pair.in_left.kind)
+        age, identity = np.ones(number, np.int64), np.full(number, -1, np.int64)
+        matches = empty_matches()
+        if before is not None:
+            prev_left, prev_right, cur_left, cur_right = close_loop(before, pair, self.config.search_radius)
+            age[cur_left] = self._age[prev_left] + 1
+            identity[cur_left] = self._id[prev_left]
+            whole = (
+                before.in_left.uv[prev_left],
+                before.in_right.uv[prev_right],
+                pair.in_left.uv[cur_left],
+                pair.in_right.uv[cur_right],
+            )
+            places, ok = finish(before, pair, whole, self.config)
+            known = self._age[prev_left], before.in_left.strength[prev_left], self._id[prev_left]
+            matches = StereoMatches(*places, *known)[ok]
+        new = identity < 0
+        identity[new] = self._next_id + np.arange(np.count_nonzero(new))
+        self._next_id += int(np.count_nonzero(new))
+        self._age, self._id = age, identity
+        return matches
+
+
+def close_loop(before: DescribedPair, pair: DescribedPair, radius: float) -> tuple[Index, ...]:
+    """Features whose loop through the four images ends where it began.
+
+    Returns
+    -------
+    Their indices (N,) in the previous left and right, and in the current left and right image.
+    """
+    reach = (radius, radius)
+    prev_left = np.flatnonzero(before.to_right >= 0)
+    prev_right = before.to_right[prev_left]
+    seen = before.in_right[prev_right]
+    cur_right = best_matches(seen, pair.in_right, seen.uv, reach)
+    prev_left, prev_right, cur_right = (each[cur_right >= 0] for each in (prev_left, prev_right, cur_right))
+    cur_left = pair.to_left[cur_right]
+    prev_left, prev_right, cur_right, cur_left = (
+        each[cur_left >= 0] for each in (prev_left, prev_right, cur_right, cur_left)
+    )
+    seen = pair.in_left[cur_left]
+    closed = best_matches(seen, before.in_left, seen.uv, reach) == prev_left
+    return prev_left[closed], prev_right[closed], cur_left[closed], cur_right[closed]
+
+
+def finish(
+    before: DescribedPair, pair: DescribedPair, whole: FourPlaces, config: MatchingConfig
+) -> tuple[FourPlaces, Mask]:
+    """Sub-pixel places of matches that are known to whole pixels.
+
+    A feature stays where the previous left image has it. Lucas-Kanade finds it from there in the previous
+    right and in the current left image, and from each of these in the current right one: there the two ways
+    round the loop must meet.
+
+    Parameters
+    ----------
+    whole : (N, 2) pixels in the previous left and right, and in the current left and right image.
+
+    Returns
+    -------
+    Places in the same order, and which of them are good, (N,).
+    """
+    side, (prev_left, prev_right, cur_left, cur_right) = config.finish_window, whole
+    prev_right, ok = track(before.left, before.right, prev_left, prev_right, side)
+    cur_left, found = track(before.left, pair.left, prev_left, cur_left, side)
+    by_time, seen = track(before.right, pair.right, prev_right, cur_right, side)
+    cur_right, met = track(pair.left, pair.right, cur_left, cur_right, side)
+    ok &= found & seen & met & (np.linalg.norm(cur_right - by_time, axis=1) <= config.loop_tolerance)
+    ok &= is_stereo(prev_left, prev_right, config) & is_stereo(cur_left, cur_right, config)
+    return (prev_left, prev_right, cur_left, cur_right), ok
+
+
+def is_stereo(left: Array, right: Array, config: MatchingConfig) -> Mask:
+    """Which pixels (N, 2) can be a stereo match: rows agree, the disparity is large enough. (N,) bool."""
+    disparity, row = (left - right).T
+    return np.asarray((disparity >= config.min_disparity) & (np.abs(row) <= config.row_tolerance))
+
+
+def track(image: Image, target: Image, uv: Array, start: Array, side: int) -> tuple[Array, Mask]:
+    """Lucas-Kanade at full resolution: where windows round `uv` (N, 2) lie in `target`, near `start` (N, 2).
+
+    Returns
+    -------
+    Pixels (N, 2), and which were found within two pixels of the start, (N,).
+    """
+    if len(uv) == 0:
+        return start, np.zeros(0, np.bool_)
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        image,
+        target,
+        uv.astype(np.float32),
+        start.astype(np.float32),
+        winSize=(side, side),
+        maxLevel=0,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    places = np.asarray(moved, np.float64).reshape(-1, 2)
+    return places, (status.ravel() == 1) & (np.abs(places - start).max(axis=1) <= FINISH_REACH)
