@@ -4,8 +4,8 @@ examples:
   python compare_box_rules.py
   python compare_box_rules.py --sequences 00,synthetic/jam --methods viso2 --labels 00=labels/00 --jobs 2
 
-Rules: none, all (the paper), moving (only boxes judged moving), truth (drawn scenes only). A call that was
-stopped goes on where it was.
+Rules: none, all (the paper), moving (only boxes judged moving), truth (drawn scenes only). Called again,
+it does not do finished runs again.
 """
 
 from __future__ import annotations

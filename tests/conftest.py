@@ -24,6 +24,15 @@ WIDTH, HEIGHT = 480, 240
 BANDS = (4, 6, 9, 12, 16, 20)  # disparity of each band of rows, pixels
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _own_hashes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Hashes of the tests' images do not pile up in the user's cache folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("user") / "synthetic"
+        patch.setattr("vo_lib.runs.identity.cache_folder", lambda: folder)
+        yield
+
+
 @pytest.fixture(scope="session")
 def clips() -> Path:
     """Root of the real KITTI clips; skips where they are absent."""

@@ -93,20 +93,6 @@ def test_age_and_number_are_carried_over(bands: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", FRONT_ENDS)
-def test_a_front_end_goes_on_from_its_state(bands: Path, kind: str) -> None:
-    sequence = open_sequence(bands)
-    config = MatchingConfig(front_end=kind)
-    first, second = (make_front_end(sequence.camera, FEATURES, config) for _ in range(2))
-    pairs = [first.prepare(sequence.stereo(i)) for i in range(4)]
-    for pair in pairs[:3]:
-        first.step(pair)
-    second.restore(first.state(), pairs[2])
-    a, b = first.step(pairs[3]), second.step(pairs[3])
-    for name in ("prev_left", "prev_right", "cur_left", "cur_right", "age", "strength", "id"):
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-
-
-@pytest.mark.parametrize("kind", FRONT_ENDS)
 def test_black_images_give_no_matches_and_no_error(bands: Path, kind: str) -> None:
     sequence = open_sequence(bands)
     front_end = make_front_end(sequence.camera, FEATURES, MatchingConfig(front_end=kind))

@@ -19,7 +19,6 @@ from vo_lib.core.geometry import sampson_distance, skew
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
 from vo_lib.method.boxes import inside
-from vo_lib.runs.arrays import pack_arrays, unpack_arrays
 from vo_lib.runs.runner import FoundMatches
 
 AHEAD = tuple((STEP[:3, 3] * -1.0).tolist())  # the step of a car that keeps its distance
@@ -119,22 +118,6 @@ def test_features_that_disagree_with_the_street_are_told() -> None:
     (found,) = judged(first, frames)
     assert found.agrees[:200].mean() > 0.9
     assert not found.agrees[200:].any()
-
-
-def test_a_judge_goes_on_from_its_state_as_if_never_stopped() -> None:
-    cars = [Vehicle((-3.0, 0.8, 30.0), (0.0, 0.0, -0.8)), Vehicle((4.0, 0.8, 16.0))]
-    first, frames = drive(cars, 6)
-    whole = judged(first, frames)
-    judge = BoxJudge(CAMERA, FilterConfig())
-    judge.start(first)
-    for matches, boxes in frames[:3]:
-        judge.step(matches, boxes)
-    again = BoxJudge(CAMERA, FilterConfig())
-    again.restore(unpack_arrays(pack_arrays(judge.state())))
-    for (matches, boxes), expected in zip(frames[3:], whole[3:], strict=True):
-        found = again.step(matches, boxes)
-        np.testing.assert_array_equal(found.state, expected.state)
-        np.testing.assert_array_equal(found.step, expected.step)
 
 
 def test_a_higher_significance_makes_it_harder_to_move() -> None:

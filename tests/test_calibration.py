@@ -98,21 +98,6 @@ def test_frames_without_matches_are_borne_with_the_shortest_memory() -> None:
         CalibrationConfig(row_memory=1)  # nothing would be left of the frames before
 
 
-def test_it_goes_on_from_a_kept_state() -> None:
-    first, second = (StereoCalibration(CAMERA, CalibrationConfig()) for _ in range(2))
-    kept = {}
-    for i, (matches, T_cp) in enumerate(frames(8, (0.5, 0.0), TrackConfig(points=100, noise=0.2))):
-        if i == 4:
-            kept = first.state()
-            second.restore(kept)
-        for each in (first, second)[: 1 + bool(kept)]:
-            each.learn_rows(matches)
-            each.update(each.correct(matches), T_cp[:3, :3], T_cp[:3, 3])
-    assert first.state().keys() == second.state().keys()
-    for name, value in first.state().items():
-        np.testing.assert_array_equal(value, second.state()[name])
-
-
 def test_switched_off_nothing_changes() -> None:
     matches, _ = next(frames(2, (1.0, 0.0), TrackConfig(points=100)))
     odometry = Odometry(CAMERA, settings.replace(preset("viso2"), "calibration.estimate", False))
@@ -121,7 +106,7 @@ def test_switched_off_nothing_changes() -> None:
     np.testing.assert_array_equal(calibration.correct(matches).cur_right, matches.cur_right)
     odometry.start(no_boxes())
     odometry.step(matches, no_boxes())
-    np.testing.assert_array_equal(odometry.state()["disparity"], np.zeros(2))
+    np.testing.assert_array_equal(odometry._calibration.disparity, np.zeros(2))
 
 
 def test_a_camera_at_rest_teaches_nothing() -> None:

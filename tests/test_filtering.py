@@ -20,7 +20,6 @@ from vo_lib.core.matches import StereoMatches
 from vo_lib.data.labels import read_labels
 from vo_lib.data.sequence import Sequence
 from vo_lib.method.boxes import in_boxes
-from vo_lib.runs.arrays import pack_arrays, unpack_arrays
 from vo_lib.runs.runner import FoundMatches
 from vo_lib.synthetic import open_truth
 
@@ -134,20 +133,6 @@ def test_a_frame_with_little_street_is_flagged() -> None:
     rule.start(first)
     matches, boxes = frames[0]
     assert rule.step(matches[np.arange(190, 240)], boxes).flags == ("few_street",)
-
-
-@pytest.mark.parametrize("rule", ["all", "moving"])
-def test_a_filter_goes_on_from_its_state_as_if_never_stopped(rule: str) -> None:
-    config = FilterConfig(rule=rule)
-    whole = filtered(config)
-    first, frames = two_cars()
-    one, other = BoxFilter(CAMERA, config), BoxFilter(CAMERA, config)
-    one.start(first)
-    for frame in frames[:3]:
-        one.step(*frame)
-    other.restore(unpack_arrays(pack_arrays(one.state())))
-    for frame, expected in zip(frames[3:], whole[3:], strict=True):
-        np.testing.assert_array_equal(other.step(*frame).keep, expected.keep)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
+import time
 from pathlib import Path
 
 import cv2
@@ -11,14 +14,104 @@ import pytest
 
 import vo_lib.runs.identity as identity
 from vo_lib import DataError, open_sequence, preset
+from vo_lib.core.files import file_sha256
 
 
-def test_copies_of_the_images_are_the_same_images(bands: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def memory(bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user's cache folder with nothing in it, for hashes of images that were written an hour ago."""
+    monkeypatch.setattr(identity, "cache_folder", lambda: tmp_path / "user" / "synthetic")
+    for path in bands.glob("image_?/*.png"):
+        set_age(path, 3600)
+    return tmp_path / "user" / "hashes"
+
+
+def set_age(path: Path, seconds: float) -> None:
+    os.utime(path, (time.time() - seconds,) * 2)
+
+
+def hashed(monkeypatch: pytest.MonkeyPatch, folder: Path) -> tuple[str, list[str]]:
+    """The digest of a sequence's images, and the names of those that were read for it."""
+    read: list[str] = []
+
+    def watched(path: Path) -> str:
+        read.append(f"{path.parent.name}/{path.name}")
+        return file_sha256(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(identity, "file_sha256", watched)
+        return identity.images_digest(open_sequence(folder)), sorted(read)
+
+
+def test_copies_of_the_images_are_the_same_images_and_names_count(bands: Path, tmp_path: Path) -> None:
     shutil.copytree(bands, tmp_path / "copy")
     one, other = open_sequence(bands), open_sequence(tmp_path / "copy")
     assert identity.images_digest(one) == identity.images_digest(other)
     assert identity.images_digest(one) != identity.images_digest(one.part(0, 5))
     assert identity.images_digest(one.part(0, 5)) != identity.images_digest(one.part(1, 6))
+    for side in ("image_0", "image_1"):
+        for number in reversed(range(6)):
+            (bands / side / f"{number:06d}.png").rename(bands / side / f"{number + 1:06d}.png")
+    assert identity.images_digest(open_sequence(bands)) != identity.images_digest(other)
+
+
+def test_an_image_is_read_once_and_again_when_it_has_changed(
+    bands: Path, memory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, read = hashed(monkeypatch, bands)
+    assert len(read) == 12
+    assert hashed(monkeypatch, bands) == (first, [])
+    path = bands / "image_1" / "000003.png"
+    set_age(path, 1800)
+    assert hashed(monkeypatch, bands) == (first, ["image_1/000003.png"])
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(bytes(data))
+    changed, read = hashed(monkeypatch, bands)
+    assert changed != first
+    # So young a file may change again within the grain of its time.
+    assert read == ["image_1/000003.png"]
+    assert hashed(monkeypatch, bands) == (changed, ["image_1/000003.png"])
+    assert len(list(memory.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    "damage", ["", "{", "[1]", "null", '{"image_0/000000.png": 5}', '{"image_0/000000.png": [1, 2, "x"]}']
+)
+def test_damaged_memory_means_to_hash_again(
+    bands: Path, memory: Path, monkeypatch: pytest.MonkeyPatch, damage: str
+) -> None:
+    first, _ = hashed(monkeypatch, bands)
+    (file,) = memory.iterdir()
+    whole = json.loads(file.read_text(encoding="utf-8"))
+    file.write_text(damage, encoding="utf-8")
+    assert hashed(monkeypatch, bands) == (first, sorted(whole))
+    assert json.loads(file.read_text(encoding="utf-8")) == whole
+
+
+def test_processes_that_hash_at_once_lose_nothing_but_time(
+    bands: Path, memory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    early, late = open_sequence(bands).part(0, 3), open_sequence(bands).part(3, 6)
+    others: list[str] = []
+
+    def meanwhile(path: Path) -> str:
+        if path == bands / "image_0" / "000002.png":
+            others.append(identity.images_digest(late))
+        return file_sha256(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(identity, "file_sha256", meanwhile)
+        first = identity.images_digest(early)
+    (file,) = memory.iterdir()
+    assert len(json.loads(file.read_text(encoding="utf-8"))) == 12
+    assert hashed(monkeypatch, bands)[1] == []
+    assert [identity.images_digest(early), identity.images_digest(late)] == [first, *others]
+
+
+def test_a_cache_folder_that_cannot_be_written_is_no_error(bands: Path, memory: Path) -> None:
+    memory.parent.write_text("a file", encoding="utf-8")
+    assert identity.images_digest(open_sequence(bands)) == identity.images_digest(open_sequence(bands))
 
 
 @pytest.mark.parametrize("place", [(0, 0), (120, 240), (239, 479)])

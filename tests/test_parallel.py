@@ -77,7 +77,7 @@ def test_no_more_processes_start_than_there_are_tasks(
 @pytest.mark.parametrize("sent", ["SIGINT", "SIGKILL"])
 def test_no_process_outlives_the_first(tmp_path: Path, sent: str) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from vo_lib.parallel import parallel\n"
+        "import sys, time; from pathlib import Path; from vo_lib.runs.parallel import parallel\n"
         "sys.path.insert(0, sys.argv[2]); from test_parallel import linger\n"
         "parallel(linger, [Path(sys.argv[1]) / str(i) for i in range(4)], 2)"
     )

@@ -11,7 +11,7 @@ from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
 from ..core.types import Mask
 from ..method.boxes import inside, on_vehicles
-from .box_tracks import MOVING, UNKNOWN, BoxJudge, Judgement, State
+from .box_tracks import MOVING, UNKNOWN, BoxJudge, Judgement
 from .config import FilterConfig
 
 
@@ -94,21 +94,6 @@ class BoxFilter:
         else:
             keep, off = static_matches(matches, before, boxes, self.config)
         return Filtered(keep, (*(("filter_off",) if off else ()), *flags), judgement)
-
-    def state(self) -> State:
-        """All that the frames so far left behind, as plain arrays; `restore` goes on from there."""
-        mine = {
-            "boxes_xyxy": self._boxes.xyxy,
-            "boxes_class": self._boxes.class_id,
-            "boxes_score": self._boxes.score,
-        }
-        return mine if self._judge is None else mine | self._judge.state()
-
-    def restore(self, state: State) -> None:
-        """Go on as the filter with the same settings did whose `state` this was."""
-        self._boxes = Boxes(state["boxes_xyxy"], state["boxes_class"], state["boxes_score"])
-        if self._judge is not None:
-            self._judge.restore(state)
 
 
 def on_vehicles_that_move(matches: StereoMatches, judgement: Judgement, config: FilterConfig) -> Mask:

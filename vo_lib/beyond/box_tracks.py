@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +23,6 @@ from .moving import (
     street_motion,
     street_noise,
 )
-
-State = dict[str, NDArray[Any]]
 
 PARKED, UNKNOWN, MOVING = 0, 1, 2
 # Features from which a motion of the camera can be told.
@@ -155,16 +152,6 @@ class BoxJudge:
     def start(self, boxes: Boxes) -> None:
         """The first frame."""
         self._tracks = new_tracks(vehicles(boxes, self.config).xyxy)
-
-    def state(self) -> State:
-        """All that the frames so far left behind, as plain arrays; `restore` goes on from there."""
-        tracks = {f"tracks_{f.name}": getattr(self._tracks, f.name) for f in dataclasses.fields(Tracks)}
-        return tracks | {"tracks_motion": np.zeros((0, 4)) if self._motion is None else self._motion}
-
-    def restore(self, state: State) -> None:
-        """Go on as the judge with the same settings did whose `state` this was."""
-        self._tracks = Tracks(*(state[f"tracks_{f.name}"] for f in dataclasses.fields(Tracks)))
-        self._motion = state["tracks_motion"] if len(state["tracks_motion"]) else None
 
     def step(self, matches: StereoMatches, boxes: Boxes) -> Judgement:
         """Judge the boxes of the next frame's left image by its matches with the frame before."""

@@ -11,10 +11,8 @@ One frame knows the two to some tenths of a pixel. A Kalman filter carries them 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
@@ -77,20 +75,6 @@ class StereoCalibration:
         self.rows = RowError(config)
         self.disparity = np.zeros(2)
         self.covariance = np.eye(2) * config.initial_deviation**2
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """All that was learnt, as plain arrays; `restore` takes it."""
-        return {
-            "disparity": self.disparity,
-            "covariance": self.covariance,
-            "row_information": self.rows.information,
-            "row_vector": self.rows.vector,
-        }
-
-    def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Go on as the one whose `state` this was."""
-        self.disparity, self.covariance = state["disparity"], state["covariance"]
-        self.rows.restore(state["row_information"], state["row_vector"])
 
     def learn_rows(self, matches: StereoMatches) -> None:
         """Learn the difference of rows from a frame's matches as measured."""

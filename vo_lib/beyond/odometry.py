@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +22,6 @@ from .config import Config
 from .principal_point import PrincipalPoint
 from .selection import estimate_essential
 from .translation import solve_translation
-
-State = dict[str, NDArray[Any]]
 
 
 class Odometry:
@@ -55,26 +52,6 @@ class Odometry:
     def start(self, boxes: Boxes) -> None:
         """The first frame: nothing but its boxes is needed."""
         self._filter.start(boxes)
-
-    def state(self) -> State:
-        """All that the frames so far left behind, as plain arrays; `restore` goes on from there."""
-        return {
-            "frame": np.array(self._frame),
-            "e": np.zeros(0) if self._e is None else self._e,
-            "last": self._last,
-            **self._calibration.state(),
-            **self._centre.state(),
-            **self._filter.state(),
-        }
-
-    def restore(self, state: State) -> None:
-        """Go on as the odometry with the same settings did whose `state` this was."""
-        self._frame = int(state["frame"])
-        self._e = state["e"] if len(state["e"]) else None
-        self._last = state["last"]
-        self._calibration.restore(state)
-        self._centre.restore(state)
-        self._filter.restore(state)
 
     def step(
         self, matches: StereoMatches, boxes: Boxes, on_moving: NDArray[np.bool_] | None = None

@@ -25,7 +25,6 @@ besides, which more frames do not mend; the settings allow for twice that.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 
 import numpy as np
 
@@ -67,14 +66,6 @@ class PrincipalPoint:
         """The principal point from its nominal place, along u and v."""
         du, dv = (-self.nominal.f * self.shift).tolist()
         return du, dv
-
-    def state(self) -> dict[str, Array]:
-        """What was learnt so far, as plain arrays."""
-        return {"centre_information": self.information, "centre_vector": self.vector}
-
-    def restore(self, state: Mapping[str, Array]) -> None:
-        """Go on as the one whose `state` this was; same settings."""
-        self._learn(state["centre_information"], state["centre_vector"])
 
     def update(self, x_p: Array, x_c: Array, R_cp: Array, direction: Array) -> None:
         """Learn from a frame's points, (N, 2) each, normalised by `camera`, and its motion.

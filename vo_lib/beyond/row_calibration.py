@@ -36,12 +36,8 @@ class RowError:
 
     def __init__(self, config: CalibrationConfig):
         self.config = config
-        self.restore(np.eye(TERMS) / config.row_deviation**2, np.zeros(TERMS))
-
-    def restore(self, information: Array, vector: Array) -> None:
-        """Go on from what was learnt elsewhere."""
-        self.information, self.vector = information, vector
-        self.coefficients = np.linalg.solve(information, vector)
+        self.information, self.vector = np.eye(TERMS) / config.row_deviation**2, np.zeros(TERMS)
+        self.coefficients = np.linalg.solve(self.information, self.vector)
 
     def at(self, x: Array, y: Array) -> Array:
         """Row differences (N,), pixels, expected at normalised left points, (N,) each."""

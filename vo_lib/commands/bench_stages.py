@@ -131,7 +131,7 @@ def run_bench(
     result = run_methods(sequence, {"": config}, lambda *_: advance(), found)[""]
     whole = time.perf_counter() - start
     memory = peak_memory()
-    packed = [pack(found.matches[i : i + CHUNK], {}) for i in range(0, len(sequence), CHUNK)]
+    packed = [pack(found.matches[i : i + CHUNK]) for i in range(0, len(sequence), CHUNK)]
     back_end = []
     for _ in range(BACK_END_RUNS):
         start = time.perf_counter()
@@ -179,7 +179,7 @@ def _read(packed: list[bytes]) -> Iterator[TimedMatches]:
     """Matches out of the bytes of a cache's files."""
     for data in packed:
         clock = Clock()
-        frames, _ = unpack(data)
+        frames = unpack(data)
         clock.stage("cached_matches")
         yield from (
             (matches, {"cached_matches": clock.ms["cached_matches"] / len(frames)}) for matches in frames

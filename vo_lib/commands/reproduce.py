@@ -27,7 +27,7 @@ def add(commands: Any) -> None:
         "reproduce",
         help="Table 1 and Figure 4: methods over sequences and seeds",
         epilog="example: vo reproduce --sequences 00,02-10 --methods mesvo_f,feature_selection --jobs 2. "
-        "Started again with the same folder it goes on where it was stopped. Exit code 1: a run failed.",
+        "Started again with the same folder, it does not do finished runs again. Exit code 1: a run failed.",
     )
     parser.add_argument(
         "--sequences",

@@ -17,7 +17,7 @@ from ..data.stereo_check import doubts
 from ..detection.label_cache import detected_sequence
 from ..runs.match_cache import match_folder
 from ..runs.results import evaluate_run, run_folder
-from ..runs.resume import resumable_run
+from ..runs.run_once import run_once
 from ..tables.plots import png, trajectory_figure
 from .common import open_with_bar, parse_frames
 from .console import reporting, say, show_run
@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
         "--out",
         required=True,
         metavar="DIR",
-        help="folder for poses, log, errors, picture; a run that was stopped there goes on",
+        help="folder for poses, log, errors, picture; a run finished there is read back",
     )
     parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
     parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
@@ -95,7 +95,7 @@ def _run(options: argparse.Namespace) -> int:
     label = f"{sequence.name}, {options.method}"
     with run_folder(options.out) as folder, _with_boxes(sequence, options, cache) as sequence:
         with reporting(label) as report:
-            result, done_before = resumable_run(
+            result, done_before = run_once(
                 folder,
                 sequence,
                 config,

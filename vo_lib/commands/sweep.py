@@ -24,8 +24,8 @@ def add(commands: Any) -> None:
         "sweep",
         help="a grid over settings on cached matches: table, CSV, heat map",
         epilog="example: vo sweep --sequence kitti/00 --method feature_selection --jobs 2 "
-        "--set selection.sets=50,100,200 --set filter.margin=0,0.1. Started again it goes on where it was "
-        "stopped; with more values or seeds it adds them. Exit code 1: a run failed.",
+        "--set selection.sets=50,100,200 --set filter.margin=0,0.1. Started again it does not do "
+        "finished runs again; with more values or seeds it adds them. Exit code 1: a run failed.",
     )
     parser.add_argument("--sequence", required=True, metavar="S", help="a name from `vo list`, or a path")
     parser.add_argument("--method", default="feature_selection", help=f"one of {', '.join(METHODS)}")

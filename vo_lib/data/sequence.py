@@ -117,15 +117,15 @@ _drawn_truth = functools.lru_cache(maxsize=4)(open_truth)
 
 
 def stereo_ahead(
-    sequence: Sequence, prepare: Callable[[tuple[Image, Image]], Prepared], ahead: int = 4, start: int = 0
+    sequence: Sequence, prepare: Callable[[tuple[Image, Image]], Prepared], ahead: int = 4
 ) -> Iterator[Prepared]:
-    """What `prepare` makes of each stereo pair from `start` on, in order; in threads, a few frames ahead."""
+    """What `prepare` makes of each stereo pair, in order; in threads, a few frames ahead."""
     with ThreadPoolExecutor(max_workers=2) as pool:
         waiting: deque[Future[Prepared]] = deque()
-        for index in range(start, len(sequence) + ahead):
+        for index in range(len(sequence) + ahead):
             if index < len(sequence):
                 waiting.append(pool.submit(lambda i: prepare(sequence.stereo(i)), index))
-            if index >= start + ahead:
+            if index >= ahead:
                 yield waiting.popleft().result()
 
 

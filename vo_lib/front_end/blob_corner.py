@@ -18,7 +18,7 @@ from ..core.matches import StereoMatches, empty_matches
 from ..core.types import Array, Image
 from ..method.features import Described, best_matches, describe
 from .config import FeatureConfig, MatchingConfig
-from .klt import next_motion, pack_motion, unpack_motion
+from .klt import next_motion
 from .subpixel import finish_over_time, finish_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
@@ -86,19 +86,6 @@ class BlobCornerMatcher:
         self._next_id += int(np.count_nonzero(new))
         self._previous = (pair, place)
         return matches
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """What the pairs so far left behind, as plain arrays, without the images; empty before the first."""
-        if self._previous is None:
-            return {}
-        return {**self._previous[1], "motion": pack_motion(self._motion), "next_id": np.array(self._next_id)}
-
-    def restore(self, state: dict[str, NDArray[Any]], previous: DescribedPair) -> None:
-        """Go on as the matcher whose `state` this was after the pair `previous`; same settings."""
-        place = {name: a.copy() for name, a in state.items() if name not in ("motion", "next_id")}
-        self._previous = (previous, place)
-        self._motion = unpack_motion(state["motion"])
-        self._next_id = int(state["next_id"])
 
     def _match(
         self, pair: DescribedPair, place: dict[str, NDArray[Any]]

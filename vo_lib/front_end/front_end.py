@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from numpy.typing import NDArray
-
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
 from ..core.types import Image
@@ -34,12 +32,6 @@ class FrontEnd(Protocol):
 
     def step(self, pair: Any) -> StereoMatches:
         """Matches of the pair before with this one; empty for the first pair."""
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """What the pairs so far left behind, as plain arrays, without the images; empty before the first."""
-
-    def restore(self, state: dict[str, NDArray[Any]], previous: Any) -> None:
-        """Go on as the front end whose `state` this was; `previous` is its last prepared pair."""
 
 
 def make_front_end(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -111,24 +110,6 @@ class LoopMatcher:
         )
         self._previous = (pair, self._add_corners(pair, known))
         return matches
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """What the pairs so far left behind, as plain arrays, without the images; empty before the first."""
-        if self._previous is None:
-            return {}
-        known = self._previous[1]
-        return {
-            **{f.name: getattr(known, f.name) for f in dataclasses.fields(known)},
-            "motion": pack_motion(self._motion),
-            "next_id": np.array(self._next_id),
-        }
-
-    def restore(self, state: dict[str, NDArray[Any]], previous: PreparedPair) -> None:
-        """Go on as the matcher whose `state` this was after the pair `previous`; same settings."""
-        known = _Features(*(state[f.name] for f in dataclasses.fields(_Features)))
-        self._previous = (previous, known)
-        self._motion = unpack_motion(state["motion"])
-        self._next_id = int(state["next_id"])
 
     def _follow(self, pair: PreparedPair) -> tuple[StereoMatches, Array]:
         assert self._previous is not None
@@ -249,14 +230,3 @@ def next_motion(camera: StereoCamera, matches: StereoMatches, last: Motion | Non
     start = last or (np.eye(3), np.zeros(3))
     current = matches.cur_left, matches.cur_right
     return fit_motion(camera, X_p, *current, *start, tolerance=GOOD_ENOUGH)[:2]
-
-
-def pack_motion(motion: Motion | None) -> Array:
-    """A motion as an array (1, 3, 4); empty where there is none."""
-    return np.array([] if motion is None else [np.hstack([motion[0], motion[1][:, None]])])
-
-
-def unpack_motion(packed: Array) -> Motion | None:
-    """The motion that `pack_motion` packed."""
-    # A copy: arithmetic on a view with other strides may round differently.
-    return (packed[0, :, :3].copy(), packed[0, :, 3].copy()) if len(packed) else None

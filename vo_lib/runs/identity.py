@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import json
 import os
 import platform
 import subprocess
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -15,32 +19,59 @@ import cv2
 import numpy as np
 
 from ..core.errors import DataError
+from ..core.files import file_sha256, write_text_atomic
 from ..core.settings import to_dict
 from ..data.sequence import Sequence
+from ..synthetic import cache_folder
 
 PACKAGE = Path(__file__).resolve().parents[1]
 ROOMS = ("core", "method", "front_end", "baseline", "beyond")
 DIGITS = 16
 NOT_USED = "not used"
-# A PNG ends with the checksum of all pixels (4 bytes, Adler-32), that of the last chunk (4) and IEND (12).
-PNG_TAIL = 20
+# A file changed so short a time ago may change again and keep its time: file systems round it.
+UNSETTLED = 2_000_000_000  # nanoseconds
 
 
 def images_digest(sequence: Sequence) -> str:
-    """Digest of the names, sizes and pixel checksums of all images; only the end of each file is read."""
-    digest = hashlib.sha256()
-    for side in ("image_0", "image_1"):
-        for frame in sequence.frames:
-            path = sequence.folder / side / f"{frame}.png"
-            try:
-                with open(path, "rb") as file:
-                    size = file.seek(0, os.SEEK_END)
-                    file.seek(max(size - PNG_TAIL, 0))
-                    tail = file.read()
-            except OSError as error:
-                raise DataError(f"the image cannot be read: {error.strerror}", path) from None
-            digest.update(f"{side}/{frame} {size} ".encode() + tail)
+    """Digest of the names and contents of all images; each is read once, and again when it has changed."""
+    names = [f"{side}/{frame}.png" for side in ("image_0", "image_1") for frame in sequence.frames]
+    hashes = content_hashes(sequence.folder, names)
+    digest = hashlib.sha256("".join(f"{name} {hashes[name]}\n" for name in names).encode())
     return digest.hexdigest()[:DIGITS]
+
+
+def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
+    """Hash of the content of each file of a folder, by name.
+
+    Hashes are remembered in the user's cache folder with the size and the time of the file, in a JSON file
+    for each folder. Where that is damaged, or two processes wrote it at once, files are hashed again.
+    """
+    place = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:DIGITS]
+    memory = cache_folder().parent / "hashes" / f"{place}.json"
+    known, now = _remembered(memory), time.time_ns()
+    try:
+        stats = {name: (folder / name).stat() for name in names}
+    except OSError as error:
+        raise DataError(f"the image cannot be read: {error.strerror}", error.filename) from None
+    stamps = {name: [stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()}
+    changed = [name for name in names if known.get(name, [])[:2] != stamps[name]]
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        fresh = dict(zip(changed, pool.map(file_sha256, [folder / name for name in changed]), strict=True))
+    settled = {n: [*stamps[n], fresh[n]] for n in changed if stamps[n][1] < now - UNSETTLED}
+    if settled:
+        with suppress(OSError, DataError):
+            memory.parent.mkdir(parents=True, exist_ok=True)
+            write_text_atomic(memory, json.dumps(_remembered(memory) | settled))
+    return {name: fresh[name] if name in fresh else known[name][2] for name in names}
+
+
+def _remembered(memory: Path) -> dict[str, list[Any]]:
+    """Size, time and hash of files by name; nothing where it is missing or damaged."""
+    try:
+        known = json.loads(memory.read_text(encoding="utf-8"))
+        return {n: entry for n, entry in known.items() if isinstance(entry, list) and len(entry) == 3}
+    except (OSError, ValueError, AttributeError):
+        return {}
 
 
 def labels_digest(sequence: Sequence) -> str:

@@ -1,4 +1,4 @@
-"""Many runs at once, in parallel processes, each in a run folder that can be continued."""
+"""Many runs at once, in parallel processes, each in a run folder of its own."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from ..core.types import Progress
 from ..data.sequence import Sequence
 from .match_cache import CachedMatches
 from .parallel import parallel
-from .results import run_folder
-from .resume import is_finished, resumable_run
-from .run_log import logged_frames
+from .results import CONFIG, is_finished, run_folder
+from .run_once import LOCK, run_once
 from .runner import one_blas_thread
 
 POLL = 0.3  # seconds between two looks at what was done
@@ -32,7 +31,7 @@ class Job:
     sequence : what to run, opened by the caller (a part of it, or other labels, are set there).
     method : name of the method, written into the folder and shown to the person.
     config : its settings, the seed among them.
-    folder : the run folder; made when needed, continued when it holds this run, left when that is finished.
+    folder : the run folder; made when needed, left as it is when it holds this run finished.
     """
 
     sequence: Sequence
@@ -78,12 +77,12 @@ def run_jobs(
     ----------
     jobs : with folders all different.
     workers : processes; 1 runs in this one.
-    progress : called with (frames done, frames in all) over all jobs and their front ends, now and then,
-        from another thread.
+    progress : called with (frames done, frames in all) over the jobs that are not finished and their front
+        ends, now and then, from another thread.
     cache : folder of the match cache; default the user's cache folder.
     scheduler : address of a Dask scheduler, "tcp://host:port", that runs the jobs in place of local
         processes; its workers must see the same files under the same names.
-    fresh : start finished and half-done folders anew.
+    fresh : start finished folders anew.
 
     Returns
     -------
@@ -93,15 +92,16 @@ def run_jobs(
     Raises
     ------
     DataError : two jobs share a folder, or the scheduler cannot be reached.
-    KeyboardInterrupt : all processes are stopped; started again, every job continues.
+    KeyboardInterrupt : all processes are stopped; what is finished is not done again.
     """
     jobs = [replace(job, folder=job.folder.resolve()) for job in jobs]
     if len({job.folder for job in jobs}) < len(jobs):
         raise DataError("two jobs share a folder")
     cache = None if cache is None else cache.resolve()
+    left = [job for job in jobs if fresh or not is_finished(job.folder)]
     # One job for each front end that is needed.
-    needed = {_front_end(job): job for job in jobs if fresh or not is_finished(job.folder)}
-    with _counting(jobs, list(needed.values()), cache, fresh, progress):
+    needed = {_front_end(job): job for job in left}
+    with _counting(left, list(needed.values()), cache, progress):
         filled = parallel(partial(_fill, cache=cache), list(needed.values()), workers, scheduler)
         broken = {name: done for name, done in zip(needed, filled, strict=True) if done.error}
         ready = [job for job in jobs if _front_end(job) not in broken or is_finished(job.folder)]
@@ -130,24 +130,27 @@ def _fill(job: Job, cache: Path | None) -> None:
 def _run(job: Job, cache: Path | None, fresh: bool) -> None:
     """The back end, in the job's folder."""
     with run_folder(job.folder) as folder:
-        resumable_run(folder, job.sequence, job.config, job.method, cached=True, cache=cache, fresh=fresh)
+        run_once(folder, job.sequence, job.config, job.method, cached=True, cache=cache, fresh=fresh)
 
 
 def _is_begun(job: Job) -> bool:
-    return logged_frames(job.folder) is not None
+    """Whether a process was killed in the job's folder: it left its lock there."""
+    return (job.folder / LOCK).exists()
 
 
 @contextmanager
 def _counting(
-    jobs: list[Job], front_ends: list[Job], cache: Path | None, fresh: bool, progress: Progress | None
+    jobs: list[Job], front_ends: list[Job], cache: Path | None, progress: Progress | None
 ) -> Iterator[None]:
-    """A context in which a thread tells how far the jobs are. It looks into their folders: that works
-    for processes of this machine and of a cluster alike."""
-    if progress is None:
+    """A context in which a thread tells how far the jobs are: matches kept, and runs finished since.
+
+    It looks into the folders, which works for processes of this machine and of a cluster alike.
+    """
+    if progress is None or not jobs:
         yield
         return
     total = sum(len(job.sequence) for job in jobs + front_ends)
-    begun: set[Path] = set()
+    before = {job.folder: _changed(job) for job in jobs}
     stop = Event()
 
     def watch() -> None:
@@ -157,7 +160,8 @@ def _counting(
                 caches.append(_matches(job, cache))
         while not stop.is_set():
             found = sum(matches.frames_kept() for matches in caches)
-            progress(found + sum(_frames_done(job, fresh, begun) for job in jobs), total)
+            ended = sum(len(job.sequence) for job in jobs if _changed(job) != before[job.folder])
+            progress(found + ended, total)
             stop.wait(POLL)
 
     thread = Thread(target=watch, daemon=True)
@@ -170,10 +174,9 @@ def _counting(
     progress(total, total)
 
 
-def _frames_done(job: Job, fresh: bool, begun: set[Path]) -> int:
-    """Frames of a job that are done; a folder to be done anew counts from when it was begun."""
-    logged = logged_frames(job.folder)
-    if logged is not None:
-        begun.add(job.folder)
-        return min(logged, len(job.sequence))
-    return len(job.sequence) if is_finished(job.folder) and (not fresh or job.folder in begun) else 0
+def _changed(job: Job) -> int:
+    """When a job's run was last written, nanoseconds; 0 when never."""
+    try:
+        return (job.folder / CONFIG).stat().st_mtime_ns
+    except OSError:
+        return 0

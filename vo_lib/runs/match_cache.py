@@ -1,24 +1,26 @@
 """Matches kept on disk, so that a changed threshold of the back end re-runs the back end only.
 
 A cache folder has a folder for each sequence and front end, which holds a file for every 50 frames: the
-matches, exact to the last bit, and the front end's state behind them, from which a stopped search goes on.
+matches, exact to the last bit.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
+import io
 import json
 import re
 import shutil
+import zlib
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..beyond.odometry import State
 from ..config import FeatureConfig, MatchingConfig
 from ..core.errors import DataError
 from ..core.files import write_bytes_atomic, write_text_atomic
@@ -27,12 +29,11 @@ from ..core.matches import StereoMatches, empty_matches
 from ..core.settings import to_dict
 from ..data.sequence import Sequence
 from ..synthetic import cache_folder
-from .arrays import pack_arrays, unpack_arrays
 from .identity import code_digest, images_digest, versions
 from .runner import FoundMatches, TimedMatches
 
 CHUNK = 50  # frames in a file
-STATE = "state."
+CHECK = 4  # bytes of the checksum at the end of a file
 KEY = "key.json"
 
 
@@ -55,10 +56,10 @@ def match_key(sequence: Sequence, features: FeatureConfig, matching: MatchingCon
 
 
 class CachedMatches:
-    """Matches of every frame with the one before, read from the cache; those not there are found and kept.
+    """Matches of every frame with the one before, read from the cache, or found and kept there.
 
-    A drop-in for `runner.FoundMatches`, with the same matches to the last bit. A file that is damaged is
-    made anew, and all after it. Two processes that fill the same folder write the same files.
+    A drop-in for `runner.FoundMatches`, with the same matches to the last bit. Where a file is missing or
+    damaged all are found and written anew. Two processes that fill the same folder write the same files.
 
     Attributes
     ----------
@@ -71,11 +72,9 @@ class CachedMatches:
         features: FeatureConfig,
         matching: MatchingConfig,
         cache: Path | None = None,
-        start: int = 0,
     ):
         self.sequence = sequence
         self.settings = features, matching
-        self.start = start
         self._key: dict[str, Any] = json.loads(json.dumps(match_key(sequence, features, matching)))
         # The name says nothing about the matches: a sequence is known by its images.
         decisive = {name: value for name, value in self._key.items() if name != "sequence"}
@@ -83,23 +82,19 @@ class CachedMatches:
         name = re.sub(r"[^A-Za-z0-9_-]+", "-", sequence.name)
         self.folder = match_folder(cache) / f"{name}-{digest}"
 
-    def state(self) -> State:
-        """Nothing: a run on cached matches needs no front end to go on."""
-        return {}
-
     def __iter__(self) -> Iterator[TimedMatches]:
-        first = self.start - self.start % CHUNK
-        while first < len(self.sequence):
+        if self.frames_kept() < len(self.sequence):
+            yield from self._found()
+            return
+        for first in range(0, len(self.sequence), CHUNK):
             clock = Clock()
-            chunk = self._read(first)
-            if chunk is None:
-                yield from self._found(first)
+            frames = self._read(first)
+            if frames is None:
+                yield from islice(self._found(), first, None)
                 return
             clock.stage("cached_matches")
-            frames = chunk[0][max(self.start - first, 0) :]
             ms = clock.ms["cached_matches"] / len(frames)
             yield from ((matches, {"cached_matches": ms}) for matches in frames)
-            first += CHUNK
 
     def fill(self) -> None:
         """Find and keep all matches that are not there; those there are only checked."""
@@ -114,34 +109,24 @@ class CachedMatches:
     def _path(self, first: int) -> Path:
         return self.folder / f"{first:06d}.npz"
 
-    def _read(self, first: int) -> tuple[list[StereoMatches], State] | None:
-        """Matches of the frames of a file and the state behind them; None where it is missing or damaged."""
+    def _read(self, first: int) -> list[StereoMatches] | None:
+        """Matches of the frames of a file; None where it is missing or damaged."""
         try:
-            chunk = unpack(self._path(first).read_bytes())
+            frames = unpack(self._path(first).read_bytes())
         except (OSError, ValueError):
             return None
-        whole = len(chunk[0]) == min(CHUNK, len(self.sequence) - first)
-        return chunk if whole else None
+        return frames if len(frames) == min(CHUNK, len(self.sequence) - first) else None
 
-    def _found(self, first: int) -> Iterator[TimedMatches]:
-        """Matches from the images, from the file of frame `first` on, kept as they come."""
+    def _found(self) -> Iterator[TimedMatches]:
+        """Matches of all frames from the images, kept as they come."""
         self._prepare_folder()
-        state: State = {}
-        while first > 0:
-            before = self._read(first - CHUNK)
-            if before is not None:
-                state = before[1]
-                break
-            first -= CHUNK
-        source = FoundMatches(self.sequence, *self.settings, start=first, state=state)
-        chunk: list[StereoMatches] = []
-        for index, frame in enumerate(source, start=first):
-            chunk.append(frame[0])
-            if len(chunk) == CHUNK or index == len(self.sequence) - 1:
-                write_bytes_atomic(self._path(index + 1 - len(chunk)), pack(chunk, source.state()))
-                chunk = []
-            if index >= self.start:
-                yield frame
+        frames: list[StereoMatches] = []
+        for index, frame in enumerate(FoundMatches(self.sequence, *self.settings)):
+            frames.append(frame[0])
+            if len(frames) == CHUNK or index == len(self.sequence) - 1:
+                write_bytes_atomic(self._path(index + 1 - len(frames)), pack(frames))
+                frames = []
+            yield frame
 
     def _prepare_folder(self) -> None:
         try:
@@ -163,23 +148,28 @@ class CachedMatches:
                 shutil.rmtree(path.parent, ignore_errors=True)
 
 
-def pack(frames: list[StereoMatches], state: State) -> bytes:
-    """Matches of several frames and a state as bytes, each array as small as is exact."""
-    arrays: dict[str, NDArray[Any]] = {"counts": np.array([len(matches) for matches in frames])}
+def pack(frames: list[StereoMatches]) -> bytes:
+    """Matches of several frames as bytes: an npz file, each array as small as is exact, and a checksum."""
+    arrays: dict[str, Any] = {"counts": np.array([len(matches) for matches in frames])}
     for name in _names():
         arrays[name] = _smallest(np.concatenate([getattr(matches, name) for matches in frames]))
-    arrays |= {STATE + name: array for name, array in state.items()}
-    return pack_arrays(arrays)
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    data = buffer.getvalue()
+    return data + zlib.crc32(data).to_bytes(CHECK, "little")
 
 
-def unpack(data: bytes) -> tuple[list[StereoMatches], State]:
+def unpack(data: bytes) -> list[StereoMatches]:
     """What `pack` was given; `ValueError` when a byte was changed or lost."""
-    arrays = unpack_arrays(data)
-    kinds = {name: getattr(empty_matches(), name).dtype for name in _names()}
-    ends = np.cumsum(arrays["counts"])
-    columns = [np.split(arrays[name].astype(kind), ends[:-1]) for name, kind in kinds.items()]
-    state = {name.removeprefix(STATE): a for name, a in arrays.items() if name.startswith(STATE)}
-    return [StereoMatches(*fields) for fields in zip(*columns, strict=True)], state
+    content, check = data[:-CHECK], data[-CHECK:]
+    # Nothing but zeros would pass: the checksum of no bytes is 0.
+    if not content or zlib.crc32(content).to_bytes(CHECK, "little") != check:
+        raise ValueError("the checksum is wrong")
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        ends = np.cumsum(arrays["counts"])
+        kinds = {name: getattr(empty_matches(), name).dtype for name in _names()}
+        columns = [np.split(arrays[name].astype(kind), ends[:-1]) for name, kind in kinds.items()]
+    return [StereoMatches(*fields) for fields in zip(*columns, strict=True)]
 
 
 def _names() -> list[str]:

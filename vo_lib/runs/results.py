@@ -36,6 +36,8 @@ from .runner import Run
 CONFIG = "config.json"
 LOG = "frames.csv"
 METRICS = "metrics.json"
+POSES = "poses.txt"
+UNFINISHED = "unfinished"
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
 
@@ -84,18 +86,20 @@ def evaluate_run(result: Run) -> dict[str, Evaluation]:
 def write_run(
     folder: Path, result: Run, method: str, identity: dict[str, Any] | None = None
 ) -> dict[str, Evaluation]:
-    """Write poses, per-frame log, errors, and last what the run was; returns the errors.
+    """Write poses, per-frame log, errors, and what the run was; returns the errors.
 
-    `identity` is that of `identity.run_identity`, where it is known already.
+    config.json comes first, marked as unfinished, and last without the mark: killed in between, the folder
+    is nobody's finished run. `identity` is that of `identity.run_identity`, where it is known already.
     """
     sequence = result.sequence
     errors = evaluate_run(result)
     config = identity or run_identity(sequence, result.config, method)
-    config = config | {"timing": timing(result), "surroundings": surroundings()}
-    write_text_atomic(folder / "poses.txt", format_kitti_poses(result.poses))
+    write_text_atomic(folder / CONFIG, _json(config | {UNFINISHED: True}))
+    write_text_atomic(folder / POSES, format_kitti_poses(result.poses))
     write_text_atomic(folder / "poses_tum.txt", format_tum(sequence.times, result.poses))
     write_text_atomic(folder / LOG, frames_csv(sequence.frames[1:], result.motions))
     _write_metrics(folder, errors)
+    config = config | {"timing": timing(result), "surroundings": surroundings()}
     write_text_atomic(folder / CONFIG, _json(config))
     return errors
 
@@ -139,8 +143,11 @@ def timing(result: Run) -> dict[str, Any]:
     return {"ms_per_frame": result.ms_per_frame, "ms_per_frame_of": mean}
 
 
-def read_config(folder: Path) -> dict[str, Any]:
-    """What config.json of a finished run says; `DataError` where it is no such file."""
+def read_config(folder: Path, unfinished: bool = False) -> dict[str, Any]:
+    """What config.json of a finished run says; `DataError` where it is no such file.
+
+    unfinished : take that of a run that was stopped while its files were written, too.
+    """
     path = folder / CONFIG
     try:
         data = json.loads(read_text(path))
@@ -148,7 +155,17 @@ def read_config(folder: Path) -> dict[str, Any]:
         data = None
     if not isinstance(data, dict) or not isinstance(data.get("settings"), dict):
         raise DataError("expected the settings of a run, as `vo run` writes them", path)
+    if data.get(UNFINISHED) and not unfinished:
+        raise DataError("the run was stopped while its files were written: do it again", path)
     return data
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether a folder holds a finished run."""
+    try:
+        return bool(read_config(folder))
+    except DataError:
+        return False
 
 
 def read_run(folder: Path, sequence: Sequence) -> Run:
@@ -163,7 +180,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     DataError : a file is missing or broken, or does not have a row for each frame.
     """
     config = settings.from_dict(Config, read_config(folder)["settings"])
-    poses = read_kitti_poses(folder / "poses.txt")
+    poses = read_kitti_poses(folder / POSES)
     path = folder / LOG
     rows = list(csv.DictReader(io.StringIO(read_text(path))))
     if len(poses) != len(sequence) or len(rows) != len(sequence) - 1:

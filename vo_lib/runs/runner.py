@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from ..beyond.odometry import Odometry, State
+from ..beyond.odometry import Odometry
 from ..config import Config, FeatureConfig, MatchingConfig
 from ..core.boxes import Boxes
 from ..core.frame import Clock, Motion
@@ -53,7 +53,7 @@ class Run:
         return sum(m.removed for m in self.motions) / max(sum(m.matches for m in self.motions), 1)
 
 
-class Chain:
+class MethodRun:
     """One method along a sequence: its odometry, its motions so far and the poses they add up to."""
 
     def __init__(self, sequence: Sequence, config: Config):
@@ -72,14 +72,10 @@ class Chain:
         truth = self.config.filter.rule == "truth"
         on_moving = self.sequence.on_moving(index, matches) if truth else None
         motion = self.odometry.step(matches, boxes, on_moving)
-        self.add(dataclasses.replace(motion, ms={**ms, **motion.ms}))
-
-    def add(self, motion: Motion) -> None:
-        """Append a motion that is known already."""
         T_w_c = self._poses[-1] @ inverse(motion.T_cp)
         T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
         self._poses.append(T_w_c)
-        self.motions.append(motion)
+        self.motions.append(dataclasses.replace(motion, ms={**ms, **motion.ms}))
 
     def result(self) -> Run:
         """The run, once all frames were taken in."""
@@ -114,16 +110,16 @@ def run_methods(
     front_ends = {(config.features, config.matching) for config in configs.values()}
     if len(front_ends) != 1:
         raise ValueError("the methods need the same feature and matching settings to share their matches")
-    chains = {name: Chain(sequence, config) for name, config in configs.items()}
+    method_runs = {name: MethodRun(sequence, config) for name, config in configs.items()}
     with one_blas_thread():
         frames = FoundMatches(sequence, *front_ends.pop()) if matches is None else matches
         for index, frame in enumerate(frames):
             boxes = sequence.boxes(index)
-            for chain in chains.values():
-                chain.step(index, frame, boxes)
+            for method_run in method_runs.values():
+                method_run.step(index, frame, boxes)
             if progress is not None:
                 progress(index + 1, len(sequence))
-    return {name: chain.result() for name, chain in chains.items()}
+    return {name: method_run.result() for name, method_run in method_runs.items()}
 
 
 # To look through all loaded libraries takes a millisecond or two.
@@ -136,39 +132,19 @@ def one_blas_thread() -> AbstractContextManager[Any]:
 
 
 class FoundMatches:
-    """Matches of every frame with the one before, found from the images; the first are empty.
+    """Matches of every frame with the one before, found from the images; the first are empty."""
 
-    Iterating gives the frames from `start` on. `state` is that of the front end after the frame given last;
-    an object made with `start` one frame later and that state gives the same matches from there on.
-    """
-
-    def __init__(
-        self,
-        sequence: Sequence,
-        features: FeatureConfig,
-        matching: MatchingConfig,
-        start: int = 0,
-        state: State | None = None,
-    ):
+    def __init__(self, sequence: Sequence, features: FeatureConfig, matching: MatchingConfig):
         self.sequence = sequence
-        self.start = start
-        self._front_end = make_front_end(sequence.camera, features, matching)
-        self._state: State = {}
-        if start > 0:
-            assert state is not None
-            self._front_end.restore(state, self._front_end.prepare(sequence.stereo(start - 1)))
-
-    def state(self) -> State:
-        """The front end's state after the frame given last, plain arrays."""
-        return self._state
+        self.settings = features, matching
 
     def __iter__(self) -> Iterator[TimedMatches]:
+        front_end = make_front_end(self.sequence.camera, *self.settings)
         # In no thread of its own: like what comes after it, it holds Python's lock half of the time.
         clock = Clock()
-        for pair in stereo_ahead(self.sequence, self._front_end.prepare, start=self.start):
+        for pair in stereo_ahead(self.sequence, front_end.prepare):
             clock.stage("wait_images")
-            matches = self._front_end.step(pair)
+            matches = front_end.step(pair)
             clock.stage("matching")
-            self._state = self._front_end.state()
             yield matches, clock.ms
             clock = Clock()

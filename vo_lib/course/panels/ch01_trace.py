@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -10,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...beyond.odometry import State
 from ...config import FeatureConfig, MatchingConfig
 from ...core.matches import StereoMatches
 from ...core.types import Array
@@ -42,7 +42,7 @@ LOST = "not found again"
 REASONS = (LOST, *(words for words, _ in CHECKS))
 KEPT = len(REASONS)
 
-_histories: Memory[tuple[State, Any, Any]] = Memory(6)
+_histories: Memory[tuple[Any, Any]] = Memory(6)
 _disparities: Memory[CoarseDisparity] = Memory(8)
 _strengths: Memory[NDArray[np.float32]] = Memory(8)
 _described: Memory[DescribedPair] = Memory(8)
@@ -76,22 +76,24 @@ def trace(sequence: Sequence, frame: int, features: FeatureConfig, matching: Mat
     """
     usual = MatchingConfig(front_end=matching.front_end)
     base = sequence.folder, frame, features, usual
-    state, before, pair = _histories.get(base, lambda: _history(sequence, frame, features, usual))
+    before, pair = _histories.get(base, lambda: _history(sequence, frame, features, usual))
     stages = [dataclasses.replace(matching, **OPEN)]
     for _, names in CHECKS:
         stages.append(dataclasses.replace(stages[-1], **{name: getattr(matching, name) for name in names}))
 
     def step(stage: MatchingConfig) -> StereoMatches:
         def make() -> StereoMatches:
-            front_end = make_front_end(sequence.camera, features, stage)
-            front_end.restore(state, before)
-            return front_end.step(pair)
+            # A step replaces what the front end holds and changes none of it: a shallow copy will do.
+            front_end = copy.copy(before)
+            front_end.config = stage
+            matches: StereoMatches = front_end.step(pair)
+            return matches
 
         return _steps.get((*base, stage), make)
 
     with ThreadPoolExecutor(max_workers=2) as pool, one_blas_thread():
         results = list(pool.map(step, stages))
-    left, number = _candidates(state)
+    left, number = _candidates(before)
     reason = np.zeros(len(number), np.int64)
     alive = np.ones(len(number), np.bool_)
     for result in results:
@@ -105,8 +107,8 @@ def trace(sequence: Sequence, frame: int, features: FeatureConfig, matching: Mat
 
 def _history(
     sequence: Sequence, frame: int, features: FeatureConfig, matching: MatchingConfig
-) -> tuple[State, Any, Any]:
-    """State of a front end after the pair before `frame`, and the two prepared pairs."""
+) -> tuple[Any, Any]:
+    """A front end that has seen the pair before `frame`, and the prepared pair of `frame`."""
     front_end = make_front_end(sequence.camera, features, matching)
 
     def prepare(index: int) -> Any:
@@ -120,7 +122,7 @@ def _history(
     if isinstance(pair, PreparedPair):
         # Its own corners are for the frame after, which nobody asks for.
         pair = dataclasses.replace(pair, corners=pair.corners[:0], strength=pair.strength[:0])
-    return front_end.state(), earlier[-1], pair
+    return front_end, pair
 
 
 def _prepare(sequence: Sequence, index: int, features: FeatureConfig, matching: MatchingConfig) -> Any:
@@ -138,7 +140,9 @@ def _prepare(sequence: Sequence, index: int, features: FeatureConfig, matching: 
     return PreparedPair(*images, *detect_corners(strength, features), disparity)
 
 
-def _candidates(state: State) -> tuple[Array, NDArray[np.int64]]:
-    """Features with a stereo match in a front end's state: left pixels (N, 2) and numbers (N,)."""
-    has_stereo = state.get("stereo", np.ones(len(state["id"]), np.bool_))
-    return state["left"][has_stereo], state["id"][has_stereo]
+def _candidates(front_end: Any) -> tuple[Array, NDArray[np.int64]]:
+    """Features with a stereo match that wait in a front end: left pixels (N, 2) and numbers (N,)."""
+    known = front_end._previous[1]
+    if isinstance(known, dict):  # of blob_corner, which keeps those without a stereo match too
+        return known["left"][known["stereo"]], known["id"][known["stereo"]]
+    return known.left, known.id

@@ -1,4 +1,4 @@
-"""A run stopped at any moment and started again gives the same bytes; a folder belongs to one run."""
+"""A run killed at any moment and started again gives the same bytes; a folder belongs to one run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,17 +18,15 @@ import pytest
 from conftest import write_bands
 
 from vo_lib import DataError, Sequence, open_sequence, preset, run
-from vo_lib.beyond.odometry import Odometry
 from vo_lib.commands.cli import main
 from vo_lib.config import Config
 from vo_lib.core import settings
-from vo_lib.runs.results import write_run
-from vo_lib.runs.resume import only_process, resumable_run
-from vo_lib.runs.run_log import CHECKPOINT, LOG, RunLog
-from vo_lib.runs.runner import FoundMatches, Run
+from vo_lib.core.files import write_text_atomic
+from vo_lib.runs.results import is_finished, read_run, write_run
+from vo_lib.runs.run_once import only_process, run_once
 
 FRAMES = 14
-COMMAND = "import sys; from vo_lib.cli import main; sys.exit(main())"
+COMMAND = "import sys; from vo_lib.commands.cli import main; sys.exit(main())"
 
 
 class Stopped(Exception):
@@ -37,9 +34,8 @@ class Stopped(Exception):
 
 
 @pytest.fixture
-def sequence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Sequence:
-    """Fourteen frames with boxes, a checkpoint every five."""
-    monkeypatch.setattr("vo_lib.runs.resume.EVERY", 5)
+def sequence(tmp_path: Path) -> Sequence:
+    """Fourteen frames with boxes."""
     folder = write_bands(tmp_path / "bands", frames=FRAMES)
     (folder / "labels").mkdir()
     for frame in range(FRAMES):
@@ -77,80 +73,82 @@ def log_of(folder: Path) -> list[dict[str, str]]:
 
 
 def whole_run(sequence: Sequence, folder: Path, config: Config) -> Path:
-    """A folder with the run done in one go, without any log."""
+    """A folder with the run done in one go, without a lock."""
     folder.mkdir()
     write_run(folder, run(sequence, config), "m")
     return folder
 
 
 @pytest.mark.parametrize("cached", [False, True])
-@pytest.mark.parametrize("stops", [[1], [5], [6], [9, 12], [5, 6, 7, 8, 14]])
-def test_a_stopped_run_goes_on_to_the_same_bytes(
-    sequence: Sequence, folder: Path, tmp_path: Path, cached: bool, stops: list[int]
+def test_a_stopped_run_leaves_nothing_and_starts_over_to_the_same_bytes(
+    sequence: Sequence, folder: Path, tmp_path: Path, cached: bool
 ) -> None:
     whole = whole_run(sequence, tmp_path / "whole", small())
-    start = partial(resumable_run, folder, sequence, small(), "m", cached=cached, cache=tmp_path / "cache")
-    for stop in stops:
+    for stop in (1, 6, 14):
         with pytest.raises(Stopped):
-            start(progress=stop_at(stop))
-        assert (folder / LOG).exists() == (stop >= 5)
+            run_once(folder, sequence, small(), "m", cached=cached, cache=tmp_path, progress=stop_at(stop))
+        assert list(folder.iterdir()) == []
     seen: list[int] = []
-    result, before = start(progress=lambda done, total: seen.append(done))
+    result, before = run_once(
+        folder, sequence, small(), "m", cached=cached, cache=tmp_path, progress=lambda n, _: seen.append(n)
+    )
     assert not before
     assert len(result.motions) == FRAMES - 1
-    assert seen[-1] == FRAMES
-    # What the last checkpoint holds is not done again.
-    assert seen[0] == {1: 1, 5: 5, 6: 5, 12: 10, 14: 14}[stops[-1]]
+    assert seen == list(range(1, FRAMES + 1))
     assert (folder / "poses.txt").read_bytes() == (whole / "poses.txt").read_bytes()
     assert log_of(folder) == log_of(whole)
-    assert not {LOG, CHECKPOINT, ".lock"} & {path.name for path in folder.iterdir()}
+    assert {path.name for path in folder.iterdir()} == {path.name for path in whole.iterdir()}
 
 
-def test_a_run_begun_with_the_cache_goes_on_without_it_and_the_other_way(
-    sequence: Sequence, folder: Path, tmp_path: Path
+@pytest.mark.parametrize("old", [False, True])
+@pytest.mark.parametrize("written", range(6))
+def test_a_run_stopped_between_two_of_its_files_is_no_finished_run_and_is_done_again(
+    sequence: Sequence,
+    folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    written: int,
+    old: bool,
 ) -> None:
-    poses = run(sequence, small()).poses
-    for first in (True, False):
+    sequence = sequence.part(0, 4)
+    whole = whole_run(sequence, tmp_path / "whole", small())
+    if old:
+        run_once(folder, sequence, small(seed=1), "m")
+    left = [None] * written
+
+    def stops(path: Path, text: str) -> None:
+        if not left:
+            raise Stopped
+        left.pop()
+        write_text_atomic(path, text)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("vo_lib.runs.results.write_text_atomic", stops)
         with pytest.raises(Stopped):
-            resumable_run(
-                folder, sequence, small(), "m", cached=first, cache=tmp_path, fresh=True, progress=stop_at(8)
-            )
-        result, _ = resumable_run(folder, sequence, small(), "m", cached=not first, cache=tmp_path)
-        assert result.poses.tobytes() == poses.tobytes()
-
-
-@pytest.mark.parametrize("method", ["feature_selection", "viso2", "moving_selection", "blob_corner"])
-def test_front_end_and_odometry_go_on_from_their_states(sequence: Sequence, method: str) -> None:
-    front_end = "blob_corner" if method == "blob_corner" else "klt"
-    config = preset("feature_selection" if method == "blob_corner" else method)
-    config = dataclasses.replace(config, features=small().features)
-    config = settings.replace(settings.replace(config, "selection.sets", 20), "reprojection.trials", 20)
-    config = settings.replace(config, "matching.front_end", front_end)
-    front = config.features, config.matching
-    source, odometry = FoundMatches(sequence, *front), Odometry(sequence.camera, config)
-    states, wanted = {}, []
-    for index, (matches, _) in enumerate(source):
-        boxes = sequence.boxes(index)
-        if index:
-            wanted.append(odometry.step(matches, boxes).T_cp.tobytes())
-        else:
-            odometry.start(boxes)
-        states[index] = source.state(), odometry.state()
-    for index in (0, 7, FRAMES - 2):
-        again = Odometry(sequence.camera, config)
-        again.restore(states[index][1])
-        rest = FoundMatches(sequence, *front, start=index + 1, state=states[index][0])
-        found = [again.step(m, sequence.boxes(index + 1 + i)).T_cp.tobytes() for i, (m, _) in enumerate(rest)]
-        assert found == wanted[index:]
+            run_once(folder, sequence, small(), "m", fresh=True)
+    # Before the first new file the old run is still whole.
+    assert is_finished(folder) == (old and written == 0)
+    if is_finished(folder):
+        assert read_run(folder, sequence).config.seed == 1
+        return
+    if written:
+        with pytest.raises(
+            DataError, match=r"config\.json: the run was stopped while its files were written"
+        ):
+            read_run(folder, sequence)
+    assert not run_once(folder, sequence, small(), "m")[1]
+    assert is_finished(folder)
+    assert (folder / "poses.txt").read_bytes() == (whole / "poses.txt").read_bytes()
+    assert log_of(folder) == log_of(whole)
 
 
 def test_a_finished_run_is_only_read(
     sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, _ = resumable_run(folder, sequence, small(), "m")
+    first, _ = run_once(folder, sequence, small(), "m")
     written = {path.name: path.read_bytes() for path in folder.iterdir()}
     monkeypatch.setattr("vo_lib.data.sequence.read_image", None)
-    second, before = resumable_run(folder, sequence, small(), "m")
+    second, before = run_once(folder, sequence, small(), "m")
     assert before
     assert second.config == first.config
     np.testing.assert_allclose(second.poses, first.poses, atol=1e-8)
@@ -165,14 +163,14 @@ def test_a_finished_run_is_only_read(
 def test_missing_or_damaged_errors_of_a_finished_run_are_written_again(
     sequence: Sequence, folder: Path, damage: str | None
 ) -> None:
-    resumable_run(folder, sequence, small(), "m")
+    run_once(folder, sequence, small(), "m")
     path = folder / "metrics.json"
     wanted = json.loads(path.read_text(encoding="utf-8"))
     if damage is None:
         path.unlink()
     else:
         path.write_text(damage, encoding="utf-8")
-    resumable_run(folder, sequence, small(), "m")
+    run_once(folder, sequence, small(), "m")
     again = json.loads(path.read_text(encoding="utf-8"))
     assert again.keys() == wanted.keys()
     for kind, part in wanted.items():
@@ -183,12 +181,12 @@ def test_missing_or_damaged_errors_of_a_finished_run_are_written_again(
 def test_fresh_starts_anew_and_leaves_the_old_result_until_it_is_done(
     sequence: Sequence, folder: Path
 ) -> None:
-    resumable_run(folder, sequence, small(), "m")
+    run_once(folder, sequence, small(), "m")
     written = {path.name: path.read_bytes() for path in folder.iterdir()}
     with pytest.raises(Stopped):
-        resumable_run(folder, sequence, small(seed=1), "m", fresh=True, progress=stop_at(2))
+        run_once(folder, sequence, small(seed=1), "m", fresh=True, progress=stop_at(2))
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == written
-    result, before = resumable_run(folder, sequence, small(seed=1), "m", fresh=True)
+    result, before = run_once(folder, sequence, small(seed=1), "m", fresh=True)
     assert not before
     assert result.config.seed == 1
     assert (folder / "poses.txt").read_bytes() != written["poses.txt"]
@@ -204,33 +202,25 @@ CHANGES: dict[str, tuple[dict[str, object], str]] = {
 }
 
 
-@pytest.mark.parametrize("finished", [True, False])
 @pytest.mark.parametrize("case", CHANGES)
 def test_other_settings_in_the_same_folder_are_refused_by_name(
-    sequence: Sequence, folder: Path, finished: bool, case: str
+    sequence: Sequence, folder: Path, case: str
 ) -> None:
-    begin(sequence, folder, finished)
+    run_once(folder, sequence, small(), "m")
     changes, words = CHANGES[case]
     with pytest.raises(DataError, match=words):
-        resumable_run(folder, sequence, small(**changes), "m")
-    assert resumable_run(folder, sequence, small(), "m")[1] == finished
-
-
-def begin(sequence: Sequence, folder: Path, finished: bool) -> None:
-    try:
-        resumable_run(folder, sequence, small(), "m", progress=None if finished else stop_at(8))
-    except Stopped:
-        assert not finished
+        run_once(folder, sequence, small(**changes), "m")
+    assert run_once(folder, sequence, small(), "m")[1]
 
 
 def test_another_method_sequence_label_or_code_is_refused_by_name(
     sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begin(sequence, folder, finished=False)
+    run_once(folder, sequence, small(), "m")
 
     def refused(other: Sequence, method: str = "m") -> str:
         with pytest.raises(DataError) as error:
-            resumable_run(folder, other, small(), method)
+            run_once(folder, other, small(), method)
         return str(error.value)
 
     assert "method is m there and n here" in refused(sequence, "n")
@@ -252,12 +242,12 @@ def test_another_method_sequence_label_or_code_is_refused_by_name(
         assert "the kit's code has changed" in refused(sequence)
         patch.setattr("vo_lib.runs.identity.np.__version__", "1.0")
         assert "numpy is" in refused(sequence)
-    assert not resumable_run(folder, sequence, small(), "m")[1]
+    assert run_once(folder, sequence, small(), "m")[1]
 
 
 def test_a_name_of_the_same_data_is_no_other_run(sequence: Sequence, folder: Path) -> None:
-    begin(sequence, folder, finished=True)
-    assert resumable_run(folder, dataclasses.replace(sequence, name="x"), small(), "m")[1]
+    run_once(folder, sequence, small(), "m")
+    assert run_once(folder, dataclasses.replace(sequence, name="x"), small(), "m")[1]
 
 
 def test_a_folder_of_something_else_is_refused(sequence: Sequence, folder: Path) -> None:
@@ -265,51 +255,23 @@ def test_a_folder_of_something_else_is_refused(sequence: Sequence, folder: Path)
     for text in ("{}", "no JSON", "[1]", '{"settings": {}}', damaged):
         (folder / "config.json").write_text(text, encoding="utf-8")
         with pytest.raises(DataError):
-            resumable_run(folder, sequence, small(), "m")
+            run_once(folder, sequence, small(), "m")
 
 
-@pytest.mark.parametrize(
-    "damage", ["checkpoint cut", "checkpoint lost", "log cut", "log garbled", "log of numbers"]
-)
-def test_a_damaged_log_means_doing_frames_again_never_a_wrong_result(
-    sequence: Sequence, folder: Path, damage: str
-) -> None:
-    begin(sequence, folder, finished=False)
-    log, checkpoint = folder / LOG, folder / CHECKPOINT
-    lines = log.read_bytes().splitlines(keepends=True)
-    if damage == "checkpoint cut":
-        checkpoint.write_bytes(checkpoint.read_bytes()[:-20])
-    elif damage == "checkpoint lost":
-        checkpoint.unlink()
-    elif damage == "log cut":
-        log.write_bytes(b"".join(lines[:3]) + lines[3][:40])
-    elif damage == "log of numbers":
-        log.write_bytes(b"5\n" + b"".join(lines[1:]))
-    else:
-        log.write_bytes(b"".join(lines[:2]) + b"\0" * 300 + b"\n" + b"".join(lines[3:]))
-    result, _ = resumable_run(folder, sequence, small(), "m")
-    assert result.poses.tobytes() == run(sequence, small()).poses.tobytes()
-
-
-def test_a_log_keeps_motions_to_the_last_bit(sequence: Sequence, folder: Path) -> None:
-    motions = run(sequence, small()).motions
-    log = RunLog.start(folder, {"who": "me"})
-    for motion in motions:
-        log.append(motion)
-    log.checkpoint({"x": np.arange(3)})
-    log.append(motions[0])
-    log.close()
-    found = RunLog.find(folder)
-    assert found is not None
-    found.close()
-    assert found.identity == {"who": "me"}
-    assert found.state["x"].tolist() == [0, 1, 2]
-    assert repr(found.motions) == repr(motions)
+@pytest.mark.parametrize("name", ["poses.txt", "metrics.json"])
+def test_a_result_of_another_program_is_not_written_over(sequence: Sequence, folder: Path, name: str) -> None:
+    (folder / name).write_text("1 0 0 0 0 1 0 0 0 0 1 0\n", encoding="utf-8")
+    with pytest.raises(DataError, match=f"{name}: of something else, for there is no config.json"):
+        run_once(folder, sequence, small(), "m")
+    assert [path.name for path in folder.iterdir()] == [name]
+    assert (folder / name).read_text(encoding="utf-8") == "1 0 0 0 0 1 0 0 0 0 1 0\n"
+    run_once(folder, sequence, small(), "m", fresh=True)
+    assert run_once(folder, sequence, small(), "m")[1]
 
 
 def test_one_process_at_a_time_and_the_lock_of_a_killed_one_is_gone(sequence: Sequence, folder: Path) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from vo_lib.resume import only_process\n"
+        "import sys, time; from pathlib import Path; from vo_lib.runs.run_once import only_process\n"
         "with only_process(Path(sys.argv[1])):\n    print('in', flush=True); time.sleep(600)"
     )
     other = subprocess.Popen([sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE, text=True)
@@ -317,82 +279,58 @@ def test_one_process_at_a_time_and_the_lock_of_a_killed_one_is_gone(sequence: Se
     try:
         assert other.stdout.readline() == "in\n"
         with pytest.raises(DataError, match="another process is working in this folder"):
-            resumable_run(folder, sequence, small(), "m")
+            run_once(folder, sequence, small(), "m")
     finally:
         other.kill()
         other.wait()
         other.stdout.close()
     assert (folder / ".lock").exists()
-    resumable_run(folder, sequence, small(), "m")
+    run_once(folder, sequence, small(), "m")
     with only_process(folder), pytest.raises(DataError, match="another process"), only_process(folder):
         pass
 
 
-def logged(folder: Path) -> int:
-    try:
-        return (folder / LOG).read_bytes().count(b"\n")
-    except OSError:
-        return 0
-
-
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize(("cached", "kills"), [(False, [30, 77, 112]), (True, [66])])
-def test_kill_9_at_any_moment_costs_fifty_frames_and_no_byte(
-    tmp_path: Path, cached: bool, kills: list[int], capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("cached", [False, True])
+def test_kill_9_at_any_moment_costs_time_and_no_byte(
+    tmp_path: Path, cached: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bands = write_bands(tmp_path / "bands", frames=130)
-    out = tmp_path / "out"
+    bands = write_bands(tmp_path / "bands", frames=60)
+    out, cache = tmp_path / "out", tmp_path / "cache"
     words = ["run", str(bands), "--method", "solution_selection", "--out", str(out), "--features.cell", "20"]
-    words += ["--selection.sets", "20", *(["--cache", str(tmp_path / "cache")] if cached else [])]
-    for frames in kills:
+    words += ["--selection.sets", "20", *(["--cache", str(cache)] if cached else [])]
+    # In the middle of the run, and while its files are written.
+    for name in ("000000.npz" if cached else ".lock", "config.json"):
         command = [sys.executable, "-c", COMMAND, *words]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        while logged(out) < frames and process.poll() is None:
-            time.sleep(0.002)
-        assert process.poll() is None, "the run ended before it could be killed"
+        while not any(tmp_path.rglob(name)) and process.poll() is None:
+            time.sleep(0.0002)
         process.send_signal(signal.SIGKILL)
-        process.wait()
-        assert logged(out) >= frames
+        assert process.wait() == -signal.SIGKILL, "the run ended before it could be killed"
     assert main(words) == 0
     config = settings.replace(preset("solution_selection"), "features.cell", 20)
     config = settings.replace(config, "selection.sets", 20)
     whole = whole_run(open_sequence(bands), tmp_path / "whole", config)
     assert (out / "poses.txt").read_bytes() == (whole / "poses.txt").read_bytes()
     assert log_of(out) == log_of(whole)
-    assert "finished before" not in capsys.readouterr().out
+    capsys.readouterr()
     assert main(words) == 0
     assert "finished before" in capsys.readouterr().out
 
 
 @pytest.mark.skipif(os.name != "posix", reason="file size limits of POSIX")
-def test_a_full_disk_is_one_line_and_what_was_written_stays_readable(tmp_path: Path) -> None:
-    bands = write_bands(tmp_path / "bands", frames=80)
+def test_a_full_disk_is_one_line_and_the_run_can_be_done_again(tmp_path: Path) -> None:
+    bands = write_bands(tmp_path / "bands", frames=40)
     out = tmp_path / "out"
-    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (45000, 45000)); "
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000)); "
     options = ["run", str(bands), "--method", "mesvo_f", "--features.cell", "24", "--out", str(out)]
     done = subprocess.run(
         [sys.executable, "-c", limit + COMMAND, *options], capture_output=True, text=True, check=False
     )
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1].startswith(f"vo: error: {out / LOG}: cannot be written: ")
-    lines = (out / LOG).read_text(encoding="utf-8").splitlines()
-    assert len(lines) > 50
-    for line in lines[:-1]:
-        json.loads(line)
+    assert done.stderr.splitlines()[-1].startswith(f"vo: error: {out / 'poses.txt'}: cannot be written: ")
+    assert not is_finished(out)
     assert main(options) == 0
     config = settings.replace(preset("mesvo_f"), "features.cell", 24)
     whole = whole_run(open_sequence(bands), tmp_path / "whole", config)
     assert (out / "poses.txt").read_bytes() == (whole / "poses.txt").read_bytes()
-
-
-def test_a_real_clip_stopped_and_continued_is_the_same(
-    clips: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("vo_lib.runs.resume.EVERY", 10)
-    sequence = open_sequence(clips / "sequences" / "01").part(0, 30)
-    config = preset("feature_selection")
-    with pytest.raises(Stopped):
-        resumable_run(folder, sequence, config, "m", progress=stop_at(17))
-    result, _ = resumable_run(folder, sequence, config, "m")
-    whole: Run = run(sequence, config)
-    assert result.poses.tobytes() == whole.poses.tobytes()

@@ -1,4 +1,4 @@
-"""A run in a folder that can be stopped at any moment and started again."""
+"""A run in a folder: done once, read back when it is asked for again, and refused where another one is."""
 
 from __future__ import annotations
 
@@ -11,23 +11,20 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from ..beyond.odometry import State
 from ..config import Config
 from ..core.errors import DataError
 from ..core.types import Progress
 from ..data.sequence import Sequence
 from .identity import NOT_USED, run_identity
 from .match_cache import CachedMatches
-from .results import CONFIG, mend_metrics, read_config, read_run, write_run
-from .run_log import EVERY, RunLog, discard, logged_frames
-from .runner import Chain, FoundMatches, Run, one_blas_thread
+from .results import CONFIG, METRICS, POSES, is_finished, mend_metrics, read_config, read_run, write_run
+from .runner import Run, run_methods
 
 LOCK = ".lock"
 ABANDONED = 60.0  # seconds; no write takes so long
-ODOMETRY, FRONT_END = "odometry.", "front_end."
 
 
-def resumable_run(
+def run_once(
     folder: Path,
     sequence: Sequence,
     config: Config,
@@ -38,9 +35,9 @@ def resumable_run(
     fresh: bool = False,
     progress: Progress | None = None,
 ) -> tuple[Run, bool]:
-    """A run whose files are in `folder`: begun, continued, or only read where it is finished.
+    """A run whose files are in `folder`: done from the first frame, or only read where it is finished.
 
-    Killed at any moment and started again it gives the same bytes; at most 50 frames are done twice.
+    Files are written after the last frame. Killed at any moment and started again it gives the same bytes.
 
     Parameters
     ----------
@@ -48,7 +45,7 @@ def resumable_run(
     method : the name written into the folder.
     cached : take the matches from the match cache, and keep them there; `cache` is its folder, by default in
         the user's cache folder.
-    fresh : start anew whatever the folder holds; finished files stay until new ones replace them.
+    fresh : do it whatever the folder holds; finished files stay until new ones replace them.
     progress : called with (frames done, frames in all) after each frame.
 
     Returns
@@ -57,77 +54,22 @@ def resumable_run(
 
     Raises
     ------
-    DataError : the folder holds another run, another process works in it, or it cannot be written.
+    DataError : the folder holds another run or results of something else, another process works in it, or it
+        cannot be written.
     """
-    identity = _as_read(run_identity(sequence, config, method))
+    # As it comes back from JSON: lists in place of tuples.
+    identity = json.loads(json.dumps(run_identity(sequence, config, method)))
     with only_process(folder):
-        log = None if fresh else RunLog.find(folder)
-        if log is None and not fresh and is_finished(folder):
-            _refuse_another(folder, read_config(folder), identity)
-            result = read_run(folder, sequence)
-            mend_metrics(folder, result)
-            return result, True
-        if log is not None:
-            _refuse_another(folder, log.identity, identity)
-        log = log or RunLog.start(folder, identity)
-        try:
-            chain = _go_on(log, sequence, config, cached, cache, progress)
-        except BaseException:
-            log.close()
-            if log.frames == 0:
-                discard(folder)
-            raise
-        log.close()
-        result = chain.result()
+        if not fresh:
+            _refuse_another(folder, identity)
+            if is_finished(folder):
+                result = read_run(folder, sequence)
+                mend_metrics(folder, result)
+                return result, True
+        matches = CachedMatches(sequence, config.features, config.matching, cache) if cached else None
+        result = run_methods(sequence, {method: config}, progress, matches)[method]
         write_run(folder, result, method, identity)
-        discard(folder)
     return result, False
-
-
-def is_finished(folder: Path) -> bool:
-    """Whether a folder holds a finished run, and none in progress."""
-    return (folder / CONFIG).exists() and logged_frames(folder) is None
-
-
-def _go_on(
-    log: RunLog,
-    sequence: Sequence,
-    config: Config,
-    cached: bool,
-    cache: Path | None,
-    progress: Progress | None,
-) -> Chain:
-    """The chain after the last frame, each frame from the log's checkpoint on logged as it is done."""
-    chain = Chain(sequence, config)
-    done, front_end = log.frames, _part(log.state, FRONT_END)
-    for motion in log.motions:
-        chain.add(motion)
-    if done > 0:
-        chain.odometry.restore(_part(log.state, ODOMETRY))
-    if progress is not None and done > 0:
-        progress(done, len(sequence))
-    if done == len(sequence):
-        return chain
-    front = config.features, config.matching
-    matches: CachedMatches | FoundMatches
-    if cached:
-        matches = CachedMatches(sequence, *front, cache, start=done)
-    elif done > 0 and not front_end:
-        # The frames so far came from the cache, which knows the front end's state.
-        matches = CachedMatches(sequence, *front, cache, start=done)
-    else:
-        matches = FoundMatches(sequence, *front, start=done, state=front_end)
-    with one_blas_thread():
-        for index, frame in enumerate(matches, start=done):
-            chain.step(index, frame, sequence.boxes(index))
-            if index > 0:
-                log.append(chain.motions[-1])
-            if (index + 1) % EVERY == 0 or index + 1 == len(sequence):
-                states = {ODOMETRY: chain.odometry.state(), FRONT_END: matches.state()}
-                log.checkpoint({p + name: a for p, state in states.items() for name, a in state.items()})
-            if progress is not None:
-                progress(index + 1, len(sequence))
-    return chain
 
 
 @contextmanager
@@ -159,18 +101,18 @@ def _clear_abandoned(folder: Path) -> None:
                 left.unlink()
 
 
-def _part(state: State, prefix: str) -> State:
-    return {name.removeprefix(prefix): a for name, a in state.items() if name.startswith(prefix)}
-
-
-def _as_read(identity: dict[str, Any]) -> dict[str, Any]:
-    """An identity as it comes back from JSON: lists in place of tuples."""
-    plain: dict[str, Any] = json.loads(json.dumps(identity))
-    return plain
-
-
-def _refuse_another(folder: Path, there: dict[str, Any], wanted: dict[str, Any]) -> None:
-    """`DataError` naming what differs, unless the folder holds the run that is wanted."""
+def _refuse_another(folder: Path, wanted: dict[str, Any]) -> None:
+    """`DataError` naming what differs, where the folder holds anything else than the run that is wanted."""
+    if not (folder / CONFIG).exists():
+        for name in (POSES, METRICS):
+            if (folder / name).exists():
+                raise DataError(
+                    f"of something else, for there is no {CONFIG} beside it; choose another folder, or start "
+                    "anew with --fresh",
+                    folder / name,
+                )
+        return
+    there = read_config(folder, unfinished=True)
     try:
         differs = list(_differences(there, wanted))
     except (AttributeError, TypeError, ValueError):
