@@ -40,6 +40,7 @@ __all__ = [
     "SelectionConfig",
     "TranslationConfig",
     "change",
+    "config_class",
     "preset",
 ]
 
@@ -103,8 +104,7 @@ def preset(
     DataError : an unknown name, with the nearest known one; or an option of the kit's own together with
         `published`.
     """
-    if variant not in VARIANTS:
-        raise DataError(f"unknown variant {variant!r}: expected one of {', '.join(VARIANTS)}")
+    config_class(variant)
     methods = VARIANTS[variant]
     if method in METHODS and method not in methods:
         raise DataError(f"{method} is the kit's own: the paper has {', '.join(methods)}")
@@ -116,6 +116,13 @@ def preset(
     if mode is not None:
         config = change(config, "selection.mode", mode)
     return config if seed is None else dataclasses.replace(config, seed=seed)
+
+
+def config_class(variant: str) -> type[PublishedConfig]:
+    """The settings class of a variant; `DataError` for an unknown one."""
+    if variant not in VARIANTS:
+        raise DataError(f"unknown variant {variant!r}: expected one of {', '.join(VARIANTS)}")
+    return Config if variant == "kit" else PublishedConfig
 
 
 def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:

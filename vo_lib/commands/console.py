@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from ..config import Config
 from ..core.types import Progress as Report
 from ..evaluation.kitti import Evaluation
 from ..runs.runner import Run
@@ -89,7 +90,8 @@ def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Pa
     rows.append(["features removed by boxes", f"{removed} ({100 * result.removed_share:.1f} %{boxes})"])
     for flag in sorted({flag for m in result.motions for flag in m.flags}):
         rows.append([f"frames flagged {flag}", str(sum(flag in m.flags for m in result.motions))])
-    if result.config.calibration.estimate and result.motions:
+    config = result.config
+    if isinstance(config, Config) and config.calibration.estimate and result.motions:
         offset = next((m.offset for m in reversed(result.motions) if np.isfinite(m.offset)), 0.0)
         u, v = result.motions[-1].centre
         found = f"principal point {u:+.1f}, {v:+.1f} px; disparities {offset:+.2f} px"

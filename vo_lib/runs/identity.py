@@ -118,6 +118,7 @@ def run_identity(sequence: Sequence, config: Any, method: str) -> dict[str, Any]
     boxes = NOT_USED if config.filter.rule == "none" else labels_digest(sequence)
     return {
         "method": method,
+        "variant": config.variant,
         "sequence": sequence.name,
         "frames": [sequence.frames[0], sequence.frames[-1]],
         "settings": settings,

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 
-from ..config import Config
+from ..config import PublishedConfig
 from ..core.errors import DataError
 from ..core.types import Progress
 from ..data.sequence import Sequence
@@ -36,7 +36,7 @@ class Job:
 
     sequence: Sequence
     method: str
-    config: Config
+    config: PublishedConfig
     folder: Path
 
     @property

@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import FeatureConfig, MatchingConfig
 from ..core.errors import DataError
 from ..core.files import write_bytes_atomic, write_text_atomic
 from ..core.frame import Clock
 from ..core.matches import StereoMatches, empty_matches
 from ..core.settings import to_dict
 from ..data.sequence import Sequence
+from ..method.config import FeatureConfig, MatchingConfig
 from ..synthetic import cache_folder
 from .identity import code_digest, images_digest, versions
 from .runner import FoundMatches, TimedMatches

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..config import Config
+from ..config import config_class
 from ..core import settings
 from ..core.errors import DataError
 from ..core.files import read_text, write_bytes_atomic, write_text_atomic
@@ -179,7 +179,8 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     ------
     DataError : a file is missing or broken, or does not have a row for each frame.
     """
-    config = settings.from_dict(Config, read_config(folder)["settings"])
+    stored = read_config(folder)
+    config = settings.from_dict(config_class(stored.get("variant", "kit")), stored["settings"])
     poses = read_kitti_poses(folder / POSES)
     path = folder / LOG
     rows = list(csv.DictReader(io.StringIO(read_text(path))))

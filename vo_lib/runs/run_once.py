@@ -11,7 +11,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from ..config import Config
+from ..config import PublishedConfig
 from ..core.errors import DataError
 from ..core.types import Progress
 from ..data.sequence import Sequence
@@ -27,7 +27,7 @@ ABANDONED = 60.0  # seconds; no write takes so long
 def run_once(
     folder: Path,
     sequence: Sequence,
-    config: Config,
+    config: PublishedConfig,
     method: str,
     *,
     cached: bool = False,
@@ -136,7 +136,9 @@ def _differences(there: dict[str, Any], wanted: dict[str, Any]) -> Iterator[str]
     labels = {there.get("labels"), wanted["labels"]}
     if len(labels - {NOT_USED}) > 1:
         yield "other labels"
-    before, now = ({"method": d.get("method")} | _flat(d.get("settings", {})) for d in (there, wanted))
+    before, now = (
+        {k: d.get(k) for k in ("method", "variant")} | _flat(d.get("settings", {})) for d in (there, wanted)
+    )
     before |= there.get("made_with", {})
     now |= wanted["made_with"]
     if before.pop("code", None) != now.pop("code"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, cast
@@ -12,15 +12,19 @@ from typing import Any, cast
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from ..beyond.odometry import Odometry
-from ..config import Config, FeatureConfig, MatchingConfig
+from ..baseline.viso2 import Viso2
+from ..beyond.odometry import Odometry as KitOdometry
+from ..config import Config, PublishedConfig
 from ..core.boxes import Boxes
+from ..core.camera import StereoCamera
 from ..core.frame import Clock, Motion
 from ..core.geometry import inverse, nearest_rotation
 from ..core.matches import StereoMatches
 from ..core.types import Array, Progress
 from ..data.sequence import Sequence, stereo_ahead
 from ..front_end.front_end import make_front_end
+from ..method.config import FeatureConfig, MatchingConfig
+from ..method.odometry import Odometry
 
 # Matches of a frame with the one before, and the milliseconds of each stage that they took.
 TimedMatches = tuple[StereoMatches, dict[str, float]]
@@ -38,7 +42,7 @@ class Run:
     """
 
     sequence: Sequence
-    config: Config
+    config: PublishedConfig
     poses: Array
     motions: list[Motion]
 
@@ -56,10 +60,10 @@ class Run:
 class MethodRun:
     """One method along a sequence: its odometry, its motions so far and the poses they add up to."""
 
-    def __init__(self, sequence: Sequence, config: Config):
+    def __init__(self, sequence: Sequence, config: PublishedConfig):
         self.sequence = sequence
         self.config = config
-        self.odometry = Odometry(sequence.camera, config)
+        self.odometry = make_odometry(sequence.camera, config)
         self.motions: list[Motion] = []
         self._poses = [np.eye(4)]
 
@@ -69,9 +73,12 @@ class MethodRun:
             self.odometry.start(boxes)
             return
         matches, ms = frame
-        truth = self.config.filter.rule == "truth"
-        on_moving = self.sequence.on_moving(index, matches) if truth else None
-        motion = self.odometry.step(matches, boxes, on_moving)
+        if isinstance(self.odometry, KitOdometry):
+            truth = self.config.filter.rule == "truth"
+            on_moving = self.sequence.on_moving(index, matches) if truth else None
+            motion = self.odometry.step(matches, boxes, on_moving)
+        else:
+            motion = self.odometry.step(matches, boxes)
         T_w_c = self._poses[-1] @ inverse(motion.T_cp)
         T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
         self._poses.append(T_w_c)
@@ -82,14 +89,21 @@ class MethodRun:
         return Run(self.sequence, self.config, np.array(self._poses), self.motions)
 
 
-def run(sequence: Sequence, config: Config, progress: Progress | None = None) -> Run:
+def make_odometry(camera: StereoCamera, config: PublishedConfig) -> Odometry | KitOdometry:
+    """The odometry that a configuration is of: the kit's, the paper's, or VISO2."""
+    if isinstance(config, Config):
+        return KitOdometry(camera, config)
+    return Viso2(camera, config) if config.estimator == "reprojection" else Odometry(camera, config)
+
+
+def run(sequence: Sequence, config: PublishedConfig, progress: Progress | None = None) -> Run:
     """Visual odometry over a sequence; `progress` as in `run_methods`."""
     return run_methods(sequence, {"": config}, progress)[""]
 
 
 def run_methods(
     sequence: Sequence,
-    configs: dict[str, Config],
+    configs: Mapping[str, PublishedConfig],
     progress: Progress | None = None,
     matches: Iterable[TimedMatches] | None = None,
 ) -> dict[str, Run]:
