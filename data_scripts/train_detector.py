@@ -1,12 +1,12 @@
 """Train a small vehicle detector on a data set in YOLO form, and export it as ONNX (extra `[train]`).
 
 examples:
-  python train_detector.py data/street --out runs/street --one-class vehicle
-  python train_detector.py roboflow/data.yaml --out runs/cars --epochs 400 --width 640 --height 192
-  python train_detector.py data/street --out runs/more --one-class vehicle --start runs/street/detector.onnx
+  vo data train_detector data/street --out runs/street --one-class vehicle
+  vo data train_detector roboflow/data.yaml --out runs/cars --epochs 400 --width 640 --height 192
+  vo data train_detector data/street --out runs/more --one-class vehicle --start runs/street/detector.onnx
 
 A training that was stopped goes on at its last whole epoch. The folder gets last.pt, curves.png and
-detector.onnx, which `vo run --detector` and write_labels.py take.
+detector.onnx, which `vo run --detector` and `vo data write_labels` take.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from data_scripts.training.config import TrainingConfig
 from data_scripts.training.dataset import DetectionSet, open_set
 from data_scripts.training.detection_plots import training_figure
 from data_scripts.training.evaluated import refuse_evaluated
-from vo_lib.commands.console import OneLineParser, reporting, say, show_table
-from vo_lib.commands.script import guarded
-from vo_lib.commands.setting_options import add_options, from_options
+from vo_lib.commands.console import reporting, say, show_table
+from vo_lib.commands.data import run_script
+from vo_lib.commands.setting_options import add_settings, from_options
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import write_bytes_atomic
 from vo_lib.core.settings import to_dict
@@ -36,13 +36,28 @@ MODEL, CURVES = "detector.onnx", "curves.png"
 FREE = ("epochs", "threads")  # settings that a training may change when it goes on
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the script."""
-    options = parser().parse_args(words)
-    return guarded("train_detector.py", lambda: train_and_judge(options))
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options: every setting of the training has one."""
+    parser.add_argument("data", type=Path, help="folder with data.yaml, or that file")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the training")
+    parser.add_argument("--one-class", metavar="NAME", help="take all classes for one of this name")
+    parser.add_argument(
+        "--start",
+        type=Path,
+        metavar="FILE",
+        help="begin with the weights of another last.pt or detector.onnx",
+    )
+    parser.add_argument(
+        "--export-size",
+        type=int,
+        metavar="PX",
+        help="longer side of the images that the exported model is used with; default: --size",
+    )
+    parser.add_argument("--allow-evaluated", action="store_true", help="train on KITTI odometry images too")
+    add_settings(parser, TrainingConfig)
 
 
-def train_and_judge(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Train, export, and say how good the exported model is."""
     config = from_options(options, TrainingConfig)
     data = dataclasses.replace(open_set(options.data), merged=options.one_class)
@@ -53,31 +68,6 @@ def train_and_judge(options: argparse.Namespace) -> int:
     train(data, config, options.out, options.start, options.export_size or config.size)
     report_quality(options.out / MODEL, data, config)
     return 0
-
-
-def parser() -> argparse.ArgumentParser:
-    """Options: every setting of the training has one."""
-    made = OneLineParser(
-        prog="train_detector.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    made.add_argument("data", type=Path, help="folder with data.yaml, or that file")
-    made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the training")
-    made.add_argument("--one-class", metavar="NAME", help="take all classes for one of this name")
-    made.add_argument(
-        "--start",
-        type=Path,
-        metavar="FILE",
-        help="begin with the weights of another last.pt or detector.onnx",
-    )
-    made.add_argument(
-        "--export-size",
-        type=int,
-        metavar="PX",
-        help="longer side of the images that the exported model is used with; default: --size",
-    )
-    made.add_argument("--allow-evaluated", action="store_true", help="train on KITTI odometry images too")
-    add_options(made, TrainingConfig)
-    return made
 
 
 def train(data: DetectionSet, config: TrainingConfig, out: Path, start: Path | None, used_with: int) -> None:
@@ -138,4 +128,4 @@ def report_quality(model: Path, data: DetectionSet, config: TrainingConfig) -> N
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script(sys.modules[__name__]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -105,6 +106,22 @@ def require_space(folder: Path, size: int) -> None:
             f"needs {in_words(size)} and {in_words(SPARE)} to spare, but only {in_words(free)} are free",
             folder,
         )
+
+
+def confirm(question: str, yes: bool) -> bool:
+    """Whether a person agrees; `yes` answers for them.
+
+    Raises `DataError` where nobody can be asked.
+    """
+    if yes:
+        return True
+    if not sys.stdin.isatty():
+        raise DataError("nobody is there to answer: say --yes to start without a question")
+    try:
+        answer = input(f"{question} [y/N] ")
+    except EOFError:
+        return False
+    return answer.strip().lower() in ("y", "yes")
 
 
 def download(url: str, path: Path, size: int, sha256: str, progress: Progress | None = None) -> None:
