@@ -18,6 +18,7 @@ from rich.progress import (
     TransferSpeedColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
 from ..core.types import Progress as Report
 from ..evaluation.kitti import Evaluation
@@ -56,7 +57,7 @@ def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: b
     for name in columns[1:]:
         table.add_column(name, justify="right" if numbers else "left", overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(Text, row))  # no markup: a name may have brackets
     Console().print(table)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..core.errors import DataError
 from ..core.files import read_text
-from .console import say, show_table
+from .console import say
 from .script import OneLineParser, guarded
 
 
@@ -33,8 +33,7 @@ def add(commands: Any) -> None:
 def _data(options: argparse.Namespace) -> int:
     found = scripts()
     if options.name is None:
-        show_table("", ["name", "what it does"], [list(row) for row in found.items()], numbers=False)
-        say("vo data NAME --help: its options and examples")
+        say(*(f"{name:<20}{text}" for name, text in found.items()), "vo data NAME --help: options, examples")
         return 0
     name = options.name.removesuffix(".py").replace("-", "_")
     if name not in found:
