@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from data_scripts.fetch.kitti_raw import read_raw_drive
-from data_scripts.fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
-from data_scripts.fetch.stereo_import import require_new, write_sequence
-from data_scripts.fetch.stereo_sources import FolderSource, VideoSource, pair_folders
+from data_scripts.fetch.stereo_calibration import rig_from_matrices
+from data_scripts.fetch.stereo_import import look, require_new, rig_of, write_sequence
+from data_scripts.fetch.stereo_sources import FolderSource, Source, VideoSource, pair_folders
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
@@ -30,7 +30,6 @@ from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Array
 from vo_lib.data.kitti import read_times
 from vo_lib.data.sequence import open_sequence
-from vo_lib.data.stereo_check import complaints, measure_pairs
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
@@ -67,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     require_new(options.out)
     times: Array | float = options.fps or 10.0
     poses: Array | None = None
-    source: FolderSource | VideoSource
+    source: Source
     if sum((options.video is not None, options.raw is not None, options.left is not None)) != 1:
         raise DataError("say where the images are: --left and --right, or --video, or --raw")
     if options.fps is not None and not (np.isfinite(options.fps) and options.fps > 0):
@@ -83,14 +82,15 @@ def run(options: argparse.Namespace) -> int:
     elif options.video is not None:
         source = VideoSource(options.video, options.swap)
         times = options.fps or source.fps() or 10.0
-        rig = find_rig(options, source)
     else:
         if options.right is None:
             raise DataError("--right is missing: the folder of the right images")
         folders = (options.right, options.left) if options.swap else (options.left, options.right)
         source = FolderSource(pair_folders(*folders))
-        rig = find_rig(options, source)
-    judge(source, rig, options.anyway)
+    if options.raw is None:
+        numbers = options.focal, options.centre, options.baseline
+        rig = rig_of(source, numbers, options.calibration, options.rectified, UNITS[options.unit])
+    say(*look(source, rig, options.anyway))
     if options.times is not None:
         times = read_times(options.times)
     if options.poses is not None:
@@ -104,41 +104,6 @@ def run(options: argparse.Namespace) -> int:
         f"next: vo run {options.out} --out runs/{options.out.name}",
     )
     return 0
-
-
-def find_rig(options: argparse.Namespace, source: FolderSource | VideoSource) -> Rig:
-    """The rig of the numbers or files given."""
-    numbers = (options.focal, options.centre, options.baseline)
-    if options.calibration is not None:
-        if any(number is not None for number in numbers):
-            raise DataError("give either --calibration or --focal, --centre and --baseline")
-        first = next(iter(source.pairs()))()[0]
-        size = first.shape[1], first.shape[0]
-        found, unit = read_opencv(options.calibration), UNITS[options.unit]
-        return rig_from_matrices(found, size, options.calibration[0], options.rectified, unit)
-    if any(number is None for number in numbers):
-        raise DataError("say the calibration: --focal, --centre and --baseline, or --calibration FILE")
-    try:
-        cx, cy = (float(word) for word in options.centre.split(","))
-    except ValueError:
-        raise DataError(f"--centre {options.centre!r}: expected two numbers such as 607.2,185.2") from None
-    return rig_from_numbers(options.focal, cx, cy, UNITS[options.unit] * options.baseline)
-
-
-def judge(source: FolderSource | VideoSource, rig: Rig, anyway: bool) -> None:
-    """Say what a sample of pairs shows; refuse a pair that cannot be right, unless told otherwise."""
-    found = measure_pairs(rig.rectify(*pair) for pair in source.sample())
-    wrong = complaints(found, rig.baseline)
-    if wrong and (not anyway or rig.baseline <= 0):
-        hint = "" if rig.baseline <= 0 else " (--anyway writes it all the same)"
-        raise DataError("; ".join(wrong) + hint)
-    for sentence in wrong:
-        say(f"warning: {sentence}")
-    depth = "far away" if found.disparity <= 0 else f"{rig.f * rig.baseline / found.disparity:.1f} m"
-    say(
-        f"{found.matches} matches in {found.pairs} pairs: rows differ by {found.row:+.2f} ± "
-        f"{found.row_spread:.2f} px, median disparity {found.disparity:.1f} px, a depth of {depth}"
-    )
 
 
 if __name__ == "__main__":

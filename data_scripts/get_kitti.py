@@ -18,13 +18,11 @@ from pathlib import Path
 
 from data_scripts.fetch.download import CONNECTIONS, confirm, in_words, require_space
 from data_scripts.fetch.kitti_archive import (
-    CALIB,
-    COLOR,
-    GRAY,
     HOST,
     LICENCE,
-    POSES,
     absent,
+    archives_at,
+    archives_of,
     fetch,
     link_tree,
     plan,
@@ -43,8 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--color",
         action="store_true",
-        help="also image_2 and image_3: the kit runs on grey images, but "
-        "detectors find vehicles better in colour",
+        help="also image_2 and image_3: detectors do better in colour",
     )
     parser.add_argument("--root", type=Path, metavar="DIR", help=f"where to; default {kitti_root()}")
     parser.add_argument("--from-zip", type=Path, nargs="+", metavar="FILE", help="archives already on disk")
@@ -73,12 +70,10 @@ def run(options: argparse.Namespace) -> int:
             "is a link into another tree; nothing is written there", root / "sequences" / linked[0]
         )
     with Archives() as archives:
-        if options.from_zip is not None:
-            # Calibration and poses from their own archives win over older copies beside the images.
-            places = [str(path) for path in sorted(options.from_zip, key=lambda p: p.name in (CALIB, POSES))]
+        if options.from_zip is None:
+            places = archives_at(options.host, options.color)
         else:
-            kinds = [GRAY, *([COLOR] if options.color else []), CALIB, POSES]
-            places = [options.host.rstrip("/") + "/" + kind for kind in kinds]
+            places = archives_of(options.from_zip)
         return take(archives, places, root, set(names) - set(linked), options)
 
 

@@ -35,6 +35,17 @@ INSIDE = re.compile(
 )
 
 
+def archives_at(host: str, color: bool = False) -> list[str]:
+    """Addresses of the archives that a server has."""
+    kinds = [GRAY, *([COLOR] if color else []), CALIB, POSES]
+    return [f"{host.rstrip('/')}/{kind}" for kind in kinds]
+
+
+def archives_of(paths: list[Path]) -> list[str]:
+    """Archives on disk; those of calibration and poses last: they win over older copies beside the images."""
+    return [str(path) for path in sorted(paths, key=lambda path: path.name in (CALIB, POSES))]
+
+
 def plan(
     archives: Archives, places: list[str], sequences: Iterable[str], progress: Progress | None = None
 ) -> list[Member]:
