@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from pathlib import Path
 
 from vo_lib.core.errors import DataError
-from vo_lib.core.files import file_sha256, write_text_atomic
+from vo_lib.core.files import file_sha256, write_bytes_atomic, write_text_atomic
 from vo_lib.core.types import Progress
 from vo_lib.data.places import detector_folder
 from vo_lib.detection.detectors import FETCHABLE, REGISTRY, Detector, registered
@@ -74,12 +73,7 @@ def register_detector(name: str, source: Path, folder: Path | None = None, licen
         folder.mkdir(parents=True, exist_ok=True)
         require_space(folder, size)
         if not (path.is_file() and path.samefile(source)):
-            working = path.with_name(f".{path.name}.tmp")
-            try:
-                shutil.copyfile(source, working)
-                working.replace(path)
-            finally:
-                working.unlink(missing_ok=True)
+            write_bytes_atomic(path, source.read_bytes())
     except OSError as error:
         raise DataError(f"cannot be written: {error.strerror}", path) from None
     if official is None:
