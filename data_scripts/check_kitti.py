@@ -3,8 +3,8 @@
 The exit code is 0 where all is complete, 1 where something is missing or damaged, 2 for wrong input.
 
 examples:
-  python check_kitti.py
-  python check_kitti.py --root /data/kitti --sequences 00-10 --deep
+  vo data check_kitti
+  vo data check_kitti --root /data/kitti --sequences 00-10 --deep
 """
 
 from __future__ import annotations
@@ -14,35 +14,31 @@ import json
 import sys
 from pathlib import Path
 
-from vo_lib.commands.console import OneLineParser, reporting, say
-from vo_lib.commands.script import guarded, show_sequences
+from rich.console import Console
+from rich.text import Text
+from rich.tree import Tree
+
+from vo_lib.commands.console import reporting, say
+from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
-from vo_lib.data.kitti_check import check_tree, parse_numbers
-from vo_lib.data.places import kitti_root, script_command
+from vo_lib.data.kitti_check import SequenceReport, check_tree, parse_numbers
+from vo_lib.data.places import kitti_root
+
+PROBLEMS_SHOWN = 8  # of a sequence
 
 
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script."""
-    made = OneLineParser(
-        prog="check_kitti.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    made.add_argument("--root", type=Path, metavar="DIR", help=f"the tree; default {kitti_root()}")
-    made.add_argument("--sequences", metavar="S,S-S,…", help="only these; default: all that are there")
-    made.add_argument("--deep", action="store_true", help="decode every image, on all cores")
-    made.add_argument("--json", action="store_true", help="print JSON")
-    return made
+    parser.add_argument("--root", type=Path, metavar="DIR", help=f"the tree; default {kitti_root()}")
+    parser.add_argument("--sequences", metavar="S,S-S,…", help="only these; default: all that are there")
+    parser.add_argument("--deep", action="store_true", help="decode every image, on all cores")
+    parser.add_argument("--json", action="store_true", help="print JSON")
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the script."""
-    options = parser().parse_args(words)
-    return guarded("check_kitti.py", lambda: check(options))
-
-
-def check(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Look, show, and say what to do."""
     root: Path = options.root or kitti_root()
-    get = f"{script_command('get_kitti.py')} --root {root} --sequences"
+    get = f"vo data get_kitti --root {root} --sequences"
     names = None if options.sequences is None else parse_numbers(options.sequences)
     if names is None and not root.is_dir():
         raise DataError(f"the folder is missing; {get} 07,04 makes it", root)
@@ -60,5 +56,24 @@ def check(options: argparse.Namespace) -> int:
     return 1 if any(found.problems for found in reports) else 0
 
 
+def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
+    """A tree of sequences and their parts; what is wrong in red, at most a few lines a sequence."""
+    tree = Tree(Text(str(root), style="bold"))
+    for report in reports:
+        of = "" if report.expected is None else f" of {report.expected}"
+        state = "complete" if not report.problems else "incomplete"
+        style = "green" if not report.problems else "red"
+        branch = tree.add(Text(f"{report.name}: {report.pairs}{of} pairs, {state}", style=style))
+        for part, found in report.parts:
+            branch.add(Text(f"{part}: {found}"))
+        for problem in report.problems[:PROBLEMS_SHOWN]:
+            branch.add(Text(problem, style="red"))
+        if len(report.problems) > PROBLEMS_SHOWN:
+            branch.add(
+                Text(f"and {len(report.problems) - PROBLEMS_SHOWN} more (--json has all)", style="red")
+            )
+    Console().print(tree, soft_wrap=True)
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script(sys.modules[__name__]))

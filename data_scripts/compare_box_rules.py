@@ -1,8 +1,8 @@
 """Which box rule is best: methods × rules over sequences and seeds, as one Markdown table.
 
 examples:
-  python compare_box_rules.py
-  python compare_box_rules.py --sequences 00,synthetic/jam --methods viso2 --labels 00=labels/00 --jobs 2
+  vo data compare_box_rules
+  vo data compare_box_rules --sequences 00,synthetic/jam --methods viso2 --labels 00=labels/00 --jobs 2
 
 Rules: none, all (the paper), moving (only boxes judged moving), truth (drawn scenes only). Called again,
 it does not do finished runs again.
@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 
 from vo_lib.commands.common import add_cache, open_with_bar, parse_methods, parse_whole
-from vo_lib.commands.console import OneLineParser, reporting, say, show_report_table
-from vo_lib.commands.script import guarded
+from vo_lib.commands.console import reporting, say, show_report_table
+from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import write_text_atomic
 from vo_lib.data.sequence import SYNTHETIC, Sequence, parse_sequences
@@ -33,33 +33,21 @@ RULES = ("none", "all", "moving", "truth")
 COLUMNS = ["sequence", "method", "rule", "TE %", "RE deg/100 m", "removed", "back end ms"]
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the script."""
-    options = parser().parse_args(words)
-    return guarded("compare_box_rules.py", lambda: compare(options))
-
-
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
-    made = OneLineParser(
-        prog="compare_box_rules.py",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
     scenes = ",".join(f"{SYNTHETIC}{name}" for name in SCENES)
-    made.add_argument("--sequences", default=scenes, metavar="S,S,…", help="default: the drawn scenes")
-    made.add_argument("--methods", default="viso2,solution_selection", metavar="M,M,…")
-    made.add_argument(
+    parser.add_argument("--sequences", default=scenes, metavar="S,S,…", help="default: the drawn scenes")
+    parser.add_argument("--methods", default="viso2,solution_selection", metavar="M,M,…")
+    parser.add_argument(
         "--labels", action="append", default=[], metavar="S=DIR", help="label folder of a sequence"
     )
-    made.add_argument("--seeds", default="5", metavar="N", help="seeds 0 … N-1; default 5")
-    made.add_argument("--jobs", default="1", metavar="N", help="processes; default 1")
-    made.add_argument("--out", default="runs/box_rules", metavar="DIR", help="folder for runs and table.md")
-    add_cache(made)
-    return made
+    parser.add_argument("--seeds", default="5", metavar="N", help="seeds 0 … N-1; default 5")
+    parser.add_argument("--jobs", default="1", metavar="N", help="processes; default 1")
+    parser.add_argument("--out", default="runs/box_rules", metavar="DIR", help="folder for runs and table.md")
+    add_cache(parser)
 
 
-def compare(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Run what is missing; write and show the table."""
     methods = parse_methods(options.methods)
     seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
@@ -102,4 +90,4 @@ def parse_labels(text: str) -> tuple[str, str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script(sys.modules[__name__]))

@@ -5,10 +5,10 @@ three numbers for rectified images, or OpenCV YAML files (K1 D1 K2 D2 R T: the i
 alone: they are already). The order of the images, their rows and the baseline are checked on a sample.
 
 examples:
-  python from_folder.py --left L --right R --focal 718.9 --centre 607.2,185.2 --baseline 0.537 --out data/mine
-  python from_folder.py --left L --right R --calibration intrinsics.yml extrinsics.yml --out data/mine
-  python from_folder.py --video drive.mp4 --calibration stereo.yml --unit mm --out data/mine
-  python from_folder.py --raw 2011_09_26/2011_09_26_drive_0005_sync --out data/drive_0005
+  vo data from_folder --left L --right R --focal 718.9 --centre 607.2,185.2 --baseline 0.537 --out data/mine
+  vo data from_folder --left L --right R --calibration intrinsics.yml extrinsics.yml --out data/mine
+  vo data from_folder --video drive.mp4 --calibration stereo.yml --unit mm --out data/mine
+  vo data from_folder --raw 2011_09_26/2011_09_26_drive_0005_sync --out data/drive_0005
 """
 
 from __future__ import annotations
@@ -20,33 +20,29 @@ from pathlib import Path
 import numpy as np
 
 from data_scripts.fetch.kitti_raw import read_raw_drive
-from data_scripts.fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
-from data_scripts.fetch.stereo_import import require_new, write_sequence
-from data_scripts.fetch.stereo_sources import FolderSource, VideoSource, pair_folders
-from vo_lib.commands.console import OneLineParser, reporting, say
-from vo_lib.commands.script import guarded
+from data_scripts.fetch.stereo_calibration import rig_from_matrices
+from data_scripts.fetch.stereo_import import look, require_new, rig_of, write_sequence
+from data_scripts.fetch.stereo_sources import FolderSource, Source, VideoSource, pair_folders
+from vo_lib.commands.console import reporting, say
+from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
 from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Array
 from vo_lib.data.kitti import read_times
 from vo_lib.data.sequence import open_sequence
-from vo_lib.data.stereo_check import complaints, measure_pairs
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script."""
-    made = OneLineParser(
-        prog="from_folder.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    images = made.add_argument_group("images")
+    images = parser.add_argument_group("images")
     images.add_argument("--left", type=Path, metavar="DIR", help="folder of the left images")
     images.add_argument("--right", type=Path, metavar="DIR", help="folder of the right images")
     images.add_argument("--video", type=Path, metavar="FILE", help="video: left and right half of each frame")
     images.add_argument("--raw", type=Path, metavar="DIR", help="a synced and rectified drive of KITTI raw")
     images.add_argument("--swap", action="store_true", help="exchange left and right")
-    camera = made.add_argument_group("calibration")
+    camera = parser.add_argument_group("calibration")
     camera.add_argument("--focal", type=float, metavar="F", help="focal length, pixels")
     camera.add_argument("--centre", metavar="CX,CY", help="principal point, pixels")
     camera.add_argument("--baseline", type=float, metavar="B", help="from left to right camera")
@@ -56,28 +52,21 @@ def parser() -> argparse.ArgumentParser:
         "--rectified", action="store_true", help="images are rectified; take P1, P2 of the files"
     )
     camera.add_argument("--calib-dir", type=Path, metavar="DIR", help="of a raw drive; default: above it")
-    more = made.add_argument_group("times, truth, output")
+    more = parser.add_argument_group("times, truth, output")
     more.add_argument("--fps", type=float, metavar="N", help="pairs a second; default the video's, else 10")
     more.add_argument("--times", type=Path, metavar="FILE", help="seconds of each pair, one a line")
     more.add_argument("--poses", type=Path, metavar="FILE", help="true poses in KITTI's format")
     more.add_argument("--copy", action="store_true", help="copy PNG images in place of linking them")
     more.add_argument("--anyway", action="store_true", help="write even if the pair looks wrong")
     more.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new sequence's folder")
-    return made
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the script."""
-    options = parser().parse_args(words)
-    return guarded("from_folder.py", lambda: bring(options))
-
-
-def bring(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Find images and calibration, check them together, write the sequence."""
     require_new(options.out)
     times: Array | float = options.fps or 10.0
     poses: Array | None = None
-    source: FolderSource | VideoSource
+    source: Source
     if sum((options.video is not None, options.raw is not None, options.left is not None)) != 1:
         raise DataError("say where the images are: --left and --right, or --video, or --raw")
     if options.fps is not None and not (np.isfinite(options.fps) and options.fps > 0):
@@ -93,14 +82,15 @@ def bring(options: argparse.Namespace) -> int:
     elif options.video is not None:
         source = VideoSource(options.video, options.swap)
         times = options.fps or source.fps() or 10.0
-        rig = find_rig(options, source)
     else:
         if options.right is None:
             raise DataError("--right is missing: the folder of the right images")
         folders = (options.right, options.left) if options.swap else (options.left, options.right)
         source = FolderSource(pair_folders(*folders))
-        rig = find_rig(options, source)
-    judge(source, rig, options.anyway)
+    if options.raw is None:
+        numbers = options.focal, options.centre, options.baseline
+        rig = rig_of(source, numbers, options.calibration, options.rectified, UNITS[options.unit])
+    say(*look(source, rig, options.anyway))
     if options.times is not None:
         times = read_times(options.times)
     if options.poses is not None:
@@ -116,40 +106,5 @@ def bring(options: argparse.Namespace) -> int:
     return 0
 
 
-def find_rig(options: argparse.Namespace, source: FolderSource | VideoSource) -> Rig:
-    """The rig of the numbers or files given."""
-    numbers = (options.focal, options.centre, options.baseline)
-    if options.calibration is not None:
-        if any(number is not None for number in numbers):
-            raise DataError("give either --calibration or --focal, --centre and --baseline")
-        first = next(iter(source.pairs()))()[0]
-        size = first.shape[1], first.shape[0]
-        found, unit = read_opencv(options.calibration), UNITS[options.unit]
-        return rig_from_matrices(found, size, options.calibration[0], options.rectified, unit)
-    if any(number is None for number in numbers):
-        raise DataError("say the calibration: --focal, --centre and --baseline, or --calibration FILE")
-    try:
-        cx, cy = (float(word) for word in options.centre.split(","))
-    except ValueError:
-        raise DataError(f"--centre {options.centre!r}: expected two numbers such as 607.2,185.2") from None
-    return rig_from_numbers(options.focal, cx, cy, UNITS[options.unit] * options.baseline)
-
-
-def judge(source: FolderSource | VideoSource, rig: Rig, anyway: bool) -> None:
-    """Say what a sample of pairs shows; refuse a pair that cannot be right, unless told otherwise."""
-    found = measure_pairs(rig.rectify(*pair) for pair in source.sample())
-    wrong = complaints(found, rig.baseline)
-    if wrong and (not anyway or rig.baseline <= 0):
-        hint = "" if rig.baseline <= 0 else " (--anyway writes it all the same)"
-        raise DataError("; ".join(wrong) + hint)
-    for sentence in wrong:
-        say(f"warning: {sentence}")
-    depth = "far away" if found.disparity <= 0 else f"{rig.f * rig.baseline / found.disparity:.1f} m"
-    say(
-        f"{found.matches} matches in {found.pairs} pairs: rows differ by {found.row:+.2f} ± "
-        f"{found.row_spread:.2f} px, median disparity {found.disparity:.1f} px, a depth of {depth}"
-    )
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script(sys.modules[__name__]))

@@ -4,10 +4,10 @@ Images, calibration and true poses of the sequences named come straight out of t
 What is complete on disk is not fetched again: after an interruption, call again.
 
 examples:
-  python get_kitti.py --sequences 07,04
-  python get_kitti.py --sequences 00-10 --root /data/kitti --yes
-  python get_kitti.py --from-zip data_odometry_gray.zip data_odometry_calib.zip data_odometry_poses.zip
-  python get_kitti.py --sequences 07 --link /mnt/kitti
+  vo data get_kitti --sequences 07,04
+  vo data get_kitti --sequences 00-10 --root /data/kitti --yes
+  vo data get_kitti --from-zip data_odometry_gray.zip data_odometry_calib.zip data_odometry_poses.zip
+  vo data get_kitti --sequences 07 --link /mnt/kitti
 """
 
 from __future__ import annotations
@@ -16,56 +16,42 @@ import argparse
 import sys
 from pathlib import Path
 
-from data_scripts.fetch.download import CONNECTIONS, in_words, require_space
+from data_scripts.fetch.download import CONNECTIONS, confirm, in_words, require_space
 from data_scripts.fetch.kitti_archive import (
-    CALIB,
-    COLOR,
-    GRAY,
     HOST,
     LICENCE,
-    POSES,
     absent,
+    archives_at,
+    archives_of,
     fetch,
     link_tree,
-    note_changes,
     plan,
 )
 from data_scripts.fetch.zip_archives import Archives
-from vo_lib.commands.console import OneLineParser, reporting, say
-from vo_lib.commands.script import confirm, guarded, transferring
+from vo_lib.commands.console import reporting, say
+from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
 from vo_lib.data.kitti_check import EXPECTED_FRAMES, parse_numbers
-from vo_lib.data.places import kitti_root, script_command
+from vo_lib.data.places import kitti_root
 
 
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script."""
-    made = OneLineParser(
-        prog="get_kitti.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    made.add_argument("--sequences", metavar="S,S-S,…", help="00 … 21; those of 00-10 have true poses")
-    made.add_argument(
+    parser.add_argument("--sequences", metavar="S,S-S,…", help="00 … 21; those of 00-10 have true poses")
+    parser.add_argument(
         "--color",
         action="store_true",
-        help="also image_2 and image_3: the kit runs on grey images, but "
-        "detectors find vehicles better in colour",
+        help="also image_2 and image_3: detectors do better in colour",
     )
-    made.add_argument("--root", type=Path, metavar="DIR", help=f"where to; default {kitti_root()}")
-    made.add_argument("--from-zip", type=Path, nargs="+", metavar="FILE", help="archives already on disk")
-    made.add_argument("--link", type=Path, metavar="DIR", help="link a KITTI tree that exists instead")
-    made.add_argument("--yes", action="store_true", help="start without asking")
-    made.add_argument("--jobs", type=int, default=4, metavar="N", help="files fetched at once (default 4)")
-    made.add_argument("--host", default=HOST, metavar="URL", help=f"a mirror; default {HOST}")
-    return made
+    parser.add_argument("--root", type=Path, metavar="DIR", help=f"where to; default {kitti_root()}")
+    parser.add_argument("--from-zip", type=Path, nargs="+", metavar="FILE", help="archives already on disk")
+    parser.add_argument("--link", type=Path, metavar="DIR", help="link a KITTI tree that exists instead")
+    parser.add_argument("--yes", action="store_true", help="start without asking")
+    parser.add_argument("--jobs", type=int, default=4, metavar="N", help="files fetched at once (default 4)")
+    parser.add_argument("--host", default=HOST, metavar="URL", help=f"a mirror; default {HOST}")
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the script; the exit code is 2 for wrong input, 130 when interrupted."""
-    options = parser().parse_args(words)
-    return guarded("get_kitti.py", lambda: get(options))
-
-
-def get(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Link, unpack or fetch what the options name."""
     root: Path = options.root or kitti_root()
     if options.sequences is None and options.from_zip is None:
@@ -84,12 +70,10 @@ def get(options: argparse.Namespace) -> int:
             "is a link into another tree; nothing is written there", root / "sequences" / linked[0]
         )
     with Archives() as archives:
-        if options.from_zip is not None:
-            # Calibration and poses from their own archives win over older copies beside the images.
-            places = [str(path) for path in sorted(options.from_zip, key=lambda p: p.name in (CALIB, POSES))]
+        if options.from_zip is None:
+            places = archives_at(options.host, options.color)
         else:
-            kinds = [GRAY, *([COLOR] if options.color else []), CALIB, POSES]
-            places = [options.host.rstrip("/") + "/" + kind for kind in kinds]
+            places = archives_of(options.from_zip)
         return take(archives, places, root, set(names) - set(linked), options)
 
 
@@ -113,14 +97,11 @@ def take(
         if not confirm("Go on?", options.yes):
             say("nothing was written")
             return 1
-        if not options.from_zip:
-            for place in note_changes(archives, places, root):
-                say(f"note: {place} changed since the last call; files that differ from it are replaced")
-        with transferring("unpacking" if options.from_zip else "fetching") as report:
+        with reporting("unpacking" if options.from_zip else "fetching", in_bytes=True) as report:
             fetch(archives, todo, root, options.jobs, report)
-    say(f"done. Check it: {script_command('check_kitti.py')} --root {root}")
+    say(f"done. Check it: vo data check_kitti --root {root}")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script(sys.modules[__name__]))

@@ -1,8 +1,8 @@
-"""Turn KITTI's object or tracking labels into a data set for train_detector.py.
+"""Turn KITTI's object or tracking labels into a data set for train_detector.
 
 examples:
-  python kitti_to_yolo.py object kitti/training data/cars --mapping train_mapping.txt --order train_rand.txt
-  python kitti_to_yolo.py tracking kitti/training data/cars --drive 0000=2011_09_26_drive_0005
+  vo data kitti_to_yolo object kitti/training data/cars --mapping train_mapping.txt --order train_rand.txt
+  vo data kitti_to_yolo tracking kitti/training data/cars --drive 0000=2011_09_26_drive_0005
 
 Car and Van become car, Truck truck, Tram train; Misc and DontCare are neither object nor background. Images
 of the raw drives behind the odometry sequences 00-10 are left out, and images of unknown origin are refused:
@@ -26,18 +26,29 @@ from data_scripts.training.kitti_set import (
     split,
     write_set,
 )
-from vo_lib.commands.console import OneLineParser, reporting, say
-from vo_lib.commands.script import guarded
+from vo_lib.commands.console import reporting, say
+from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the script."""
-    options = parser().parse_args(words)
-    return guarded("kitti_to_yolo.py", lambda: convert(options))
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options."""
+    parser.add_argument("kind", choices=("object", "tracking"), help="which of KITTI's benchmarks")
+    parser.add_argument("kitti", type=Path, help="its training folder, with label_2 or label_02")
+    parser.add_argument("out", type=Path, help="where the data set is written")
+    parser.add_argument("--mapping", type=Path, metavar="FILE", help="train_mapping.txt, for object labels")
+    parser.add_argument("--order", type=Path, metavar="FILE", help="train_rand.txt, for object labels")
+    parser.add_argument(
+        "--drive", action="append", default=[], metavar="0000=DRIVE", help="raw drive of a tracking sequence"
+    )
+    parser.add_argument(
+        "--valid", type=share, default=0.15, metavar="X", help="share to validate, default 0.15"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the choice of these, default 0")
+    parser.add_argument("--allow-evaluated", action="store_true", help="take evaluated, unknown drives too")
 
 
-def convert(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Read the labels, leave out what is evaluated, write the data set."""
     if options.kind == "object":
         found = read_object_set(options.kitti, options.mapping, options.order)
@@ -54,27 +65,6 @@ def convert(options: argparse.Namespace) -> int:
     say(f"{options.out}: {sizes}; {counts}")
     say(f"{len(found) - len(used)} images of evaluated odometry sequences were left out")
     return 0
-
-
-def parser() -> argparse.ArgumentParser:
-    """The options."""
-    made = OneLineParser(
-        prog="kitti_to_yolo.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    made.add_argument("kind", choices=("object", "tracking"), help="which of KITTI's benchmarks")
-    made.add_argument("kitti", type=Path, help="its training folder, with label_2 or label_02")
-    made.add_argument("out", type=Path, help="where the data set is written")
-    made.add_argument("--mapping", type=Path, metavar="FILE", help="train_mapping.txt, for object labels")
-    made.add_argument("--order", type=Path, metavar="FILE", help="train_rand.txt, for object labels")
-    made.add_argument(
-        "--drive", action="append", default=[], metavar="0000=DRIVE", help="raw drive of a tracking sequence"
-    )
-    made.add_argument(
-        "--valid", type=share, default=0.15, metavar="X", help="share to validate, default 0.15"
-    )
-    made.add_argument("--seed", type=int, default=0, help="of the choice of these, default 0")
-    made.add_argument("--allow-evaluated", action="store_true", help="take evaluated and unknown drives too")
-    return made
 
 
 def share(text: str) -> float:
@@ -97,4 +87,4 @@ def parse_drives(items: list[str]) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script(sys.modules[__name__]))

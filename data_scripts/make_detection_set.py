@@ -1,8 +1,8 @@
 """Draw a data set of synthetic streets with vehicle boxes, in YOLO form.
 
 examples:
-  python make_detection_set.py data/street --jobs 2
-  python make_detection_set.py data/small --train 500 --valid 50
+  vo data make_detection_set data/street --jobs 2
+  vo data make_detection_set data/small --train 500 --valid 50
 
 The test split holds the kit's named scenes, which training never draws. A call that was stopped goes on.
 """
@@ -16,31 +16,19 @@ from pathlib import Path
 from data_scripts.training.config import DetectionSetConfig
 from data_scripts.training.street_set import write_street_set
 from vo_lib.commands.common import parse_whole
-from vo_lib.commands.console import OneLineParser, reporting, say
-from vo_lib.commands.script import guarded
-from vo_lib.commands.setting_options import add_options, from_options
+from vo_lib.commands.console import reporting, say
+from vo_lib.commands.data import run_script
+from vo_lib.commands.setting_options import add_settings, from_options
 
 
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Options: every setting of the data set has one."""
-    made = OneLineParser(
-        prog="make_detection_set.py",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    made.add_argument("folder", type=Path, help="where the data set is written")
-    made.add_argument("--jobs", default="1", metavar="N", help="processes that draw (default 1)")
-    add_options(made, DetectionSetConfig)
-    return made
+    parser.add_argument("folder", type=Path, help="where the data set is written")
+    parser.add_argument("--jobs", default="1", metavar="N", help="processes that draw (default 1)")
+    add_settings(parser, DetectionSetConfig)
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the script."""
-    options = parser().parse_args(words)
-    return guarded("make_detection_set.py", lambda: draw(options))
-
-
-def draw(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Draw what is missing."""
     config = from_options(options, DetectionSetConfig)
     with reporting("drawing streets") as report:
@@ -50,4 +38,4 @@ def draw(options: argparse.Namespace) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script(sys.modules[__name__]))

@@ -1,9 +1,9 @@
 """Draw synthetic sequences into KITTI-layout folders, or all scenes on one sheet.
 
 examples:
-  python render_synthetic.py parked
-  python render_synthetic.py traffic --length 1000 --seed 7 --oncoming 4
-  python render_synthetic.py --contact-sheet scenes.jpg
+  vo data render_synthetic parked
+  vo data render_synthetic traffic --length 1000 --seed 7 --oncoming 4
+  vo data render_synthetic --contact-sheet scenes.jpg
 """
 
 from __future__ import annotations
@@ -14,52 +14,35 @@ from pathlib import Path
 
 import cv2
 
-from vo_lib.commands.common import parse_whole
-from vo_lib.commands.console import OneLineParser, reporting
-from vo_lib.commands.script import guarded
+from vo_lib.commands.common import add_cache, parse_whole
+from vo_lib.commands.console import reporting
+from vo_lib.commands.data import run_script
+from vo_lib.commands.setting_options import add_settings, given
 from vo_lib.core.errors import DataError
 from vo_lib.core.settings import declared
 from vo_lib.synthetic import SCENES, SceneConfig, contact_sheet, ensure_scene, scene_config
 
 
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Options: every setting of a scene has one."""
-    made = OneLineParser(
-        prog="render_synthetic.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    made.add_argument("scene", nargs="?", help="scene to start from: " + ", ".join(SCENES))
-    made.add_argument(
-        "--cache", type=Path, metavar="DIR", help="where scenes are kept (default: the user's cache)"
-    )
-    made.add_argument("--jobs", default="2", metavar="N", help="processes that draw (default 2)")
-    made.add_argument(
+    parser.add_argument("scene", nargs="?", help="scene to start from: " + ", ".join(SCENES))
+    add_cache(parser)
+    parser.add_argument("--jobs", default="2", metavar="N", help="processes that draw (default 2)")
+    parser.add_argument(
         "--contact-sheet", type=Path, metavar="FILE", help="draw one picture of all scenes instead"
     )
-    group = made.add_argument_group("settings of the scene; default: those of the scene named")
-    for item in declared(SceneConfig):
-        words = f"{item.text} {item.describe()[0].upper()}{item.describe()[1:]}."
-        option = "--" + item.name.replace("_", "-")
-        group.add_argument(option, dest=f"set_{item.name}", metavar="VALUE", help=words.replace("%", "%%"))
-    return made
+    group = parser.add_argument_group("settings of the scene; default: those of the scene named")
+    add_settings(group, SceneConfig, defaults=False)
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the command; the exit code is 2 for wrong input."""
-    made = parser()
-    options = made.parse_args(words)
-    if options.scene is None and not options.contact_sheet:
-        made.error("name a scene: " + ", ".join(SCENES))
-    return guarded("render_synthetic.py", lambda: draw(options))
-
-
-def draw(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Draw a scene, or the sheet of all."""
     if options.contact_sheet:
         write_sheet(options.contact_sheet)
         return 0
-    given = {item.name: (item, getattr(options, f"set_{item.name}")) for item in declared(SceneConfig)}
-    changes = {name: item.parse(raw) for name, (item, raw) in given.items() if raw is not None}
-    config = scene_config(options.scene, **changes)
+    if options.scene is None:
+        raise DataError("name a scene: " + ", ".join(SCENES))
+    config = scene_config(options.scene, **given(options, declared(SceneConfig)))
     with reporting(f"drawing {options.scene}") as report:
         folder = ensure_scene(config, options.cache, report, parse_whole("--jobs", options.jobs))
     print(folder)
@@ -78,4 +61,4 @@ def write_sheet(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script(sys.modules[__name__]))

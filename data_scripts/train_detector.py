@@ -1,12 +1,12 @@
 """Train a small vehicle detector on a data set in YOLO form, and export it as ONNX (extra `[train]`).
 
 examples:
-  python train_detector.py data/street --out runs/street --one-class vehicle
-  python train_detector.py roboflow/data.yaml --out runs/cars --epochs 400 --width 640 --height 192
-  python train_detector.py data/street --out runs/more --one-class vehicle --start runs/street/detector.onnx
+  vo data train_detector data/street --out runs/street --one-class vehicle
+  vo data train_detector roboflow/data.yaml --out runs/cars --epochs 400 --width 640 --height 192
+  vo data train_detector data/street --out runs/more --one-class vehicle --start runs/street/detector.onnx
 
 A training that was stopped goes on at its last whole epoch. The folder gets last.pt, curves.png and
-detector.onnx, which `vo run --detector` and write_labels.py take.
+detector.onnx, which `vo run --detector` and `vo data write_labels` take.
 """
 
 from __future__ import annotations
@@ -16,33 +16,39 @@ import dataclasses
 import sys
 from pathlib import Path
 
-import numpy as np
-
 from data_scripts.training.assess import assess
-from data_scripts.training.config import TrainingConfig
+from data_scripts.training.config import MODEL, TrainingConfig
 from data_scripts.training.dataset import DetectionSet, open_set
-from data_scripts.training.detection_plots import training_figure
 from data_scripts.training.evaluated import refuse_evaluated
-from vo_lib.commands.console import OneLineParser, reporting, say, show_table
-from vo_lib.commands.script import guarded
-from vo_lib.commands.setting_options import add_options, from_options
+from vo_lib.commands.console import reporting, say, show_table
+from vo_lib.commands.data import run_script
+from vo_lib.commands.setting_options import add_settings, from_options
 from vo_lib.core.errors import DataError
-from vo_lib.core.files import write_bytes_atomic
-from vo_lib.core.settings import to_dict
 from vo_lib.detection.yolo_layout import LEAST_SIZE, MOST_SIZE
-from vo_lib.tables.plots import png
-
-MODEL, CURVES = "detector.onnx", "curves.png"
-FREE = ("epochs", "threads")  # settings that a training may change when it goes on
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the script."""
-    options = parser().parse_args(words)
-    return guarded("train_detector.py", lambda: train_and_judge(options))
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options: every setting of the training has one."""
+    parser.add_argument("data", type=Path, help="folder with data.yaml, or that file")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the training")
+    parser.add_argument("--one-class", metavar="NAME", help="take all classes for one of this name")
+    parser.add_argument(
+        "--start",
+        type=Path,
+        metavar="FILE",
+        help="begin with the weights of another last.pt or detector.onnx",
+    )
+    parser.add_argument(
+        "--export-size",
+        type=int,
+        metavar="PX",
+        help="longer side of the images that the exported model is used with; default: --size",
+    )
+    parser.add_argument("--allow-evaluated", action="store_true", help="train on KITTI odometry images too")
+    add_settings(parser, TrainingConfig)
 
 
-def train_and_judge(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Train, export, and say how good the exported model is."""
     config = from_options(options, TrainingConfig)
     data = dataclasses.replace(open_set(options.data), merged=options.one_class)
@@ -50,77 +56,19 @@ def train_and_judge(options: argparse.Namespace) -> int:
         refuse_evaluated(path for part in data.images.values() for path in part)
     if options.export_size is not None and not LEAST_SIZE <= options.export_size <= MOST_SIZE:
         raise DataError(f"--export-size {options.export_size}: expected {LEAST_SIZE} to {MOST_SIZE} px")
-    train(data, config, options.out, options.start, options.export_size or config.size)
-    report_quality(options.out / MODEL, data, config)
+    try:
+        from data_scripts.training.folder import train_in
+    except ImportError as error:
+        raise DataError(f'{error.name} is missing: pip install ".[train]"') from None
+    with reporting(f"training, {config.epochs} epochs") as report:
+        state = train_in(options.out, data, config, options.start, options.export_size or config.size, report)
+    model = options.out / MODEL
+    say(f"{model}: validation mAP50 {state.maps[-1]:.3f} after {state.epoch} epochs")
+    report_quality(model, data)
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    """Options: every setting of the training has one."""
-    made = OneLineParser(
-        prog="train_detector.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    made.add_argument("data", type=Path, help="folder with data.yaml, or that file")
-    made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the training")
-    made.add_argument("--one-class", metavar="NAME", help="take all classes for one of this name")
-    made.add_argument(
-        "--start",
-        type=Path,
-        metavar="FILE",
-        help="begin with the weights of another last.pt or detector.onnx",
-    )
-    made.add_argument(
-        "--export-size",
-        type=int,
-        metavar="PX",
-        help="longer side of the images that the exported model is used with; default: --size",
-    )
-    made.add_argument("--allow-evaluated", action="store_true", help="train on KITTI odometry images too")
-    add_options(made, TrainingConfig)
-    return made
-
-
-def train(data: DetectionSet, config: TrainingConfig, out: Path, start: Path | None, used_with: int) -> None:
-    """Train from where the folder stands; curves after each epoch, the ONNX file at the end.
-
-    `used_with` : longer side of the images that the exported model is used with, pixels.
-    """
-    try:
-        from data_scripts.training import trainer
-        from data_scripts.training.export import export_onnx
-        from data_scripts.training.start import starting_network
-    except ImportError as error:
-        raise DataError(f'{error.name} is missing: pip install ".[train]"') from None
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / trainer.CHECKPOINT
-    if path.exists():
-        state = trainer.load_state(path)
-        check_same(state.config, config, state.classes, data, path)
-        state.config = config
-    else:
-        first = None if start is None else starting_network(start, data, config)
-        state = trainer.new_state(config, data.classes, first)
-    with reporting(f"training, {config.epochs} epochs") as report:
-        for _ in trainer.train(data, state, out, report):
-            title = f"{len(data.images['train'])} images, epoch {state.epoch} of {config.epochs}"
-            figure = training_figure(np.array(state.losses), np.array(state.maps), title)
-            write_bytes_atomic(out / CURVES, png(figure))
-    export_onnx(state.average, state.classes, out / MODEL, used_with)
-    say(f"{out / MODEL}: validation mAP50 {state.maps[-1]:.3f} after {state.epoch} epochs")
-
-
-def check_same(
-    was: TrainingConfig, now: TrainingConfig, classes: tuple[str, ...], data: DetectionSet, path: Path
-) -> None:
-    """`DataError` where the folder holds a training of something else."""
-    old, new = to_dict(was), to_dict(now)
-    changed = [name for name in old if old[name] != new[name] and name not in FREE]
-    if changed or classes != data.classes:
-        what = f"{changed[0]} {old[changed[0]]}" if changed else f"classes {', '.join(classes)}"
-        raise DataError(f"is a training with {what}: give another --out or the same settings", path)
-
-
-def report_quality(model: Path, data: DetectionSet, config: TrainingConfig) -> None:
+def report_quality(model: Path, data: DetectionSet) -> None:
     """A table of the exported model's quality on the test split, or the validation split without one."""
     split = "test" if data.images["test"] else "valid"
     heights = (16.0, 25.0, 32.0)
@@ -138,4 +86,4 @@ def report_quality(model: Path, data: DetectionSet, config: TrainingConfig) -> N
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script(sys.modules[__name__]))

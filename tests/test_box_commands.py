@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import write_bands
-from test_data_scripts import load
+from data_command import load
 
 from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN
 from vo_lib.commands.cli import main

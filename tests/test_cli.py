@@ -302,9 +302,9 @@ def test_every_threshold_is_an_option(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_the_command_itself_starts(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "import sys; from vo_lib.cli import main; sys.exit(main())", "run", "x"]
+    command = [sys.executable, "-c", "import sys; from vo_lib.commands.cli import main; sys.exit(main())"]
     done = subprocess.run(
-        [*command, "--out", "y"],
+        [*command, "run", "x", "--out", "y"],
         cwd=tmp_path,
         capture_output=True,
         text=True,

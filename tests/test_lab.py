@@ -64,7 +64,7 @@ def test_a_port_that_is_none_is_refused(port: str, capsys: pytest.CaptureFixture
 def test_who_ends_the_command_ends_the_server() -> None:
     server = "['sh', '-c', 'echo begun; exec sleep 60']"
     code = (
-        "import sys; from vo_lib.cli import main; from vo_lib.commands import lab\n"
+        "import sys; from vo_lib.commands.cli import main; from vo_lib.commands import lab\n"
         f"lab.command = lambda *about: {server}\n"
         "sys.exit(main(['lab']))"
     )

@@ -1,12 +1,12 @@
-"""Files over HTTP: what a server offers, and one file fetched whole, resumable and verified."""
+"""One file over HTTP, fetched whole, resumable and verified."""
 
 from __future__ import annotations
 
 import errno
 import os
 import shutil
+import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -28,20 +28,6 @@ SPARE = 100_000_000  # bytes left free on the disk beside what is written
 LOST = (requests.RequestException, urllib3.exceptions.HTTPError)
 
 
-@dataclass(frozen=True)
-class RemoteFile:
-    """What a server says of a file: its size in bytes (None where unsaid) and its ETag ("" where none)."""
-
-    url: str
-    size: int | None
-    etag: str
-
-    def unchanged(self) -> dict[str, str]:
-        """Request headers that make the server refuse (412) once the file is another one."""
-        # A weak ETag may not be used in If-Match.
-        return {} if not self.etag or self.etag.startswith("W/") else {"If-Match": self.etag}
-
-
 def open_session() -> requests.Session:
     """A session that keeps connections open and tries again where a server is not there for a moment."""
     session = requests.Session()
@@ -58,24 +44,11 @@ def open_session() -> requests.Session:
     return session
 
 
-def describe(session: requests.Session, url: str) -> RemoteFile:
-    """Size and ETag of a file, without fetching it. Raises `DataError` where it cannot be reached."""
-    try:
-        answer = session.head(url, timeout=TIMEOUT, allow_redirects=True)
-        answer.raise_for_status()
-    except LOST as error:
-        raise DataError(what_failed(error, url)) from None
-    size = answer.headers.get("Content-Length", "")
-    return RemoteFile(answer.url, int(size) if size.isdecimal() else None, answer.headers.get("ETag", ""))
-
-
 def what_failed(error: BaseException | None, url: str) -> str:
     """A failed request in words a person can act on."""
     host = urlsplit(url).hostname
     response = getattr(error, "response", None)
     if response is not None:
-        if response.status_code == 412:
-            return f"{url}: the file on the server changed meanwhile; call again to use the new one"
         if response.status_code in (401, 403, 404, 410):
             return f"{url}: {host} does not give this file (HTTP {response.status_code}); has it moved?"
         return f"{url}: {host} answers with HTTP {response.status_code}; try again later"
@@ -105,6 +78,22 @@ def require_space(folder: Path, size: int) -> None:
             f"needs {in_words(size)} and {in_words(SPARE)} to spare, but only {in_words(free)} are free",
             folder,
         )
+
+
+def confirm(question: str, yes: bool) -> bool:
+    """Whether a person agrees; `yes` answers for them.
+
+    Raises `DataError` where nobody can be asked.
+    """
+    if yes:
+        return True
+    if not sys.stdin.isatty():
+        raise DataError("nobody is there to answer: say --yes to start without a question")
+    try:
+        answer = input(f"{question} [y/N] ")
+    except EOFError:
+        return False
+    return answer.strip().lower() in ("y", "yes")
 
 
 def download(url: str, path: Path, size: int, sha256: str, progress: Progress | None = None) -> None:

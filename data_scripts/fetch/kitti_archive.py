@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import zlib
@@ -11,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path, PurePosixPath
 
 from vo_lib.core.errors import DataError
-from vo_lib.core.files import read_text, write_bytes_atomic, write_text_atomic
+from vo_lib.core.files import write_bytes_atomic
 from vo_lib.core.types import Progress
 
 from .zip_archives import Archives, Member
@@ -30,11 +29,21 @@ LICENCE = (
     f"that the page asks for before it shows its download links: {PAGE}",
 )
 
-RECORD = ".archives.json"
 LARGEST_MEMBER = 50_000_000  # bytes; the largest real file is a colour image of about 1 MB
 INSIDE = re.compile(
     r"(?:.*/)?(sequences/(\d\d)/(?:image_[0-3]/\d+\.png|calib\.txt|times\.txt)|poses/(\d\d)\.txt)"
 )
+
+
+def archives_at(host: str, color: bool = False) -> list[str]:
+    """Addresses of the archives that a server has."""
+    kinds = [GRAY, *([COLOR] if color else []), CALIB, POSES]
+    return [f"{host.rstrip('/')}/{kind}" for kind in kinds]
+
+
+def archives_of(paths: list[Path]) -> list[str]:
+    """Archives on disk; those of calibration and poses last: they win over older copies beside the images."""
+    return [str(path) for path in sorted(paths, key=lambda path: path.name in (CALIB, POSES))]
 
 
 def plan(
@@ -99,13 +108,16 @@ def fetch(
     progress : called with (bytes of the archive done, bytes in all).
     """
     for folder in sorted({root / member.target.parent for member in members}):
-        _make(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DataError(f"the folder cannot be made: {error.strerror}", folder) from None
     total, done = sum(member.packed for member in members), 0
     pool = ThreadPoolExecutor(max_workers=jobs)
     try:
         # In the order of the archive the server reads ahead.
         waiting: dict[Future[None], Member] = {
-            pool.submit(_fetch_one, archives, member, root): member for member in members
+            pool.submit(_take, archives, member, root): member for member in members
         }
         for future in as_completed(waiting):
             future.result()
@@ -116,28 +128,8 @@ def fetch(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f"the folder cannot be made: {error.strerror}", folder) from None
-
-
-def _fetch_one(archives: Archives, member: Member, root: Path) -> None:
+def _take(archives: Archives, member: Member, root: Path) -> None:
     write_bytes_atomic(root / member.target, archives.read(member))
-
-
-def note_changes(archives: Archives, places: Iterable[str], root: Path) -> list[str]:
-    """The archives that are others on the server than at the last call for `root`; remembers them."""
-    _make(root)
-    path = root / RECORD
-    try:
-        before = json.loads(read_text(path)) if path.exists() else {}
-    except ValueError:
-        before = {}
-    now = {place: [archives.about(place).size, archives.about(place).etag] for place in places}
-    write_text_atomic(path, json.dumps({**before, **now}, indent=2) + "\n")
-    return [place for place, state in now.items() if before.get(place, state) != state]
 
 
 def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""A user's own stereo pairs, written as a folder in KITTI's layout."""
+"""A user's own stereo pairs, looked at and written as a folder in KITTI's layout."""
 
 from __future__ import annotations
 
@@ -18,10 +18,58 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.files import write_text_atomic
 from vo_lib.core.poses import write_kitti_poses
 from vo_lib.core.types import Array, Progress
+from vo_lib.data.stereo_check import complaints, measure_pairs
 from vo_lib.synthetic.folder import calibration_text
 
-from .stereo_calibration import Rig
+from .stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
 from .stereo_sources import Pair, Source
+
+
+def rig_of(
+    source: Source,
+    numbers: tuple[float | None, str | None, float | None],
+    files: list[Path] | None,
+    rectified: bool,
+    unit: float,
+) -> Rig:
+    """The rig of a source, from its numbers or its calibration files; `DataError` unless given one of them.
+
+    Parameters
+    ----------
+    numbers : focal length, pixels; principal point such as "607.2,185.2", pixels; baseline, units.
+    rectified : the images are rectified, whatever else the files hold. unit : metres.
+    """
+    focal, centre, baseline = numbers
+    if files is not None:
+        if any(number is not None for number in numbers):
+            raise DataError("give either --calibration or --focal, --centre and --baseline")
+        height, width = next(iter(source.pairs()))()[0].shape
+        return rig_from_matrices(read_opencv(files), (width, height), files[0], rectified, unit)
+    if focal is None or centre is None or baseline is None:
+        raise DataError("say the calibration: --focal, --centre and --baseline, or --calibration FILE")
+    try:
+        cx, cy = (float(word) for word in centre.split(","))
+    except ValueError:
+        raise DataError(f"--centre {centre!r}: expected two numbers such as 607.2,185.2") from None
+    return rig_from_numbers(focal, cx, cy, unit * baseline)
+
+
+def look(source: Source, rig: Rig, anyway: bool) -> list[str]:
+    """What a sample of pairs shows, a line each; `DataError` where they cannot be right.
+
+    `anyway` : doubts are said as warnings; a wrong sign of the baseline is refused all the same.
+    """
+    found = measure_pairs(rig.rectify(*pair) for pair in source.sample())
+    wrong = complaints(found, rig.baseline)
+    if wrong and (not anyway or rig.baseline <= 0):
+        hint = "" if rig.baseline <= 0 else " (--anyway writes it all the same)"
+        raise DataError("; ".join(wrong) + hint)
+    depth = "far away" if found.disparity <= 0 else f"{rig.f * rig.baseline / found.disparity:.1f} m"
+    return [
+        *(f"warning: {sentence}" for sentence in wrong),
+        f"{found.matches} matches in {found.pairs} pairs: rows differ by {found.row:+.2f} ± "
+        f"{found.row_spread:.2f} px, median disparity {found.disparity:.1f} px, a depth of {depth}",
+    ]
 
 
 def write_sequence(

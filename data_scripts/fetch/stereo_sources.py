@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -22,22 +21,6 @@ Pair = tuple[Image, Image]
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
 VIDEO_SAMPLE_STEP = 10  # frames of a video from one pair of the sample to the next
-
-
-class Source(Protocol):
-    """Stereo pairs in order."""
-
-    def sample(self) -> list[Pair]:
-        """A few pairs to judge the rest by."""
-
-    def pairs(self) -> Iterator[Callable[[], Pair]]:
-        """All pairs; each is read when it is called, perhaps in another thread."""
-
-    def files(self) -> list[tuple[Path, Path]] | None:
-        """The pairs as PNG files that can be used as they are, or None."""
-
-    def size_hint(self) -> int:
-        """About how many pairs there are."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +106,10 @@ class VideoSource:
         half = grey.shape[1] // 2
         first, second = np.ascontiguousarray(grey[:, :half]), np.ascontiguousarray(grey[:, half:])
         return (second, first) if self.swap else (first, second)
+
+
+# Stereo pairs in order: a sample to judge them by, all of them, each read when it is called.
+Source = FolderSource | VideoSource
 
 
 def pair_folders(left: Path, right: Path) -> list[tuple[Path, Path]]:

@@ -8,6 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import TypeVar
 
@@ -17,7 +18,7 @@ from remotezip import RangeNotSupported, RemoteZip, RemoteZipError
 from vo_lib.core.errors import DataError
 
 from . import download
-from .download import LOST, RemoteFile, describe, open_session, what_failed
+from .download import LOST, open_session, what_failed
 
 Answer = TypeVar("Answer")
 
@@ -47,7 +48,6 @@ class Archives:
     def __init__(self) -> None:
         self._session = open_session()
         self._session.hooks["response"].append(_close_useless)
-        self._known: dict[str, RemoteFile] = {}
         self._here = threading.local()
         self._opened: list[zipfile.ZipFile] = []
 
@@ -56,14 +56,8 @@ class Archives:
 
     def __exit__(self, *details: object) -> None:
         for archive in self._opened:
-            archive.close()
+            _close(archive)
         self._session.close()
-
-    def about(self, url: str) -> RemoteFile:
-        """What the server says of an archive; asked once."""
-        if url not in self._known:
-            self._known[url] = describe(self._session, url)
-        return self._known[url]
 
     def directory(self, place: str) -> list[zipfile.ZipInfo]:
         """All members of an archive. `DataError` where one of them would leave the folder it is put into."""
@@ -92,13 +86,9 @@ class Archives:
     def _open(self, place: str) -> zipfile.ZipFile:
         mine: dict[str, zipfile.ZipFile] = self._here.__dict__
         if place not in mine:
-            if _is_url(place):
-                headers = self.about(place).unchanged()
-                opened = RemoteZip(place, session=self._session, headers=headers, timeout=download.TIMEOUT)
-            else:
-                opened = zipfile.ZipFile(place)
-            mine[place] = opened
-            self._opened.append(opened)
+            remote = partial(RemoteZip, session=self._session, timeout=download.TIMEOUT)
+            mine[place] = remote(place) if _is_url(place) else zipfile.ZipFile(place)
+            self._opened.append(mine[place])
         return mine[place]
 
     def _again(self, place: str, once: Callable[[], Answer], name: str = "") -> Answer:
@@ -118,7 +108,7 @@ class Archives:
                 failure = error.__context__ if isinstance(error, RemoteZipError) else error
                 broken = self._here.__dict__.pop(place, None)
                 if broken is not None:
-                    broken.close()
+                    _close(broken)
                 if isinstance(failure, requests.RequestException) or not _is_url(place):
                     break
         if isinstance(failure, (zipfile.BadZipFile, zlib.error, EOFError)):
@@ -127,6 +117,13 @@ class Archives:
         if not _is_url(place):
             raise DataError(f"cannot be read: {getattr(failure, 'strerror', failure)}", place) from None
         raise DataError(what_failed(failure, place)) from None
+
+
+def _close(archive: zipfile.ZipFile) -> None:
+    file = archive.fp
+    archive.close()
+    if file is not None:
+        file.close()  # a remote one stays open otherwise, with what the server still sends
 
 
 def _close_useless(response: requests.Response, *details: object, **options: object) -> None:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from vo_lib.core.settings import Checked, setting
 
+MODEL = "detector.onnx"  # of a training's folder
+
 
 @dataclass(frozen=True)
 class DetectionSetConfig(Checked):

@@ -17,9 +17,7 @@ OPSET = 17
 EXAMPLE = (1, 3, 192, 640)
 
 
-def export_onnx(
-    network: Detector, classes: tuple[str, ...], path: Path, size: int, licence: str = ""
-) -> None:
+def export_onnx(network: Detector, classes: tuple[str, ...], path: Path, size: int) -> None:
     """Write a network, with metadata as in Ultralytics' exports: class names, and the longer side of the
     images it is made for, `size` pixels.
 
@@ -46,8 +44,6 @@ def export_onnx(
         "stride": "32",
         "imgsz": repr([size, size]),
     }
-    if licence:
-        about["license"] = licence
     onnx.helper.set_model_props(model, about)
     onnx.checker.check_model(model)
     write_bytes_atomic(path, model.SerializeToString(deterministic=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 from typing import Any
 
@@ -51,7 +52,7 @@ def _bench(options: argparse.Namespace) -> int:
     with reporting(f"bench, {sequence.name}") as report:
         bench = run_bench(sequence, options.method, config, Effort(), report, options.detector)
     if options.json:
-        print(json.dumps(bench.to_dict(), indent=2, allow_nan=False))
+        print(json.dumps(dataclasses.asdict(bench), indent=2, allow_nan=False))
     else:
         _show(bench)
     return 0
@@ -61,60 +62,42 @@ def _show(bench: Bench) -> None:
     machine = bench.machine
     title = f"{machine['processor']}, {machine['cores']} cores, {machine['system']}, "
     title += ", ".join(f"{name} {machine[name]}" for name in ("python", "numpy", "opencv"))
-    size = f"{bench.width}×{bench.height} px, {bench.matches:.0f} matches a frame"
-    rows = [[name, f"{ms:.2f} ms"] for name, ms in bench.stages.items()]
-    rows.append(["whole run, a frame", f"{bench.whole:.2f} ms"])
-    rows.append(["back end alone from cached matches, a frame", f"{bench.back_end:.2f} ms"])
-    if bench.peak_memory is not None:
-        rows.append(["peak memory", f"{bench.peak_memory:.0f} MB"])
-    rows += [[f"five-point set, {name}", f"{us:.1f} µs"] for name, us in bench.solver.items()]
+    what = bench.sequence
+    rows = [[name, f"{ms:.2f} ms"] for name, ms in bench.ms_a_frame_of.items()]
+    rows.append(["whole run, a frame", f"{bench.whole_run_ms_a_frame:.2f} ms"])
+    back_end = bench.back_end_from_cache_ms_a_frame
+    rows.append(["back end alone from cached matches, a frame", f"{back_end:.2f} ms"])
+    if bench.peak_memory_mb is not None:
+        rows.append(["peak memory", f"{bench.peak_memory_mb:.0f} MB"])
+    rows += [[f"five-point set, {name}", f"{us:.1f} µs"] for name, us in bench.five_point_us_a_set.items()]
     if bench.detector is not None:
         d = bench.detector
-        threads = f"{d.threads} thread" + "s" * (d.threads > 1)
-        rows.append([f"{d.model} alone, {d.width}×{d.height} px, {threads}, an image", f"{d.alone:.2f} ms"])
-        rows.append([f"whole run with {d.model}, nothing cached, a frame", f"{d.whole:.2f} ms"])
+        alone = f"{d.model} alone, {d.width_px}×{d.height_px} px, threads: {d.threads}, an image"
+        rows.append([alone, f"{d.alone_ms_an_image:.2f} ms"])
+        whole = f"whole run with {d.model}, nothing cached, a frame"
+        rows.append([whole, f"{d.whole_run_ms_a_frame:.2f} ms"])
     say(title)
-    show_table(f"{bench.sequence}, {bench.frames} frames, {size}, {bench.method}", ["what", "time"], rows)
-    show_table(
-        "‖E - E*‖ of the best candidate of noise-free problems",
-        ["solver", "motion", "problems", "median", "95 %", "worse than 1e-6"],
-        [
-            [
-                p.solver,
-                p.motion,
-                str(p.problems),
-                f"{p.median:.0e}",
-                f"{p.percentile_95:.0e}",
-                f"{100 * p.share_imprecise:.2f} %",
-            ]
-            for p in bench.solver_precision
-        ],
-    )
+    title = f"{what['name']}, {what['frames']} frames, {what['width_px']}×{what['height_px']} px, "
+    title += f"{what['matches_a_frame']:.0f} matches a frame, {what['method']}"
+    show_table(title, ["what", "time"], rows)
+    precision = []
+    for p in bench.five_point_precision:
+        error = f"{p.median:.0e}", f"{p.percentile_95:.0e}", _percent(p.share_imprecise, 2)
+        precision.append([p.solver, p.motion, str(p.problems), *error])
+    columns = ["solver", "motion", "problems", "median", "95 %", "worse than 1e-6"]
+    show_table("‖E - E*‖ of the best candidate of noise-free problems", columns, precision)
     if bench.features is not None:
-        show_table(
-            "matches against the truth of the scene, shares within 1 px",
-            [
-                "where",
-                "matches",
-                "with a known place",
-                "of these left to left",
-                "all images",
-                f"or {BESIDE} px beside",
-                "median error",
-            ],
-            [
-                [
-                    name,
-                    str(e.matches),
-                    *map(_percent, (e.known_share, e.flow_share, e.right_share, e.beside_share)),
-                    "–" if e.median_error is None else f"{e.median_error:.3f} px",
-                ]
-                for name, e in bench.features.items()
-            ],
-        )
+        columns = ["where", "matches", "with a known place", "of these left to left", "all images"]
+        columns += [f"or {BESIDE} px beside", "median error"]
+        shown = []
+        for name, e in bench.features.items():
+            shares = map(_percent, (e.known_share, e.flow_share, e.right_share, e.beside_share))
+            median = "–" if e.median_error is None else f"{e.median_error:.3f} px"
+            shown.append([name, str(e.matches), *shares, median])
+        show_table("matches against the truth of the scene, shares within 1 px", columns, shown)
     if machine["load"] is not None and machine["load"] > 0.5:
         say(f"Other work was running (load {machine['load']}): times on a quiet machine are shorter.")
 
 
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{100 * share:.1f} %"
+def _percent(share: float | None, digits: int = 1) -> str:
+    return "–" if share is None else f"{100 * share:.{digits}f} %"

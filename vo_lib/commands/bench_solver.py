@@ -1,8 +1,7 @@
-"""Speed and precision of the five-point solver beside OpenCV's and, where installed, PoseLib's."""
+"""Speed and precision of the five-point solver beside OpenCV's."""
 
 from __future__ import annotations
 
-import importlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,19 +11,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..core.geometry import essential_from_motion
 from ..core.types import Array
 from ..method.five_point import Candidates, five_point
 from ..runs.runner import one_blas_thread
 from ..synthetic.problems import Motion, PoseProblems, random_problems
 
 BATCHES = (200, 1000)
-ONE_BY_ONE = 100  # sets for solvers that take one at a time
+ONE_BY_ONE = 100  # sets for OpenCV, which takes one at a time
 PRECISION_MOTIONS: tuple[Motion, ...] = ("general", "forward", "planar_forward")
 LOST = 1e-6  # a best candidate farther from the truth than this counts as imprecise
-
-# All essential matrices that fit five matches x_p, x_c (5, 2), as (M, 3, 3).
-Solver = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True)
@@ -45,22 +40,6 @@ def solve_opencv(x_p: Array, x_c: Array) -> Array:
     return np.empty((0, 3, 3)) if stacked is None else np.asarray(stacked, np.float64).reshape(-1, 3, 3)
 
 
-def poselib_solver() -> Solver | None:
-    """PoseLib's solver, or None where PoseLib is not installed. It returns motions, up to ten."""
-    try:
-        poselib: Any = importlib.import_module("poselib")
-    except ImportError:
-        return None
-
-    def solve(x_p: Array, x_c: Array) -> Array:
-        ray_p, ray_c = (np.concatenate([x, np.ones((5, 1))], axis=1) for x in (x_p, x_c))
-        unit_p, unit_c = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in (ray_p, ray_c))
-        motions = poselib.relpose_5pt(unit_p, unit_c)
-        return np.array([essential_from_motion(m.R, m.t) for m in motions]).reshape(-1, 3, 3)
-
-    return solve
-
-
 def microseconds_a_set(repeats: int) -> dict[str, float]:
     """Least time of several of one five-point set, one thread; by solver and batch, noise of 0.3 px."""
     times: dict[str, float] = {}
@@ -69,17 +48,14 @@ def microseconds_a_set(repeats: int) -> dict[str, float]:
             given = random_problems(np.random.default_rng(1), batch, 5, "forward", noise_px=0.3)
             seconds = least_seconds(partial(five_point, given.x_p, given.x_c), repeats)
             times[f"this kit, batch of {batch}"] = 1e6 * seconds / batch
-        others = {"OpenCV findEssentialMat": solve_opencv, "PoseLib relpose_5pt": poselib_solver()}
         given = random_problems(np.random.default_rng(1), ONE_BY_ONE, 5, "forward", noise_px=0.3)
-        for name, solver in others.items():
-            if solver is not None:
-                seconds = least_seconds(partial(_one_by_one, solver, given), max(repeats // 4, 1))
-                times[name] = 1e6 * seconds / ONE_BY_ONE
+        seconds = least_seconds(partial(_by_opencv, given), max(repeats // 4, 1))
+        times["OpenCV findEssentialMat"] = 1e6 * seconds / ONE_BY_ONE
     return times
 
 
-def _one_by_one(solver: Solver, given: PoseProblems) -> list[Array]:
-    return [solver(x_p, x_c) for x_p, x_c in zip(given.x_p, given.x_c, strict=True)]
+def _by_opencv(given: PoseProblems) -> list[Array]:
+    return [solve_opencv(x_p, x_c) for x_p, x_c in zip(given.x_p, given.x_c, strict=True)]
 
 
 def least_seconds(function: Callable[[], Any], repeats: int) -> float:
@@ -94,17 +70,13 @@ def least_seconds(function: Callable[[], Any], repeats: int) -> float:
 
 
 def precision(ours: int, theirs: int) -> list[Precision]:
-    """Precision of this kit over `ours` problems of each motion, and of the others over `theirs`."""
+    """Precision of this kit over `ours` problems of each motion, and of OpenCV over `theirs`."""
     rows = []
-    solvers: dict[str, Solver | None] = {"OpenCV": solve_opencv, "PoseLib": poselib_solver()}
     for motion in PRECISION_MOTIONS:
         rows.append(_precision("this kit", motion, _our_errors(motion, ours)))
-        for name, solver in solvers.items():
-            if solver is not None and theirs:
-                given = random_problems(np.random.default_rng(1), theirs, 5, motion)
-                pairs = zip(_one_by_one(solver, given), given.E, strict=True)
-                errors = [_nearest(E, truth) for E, truth in pairs]
-                rows.append(_precision(name, motion, np.array(errors)))
+        given = random_problems(np.random.default_rng(1), theirs, 5, motion)
+        errors = [_nearest(E, truth) for E, truth in zip(_by_opencv(given), given.E, strict=True)]
+        rows.append(_precision("OpenCV", motion, np.array(errors)))
     return rows
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import platform
 import sys
@@ -15,14 +14,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..config import Config
+from ..config import Config, DetectorConfig
 from ..core.frame import Clock
 from ..core.matches import StereoMatches
 from ..core.types import Progress
 from ..data.sequence import Sequence
+from ..detection.yolo import YoloDetector
 from ..runs.match_cache import CHUNK, pack, unpack
 from ..runs.runner import FoundMatches, Run, TimedMatches, run_methods
-from .bench_detector import DetectorBench, DetectorTimer
+from .bench_detector import ALONE, DetectorBench, time_detector
 from .bench_matches import FeatureErrors, feature_errors
 from .bench_solver import Precision, microseconds_a_set, precision
 
@@ -45,56 +45,26 @@ class Bench:
     Attributes
     ----------
     machine : processor, cores, versions, and `load`, how many processes wanted to run before the bench.
-    sequence, frames, width, height : what was run; method : by which preset.
-    stages : mean milliseconds a frame of each stage; whole : milliseconds a frame from start to end.
-    back_end : milliseconds a frame, from matches read out of a cache to the motion; least of several runs.
-    matches : mean number a frame.
-    peak_memory : megabytes of the process until the sequence was done, the bench's own store of matches
-        included; None where the system does not tell.
-    solver : microseconds a five-point set, by solver; solver_precision : rows of its table.
+    sequence : name, frames, width and height, method, and the mean number of matches a frame.
+    ms_a_frame_of : mean of each stage; whole_run_ms_a_frame : from start to end.
+    back_end_from_cache_ms_a_frame : from matches read out of a cache to the motion; least of several runs.
+    peak_memory_mb : of the process until the sequence was done, the bench's own store of matches included;
+        None where the system does not tell.
+    five_point_us_a_set : by solver; five_point_precision : rows of its table.
     features : by "inside boxes" and "outside boxes"; None where there is no truth of single pixels.
     detector : what a detector costs; None where none was asked for.
     """
 
     machine: dict[str, Any]
-    sequence: str
-    frames: int
-    width: int
-    height: int
-    method: str
-    matches: float
-    stages: dict[str, float]
-    whole: float
-    back_end: float
-    peak_memory: float | None
-    solver: dict[str, float]
-    solver_precision: list[Precision]
+    sequence: dict[str, Any]
+    ms_a_frame_of: dict[str, float]
+    whole_run_ms_a_frame: float
+    back_end_from_cache_ms_a_frame: float
+    peak_memory_mb: float | None
+    five_point_us_a_set: dict[str, float]
+    five_point_precision: list[Precision]
     features: dict[str, FeatureErrors] | None
     detector: DetectorBench | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything as plain values for JSON, with units in the names."""
-        return {
-            "machine": self.machine,
-            "sequence": {
-                "name": self.sequence,
-                "frames": self.frames,
-                "width_px": self.width,
-                "height_px": self.height,
-                "method": self.method,
-                "matches_a_frame": self.matches,
-            },
-            "ms_a_frame_of": self.stages,
-            "whole_run_ms_a_frame": self.whole,
-            "back_end_from_cache_ms_a_frame": self.back_end,
-            "peak_memory_mb": self.peak_memory,
-            "five_point_us_a_set": self.solver,
-            "five_point_precision": [dataclasses.asdict(row) for row in self.solver_precision],
-            "features": None
-            if self.features is None
-            else {name: dataclasses.asdict(errors) for name, errors in self.features.items()},
-            "detector": None if self.detector is None else self.detector.to_dict(),
-        }
 
 
 def run_bench(
@@ -115,8 +85,10 @@ def run_bench(
     ------
     DataError : the sequence cannot be read, or the detector cannot be used.
     """
-    by_detector = None if detector is None else DetectorTimer(sequence, detector)
-    steps = len(sequence) * (1 + BACK_END_RUNS) + 2 + (0 if by_detector is None else by_detector.steps)
+    loaded = None if detector is None else YoloDetector(detector, DetectorConfig())  # refused at once
+    steps = len(sequence) * (1 + BACK_END_RUNS) + 2
+    if loaded is not None:
+        steps += min(ALONE, len(sequence)) + len(sequence)
     done = 0
 
     def advance(count: int = 1) -> None:
@@ -142,23 +114,26 @@ def run_bench(
     advance()
     solver_precision = precision(effort.problems, effort.problems_of_others)
     advance()
-    cost = None if by_detector is None else by_detector.measure(config, advance)
+    cost = None if loaded is None else time_detector(sequence, loaded, config, advance)
+    what = {
+        "name": sequence.name,
+        "frames": len(sequence),
+        "width_px": sequence.camera.width,
+        "height_px": sequence.camera.height,
+        "method": method,
+        "matches_a_frame": float(np.mean([len(matches) for matches in found.matches[1:]])),
+    }
     return Bench(
-        machine=machine,
-        sequence=sequence.name,
-        frames=len(sequence),
-        width=sequence.camera.width,
-        height=sequence.camera.height,
-        method=method,
-        matches=float(np.mean([len(matches) for matches in found.matches[1:]])),
-        stages=stage_means(result),
-        whole=1e3 * whole / len(sequence),
-        back_end=1e3 * min(back_end) / len(sequence),
-        peak_memory=memory,
-        solver=solver,
-        solver_precision=solver_precision,
-        features=feature_errors(sequence, found.matches, config),
-        detector=cost,
+        machine,
+        what,
+        stage_means(result),
+        1e3 * whole / len(sequence),
+        1e3 * min(back_end) / len(sequence),
+        memory,
+        solver,
+        solver_precision,
+        feature_errors(sequence, found.matches, config),
+        cost,
     )
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence as Items
 
-from . import bench, boxes, compare, demo, evaluate, inspect, lab, lesson, reproduce, run, sweep
-from .console import OneLineParser
-from .script import guarded
+from . import bench, boxes, compare, data, demo, environment, evaluate, lab, lesson, reproduce, run, sweep
+from .script import OneLineParser, guarded
 
-COMMANDS = (demo, run, reproduce, sweep, compare, evaluate, boxes, inspect, lab, bench, lesson)
+COMMANDS = (demo, run, reproduce, sweep, compare, evaluate, boxes, environment, data, lab, bench, lesson)
 
 
 def main(arguments: Items[str] | None = None) -> int:

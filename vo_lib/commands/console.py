@@ -1,40 +1,37 @@
-"""What the `vo` command and the data scripts show in a terminal: errors, progress bars, tables."""
+"""What the `vo` command and the data scripts show in a terminal: progress bars, tables."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    DownloadColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeRemainingColumn,
+    TransferSpeedColumn,
+)
 from rich.table import Table
+from rich.text import Text
 
 from ..config import Config
 from ..core.types import Progress as Report
 from ..evaluation.kitti import Evaluation
 from ..runs.runner import Run
 from ..tables.report import ReportTable
-from ..tables.table1 import number
-from .environment import Finding
-
-SEQUENCES_A_TABLE = 4
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """Wrong options get one line and exit code 2; the list of all options only on --help."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
 @contextmanager
-def reporting(label: str) -> Iterator[Report]:
+def reporting(label: str, in_bytes: bool = False) -> Iterator[Report]:
     """A progress function with a bar on standard error, which appears with its first call."""
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    count = (DownloadColumn(), TransferSpeedColumn()) if in_bytes else (MofNCompleteColumn(),)
+    columns = TextColumn("{task.description}"), BarColumn(), *count, TimeRemainingColumn()
     bar = Progress(*columns, console=Console(stderr=True))
     task = bar.add_task(label, total=None)
 
@@ -61,7 +58,7 @@ def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: b
     for name in columns[1:]:
         table.add_column(name, justify="right" if numbers else "left", overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(Text, row))  # no markup: a name may have brackets
     Console().print(table)
 
 
@@ -100,41 +97,3 @@ def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Pa
     title = f"{result.sequence.name}, {method}, {len(result.poses)} frames"
     show_table(title, ["quantity", "value"], rows)
     say(f"written to {folder}")
-
-
-def show_evaluation(result: Evaluation) -> None:
-    """Errors by length, a column for each sequence, a few to a table; then by sequence with both averages."""
-    everything = [(s.name, s.kitti) for s in result.sequences] + [("pooled", result.pooled)]
-    for first in range(0, len(everything), SEQUENCES_A_TABLE):
-        part = everything[first : first + SEQUENCES_A_TABLE]
-        rows = []
-        for length in result.lengths:
-            cells = [errors.by_length([length])[length] for _, errors in part]
-            rows.append([f"{length:g} m", *(_pair(cell.te, cell.re) for cell in cells)])
-        title = f"TE % / RE deg/100 m by length, a start every {result.step} frames"
-        show_table(title, ["length", *(name for name, _ in part)], rows)
-    rows = [
-        [s.name, str(s.frames), str(len(s.kitti)), _pair(s.kitti.te, s.kitti.re)] for s in result.sequences
-    ]
-    pooled, mean = result.pooled, result.mean()
-    rows.append(["pooled, as the devkit", "", str(len(pooled)), _pair(pooled.te, pooled.re)])
-    rows.append(["plain mean", "", "", _pair(mean["te_percent"], mean["re_deg_per_100m"])])
-    show_table("all lengths", ["sequence", "frames", "sub-sequences", "TE / RE"], rows)
-    rows = []
-    for sequence in result.sequences:
-        ate, rpe = sequence.ate.to_dict(), sequence.rpe.to_dict()
-        values = [ate["rmse_m"], rpe["translation"]["rmse_m"], rpe["rotation"]["rmse_deg"]]
-        rows.append([sequence.name, *(number(value, 4) for value in values)])
-    show_table("ATE and RPE, root mean squares", ["sequence", "ATE m", "RPE m", "RPE deg"], rows)
-    alignment, delta = result.sequences[0].ate.alignment, result.sequences[0].rpe.delta
-    say(f"ATE {alignment.words}; RPE from frame to frame + {delta}, which needs no alignment")
-
-
-def _pair(te: float | None, re: float | None) -> str:
-    return "–" if te is None or re is None else f"{te:.2f} / {re:.2f}"
-
-
-def show_findings(findings: list[Finding]) -> None:
-    """The check's findings, then what to do about those that are not well."""
-    show_table("", ["what", "state", "found"], [[f.what, f.state, f.found] for f in findings], numbers=False)
-    say(*(f"{f.what}: {f.remedy}" for f in findings if f.remedy))

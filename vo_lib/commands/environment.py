@@ -1,17 +1,21 @@
-"""What is installed and what is missing: the facts behind `vo check`."""
+"""`vo list` and `vo check`: sequences found; what is installed, and what is missing."""
 
 from __future__ import annotations
 
+import argparse
 import importlib.metadata as metadata
+import json
 import platform
 import sys
 from dataclasses import dataclass
+from typing import Any
 
 from ..core.errors import DataError
 from ..data.kitti_check import EXPECTED_FRAMES, count_pairs
-from ..data.places import detector_folder, kitti_root, script_command
+from ..data.places import detector_folder, kitti_root
 from ..data.sequence import available, kitti_roots
 from ..detection.detectors import known
+from .console import say, show_table
 
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "matplotlib", "jupyterlab", "ipywidgets")
 OPENCV_NAMES = (
@@ -34,6 +38,39 @@ class Finding:
     state: str
     found: str
     remedy: str = ""
+
+
+def add(commands: Any) -> None:
+    """Declare `vo list` and `vo check`."""
+    for name, command, text in (
+        ("list", _list, "sequences found and where"),
+        ("check", _check, "packages and data: what is there, what is missing"),
+    ):
+        parser = commands.add_parser(name, help=text)
+        parser.add_argument("--json", action="store_true", help="print JSON")
+        parser.set_defaults(command=command)
+
+
+def _list(options: argparse.Namespace) -> int:
+    found = {name: str(path or "drawn on first use") for name, path in available().items()}
+    if options.json:
+        print(json.dumps(found, indent=2))
+        return 0
+    show_table("", ["name", "folder"], [list(row) for row in found.items()], numbers=False)
+    if not any(name.startswith("kitti/") for name in found):
+        say("no KITTI sequences found; `vo check` says how to get them")
+    return 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    findings = check()
+    if options.json:
+        print(json.dumps([vars(finding) for finding in findings], indent=2))
+    else:
+        rows = [[f.what, f.state, f.found] for f in findings]
+        show_table("", ["what", "state", "found"], rows, numbers=False)
+        say(*(f"{f.what}: {f.remedy}" for f in findings if f.remedy))
+    return 1 if any(finding.state == "problem" for finding in findings) else 0
 
 
 def check() -> list[Finding]:
@@ -81,43 +118,46 @@ def _opencv() -> Finding:
 
 
 def data_steps() -> list[tuple[str, str]]:
-    """How one comes to data, step by step: a command that can be typed here, and what it does."""
-    get, check = script_command("get_kitti.py"), script_command("check_kitti.py")
+    """How one comes to data, step by step: a command that works anywhere, and what it does."""
     return [
-        (f"{get} --sequences 07,04", f"two short sequences with true poses, 0.7 GB, into {kitti_root()}"),
-        (f"{get} --from-zip FILE", "the same out of KITTI's archives, where you have them"),
-        (f"{get} --sequences 00-10 --link DIR", "or out of a KITTI tree that you have (or set KITTI_ROOT)"),
-        (check, "what is complete, what is missing, and the command that gets it"),
-        (f"{script_command('get_detector.py')} yolox-tiny", "a vehicle detector for real images, 20 MB"),
-        (f"{script_command('from_folder.py')} --help", "stereo images or a video of your own"),
+        (
+            "vo data get_kitti --sequences 07,04",
+            f"two short sequences with true poses, 0.7 GB, into {kitti_root()}",
+        ),
+        ("vo data get_kitti --from-zip FILE", "the same out of KITTI's archives, where you have them"),
+        (
+            "vo data get_kitti --sequences 00-10 --link DIR",
+            "or out of a KITTI tree that you have (or set KITTI_ROOT)",
+        ),
+        ("vo data check_kitti", "what is complete, what is missing, and the command that gets it"),
+        ("vo data get_detector yolox-tiny", "a vehicle detector for real images, 20 MB"),
+        ("vo data from_folder --help", "stereo images or a video of your own"),
     ]
 
 
-def _steps(*wanted: str) -> str:
-    """Those steps whose commands name one of the scripts wanted, a line each."""
-    steps = [step for step in data_steps() if any(name in step[0] for name in wanted)]
+def _steps(*scripts: str) -> str:
+    """The steps of some scripts, a line each."""
+    steps = [step for step in data_steps() if step[0].split()[2] in scripts]
     return "".join(f"\n  {command}\n      {text}" for command, text in steps)
 
 
 def _kitti() -> Finding:
     found = {name: path for name, path in available().items() if name.startswith("kitti/") and path}
     if not found:
-        remedy = "optional; the steps, in their order" + _steps(
-            "get_kitti.py", "check_kitti.py", "from_folder.py"
-        )
+        remedy = "optional; the steps, in their order" + _steps("get_kitti", "check_kitti", "from_folder")
         return Finding("KITTI odometry", "note", "no sequences", remedy)
     words = f"{len(found)} sequences in {', '.join(map(str, kitti_roots()))}"
     folders = [path for path in found.values() if path is not None]
     short = [path.name for path in folders if count_pairs(path) < EXPECTED_FRAMES.get(path.name, 0)]
     if short:
         return Finding(
-            "KITTI odometry", "note", f"{words}; incomplete: {', '.join(short)}", _steps("check_kitti.py")
+            "KITTI odometry", "note", f"{words}; incomplete: {', '.join(short)}", _steps("check_kitti")
         )
     return Finding("KITTI odometry", "ok", words)
 
 
 def _detectors() -> Finding:
-    steps = _steps("get_detector.py")
+    steps = _steps("get_detector")
     try:
         here = [name for name, (_, path) in known().items() if path is not None]
     except DataError as error:

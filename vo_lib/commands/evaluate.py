@@ -10,9 +10,12 @@ from typing import Any
 from ..core.errors import DataError
 from ..core.poses import read_kitti_pair, read_tum_pair
 from ..evaluation.ate_rpe import Alignment
-from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, evaluate
+from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, Evaluation, evaluate
+from ..tables.table1 import number
 from .common import parse_lengths, parse_whole
-from .console import show_evaluation
+from .console import say, show_table
+
+SEQUENCES_A_TABLE = 4
 
 
 def add(commands: Any) -> None:
@@ -62,5 +65,37 @@ def _evaluate(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(result.to_dict(), indent=2, allow_nan=False))
     else:
-        show_evaluation(result)
+        _show(result)
     return 0
+
+
+def _show(result: Evaluation) -> None:
+    """Errors by length, a column for each sequence, a few to a table; then by sequence with both averages."""
+    everything = [(s.name, s.kitti) for s in result.sequences] + [("pooled", result.pooled)]
+    for first in range(0, len(everything), SEQUENCES_A_TABLE):
+        part = everything[first : first + SEQUENCES_A_TABLE]
+        rows = []
+        for length in result.lengths:
+            cells = [errors.by_length([length])[length] for _, errors in part]
+            rows.append([f"{length:g} m", *(_pair(cell.te, cell.re) for cell in cells)])
+        title = f"TE % / RE deg/100 m by length, a start every {result.step} frames"
+        show_table(title, ["length", *(name for name, _ in part)], rows)
+    rows = [
+        [s.name, str(s.frames), str(len(s.kitti)), _pair(s.kitti.te, s.kitti.re)] for s in result.sequences
+    ]
+    pooled, mean = result.pooled, result.mean()
+    rows.append(["pooled, as the devkit", "", str(len(pooled)), _pair(pooled.te, pooled.re)])
+    rows.append(["plain mean", "", "", _pair(mean["te_percent"], mean["re_deg_per_100m"])])
+    show_table("all lengths", ["sequence", "frames", "sub-sequences", "TE / RE"], rows)
+    rows = []
+    for sequence in result.sequences:
+        ate, rpe = sequence.ate.to_dict(), sequence.rpe.to_dict()
+        values = [ate["rmse_m"], rpe["translation"]["rmse_m"], rpe["rotation"]["rmse_deg"]]
+        rows.append([sequence.name, *(number(value, 4) for value in values)])
+    show_table("ATE and RPE, root mean squares", ["sequence", "ATE m", "RPE m", "RPE deg"], rows)
+    alignment, delta = result.sequences[0].ate.alignment, result.sequences[0].rpe.delta
+    say(f"ATE {alignment.words}; RPE from frame to frame + {delta}, which needs no alignment")
+
+
+def _pair(te: float | None, re: float | None) -> str:
+    return "–" if te is None or re is None else f"{te:.2f} / {re:.2f}"

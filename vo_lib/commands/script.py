@@ -1,27 +1,25 @@
-"""What `vo` and the data scripts share: one way to end, to ask, to show bytes coming in."""
+"""How `vo` and the data scripts take their options and end."""
 
 from __future__ import annotations
 
+import argparse
 import io
 import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from threading import current_thread, main_thread
-
-from rich.console import Console
-from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.progress import TransferSpeedColumn as SpeedColumn
-from rich.text import Text
-from rich.tree import Tree
+from typing import NoReturn
 
 from ..core.errors import DataError
-from ..core.types import Progress as Report
-from ..data.kitti_check import SequenceReport
 
-PROBLEMS_SHOWN = 8
+
+class OneLineParser(argparse.ArgumentParser):
+    """Wrong options get one line and exit code 2; the list of all options only on --help."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
 class Ended(KeyboardInterrupt):
@@ -84,53 +82,3 @@ def unbroken() -> Iterator[None]:
         yield
     if came:
         raise Ended
-
-
-def confirm(question: str, yes: bool) -> bool:
-    """Whether a person agrees; `yes` answers for them.
-
-    Raises `DataError` where nobody can be asked.
-    """
-    if yes:
-        return True
-    if not sys.stdin.isatty():
-        raise DataError("nobody is there to answer: say --yes to start without a question")
-    try:
-        answer = input(f"{question} [y/N] ")
-    except EOFError:
-        return False
-    return answer.strip().lower() in ("y", "yes")
-
-
-@contextmanager
-def transferring(label: str) -> Iterator[Report]:
-    """A progress function for bytes: how many of how many, speed, time left; on standard error."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        DownloadColumn(),
-        SpeedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(label, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
-    """A tree of sequences and their parts; what is wrong in red, at most a few lines a sequence."""
-    tree = Tree(Text(str(root), style="bold"))
-    for report in reports:
-        of = "" if report.expected is None else f" of {report.expected}"
-        state = "complete" if not report.problems else "incomplete"
-        style = "green" if not report.problems else "red"
-        branch = tree.add(Text(f"{report.name}: {report.pairs}{of} pairs, {state}", style=style))
-        for part, found in report.parts:
-            branch.add(Text(f"{part}: {found}"))
-        for problem in report.problems[:PROBLEMS_SHOWN]:
-            branch.add(Text(problem, style="red"))
-        if len(report.problems) > PROBLEMS_SHOWN:
-            branch.add(
-                Text(f"and {len(report.problems) - PROBLEMS_SHOWN} more (--json has all)", style="red")
-            )
-    Console().print(tree, soft_wrap=True)

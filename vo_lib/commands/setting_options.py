@@ -17,11 +17,13 @@ class Options(Protocol):
     def add_argument(self, *names: str, **about: Any) -> Any: ...
 
 
-def add_option(group: Options, item: Setting, name: str) -> None:
-    """The option `--name` for a setting: its help says the range and the default."""
-    default = ",".join(map(str, item.default)) if isinstance(item.default, tuple) else item.default
-    text = f"{item.text}; {item.describe()}; default {default}".replace("%", "%%")
-    group.add_argument(f"--{name}", metavar="X", dest=item.name, help=text)
+def add_option(group: Options, item: Setting, name: str, default: bool = True) -> None:
+    """The option `--name` for a setting: its help says the range and, unless told otherwise, the default."""
+    text = f"{item.text.removesuffix('.')}; {item.describe()}"
+    if default:
+        value = ",".join(map(str, item.default)) if isinstance(item.default, tuple) else item.default
+        text += f"; default {value}"
+    group.add_argument(f"--{name}", metavar="X", dest=item.name, help=text.replace("%", "%%"))
 
 
 def given(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:
@@ -33,10 +35,10 @@ def given(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, An
     return {item.name: value for item, value in values.items()}
 
 
-def add_options(parser: argparse.ArgumentParser, cls: type) -> None:
+def add_settings(group: Options, cls: type, defaults: bool = True) -> None:
     """An option for every setting of a class: `--min-height` for min_height."""
     for item in declared(cls):
-        add_option(parser, item, item.name.replace("_", "-"))
+        add_option(group, item, item.name.replace("_", "-"), defaults)
 
 
 def from_options(options: argparse.Namespace, cls: type[Config]) -> Config:

@@ -1,4 +1,4 @@
-"""Where downloaded data goes, and how the data scripts are called from here."""
+"""Where downloaded data goes."""
 
 from __future__ import annotations
 
@@ -23,16 +23,9 @@ def kitti_root() -> Path:
     named = os.environ.get("KITTI_ROOT", "")
     if named:
         return Path(named)
-    return (PROJECT if (PROJECT / "data_scripts").is_dir() else Path()) / "data" / "kitti"
+    return (PROJECT if (PROJECT / "pyproject.toml").is_file() else Path()) / "data" / "kitti"
 
 
 def detector_folder() -> Path:
     """Where fetched detectors are kept unless told otherwise: the user's data folder."""
     return platformdirs.user_data_path("stereo-vo-kit", appauthor=False) / "detectors"
-
-
-def script_command(name: str) -> str:
-    """The command line that starts a data script from the current folder."""
-    path = PROJECT / "data_scripts" / name
-    here = Path.cwd()
-    return f"python {path.relative_to(here) if path.is_relative_to(here) else path}"

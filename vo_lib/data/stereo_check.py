@@ -119,7 +119,7 @@ def complaints(found: PairStatistics, baseline: float) -> list[str]:
     seen = f"{100 * found.negative:.0f} % of {found.matches} matches have a negative disparity"
     if found.negative > MOST_NEGATIVE:
         also = ", and the baseline is negative too" if baseline <= 0 else ""
-        words.append(f"left and right are swapped: {seen}{also}; exchange the two (from_folder.py --swap)")
+        words.append(f"left and right are swapped: {seen}{also}; exchange the two (--swap)")
     elif baseline <= 0:
         words.append(
             f"the baseline has the wrong sign ({baseline:g} m): the images are in the right order, so it "

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from test_data_scripts import load
+from data_command import load
 
 from data_scripts.training.kitti_set import check_origin, read_object_set, read_tracking_set, split
 from vo_lib.core.errors import DataError

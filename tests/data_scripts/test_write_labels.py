@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from test_data_scripts import load
+from data_command import load
 from tiny_onnx import write_answering
 
 from vo_lib.config import DetectorConfig, preset

@@ -2,60 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import os
-import signal
-import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from conftest import write_bands
+from data_command import load
 from file_server import FileServer
 from test_kitti_archive import content, kitti, zipped  # noqa: F401  (one is a fixture)
 
-from data_scripts.fetch.download import in_words
+from data_scripts.fetch.download import confirm, in_words
 from data_scripts.fetch.kitti_archive import COLOR
-from vo_lib.commands import environment
-from vo_lib.commands.script import confirm, guarded
-from vo_lib.data import places
 from vo_lib.data.kitti_check import EXPECTED_FRAMES
-
-SCRIPTS = Path(__file__).resolve().parents[1] / "data_scripts"
-NAMES = ("get_kitti", "check_kitti", "from_folder", "get_detector")
-
-
-def load(name: str) -> Callable[[list[str]], int]:
-    """A script's `main`, which may also end as argparse ends it."""
-    spec = importlib.util.spec_from_file_location(f"script_{name}", SCRIPTS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-
-    def main(words: list[str]) -> int:
-        try:
-            return int(module.main(words))
-        except SystemExit as stop:
-            return int(str(stop.code))
-
-    return main
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_help_has_an_example_from_any_folder(name: str, tmp_path: Path) -> None:
-    command = [sys.executable, str(SCRIPTS / f"{name}.py"), "--help"]
-    package = {"PYTHONPATH": str(SCRIPTS.parent)}
-    done = subprocess.run(
-        command, cwd=tmp_path, capture_output=True, text=True, check=False, env={**os.environ, **package}
-    )
-    assert done.returncode == 0, done.stderr
-    assert f"python {name}.py" in done.stdout
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_get_kitti_asks_fetches_and_goes_on(
@@ -80,7 +39,7 @@ def test_get_kitti_asks_fetches_and_goes_on(
     assert "CC BY-NC-SA 3.0" in printed
     assert "cvlibs.net" in printed
     assert "27 files" in printed
-    assert len([p for p in root.rglob("*") if p.is_file()]) == 28  # and the record of the archives
+    assert len([p for p in root.rglob("*") if p.is_file()]) == 27
     colour = ["dataset/sequences/07/image_2/000000.png", "dataset/sequences/07/image_3/000000.png"]
     kitti.files[COLOR] = zipped(colour)
     assert main([*words, "--yes", "--color"]) == 0
@@ -130,7 +89,9 @@ def test_get_kitti_says_what_is_wrong_in_one_line(
 ) -> None:
     words, expected = BAD[case]
     assert load("get_kitti")(["--root", str(tmp_path / "data"), "--host", kitti.url, *words]) == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("get_kitti.py: error")]
+    lines = [
+        line for line in capsys.readouterr().err.splitlines() if line.startswith("vo data get_kitti: error")
+    ]
     assert len(lines) == 1
     assert expected in lines[0]
     assert not (tmp_path / "data").exists()
@@ -145,18 +106,18 @@ def test_check_kitti_draws_a_tree_and_names_the_command(
     assert main(["--root", str(tmp_path), "--deep"]) == 0
     printed = capsys.readouterr().out
     assert "04: 6 of 6 pairs, complete" in printed
-    assert "get_kitti.py" not in printed
+    assert "get_kitti" not in printed
     (folder / "image_1" / "000003.png").unlink()
     assert main(["--root", str(tmp_path)]) == 1
     printed = capsys.readouterr().out
     assert "image_1: missing 3" in printed
-    assert f"get_kitti.py --root {tmp_path} --sequences 04" in printed
+    assert f"vo data get_kitti --root {tmp_path} --sequences 04" in printed
     assert main(["--root", str(tmp_path), "--json"]) == 1
     (report,) = json.loads(capsys.readouterr().out)
     assert report["problems"] == ["image_1: missing 3"]
     for words in (["--root", str(tmp_path / "nowhere")], ["--root", str(folder)], ["--sequences", "40"]):
         assert main(words) == 2
-        assert capsys.readouterr().err.startswith("check_kitti.py: error: ")
+        assert capsys.readouterr().err.startswith("vo data check_kitti: error: ")
 
 
 def test_from_folder_checks_the_pair_and_writes_a_sequence(
@@ -205,7 +166,7 @@ def test_from_folder_says_what_is_wrong_in_one_line(
     given = [str(bands / "image_0") if word == "BANDS" else word for word in words]
     assert load("from_folder")([*given, "--out", str(out)]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("from_folder.py: error: ")
+    assert error.startswith("vo data from_folder: error: ")
     assert expected in error
     assert len(error.splitlines()) == 1
     assert not out.exists()
@@ -251,69 +212,6 @@ def test_get_detector_lists_explains_and_refuses(
         assert expected in capsys.readouterr().err
 
 
-def test_an_interrupted_script_ends_with_130(capsys: pytest.CaptureFixture[str]) -> None:
-    def work() -> int:
-        raise KeyboardInterrupt
-
-    assert guarded("x.py", work) == 130
-    assert capsys.readouterr().err == "x.py: interrupted\n"
-
-
-def test_what_the_system_refuses_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def work() -> int:
-        (tmp_path / "a" / "b").write_text("x", encoding="utf-8")
-        return 0
-
-    assert guarded("x.py", work) == 2
-    assert capsys.readouterr().err == f"x.py: error: {tmp_path / 'a' / 'b'}: No such file or directory\n"
-
-
-def start(code: str, **options: Any) -> subprocess.Popen[str]:
-    """A program of its own that does `code` guarded."""
-    whole = f"import sys, time\nfrom vo_lib.script import guarded\ndef work():\n {code}\n return 0\n"
-    command = [sys.executable, "-c", whole + "sys.exit(guarded('x.py', work))"]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, encoding="utf-8", **options)
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_a_program_that_is_to_end_clears_up_first(tmp_path: Path) -> None:
-    code = "try: open('begun', 'w').close(); time.sleep(60)\n finally: open('cleared', 'w').close()"
-    process = start(code, cwd=tmp_path)
-    while not (tmp_path / "begun").exists():
-        assert process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(signal.SIGTERM)
-    _, error = process.communicate(timeout=60)
-    assert (process.returncode, error) == (143, "x.py: ended\n")
-    assert (tmp_path / "cleared").exists()
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-def test_an_output_that_takes_nothing_is_one_line() -> None:
-    with open("/dev/full", "w", encoding="utf-8") as full:
-        process = start("print('much')", stdout=full)
-        _, error = process.communicate(timeout=60)
-    assert process.returncode == 2
-    assert error.startswith("x.py: error: ")
-    assert "Traceback" not in error
-
-
-def test_a_letter_that_the_output_lacks_is_a_question_mark() -> None:
-    environ = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    process = start("print('3 \\u00d7 4')", stdout=subprocess.PIPE, env=environ)
-    assert process.communicate(timeout=60) == ("3 ? 4\n", "")
-
-
-@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
-def test_an_output_that_nobody_reads_ends_quietly() -> None:
-    reading, writing = os.pipe()
-    os.close(reading)
-    process = start("print('much ' * 10**6)", stdout=writing)
-    os.close(writing)
-    assert process.communicate(timeout=60)[1] == ""
-    assert process.returncode == 1
-
-
 def test_no_answer_means_no(monkeypatch: pytest.MonkeyPatch) -> None:
     def gone(question: str) -> str:
         raise EOFError
@@ -331,41 +229,6 @@ def test_bytes_are_written_as_people_read_them() -> None:
         "20.2 MB",
         "22.0 GB",
     ]
-
-
-def test_a_user_without_data_is_told_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("KITTI_ROOT", str(tmp_path))
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(environment, "available", lambda: {"synthetic/jam": None})
-    monkeypatch.setattr(environment, "detector_folder", lambda: tmp_path)
-    monkeypatch.setattr(environment, "known", lambda: {})
-    remedies = {finding.what: finding.remedy for finding in environment.check()}
-    steps = [command for command, _ in environment.data_steps()]
-    told = remedies["KITTI odometry"] + remedies["fetched detectors"]
-    assert all(command in told for command in steps)
-    for command in steps:
-        assert Path(command.split()[1]).is_file()
-
-
-def test_incomplete_sequences_are_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = write_bands(tmp_path / "sequences" / "04")
-    monkeypatch.setattr(environment, "available", lambda: {"kitti/04": folder})
-    finding = next(f for f in environment.check() if f.what == "KITTI odometry")
-    assert finding.state == "note"
-    assert "incomplete: 04" in finding.found
-    monkeypatch.setitem(EXPECTED_FRAMES, "04", 6)
-    finding = next(f for f in environment.check() if f.what == "KITTI odometry")
-    assert finding.state == "ok"
-
-
-def test_data_goes_where_the_kit_looks_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(places, "kitti_roots", lambda: [])
-    monkeypatch.setenv("KITTI_ROOT", str(tmp_path / "kitti"))
-    assert places.kitti_root() == tmp_path / "kitti"
-    monkeypatch.setenv("KITTI_ROOT", "")
-    assert places.kitti_root() == places.PROJECT / "data" / "kitti"
-    monkeypatch.chdir(places.PROJECT)
-    assert places.script_command("get_kitti.py") == f"python {Path('data_scripts') / 'get_kitti.py'}"
 
 
 def test_a_data_set_is_drawn_by_at_least_one_process(

@@ -123,14 +123,3 @@ def test_a_disk_that_fills_up_is_said(server: FileServer, path: Path) -> None:
     with pytest.raises(DataError, match="the disk is full"):
         get(server, path)
     assert not path.exists()
-
-
-def test_a_server_tells_what_a_file_is(server: FileServer) -> None:
-    server.files["a.zip"] = b"12345"
-    with download.open_session() as session:
-        about = download.describe(session, server.url + "a.zip")
-        assert about.size == 5
-        assert about.unchanged() == {"If-Match": about.etag}
-        with pytest.raises(DataError, match="404"):
-            download.describe(session, server.url + "b.zip")
-    assert download.RemoteFile("x", 1, 'W/"weak"').unchanged() == {}

@@ -10,9 +10,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from data_command import load
 from hypothesis import given
 from hypothesis import strategies as st
-from test_data_scripts import load
 
 from data_scripts.training.augment import fitted, training_picture
 from data_scripts.training.config import DetectionSetConfig, TrainingConfig

@@ -1,0 +1,64 @@
+"""`vo data`: the scripts of the package data_scripts, which is not read before one of them is wanted."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import difflib
+import importlib
+import importlib.resources
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from ..core.errors import DataError
+from ..core.files import read_text
+from .console import say
+from .script import OneLineParser, guarded
+
+
+def add(commands: Any) -> None:
+    """Declare `vo data`."""
+    parser = commands.add_parser(
+        "data",
+        help="fetch, check, draw, import and label data, train a detector; without a name: the list",
+        epilog="example: vo data get_kitti --sequences 07",
+    )
+    parser.add_argument("name", nargs="?", metavar="NAME", help="a script of the list")
+    parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="its options; try --help")
+    parser.set_defaults(command=_data)
+
+
+def _data(options: argparse.Namespace) -> int:
+    found = scripts()
+    if options.name is None:
+        say(*(f"{name:<20}{text}" for name, text in found.items()), "vo data NAME --help: options, examples")
+        return 0
+    name = options.name.removesuffix(".py").replace("-", "_")
+    if name not in found:
+        near = difflib.get_close_matches(name, found, n=1, cutoff=0)
+        raise DataError(f"no data script is called {options.name!r}; did you mean {near[0]}?")
+    return run_script(importlib.import_module(f"data_scripts.{name}"), options.words)
+
+
+def scripts() -> dict[str, str]:
+    """What each script does, in its own words, by its name."""
+    folder = Path(str(importlib.resources.files("data_scripts")))
+    docs = {path.stem: ast.get_docstring(ast.parse(read_text(path))) for path in folder.glob("[!_]*.py")}
+    return {name: (docs[name] or "").partition("\n")[0] for name in sorted(docs)}
+
+
+def run_script(script: ModuleType, words: Sequence[str] | None = None) -> int:
+    """The exit code of a script: `add_options(parser)` declares its options, `run(options)` does the work.
+
+    `words` : of the command line; by default those that the program was called with.
+    """
+    parser = OneLineParser(
+        prog=f"vo data {Path(str(script.__file__)).stem}",
+        description=script.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    script.add_options(parser)
+    options = parser.parse_args(words)
+    return guarded(parser.prog, lambda: int(script.run(options)))
