@@ -46,15 +46,6 @@ class MatchingView(Checked):
     )
 
 
-def true_errors(known: Truth, matches: StereoMatches, frame: int) -> Array:
-    """Largest distance (M,) from the true places in the other three images, pixels; NaN where unknown."""
-    before = frame - 1
-    _, right_p, valid_p = known.predict(before, before, matches.prev_left)
-    left, right, valid_c = known.predict(before, frame, matches.prev_left)
-    told = np.stack([matches.prev_right - right_p, matches.cur_left - left, matches.cur_right - right])
-    return np.where(valid_p & valid_c, np.linalg.norm(told, axis=2).max(axis=0), np.nan)
-
-
 def with_view(config: Config, view: MatchingView) -> Config:
     """The configuration with the view's spacing and threshold for whichever detector is in use."""
     usual = config.features
@@ -171,7 +162,7 @@ def _true_errors(sequence: Sequence, known: Truth | None, matches: StereoMatches
     if known is None:
         return np.full(len(matches), np.nan)
     key = sequence.folder, frame, matches.cur_left.tobytes(), matches.cur_right.tobytes()
-    return _errors.get(key, lambda: true_errors(known, matches, frame))
+    return _errors.get(key, lambda: known.match_errors(matches, frame))
 
 
 def _median(values: Array) -> float:

@@ -52,20 +52,23 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
             (~field.kept, PALE, "left out"),
             (field.kept, GOOD, "nearest k of a set"),
         ):
-            axis.plot(x[chosen], field.image_error[chosen], ".", color=colour, markersize=4.5, label=words)
+            (dots,) = axis.plot(x[chosen], field.image_error[chosen], ".", color=colour, markersize=4.5)
+            dots.set_label(words if axis is by_angle else "")  # one legend is enough
         for at, colour, size, words in (
             (field.consensus, DARK, 9, "winner by consensus (the larger dot)"),
             (field.selected, BAD, 5.5, "winner by selection"),
         ):
-            (dot,) = axis.plot(x[at], field.image_error[at], "o", color=colour, markersize=size, label=words)
-            dot.set_clip_on(False)  # a winner at the edge is shown whole
+            # A winner at the edge is shown whole.
+            (dot,) = axis.plot(
+                x[at], field.image_error[at], "o", color=colour, markersize=size, clip_on=False
+            )
+            dot.set_label(words if axis is by_angle else "")
         axis.set_ylim(-0.02, 1.02)
     by_angle.set_xlim(0, 90)
     log_axis(by_error.xaxis, LEAST, MOST)
     x_name = "angle to the previous essential vector [deg]"
     finish(by_angle, "every solution of every set", x_name, "image error", "lower right", boxed=True)
     finish(by_error, "the same against what is true", "rotation error [deg]", "image error")
-    by_error.legend([], frameon=False)  # the left axis has it
     return made
 
 
