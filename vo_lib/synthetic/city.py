@@ -11,9 +11,7 @@ from .things import add_bollards, add_lamp, add_sign, add_tree
 
 FRONTS, GABLES, ROOFS = 14, 4, 3  # different textures
 EDGES = {"boards": 1.6, "pickets": 1.0, "hedge": 1.3, "garden wall": 0.9}  # heights, m
-BRICKS = np.array(
-    [[0.0, 0.2], [0.0, 0.0], [0.1, 0.0], [0.1, 0.2]]
-)  # the piece of a wall that a chimney shows
+BRICKS = np.array([[0.0, 0.2], [0.0, 0.0], [0.1, 0.0], [0.1, 0.2]])  # of a wall: what a chimney shows
 
 
 def build_city(site: Site) -> None:
@@ -64,9 +62,8 @@ def add_house(site: Site, s: float, side: float, width: float, offset: float) ->
     site.add(f"roof {int(rng.integers(ROOFS))}", roof, across)
     site.add(wall, roof[:, ::-1], None, 0.5)  # its underside, seen below the eaves
     if rng.random() < 0.7:
-        low = np.array(
-            [side * depth * 0.35 - 0.35, -ridge - 0.8, float(rng.uniform(-0.3, 0.3)) * width - 0.4]
-        )
+        along = float(rng.uniform(-0.3, 0.3)) * width - 0.4
+        low = np.array([side * depth * 0.35 - 0.35, -ridge - 0.8, along])
         chimney = box(low, low + np.array([0.7, 1.8, 0.8]))
         site.add("gable 1", site.place(chimney, s, side * offset), BRICKS)
 

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from ..core.camera import StereoCamera
 from ..core.settings import from_dict, to_dict
 from ..core.types import Progress
-from .blur import smear
 from .render import Renderer
 from .scenes import SceneConfig
-from .sensor import expose, exposures
+from .sensor import photograph
 from .truth_files import FARTHEST, NEAREST, encode_depth, visible_boxes, write_objects
 from .world import World, make_world
 
@@ -77,12 +76,11 @@ def draw_share(folder: Path, first: int, step: int) -> None:
 
 def _draw(world: World, folder: Path, frames: range | list[int], report: Callable[[], None]) -> None:
     """Draw some frames, one after the other."""
-    renderer, exposure = Renderer(world), exposures(world.config, world.drive.times)
-    threads = cv2.getNumThreads()
+    renderer, threads = Renderer(world), cv2.getNumThreads()
     cv2.setNumThreads(1)  # the processes share the work by frames
     try:
         for frame in frames:
-            write_frame(renderer, folder, frame, float(exposure[frame]))
+            write_frame(renderer, folder, frame)
             report()
     finally:
         cv2.setNumThreads(threads)
@@ -97,13 +95,11 @@ def _write_tables(world: World, folder: Path) -> None:
     write_objects(world, folder / "truth" / "objects.npz")
 
 
-def write_frame(renderer: Renderer, folder: Path, frame: int, exposure: float) -> None:
+def write_frame(renderer: Renderer, folder: Path, frame: int) -> None:
     """Both pictures of a frame, its labels and its truth."""
     config, name = renderer.world.config, f"{frame:06d}.png"
     for right in (False, True):
-        view = renderer.view(frame, right)
-        light = smear(renderer.world, frame, view, right)
-        picture = expose(light, config, exposure, frame, right)
+        view, picture = photograph(renderer, frame, right)
         _write_png(folder / f"image_{int(right)}" / name, picture, noisy=True)
         if not right:
             boxes = visible_boxes(renderer.world, frame, view)

@@ -63,7 +63,6 @@ def _ordered(a: Array | float, b: Array | float) -> tuple[Array | float, Array |
 
 def _sharpest_bend(site: Site, s: Array) -> Array:
     """The strongest curvature within 25 m of s (n,), signed, 1/metre."""
-    around = np.array(
-        [np.interp(s + d, site.route.s, site.route.curvature) for d in np.arange(-25.0, 26.0, 5.0)]
-    )
+    near = s + np.arange(-25.0, 26.0, 5.0)[:, None]
+    around = np.interp(near, site.route.s, site.route.curvature)
     return np.asarray(np.take_along_axis(around, np.abs(around).argmax(axis=0)[None], axis=0)[0])

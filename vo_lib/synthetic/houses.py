@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from .textures import Image, Rng, box, fractal, letters, masonry, plain
+from .textures import Image, Rng, box, fractal, letters, masonry, plain, smeared
 
 ROWS, COLUMNS = 512, 512
 STOREYS = (2, 3, 3, 4)
@@ -24,8 +24,7 @@ def wall(rng: Rng, kind: str) -> Image:
         return image
     image = plain(rng.uniform(120, 205), ROWS, COLUMNS, rng, 3.5)
     image += 5.0 * fractal(rng, ROWS, COLUMNS, 0.3, 30.0)
-    streaks = cv2.blur(fractal(rng, ROWS, COLUMNS, 0.6), (1, 61), borderType=cv2.BORDER_REFLECT)
-    return np.asarray(image + 14.0 * streaks, np.float32)
+    return np.asarray(image + 14.0 * smeared(fractal(rng, ROWS, COLUMNS, 0.6), 61), np.float32)
 
 
 def facade(rng: Rng, kind: str, storeys: int, shop: bool) -> Image:
@@ -93,12 +92,9 @@ def _window(
             x1, y1 = x0 + w / panes[0] - 5, y0 + h / panes[1] - 5
             box(image, x0, y0, x1, y1, glass + rng.normal(0, 6))
             if rng.random() < 0.6:  # a mirrored patch of sky or of the house opposite
-                corner = np.array(
-                    [[x0, y1], [x0, y0 + 0.4 * (y1 - y0)], [x1, y0], [x1, y0 + 0.4 * (y1 - y0)]]
-                )
-                cv2.fillPoly(
-                    image, [corner.astype(np.int32)], glass + float(rng.uniform(15, 70)), cv2.LINE_AA
-                )
+                lower = y0 + 0.4 * (y1 - y0)
+                patch = np.array([[x0, y1], [x0, lower], [x1, y0], [x1, lower]]).astype(np.int32)
+                cv2.fillPoly(image, [patch], glass + float(rng.uniform(15, 70)), cv2.LINE_AA)
     if rng.random() < 0.35:  # a curtain or a blind
         drop = rng.uniform(0.25, 0.9) * h
         box(image, x + 3, y + 3, x + w - 3, y + drop, rng.uniform(110, 200))

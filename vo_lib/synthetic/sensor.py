@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .blur import smear
 from .drive import smooth_wave
-from .render import Float32
+from .render import Float32, Renderer, View
 from .scenes import SceneConfig
 
 SHIFTS = 256  # places along each side where a picture's noise may begin
@@ -20,6 +21,13 @@ def exposures(config: SceneConfig, times: NDArray[np.float64]) -> NDArray[np.flo
     rng = np.random.default_rng([config.seed, 7])
     wave = smooth_wave(times, rng, 4.0, 15.0)
     return np.asarray(np.exp(np.log1p(config.exposure_change) * wave))
+
+
+def photograph(renderer: Renderer, frame: int, right: bool = False) -> tuple[View, NDArray[np.uint8]]:
+    """What a camera sees in a frame, and the picture (H, W) that it takes of it."""
+    world, view = renderer.world, renderer.view(frame, right)
+    exposure = float(exposures(world.config, world.drive.times)[frame])
+    return view, expose(smear(world, frame, view, right), world.config, exposure, frame, right)
 
 
 def expose(

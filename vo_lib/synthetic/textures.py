@@ -46,6 +46,11 @@ def plain(grey: float, rows: int, columns: int, rng: Rng, rough: float = 4.0) ->
     return np.asarray(grey + rough * dirt + 0.6 * rough * grain, np.float32)
 
 
+def smeared(image: Image, length: int) -> Image:
+    """The texture averaged downwards: furrows, and the streaks of rain."""
+    return np.asarray(cv2.blur(image, (1, length), borderType=cv2.BORDER_REFLECT), np.float32)
+
+
 def box(image: Image, x0: float, y0: float, x1: float, y1: float, grey: float, thickness: int = -1) -> None:
     """Rectangle in texels, filled by default."""
     cv2.rectangle(image, (round(x0), round(y0)), (round(x1) - 1, round(y1) - 1), float(grey), thickness)
@@ -103,10 +108,7 @@ def _mend(image: Image, rng: Rng, per_m: Array, width: float, length: float) -> 
     for _ in range(int(rng.integers(2, 5))):
         size = rng.uniform((0.6, 0.5), (4.0, 1.6))
         start = rng.uniform((0.3, 0.2), np.array([length, width]) - size - 0.3)
-        (x0, y0), (x1, y1) = (
-            (start * per_m).astype(int).tolist(),
-            ((start + size) * per_m).astype(int).tolist(),
-        )
+        x0, y0, x1, y1 = (np.concatenate([start, start + size]) * [*per_m, *per_m]).astype(int).tolist()
         image[y0:y1, x0:x1] += rng.choice([-1.0, 1.0]) * rng.uniform(8.0, 22.0)
         cv2.rectangle(image, (x0, y0), (x1, y1), 58.0, 2)
 
@@ -127,9 +129,8 @@ def _manhole(image: Image, at: Array, per_m: Array) -> None:
     cv2.ellipse(image, (x, y), (a, b), 0, 0, 360, 62.0, -1)
     cv2.ellipse(image, (x, y), (a, b), 0, 0, 360, 130.0, 2)
     for k in (-0.55, -0.18, 0.18, 0.55):
-        cv2.line(
-            image, (x + round(k * a), y - round(0.6 * b)), (x + round(k * a), y + round(0.6 * b)), 118.0, 3
-        )
+        rib, reach = x + round(k * a), round(0.6 * b)
+        cv2.line(image, (rib, y - reach), (rib, y + reach), 118.0, 3)
 
 
 def slabs(rng: Rng, rows: int = 256, columns: int = 512, down: int = 5, along: int = 10) -> Image:
@@ -167,20 +168,17 @@ def leaves(rng: Rng, size: int = 256, mean: float = 78.0, count: int = 1400) -> 
         axes = (int(rng.integers(2, 9)), int(rng.integers(1, 5)))
         grey = float(mean * (0.5 + 0.9 * k / count) * rng.uniform(0.7, 1.3))
         angle = float(rng.uniform(0, 180))
-        for dx in (-size, 0, size):
-            for dy in (-size, 0, size):
-                if -10 < x + dx < size + 10 and -10 < y + dy < size + 10:
-                    at = (int(x + dx), int(y + dy))
-                    cv2.ellipse(image, at, axes, angle, 0, 360, grey, -1, cv2.LINE_AA)
+        for dx, dy in itertools.product((-size, 0, size), repeat=2):
+            at = (int(x + dx), int(y + dy))
+            if min(at) > -10 and max(at) < size + 10:
+                cv2.ellipse(image, at, axes, angle, 0, 360, grey, -1, cv2.LINE_AA)
     return np.asarray(image + 18.0 * fractal(rng, size, size, 1.2), np.float32)
 
 
 def bark(rng: Rng) -> Image:
     """Tree bark: furrows along the trunk; repeats round it."""
     noise = fractal(rng, 256, 64, 0.7)
-    return np.asarray(
-        72.0 + 20.0 * cv2.blur(noise, (1, 9), borderType=cv2.BORDER_REFLECT) + 6 * noise, np.float32
-    )
+    return np.asarray(72.0 + 20.0 * smeared(noise, 9) + 6 * noise, np.float32)
 
 
 def boards(rng: Rng, count: int, grey: float, gap: int = 4) -> Image:
@@ -227,8 +225,7 @@ def concrete(rng: Rng) -> Image:
             for dx in (30, 98):
                 cv2.circle(image, (x + dx, y), 3, 95.0, -1, cv2.LINE_AA)
     image[:6] = 118.0
-    streaks = cv2.blur(fractal(rng, 256, 512, 0.6), (1, 65), borderType=cv2.BORDER_REFLECT)
-    return np.asarray(image + 22.0 * streaks, np.float32)
+    return np.asarray(image + 22.0 * smeared(fractal(rng, 256, 512, 0.6), 65), np.float32)
 
 
 def rail(rng: Rng) -> Image:

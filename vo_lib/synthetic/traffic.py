@@ -99,11 +99,8 @@ class Traffic:
                 model = self.pick(0.2)
                 offset = -(lane + 0.5) * LANE_WIDTH - median + float(rng.uniform(-0.2, 0.2))
                 self.add(model, s0 - speed * times, offset, np.pi)
-                s0 += (
-                    model.shape.length
-                    + 5.0
-                    + float(rng.exponential(max(100.0 / config.oncoming - 11.0, 0.5)))
-                )
+                clear = float(rng.exponential(max(100.0 / config.oncoming - 11.0, 0.5)))
+                s0 += model.shape.length + 5.0 + clear
 
     def parked(self) -> None:
         """Cars at both kerbs; a few face the wrong way."""

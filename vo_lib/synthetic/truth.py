@@ -110,33 +110,25 @@ class Truth:
                 )
         return left, right, valid
 
-    def flow(self, frame_p: int, frame_c: int, uv: Array) -> Array:
-        """Optical flow (N, 2) of left pixels from frame_p to frame_c, pixels; NaN where unknown."""
-        left, _, valid = self.predict(frame_p, frame_c, uv)
-        return np.where(valid[:, None], left - uv, np.nan)
-
-    def is_right(
-        self, matches: StereoMatches, frame: int, tol: float = 1.0, previous: int | None = None
-    ) -> Mask:
-        """Whether matches (N,) are right: all four positions agree with the truth within `tol` pixels.
+    def match_errors(self, matches: StereoMatches, frame: int, previous: int | None = None) -> Array:
+        """Largest distance (N,) of matches from their true places, pixels; NaN where these are not known.
 
         Parameters
         ----------
-        matches : between the pair `previous`, by default the one before, and the pair `frame`.
-        frame : the current pair. tol : pixels, in each of the three images other than the previous left one.
+        matches : between the pair `previous`, by default the one before, and the pair `frame`. Their places
+            in the three images other than the previous left one are judged.
         """
         before = frame - 1 if previous is None else previous
         _, right_p, valid_p = self.predict(before, before, matches.prev_left)
         left, right, valid_c = self.predict(before, frame, matches.prev_left)
-        right_ones = valid_p & valid_c
-        for told, true in (
-            (matches.prev_right, right_p),
-            (matches.cur_left, left),
-            (matches.cur_right, right),
-        ):
-            with np.errstate(invalid="ignore"):
-                right_ones &= np.linalg.norm(told - true, axis=1) <= tol
-        return right_ones
+        away = np.stack([matches.prev_right - right_p, matches.cur_left - left, matches.cur_right - right])
+        return np.where(valid_p & valid_c, np.linalg.norm(away, axis=2).max(axis=0), np.nan)
+
+    def is_right(
+        self, matches: StereoMatches, frame: int, tol: float = 1.0, previous: int | None = None
+    ) -> Mask:
+        """Whether matches (N,) are right: their `match_errors` are at most `tol` pixels."""
+        return np.asarray(self.match_errors(matches, frame, previous) <= tol)
 
     def _moves(self, frame: int, other: int | None) -> Mask:
         """(K,) which vehicles move."""

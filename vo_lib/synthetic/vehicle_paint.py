@@ -35,7 +35,7 @@ class _Canvas:
     def __init__(self, rows: int, columns: int, width: float, height: float, grey: float):
         self.image: Image = np.full((2 * rows, 2 * columns), grey, np.float32)
         self.scale = np.array([2 * columns / width, 2 * rows / height])
-        self.height = height
+        self.width, self.height = width, height
 
     def at(self, points: object) -> NDArray[np.int32]:
         """Texels of points (horizontal from the left, height above the ground), metres."""
@@ -48,6 +48,11 @@ class _Canvas:
 
     def rect(self, x0: float, h0: float, x1: float, h1: float, grey: float) -> None:
         self.fill([[x0, h0], [x0, h1], [x1, h1], [x1, h0]], grey)
+
+    def pair(self, x0: float, h0: float, x1: float, h1: float, grey: float) -> None:
+        """A rectangle on the left, and its mirror image on the right."""
+        self.rect(x0, h0, x1, h1, grey)
+        self.rect(self.width - x1, h0, self.width - x0, h1, grey)
 
     def line(self, points: object, grey: float, thick: int = 2) -> None:
         cv2.polylines(self.image, [self.at(points)], False, float(grey), thick, cv2.LINE_AA)
@@ -148,12 +153,10 @@ def _paint_car_end(shape: Shape, paint: float, rng: Rng, front: bool) -> Image:
         c.rect(0.45, 0.5, w - 0.45, 0.68, 28.0)
         for k in np.arange(0.52, w - 0.45, 0.1):
             c.rect(k, 0.5, k + 0.02, 0.68, 110.0)
-        c.rect(0.05, 0.6, 0.38, 0.76, 240.0)
-        c.rect(w - 0.38, 0.6, w - 0.05, 0.76, 240.0)
+        c.pair(0.05, 0.6, 0.38, 0.76, 240.0)
         c.disc(w / 2, 0.72, 0.06, 210.0)
     else:
-        c.rect(0.04, 0.68, 0.28, 0.92, 85.0)
-        c.rect(w - 0.28, 0.68, w - 0.04, 0.92, 85.0)
+        c.pair(0.04, 0.68, 0.28, 0.92, 85.0)
         c.line([[0.1, 0.62], [w - 0.1, 0.62]], paint * SEAM)
         c.rect(w / 2 - 0.3, 0.9, w / 2 + 0.3, 0.93, 180.0)
     _plate(c, w / 2, 0.38 if front else 0.7)
@@ -167,8 +170,7 @@ def _paint_large_end(shape: Shape, paint: float, rng: Rng, front: bool) -> Image
     if front:
         c.rect(0.12, 1.5, w - 0.12, 2.6, GLASS)
         c.fill([[0.3, 2.5], [1.0, 2.5], [0.6, 1.65], [0.3, 1.65]], 70.0)
-        c.rect(0.15, 0.62, 0.5, 0.85, 240.0)
-        c.rect(w - 0.5, 0.62, w - 0.15, 0.85, 240.0)
+        c.pair(0.15, 0.62, 0.5, 0.85, 240.0)
         c.rect(0.6, 0.75, w - 0.6, 1.2, 40.0)
     else:
         c.line([[w / 2, 0.95], [w / 2, h - 0.1]], paint * SEAM, 5)
@@ -176,8 +178,7 @@ def _paint_large_end(shape: Shape, paint: float, rng: Rng, front: bool) -> Image
             c.line([[x, 1.0], [x, h - 0.15]], 150.0 if paint < 120 else 70.0, 4)
         c.line([[0.05, h - 0.06], [w - 0.05, h - 0.06]], 60.0, 6)
         c.rect(0, 0.3, w, 1.0, 50.0)
-        c.rect(0.1, 0.75, 0.5, 0.9, 120.0)
-        c.rect(w - 0.5, 0.75, w - 0.1, 0.9, 120.0)
+        c.pair(0.1, 0.75, 0.5, 0.9, 120.0)
         for k in range(6):
             c.rect(k * w / 6, 1.05, k * w / 6 + w / 12, 1.15, 235.0)
     _plate(c, w / 2, 0.45)
@@ -194,8 +195,6 @@ def _plate(c: _Canvas, middle: float, low: float) -> None:
 
 def _paint_top(shape: Shape, paint: float, rng: Rng) -> Image:
     c = _Canvas(128, 256, shape.length, shape.width, paint * 1.06)
-    c.line([[shape.length * 0.76, 0.25], [shape.length * 0.97, 0.35]], paint * 0.75)
-    c.line(
-        [[shape.length * 0.76, shape.width - 0.25], [shape.length * 0.97, shape.width - 0.35]], paint * 0.75
-    )
+    for near, far in ((0.25, 0.35), (shape.width - 0.25, shape.width - 0.35)):
+        c.line([[shape.length * 0.76, near], [shape.length * 0.97, far]], paint * 0.75)
     return c.done(rng)

@@ -1,8 +1,7 @@
 """Widget panels of the notebooks, one module a chapter: `ch00_start`, `ch02_five_point`, `ch03_selection`, …
 
 `base` has the pattern and an example; `controls` makes controls from declared settings; `data` keeps
-sequences, pairs and matches; `style` has sizes, colours and fonts; `chart` draws axes once and data often;
-`job` runs what takes over a second.
+sequences, pairs and matches; `style` has sizes, colours, fonts, axes; `job` runs what takes over a second.
 `PANELS` lists every panel class: the tests drive each of them through all its controls.
 """
 

@@ -9,7 +9,8 @@ A panel says what it controls and draws; this class does the rest:
         def draw(self, state: State) -> Drawing:
             matches = frame_matches(state.sequence, state.frame, state.config)
             ...
-            return Drawing(stack([picture, chart]), "A sentence in words.", (Fact("matches", len(matches)),))
+            whole = stack([picture, chart], self.height)
+            return Drawing(whole, "A sentence in words.", (Fact("matches", len(matches)),))
 
 `draw` is pure: the same state gives the same picture. Callbacks run on another thread than cells, so nothing
 here uses pyplot, and pictures are bytes in one `Image`: no flicker, no jumping, no leaked figures.
@@ -32,7 +33,6 @@ from ...core.settings import Setting, declared, replace
 from ...core.types import Progress
 from ...data.sequence import Sequence, available
 from ...runs.runner import one_blas_thread
-from .ahead import Ahead
 from .controls import CELL, CELL_WIDTH, INSIDE, Control, Knob
 from .data import DEFAULT, is_open, keep, opened
 from .job import Job, Stopped
@@ -77,7 +77,6 @@ class Panel:
     ----------
     error : what went wrong with the last change, as a sentence; empty when all is well.
     picture : the Image widget; knobs : controls by the setting's name.
-    ahead : prepares `next_states`.
     """
 
     title: ClassVar[str] = ""
@@ -93,7 +92,6 @@ class Panel:
         self._quiet = True
         self._facts: dict[str, float] = {}
         self._sequence: Sequence | None = None
-        self.ahead = Ahead(self.prepare)
         self.error = ""
         self.job = Job()
         self.picture = widgets.Image(
@@ -121,13 +119,6 @@ class Panel:
     def draw(self, state: State) -> Drawing:
         """What the panel shows for a state; anything it raises becomes the panel's error."""
         raise NotImplementedError
-
-    def next_states(self, state: State) -> list[State]:
-        """States that may come next and are worth preparing; none, unless a panel says which."""
-        return []
-
-    def prepare(self, state: State) -> None:
-        """Do and keep what `draw` needs for one of `next_states`."""
 
     def work(self, state: State, progress: Progress) -> Drawing:
         """The long job behind the Run button; it calls progress(done, total) several times a second."""
@@ -171,9 +162,7 @@ class Panel:
         with self._lock, one_blas_thread():
             try:
                 if self._sequence is not None:
-                    state = self.state()
-                    self._show(self.draw(state))
-                    self.ahead.look((state.sequence.folder, state.frame), self.next_states(state))
+                    self._show(self.draw(self.state()))
             except Exception as error:
                 self._fail(error)
 

@@ -20,10 +20,10 @@ from ...runs.runner import Run
 from ...tables.plots import draw_trajectory, match_image
 from .ch02_figures import polynomial_chart, polynomial_of
 from .ch02_five_point import reference_rotation
-from .ch03_figures import field_picture
+from .ch03_figures import field_figure
 from .ch03_selection import field_of, previous_vector
 from .data import frame_matches, frame_points, stereo
-from .style import BAD, DARK, GOOD, PALE, WIDTH, caption, figure, finish, photo
+from .style import BAD, DARK, GOOD, PALE, WIDTH, caption, figure, finish, photo, say
 
 SETS = 200
 MOST = 30  # per cent shown of a depth's error
@@ -75,8 +75,8 @@ class Stages(NamedTuple):
     """A picture for each stage of the method, of one frame."""
 
     matches: Image
-    polynomial: Image
-    selection: Image
+    polynomial: Figure
+    selection: Figure
     residuals: Figure
     boxes: Image
 
@@ -91,13 +91,14 @@ def method_stages(sequence: Sequence, frame: int) -> Stages:
     matches = caption(photo(match_image(left, points.matches, everything, no_boxes())), words)
 
     sets = sample_sets(np.random.default_rng(0), len(points.x_p), SETS)
-    polynomial = polynomial_chart(polynomial_of(points.x_p[sets[0]], points.x_c[sets[0]])).picture(220)
+    polynomial, (axis,) = figure(220)
+    polynomial_chart(axis, polynomial_of(points.x_p[sets[0]], points.x_c[sets[0]]))
 
     found = five_point(points.x_p[sets], points.x_c[sets])
     e_prev = previous_vector(sequence, frame, config)
     R_true = reference_rotation(sequence, frame, points)
     field = field_of(found, points, e_prev, R_true, SelectionConfig(), camera.f)
-    selection = field_picture(field)
+    selection = field_figure(field)
 
     all_matches, boxes = frame_matches(sequence, frame, config), sequence.boxes(frame)
     kept = ~in_boxes(all_matches.cur_left, boxes, config.filter)
@@ -116,7 +117,7 @@ def residual_figure(sequence: Sequence, frame: int, height: int = 240) -> Figure
     )
     solved = estimate and solve_translation(camera, points.matches, estimate.R_cp, config.translation)
     if not solved:
-        axis.text(0.5, 0.5, "this frame has no solution", ha="center", transform=axis.transAxes)
+        say(axis, "this frame has no solution")
         return made
     t_cp, residual = solved
     inside = in_boxes(points.matches.cur_left, sequence.boxes(frame), config.filter)

@@ -16,10 +16,9 @@ from ...front_end.surface import CoarseDisparity, coarse_disparity
 from .base import Drawing, Panel, State
 from .controls import Control
 from .data import Memory, stereo, truth
-from .style import BAD, DARK, GOOD, PALE, WIDTH, Fact, bgr, caption, figure, finish, photo, raster, stack
+from .style import BAD, DARK, GOOD, PALE, WIDTH, Fact, bgr, caption, figure, finish, photo, say, stack
 
 _disparities: Memory[CoarseDisparity] = Memory(8)
-_charts: Memory[Image] = Memory(8)
 HALF = WIDTH // 2
 LEFT_HEIGHT, HALF_HEIGHT, CHART_HEIGHT = 298, 150, 210
 
@@ -51,8 +50,7 @@ def path_figure(sequence: Sequence, frame: int, height: int = CHART_HEIGHT) -> F
     made, (path, speed) = figure(height, 2, (1.0, 1.6))
     if sequence.truth is None:
         for axis in (path, speed):
-            axis.text(0.5, 0.5, "no ground truth", ha="center", transform=axis.transAxes)
-            axis.set_axis_off()
+            say(axis, "no ground truth")
         return made
     x, z = sequence.truth[:, 0, 3], sequence.truth[:, 2, 3]
     path.plot(x, z, color=DARK, linewidth=1.2)
@@ -99,7 +97,7 @@ class StartPanel(Panel):
             caption(map_picture, "disparity: bright is near, grey was not found"),
         ]
         whole = caption(photo(pictures[0], WIDTH, LEFT_HEIGHT), f"left image, frame {frame}")
-        chart = _charts.get((sequence.folder, frame), lambda: raster(path_figure(sequence, frame)))
+        chart = path_figure(sequence, frame)
         encoded = stack([whole, np.concatenate(small, axis=1), chart], self.height)
         known = truth(sequence)
         true_depth = float(known.depth(frame)[v, u]) if known is not None else float("nan")

@@ -5,17 +5,15 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from ...core.types import Array, Image
 from .ch01_trace import KEPT, LOST, REASONS, Trace
 from .ch02_figures import draw_dot, draw_flow
-from .chart import FINE, Chart, room
 from .style import (
     BAD,
+    COARSE,
     CYCLE,
     DARK,
     FIFTH,
@@ -29,7 +27,9 @@ from .style import (
     caption,
     figure,
     finish,
+    log_axis,
     photo,
+    room,
 )
 
 HALF = WIDTH // 2
@@ -43,7 +43,7 @@ FATES = {
 }
 SIDES = ("previous left", "previous right", "current right", "current left")
 LEAST, MOST = 0.01, 100.0  # pixels shown of an error
-NAMES = 0.23  # of a chart's width, for the names of the fates
+NAMES = 0.055  # of a figure's width, for the names of the fates
 
 
 def response_picture(response: NDArray[np.float32], width: int = HALF) -> Image:
@@ -129,105 +129,72 @@ def fates_picture(
     return caption(photo(picture, WIDTH, 298), words)
 
 
-def fates_chart(fate: NDArray[np.str_], wrong: NDArray[np.bool_] | None) -> Chart:
+def fates_chart(axis: Axes, fate: NDArray[np.str_], wrong: NDArray[np.bool_] | None) -> None:
     """How many features met which fate; the dark part is truly wrong, where that is known, (N,) bool."""
     names = list(FATES)
     counts = np.array([np.count_nonzero(fate == name) for name in names])
-    bad = None if wrong is None else np.array([np.count_nonzero(wrong[fate == name]) for name in names])
-    end = room(1.3 * max(int(counts.max()), 1), steps=FINE)
-
-    def put(axis: Axes) -> None:
-        axis.add_collection(PolyCollection(_bars(counts), facecolors=list(FATES.values())))
-        if bad is not None:
-            axis.add_collection(PolyCollection(_bars(bad), facecolors=DARK, alpha=0.6))
-        for row, (name, count) in enumerate(zip(names, counts, strict=True)):
-            words = f"{count}" + (f" ({bad[row]})" if bad is not None and name != LOST else "")
-            axis.text(count + 0.01 * end, row, words, va="center", fontsize=FONT_SIZE - 1)
-
-    def frame(axis: Axes) -> None:
-        axis.set_position(Bbox([[NAMES, axis.get_position().y0], axis.get_position().max]))
-        axis.set_yticks(range(len(names)), names)
-        axis.tick_params(axis="y", length=0)
-        axis.set_ylim(len(names) - 0.4, -0.6)
-        axis.set_xlim(0, end)
-        x = "features" if bad is None else "features (wrong ones in brackets, and dark)"
-        finish(axis, "what became of the features", x)
-
-    return Chart(("fates", end, bad is None), put, frame)
-
-
-def _bars(counts: NDArray[np.int64]) -> list[Array]:
-    """Corners of a bar in each row, (4, 2)."""
-    across, along = np.array([0, 1, 1, 0]), np.array([-0.35, -0.35, 0.35, 0.35])
-    return [np.stack([count * across, row + along], axis=1) for row, count in enumerate(counts.tolist())]
+    axis.barh(range(len(names)), counts, 0.7, color=list(FATES.values()))
+    words = [str(count) for count in counts]
+    if wrong is not None:
+        bad = [np.count_nonzero(wrong[fate == name]) for name in names]
+        axis.barh(range(len(names)), bad, 0.7, color=DARK, alpha=0.6)
+        words = [
+            f"{all_} ({some})" if name != LOST else all_
+            for all_, some, name in zip(words, bad, names, strict=True)
+        ]
+    end = room(1.3 * max(int(counts.max()), 1))
+    for row, (count, word) in enumerate(zip(counts, words, strict=True)):
+        axis.text(count + 0.01 * end, row, word, va="center", fontsize=FONT_SIZE - 1)
+    box = axis.get_position()
+    axis.set_position((box.x0 + NAMES, box.y0, box.width - NAMES, box.height))
+    axis.set_yticks(range(len(names)), names)
+    axis.tick_params(axis="y", length=0)
+    axis.set_ylim(len(names) - 0.4, -0.6)
+    axis.set_xlim(0, end)
+    x = "features" if wrong is None else "features (wrong ones in brackets, and dark)"
+    finish(axis, "what became of the features", x)
 
 
-def errors_chart(fate: NDArray[np.str_], error: Array) -> Chart:
+def errors_chart(axis: Axes, fate: NDArray[np.str_], error: Array) -> None:
     """Share of the matches with an error up to so many pixels, for kept and dropped ones.
 
     Parameters
     ----------
     fate : (M,) and error : (M,), pixels, of the features found again; NaN where the truth is not known.
     """
-    known = np.isfinite(error)
-    groups = {
-        "kept": ((fate == CHOSEN) & known, GOOD),
-        "dropped by a check": ((fate != CHOSEN) & (fate != SURPLUS) & known, BAD),
-    }
-
-    def put(axis: Axes) -> None:
-        for words, (chosen, colour) in groups.items():
-            values = np.sort(np.clip(error[chosen], LEAST, MOST))
-            share = 100 * np.arange(1, len(values) + 1) / max(len(values), 1)
-            axis.plot(values, share, color=colour, label=words)
-        axis.axvline(1.0, color=DARK, linewidth=1, linestyle=":")
-
-    def frame(axis: Axes) -> None:
-        _error_axis(axis)
-        x = "largest error in three images [px]"
-        finish(axis, "how far from the truth", x, "matches up to there [%]", "upper left")
-
-    return Chart(("errors",), put, frame)
+    dropped = (fate != CHOSEN) & (fate != SURPLUS)
+    for words, chosen, colour in (("kept", fate == CHOSEN, GOOD), ("dropped by a check", dropped, BAD)):
+        _shares(axis, error[chosen], colour, words)
+    axis.axvline(1.0, color=DARK, linewidth=1, linestyle=":")
+    log_axis(axis.xaxis, LEAST, MOST)
+    axis.set_ylim(0, 102)
+    x = "largest error in three images [px]"
+    finish(axis, "how far from the truth", x, "matches up to there [%]", "upper left")
 
 
-def depths_chart(depth: Array) -> Chart:
+def depths_chart(axis: Axes, depth: Array) -> None:
     """How far away the kept features are; for sequences without truth."""
     edges = np.geomspace(2.0, 200.0, 25)
     counts = np.histogram(np.clip(depth[np.isfinite(depth)], edges[0], edges[-1]), edges)[0]
-    top = room(1.05 * float(counts.max()), steps=FINE, least=1)
-
-    def put(axis: Axes) -> None:
-        axis.stairs(counts, edges, fill=True, color=GOOD)
-
-    def frame(axis: Axes) -> None:
-        axis.set_xscale("log")
-        axis.set_xlim(edges[0], edges[-1])
-        axis.set_xticks([2, 5, 10, 20, 50, 100, 200], ["2", "5", "10", "20", "50", "100", "200"])
-        axis.minorticks_off()
-        axis.set_ylim(0, top)
-        finish(axis, "how far away the kept ones are", "depth [m]", "features")
-
-    return Chart(("depths", top), put, frame)
-
-
-def _error_axis(axis: Axes) -> None:
-    axis.set_xscale("log")
-    axis.set_xlim(LEAST, MOST)
-    axis.set_xticks([0.01, 0.1, 1, 10, 100], ["0.01", "0.1", "1", "10", "100"])
-    axis.minorticks_off()
-    axis.set_ylim(0, 102)
+    axis.stairs(counts, edges, fill=True, color=GOOD)
+    log_axis(axis.xaxis, 2.0, 200.0, COARSE)
+    axis.set_ylim(0, room(1.05 * float(counts.max()), least=1))
+    finish(axis, "how far away the kept ones are", "depth [m]", "features")
 
 
 def errors_figure(errors: dict[str, Array], height: int = 230) -> Figure:
     """Share of the matches with an error up to so many pixels, by name."""
     made, (axis,) = figure(height)
     for (name, values), colour in zip(errors.items(), CYCLE, strict=False):
-        known = np.sort(values[np.isfinite(values)])
-        share = 100 * np.arange(1, len(known) + 1) / len(known)
-        label = f"{name}: median {np.median(known):.2f} px"
-        axis.plot(np.clip(known, LEAST, MOST), share, color=colour, linewidth=1.5, label=label)
-    _error_axis(axis)
-    axis.set_xlim(LEAST, 10)
-    axis.set_xticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
+        _shares(axis, values, colour, f"{name}: median {np.nanmedian(values):.2f} px")
+    log_axis(axis.xaxis, LEAST, 10.0)
+    axis.set_ylim(0, 102)
     finish(axis, "error of the place in the current left image", "error [px]", "matches up to there [%]")
     return made
+
+
+def _shares(axis: Axes, error: Array, colour: str, words: str) -> None:
+    """The share of known errors up to each value, per cent."""
+    known = np.sort(error[np.isfinite(error)])
+    share = 100 * np.arange(1, len(known) + 1) / max(len(known), 1)
+    axis.plot(np.clip(known, LEAST, MOST), share, color=colour, label=words)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,13 +19,13 @@ from ...method.buckets import select_by_bucket
 from ...synthetic import Truth
 from .base import Drawing, Panel, State
 from .ch01_figures import CHOSEN, SURPLUS, depths_chart, errors_chart, fates, fates_chart, fates_picture
-from .ch01_trace import LOST, trace
-from .chart import beside
+from .ch01_trace import LOST, Trace, trace
 from .controls import Control
 from .data import Memory, stereo, truth
-from .style import Fact, stack
+from .style import Fact, figure, stack
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
+PAUSE = 0.3  # seconds without a change, after which what may come next is traced
 RIGHT = 1.0  # pixels; a match is right whose places in the other three images are this near to the truth
 
 _errors: Memory[Array] = Memory(16)
@@ -41,15 +44,6 @@ class MatchingView(Checked):
         low=0.1,
         high=20,
     )
-
-
-def true_errors(known: Truth, matches: StereoMatches, frame: int) -> Array:
-    """Largest distance (M,) from the true places in the other three images, pixels; NaN where unknown."""
-    before = frame - 1
-    _, right_p, valid_p = known.predict(before, before, matches.prev_left)
-    left, right, valid_c = known.predict(before, frame, matches.prev_left)
-    told = np.stack([matches.prev_right - right_p, matches.cur_left - left, matches.cur_right - right])
-    return np.where(valid_p & valid_c, np.linalg.norm(told, axis=2).max(axis=0), np.nan)
 
 
 def with_view(config: Config, view: MatchingView) -> Config:
@@ -83,32 +77,52 @@ class MatchingPanel(Panel):
         Control("buckets.features", "features a bucket", high=20),
     )
 
-    def next_states(self, state: State) -> list[State]:
-        beside = [frame for frame in (state.frame + 1, state.frame - 1) if 1 <= frame < len(state.sequence)]
+    def __init__(self, *arguments: Any, **values: Any):
+        self._ahead = threading.Timer(PAUSE, lambda: None)
+        self._here: object = None
+        super().__init__(*arguments, **values)
+
+    def redraw(self, _: Any = None) -> None:
+        """Draw; then, unless something else is asked for, trace what may be asked for next at a new frame."""
+        super().redraw()
+        if self._quiet or self._sequence is None or self.error:
+            return
+        self._ahead.cancel()
+        state, last = self.state(), self._here
+        self._here = state.sequence.folder, state.frame
+        if self._here == last:
+            return
+        ahead = threading.Timer(PAUSE, lambda: self._look(state, ahead.finished))  # `cancel` sets that event
+        ahead.daemon = True
+        ahead.start()
+        self._ahead = ahead
+
+    def _look(self, state: State, over: threading.Event) -> None:
+        """Trace the frames beside, and the other front end: a second each with blobs and corners."""
         other = "klt" if state.config.matching.front_end == "blob_corner" else "blob_corner"
         matching = replace(state.config.matching, front_end=other)
-        return [
-            *(replace(state, frame=frame) for frame in beside),
-            replace(state, config=replace(state.config, matching=matching)),
-        ]
+        beside = [replace(state, frame=frame) for frame in (state.frame + 1, state.frame - 1)]
+        for next_ in [*beside, replace(state, config=replace(state.config, matching=matching))]:
+            if 1 <= next_.frame < len(state.sequence) and not over.is_set():
+                with suppress(Exception):  # whoever asks for it is told
+                    self._traced(next_)
 
-    def prepare(self, state: State) -> None:
+    def _traced(self, state: State) -> tuple[Trace, Array]:
+        """What became of the features, and the true errors (M,) of those that were found again."""
         config = with_view(state.config, state.view)
         traced = trace(state.sequence, state.frame, config.features, config.matching)
-        _true_errors(state.sequence, truth(state.sequence), traced.found, state.frame)
+        return traced, _true_errors(state.sequence, truth(state.sequence), traced.found, state.frame)
 
     def draw(self, state: State) -> Drawing:
         sequence, frame = state.sequence, state.frame
-        config = with_view(state.config, state.view)
-        traced = trace(sequence, frame, config.features, config.matching)
+        traced, error = self._traced(state)
         if len(traced.id) == 0:
             raise DataError(f"frame {frame - 1} has no features: lower the threshold")
         kept = traced.kept
-        chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, config.buckets)]
+        chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, state.config.buckets)]
         fate = fates(traced, chosen.id)
         names = fate[traced.index]
         known = truth(sequence)
-        error = _true_errors(sequence, known, traced.found, frame)
         # False where the truth is not known: without truth, and on outlines before the sky.
         wrong = error > RIGHT
         everywhere = np.zeros(len(fate), np.bool_)
@@ -117,12 +131,12 @@ class MatchingPanel(Panel):
             "; rings: kept, but wrong" if known is not None else ""
         )
         picture = fates_picture(stereo(sequence, frame)[0], traced, fate, wrong, words)
-        left = fates_chart(fate, None if known is None else everywhere)
+        chart, (left, right) = figure(CHART_HEIGHT, 2)
+        fates_chart(left, fate, None if known is None else everywhere)
         if known is None:
-            right = depths_chart(sequence.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2])
+            depths_chart(right, sequence.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2])
         else:
-            right = errors_chart(names, error)
-        chart = beside([left, right], CHART_HEIGHT)
+            errors_chart(right, names, error)
         dropped = int(np.count_nonzero((fate != CHOSEN) & (fate != SURPLUS) & (fate != LOST)))
         sentence = (
             f"Of {len(fate)} features of the previous pair {len(names)} are found again; the checks drop "
@@ -148,7 +162,7 @@ def _true_errors(sequence: Sequence, known: Truth | None, matches: StereoMatches
     if known is None:
         return np.full(len(matches), np.nan)
     key = sequence.folder, frame, matches.cur_left.tobytes(), matches.cur_right.tobytes()
-    return _errors.get(key, lambda: true_errors(known, matches, frame))
+    return _errors.get(key, lambda: known.match_errors(matches, frame))
 
 
 def _median(values: Array) -> float:

@@ -15,8 +15,7 @@ from ...core.geometry import decompose_essential
 from ...core.real_roots import DEGREE, real_roots
 from ...core.types import Array, Image
 from ...method.five_point import cubic_constraints, determinant, eliminate, epipolar_rows, null_space
-from .chart import FINE, Chart, put_title, room
-from .style import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr, figure, finish, photo
+from .style import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr, figure, finish, log_axis, photo, room
 
 # Of the polynomial's largest value: smaller values are shown as they are, larger compressed.
 COMPRESSED = 1e-3
@@ -97,50 +96,31 @@ def polynomial_of(x_p: Array, x_c: Array) -> Polynomial:
     return Polynomial(coefficients[:, 0], z, w)
 
 
-def polynomial_chart(polynomial: Polynomial) -> Chart:
+def polynomial_chart(axis: Axes, polynomial: Polynomial) -> None:
     """The polynomial along the directions (z, w) = (cos θ, sin θ), and its real roots."""
     theta = np.linspace(0.0, np.pi, 721)
     order = np.arange(DEGREE + 1)
     values = (
         np.cos(theta)[:, None] ** order[::-1] * np.sin(theta)[:, None] ** order
     ) @ polynomial.coefficients
+    axis.axhline(0.0, color=PALE, linewidth=1)
     height = np.arcsinh(values / (COMPRESSED * np.max(np.abs(values))))
-
-    def put(axis: Axes) -> None:
-        axis.axhline(0.0, color=PALE, linewidth=1)
-        axis.plot(np.degrees(theta), height, color=DARK, linewidth=1)
-        axis.plot(polynomial.angles, np.zeros(len(polynomial.z)), "o", color=BAD, markersize=5)
-        put_title(axis, f"polynomial of degree 10: {len(polynomial.z)} real roots")
-
-    def frame(axis: Axes) -> None:
-        axis.set_xlim(-5, 185)
-        axis.set_ylim(-TOP, TOP)
-        axis.set_xticks([0, 45, 90, 135, 180])
-        axis.set_yticks([])
-        finish(axis, "", "direction of (z, w) [deg]", "det C, compressed")
-
-    return Chart(("polynomial",), put, frame)
+    axis.plot(np.degrees(theta), height, color=DARK, linewidth=1)
+    axis.plot(polynomial.angles, np.zeros(len(polynomial.z)), "o", color=BAD, markersize=5)
+    axis.set(xlim=(-5, 185), ylim=(-TOP, TOP), xticks=(0, 45, 90, 135, 180), yticks=())
+    title = f"polynomial of degree 10: {len(polynomial.z)} real roots"
+    finish(axis, title, "direction of (z, w) [deg]", "det C, compressed")
 
 
-def errors_chart(errors: Array, winner: float) -> Chart:
+def errors_chart(axis: Axes, errors: Array, winner: float) -> None:
     """Histogram of rotation errors, degrees, on a logarithmic axis, and the error of the winner."""
     edges = np.logspace(-3, 2, 41)
     counts = np.histogram(np.clip(errors, edges[0], edges[-1]), edges)[0]
-    top = room(1.05 * float(counts.max()), steps=FINE, least=1.0)
-
-    def put(axis: Axes) -> None:
-        axis.stairs(counts, edges, fill=True, color=GOOD)
-        axis.axvline(max(winner, edges[0]), color=BAD, linewidth=2)
-
-    def frame(axis: Axes) -> None:
-        axis.set_xscale("log")
-        axis.set_xlim(edges[0], edges[-1])
-        axis.set_xticks([0.001, 0.01, 0.1, 1, 10, 100], ["0.001", "0.01", "0.1", "1", "10", "100"])
-        axis.minorticks_off()
-        axis.set_ylim(0, top)
-        finish(axis, "each set's best solution (line: consensus winner)", "rotation error [deg]", "sets")
-
-    return Chart(("set errors", top), put, frame)
+    axis.stairs(counts, edges, fill=True, color=GOOD)
+    axis.axvline(max(winner, edges[0]), color=BAD, linewidth=2)
+    log_axis(axis.xaxis, edges[0], edges[-1])
+    axis.set_ylim(0, room(1.05 * float(counts.max()), least=1.0))
+    finish(axis, "each set's best solution (line: consensus winner)", "rotation error [deg]", "sets")
 
 
 class TwoViewMotion(NamedTuple):

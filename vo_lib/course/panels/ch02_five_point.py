@@ -28,10 +28,9 @@ from .ch02_figures import (
     polynomial_chart,
     polynomial_of,
 )
-from .chart import beside
 from .controls import Control
 from .data import Memory, Points, frame_points, stereo
-from .style import BAD, CYCLE, PALE, THIRD, WIDTH, Fact, caption, photo, stack
+from .style import BAD, CYCLE, PALE, THIRD, WIDTH, Fact, caption, figure, photo, stack
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
 FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
@@ -145,7 +144,9 @@ class FivePointPanel(Panel):
         spread = _errors.get((*key, view.sets), lambda: set_errors(points, R_true, view.sets, camera.f))
         match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
         picture = self._picture(state, points, chosen, match, E[shown])
-        charts = [polynomial_chart(polynomial_of(x_p, x_c)), errors_chart(spread.errors, spread.winner)]
+        charts, (left, right) = figure(CHART_HEIGHT, 2)
+        polynomial_chart(left, polynomial_of(x_p, x_c))
+        errors_chart(right, spread.errors, spread.winner)
         line = epipolar_line(E[shown], points.x_p[match], camera)
         distance = abs(float(line @ [*_pixel(points.x_c[match], camera), 1.0]))
         error = float(rotation_errors(E[shown][None], R_true)[0])
@@ -163,7 +164,7 @@ class FivePointPanel(Panel):
             Fact("median error of a set", float(np.median(spread.errors)), "°", 3),
             Fact("error of the consensus winner", spread.winner, "°", 3),
         )
-        return Drawing(stack([picture, beside(charts, CHART_HEIGHT)], self.height), sentence, facts)
+        return Drawing(stack([picture, charts], self.height), sentence, facts)
 
     def _five(self, view: FivePointView, count: int) -> NDArray[np.intp]:
         """Indices of the five matches, typed or drawn."""

@@ -28,7 +28,7 @@ from ...method.selection import nearest_to_prior, truncated_errors
 from .base import Drawing, Panel, State
 from .ch02_figures import draw_flow
 from .ch02_five_point import reference_rotation, rotation_errors
-from .ch03_figures import Field, errors_figure, field_picture
+from .ch03_figures import Field, errors_figure, field_figure
 from .controls import Control
 from .data import Memory, Points, frame_points, stereo
 from .style import BAD, FIFTH, GOOD, WIDTH, Fact, bgr, caption, photo, stack
@@ -174,7 +174,7 @@ class SelectionPanel(Panel):
                 found.E[winner], points.x_p, points.x_c, points.X_p, selection, sequence.camera.f
             )
             errors.append(float(np.degrees(rotation_angle(R.T @ R_true))))
-        chart = field_picture(field, errors[1], CHART_HEIGHT)
+        chart = field_figure(field, errors[1], CHART_HEIGHT)
         picture = stack([self._picture(state, points, inliers, touched), chart], self.height)
         same = "the same as" if field.selected == field.consensus else "another than"
         sentence = (

@@ -11,10 +11,24 @@ from matplotlib.patches import Ellipse
 from ...core.matches import StereoMatches
 from ...core.types import Array, Image
 from .ch02_figures import draw_flow
-from .chart import Chart, boxed_legend, millimetres_from_above, room
-from .style import BAD, DARK, FIFTH, FONT_SIZE, GOOD, PALE, WIDTH, caption, figure, finish, photo
+from .style import (
+    BAD,
+    COARSE,
+    DARK,
+    FIFTH,
+    FONT_SIZE,
+    GOOD,
+    PALE,
+    WIDTH,
+    caption,
+    figure,
+    finish,
+    log_axis,
+    photo,
+    room,
+)
 
-DEPTHS = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # metres, of the ticks
+DEPTHS = 2.0, 200.0  # metres shown
 LEAST, MOST = 0.01, 100.0  # pixels shown of a residual
 MILLI = 1e3
 
@@ -33,44 +47,26 @@ def features_picture(image: Image, matches: StereoMatches, weight: Array, words:
     return caption(photo(picture, WIDTH, height), words)
 
 
-def depth_axis(axis: Axes) -> None:
-    """A logarithmic axis of depth with few, plain numbers."""
-    axis.set_xscale("log")
-    axis.set_xlim(DEPTHS[0], DEPTHS[-1])
-    axis.set_xticks(DEPTHS, [f"{depth:g}" for depth in DEPTHS])
-    axis.minorticks_off()
-
-
-def residuals_chart(depth: Array, residual: Array, scale: float, robust: bool) -> Chart:
+def residuals_chart(axis: Axes, depth: Array, residual: Array, scale: float, robust: bool) -> None:
     """Residual of each feature over its depth; the line is where a weight is halved."""
     used = np.isfinite(residual)
     heavy = used & ((residual <= scale) | (not robust))
     shown = np.clip(residual, LEAST, MOST)
+    for chosen, colour, words in ((heavy, GOOD, "counts"), (used & ~heavy, BAD, "weight below ½")):
+        axis.plot(depth[chosen], shown[chosen], ".", color=colour, markersize=4, label=words)
     lowest = np.full(np.count_nonzero(~used), LEAST)
-
-    def put(axis: Axes) -> None:
-        for chosen, colour, words in ((heavy, GOOD, "counts"), (used & ~heavy, BAD, "weight below ½")):
-            axis.plot(depth[chosen], shown[chosen], ".", color=colour, markersize=4, label=words)
-        axis.plot(depth[~used], lowest, "|", color=PALE, markersize=8, label="not used")
-        if robust:
-            axis.axhline(scale, color=DARK, linewidth=1, linestyle=":")
-
-    return Chart(("residuals",), put, _residual_axis)
-
-
-def _residual_axis(axis: Axes) -> None:
-    depth_axis(axis)
-    axis.set_yscale("log")
-    axis.set_ylim(0.8 * LEAST, MOST)
-    axis.set_yticks([0.01, 0.1, 1, 10, 100], ["0.01", "0.1", "1", "10", "100"])
-    axis.minorticks_off()
-    finish(axis, "what each feature leaves of its eight rows", "depth [m]", "residual [px]")
-    boxed_legend(axis, "upper left")
+    axis.plot(depth[~used], lowest, "|", color=PALE, markersize=8, label="not used")
+    if robust:
+        axis.axhline(scale, color=DARK, linewidth=1, linestyle=":")
+    log_axis(axis.xaxis, *DEPTHS, COARSE)
+    log_axis(axis.yaxis, 0.8 * LEAST, MOST)
+    title = "what each feature leaves of its eight rows"
+    finish(axis, title, "depth [m]", "residual [px]", "upper left", boxed=True)
 
 
 def ellipse_chart(
-    each: Array, weight: Array, t: Array, covariance: Array, t_reference: Array, reference: str
-) -> Chart:
+    axis: Axes, each: Array, weight: Array, t: Array, covariance: Array, t_reference: Array, reference: str
+) -> None:
     """Errors of t_cp in the x-z plane, millimetres: each feature alone, and all together with its ellipse.
 
     Parameters
@@ -81,23 +77,32 @@ def ellipse_chart(
     dots, middle = (MILLI * (v - t_reference)[..., [0, 2]] for v in (each, t))
     axes, directions = np.linalg.eigh(MILLI**2 * covariance[np.ix_([0, 2], [0, 2])])
     lengths = 4.0 * np.sqrt(np.maximum(axes, 0.0))
-    half = room(1.3 * (float(np.abs(middle).max()) + 0.5 * float(lengths.max())), least=0.5)
     light = ~(weight >= 0.5)
+    for chosen, colour in ((light, PALE), (~light, GOOD)):
+        axis.plot(*dots[chosen].T, ".", color=colour, markersize=2.5)
     angle = float(np.degrees(np.arctan2(directions[1, 1], directions[0, 1])))
+    inside = (*to_rgb(FIFTH), 0.35)
+    size = float(lengths[1]), float(lengths[0])
+    axis.add_patch(Ellipse(tuple(middle.tolist()), *size, angle=angle, facecolor=inside, edgecolor=DARK))
+    axis.plot(*middle, "o", color=FIFTH, markeredgecolor=DARK, markersize=6, label="all together, 2σ")
+    mark_reference(axis, reference)
+    half = room(1.3 * (float(np.abs(middle).max()) + 0.5 * float(lengths.max())), steps=COARSE, least=0.5)
+    millimetres_from_above(axis, half, "error of the translation, from above")
 
-    def put(axis: Axes) -> None:
-        for chosen, colour in ((light, PALE), (~light, GOOD)):
-            axis.plot(*dots[chosen].T, ".", color=colour, markersize=2.5)
-        inside = (*to_rgb(FIFTH), 0.35)
-        size = float(lengths[1]), float(lengths[0])
-        axis.add_patch(Ellipse(tuple(middle.tolist()), *size, angle=angle, facecolor=inside, edgecolor=DARK))
-        axis.plot(*middle, "o", color=FIFTH, markeredgecolor=DARK, markersize=6, label="all together, 2σ")
-        axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
 
-    def frame(axis: Axes) -> None:
-        millimetres_from_above(axis, half, "error of the translation, from above")
+def mark_reference(axis: Axes, name: str) -> None:
+    """A cross where the error is none."""
+    axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=name)
 
-    return Chart(("ellipse", half, reference), put, frame)
+
+def millimetres_from_above(axis: Axes, half: float, title: str) -> None:
+    """Limits, ticks, names and a boxed legend for errors of a translation in the x-z plane."""
+    ticks = [-half, -half / 2, 0, half / 2, half]
+    words = [f"{tick:g}".replace("-", "−") for tick in ticks]
+    axis.set_xticks(ticks, words)
+    axis.set_yticks(ticks, words)
+    axis.set(xlim=(-half, half), ylim=(-half, half))
+    finish(axis, title, "x, right [mm]", "z, forward [mm]", "upper left", boxed=True)
 
 
 def spread_figure(depth: Array, error: Array, height: int = 260) -> Figure:
@@ -115,7 +120,7 @@ def spread_figure(depth: Array, error: Array, height: int = 260) -> Figure:
     factor = np.median(error[near] / depth[near] ** 2) if near.any() else 1e-4
     line = np.array([4.0, 150.0])
     axis.plot(line, MILLI * factor * line**2, color=BAD, linewidth=1.5, label="grows with Z²")
-    depth_axis(axis)
+    log_axis(axis.xaxis, *DEPTHS, COARSE)
     axis.set_yscale("log")
     axis.minorticks_off()
     finish(axis, "how wrong one feature is", "depth Z [m]", "error of t [mm]")

@@ -19,10 +19,9 @@ from ...data.sequence import Sequence
 from .base import Drawing, Panel, State
 from .ch02_five_point import reference_rotation
 from .ch04_figures import MILLI, ellipse_chart, features_picture, residuals_chart
-from .chart import beside
 from .controls import Control
 from .data import Points, frame_points, stereo, truth
-from .style import Fact, stack
+from .style import Fact, figure, stack
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 GROUPS = 10  # of features that are solved apart, to see how the answers scatter
@@ -124,10 +123,9 @@ class TranslationPanel(Panel):
         if robust:
             weight[used] = 1.0 / (1.0 + (residual[used] / config.scale) ** 2)
         C = covariance(camera, matches, R, config)
-        charts = [
-            residuals_chart(points.X_p[:, 2], residual, config.scale, robust),
-            ellipse_chart(alone(camera, matches, R), weight, t, C, reference, words),
-        ]
+        chart, (left, right) = figure(CHART_HEIGHT, 2, (1.7, 1.0))
+        residuals_chart(left, points.X_p[:, 2], residual, config.scale, robust)
+        ellipse_chart(right, alone(camera, matches, R), weight, t, C, reference, words)
         picture = features_picture(
             stereo(sequence, frame)[0],
             matches,
@@ -153,7 +151,6 @@ class TranslationPanel(Panel):
             Fact("median residual", float(np.median(residual[used])), "px", 2),
             Fact("weight below ½", int(np.count_nonzero(weight < 0.5))),
         )
-        chart = beside(charts, CHART_HEIGHT, (1.7, 1.0))
         return Drawing(stack([picture, chart], self.height), sentence, facts)
 
 

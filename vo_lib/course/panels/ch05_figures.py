@@ -5,9 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, NullLocator
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ...core.boxes import Boxes
@@ -17,13 +16,28 @@ from ...detection.yolo import Candidates
 from ...detection.yolo_layout import STRIDES, Letterbox, place
 from ...tables.plots import match_image
 from .ch02_figures import draw_flow
-from .chart import Chart, millimetres_from_above, room
-from .style import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD, WIDTH, bgr, caption, figure, finish, photo
+from .ch04_figures import mark_reference, millimetres_from_above
+from .style import (
+    BAD,
+    COARSE,
+    CYCLE,
+    DARK,
+    FIFTH,
+    GOOD,
+    PALE,
+    THIRD,
+    WIDTH,
+    bgr,
+    caption,
+    figure,
+    finish,
+    log_axis,
+    photo,
+    room,
+)
 
-MILLI = 1e3
 MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST = 0.05  # mm shown of an error
-TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)  # mm
 DOTS = (PALE, 9.0), (GOOD, 6.0)  # with all features, with those kept: colour, size in points
 
 
@@ -100,20 +114,16 @@ def filter_picture(
     return caption(photo(match_image(image, matches, keep, boxes, state, scores), WIDTH, height), words)
 
 
-def errors_chart(errors: dict[str, Array], reference: str, title: str) -> Chart:
+def errors_chart(axis: Axes, errors: dict[str, Array], reference: str, title: str) -> None:
     """Distances (3,) of t_cp from the reference, from above, millimetres, by name.
 
     The first is pale and large, the second blue.
     """
-    half = room(1.2 * max(float(np.abs(error[[0, 2]]).max()) for error in errors.values()), least=1)
-
-    def put(axis: Axes) -> None:
-        axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
-        for (name, error), (colour, size) in zip(errors.items(), DOTS, strict=True):
-            axis.plot(*error[[0, 2]], "o", color=colour, markeredgecolor=DARK, markersize=size, label=name)
-
-    names = reference, title, tuple(errors)
-    return Chart(("translations", half, *names), put, lambda axis: millimetres_from_above(axis, half, title))
+    mark_reference(axis, reference)
+    for (name, error), (colour, size) in zip(errors.items(), DOTS, strict=True):
+        axis.plot(*error[[0, 2]], "o", color=colour, markeredgecolor=DARK, markersize=size, label=name)
+    largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
+    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title)
 
 
 def rules_figure(errors: dict[str, Array], first: int, height: int = 290) -> Figure:
@@ -127,20 +137,9 @@ def rules_figure(errors: dict[str, Array], first: int, height: int = 290) -> Fig
         right.plot(np.sort(shown), share, color=colour, linewidth=1.5, label=words)
     every = np.clip(np.concatenate(list(errors.values())), LEAST, None)
     low, high = float(every.min()) / 1.2, float(every.max()) * 1.2
-    left.set_yscale("log")
-    left.set_ylim(low, high)
-    right.set_xscale("log")
-    right.set_xlim(low, high)
-    _plain_axis(left.yaxis, low, high)
-    _plain_axis(right.xaxis, low, high)
+    log_axis(left.yaxis, low, high, COARSE)
+    log_axis(right.xaxis, low, high, COARSE)
     left.xaxis.set_major_locator(MaxNLocator(integer=True))
     finish(left, "error of the translation by frame", "frame", "error of t [mm]")
     finish(right, "frames with a smaller error", "error of t [mm]", "share of the frames")
     return made
-
-
-def _plain_axis(axis: Axis, low: float, high: float) -> None:
-    """Few, plain numbers on a logarithmic axis."""
-    ticks = [tick for tick in TICKS if low <= tick <= high]
-    axis.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-    axis.set_minor_locator(NullLocator())

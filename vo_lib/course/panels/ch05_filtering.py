@@ -21,10 +21,11 @@ from ...detection.yolo import Candidates, YoloDetector, find_model
 from ...detection.yolo_layout import STRIDES, Float32
 from ...method.boxes import vehicles
 from .base import Drawing, Panel, State
-from .ch05_figures import MILLI, candidates_picture, errors_chart, filter_picture, rules_figure
+from .ch04_figures import MILLI
+from .ch05_figures import candidates_picture, errors_chart, filter_picture, rules_figure
 from .controls import Control
 from .data import Memory, frame_matches, stereo, truth
-from .style import WIDTH, Fact, caption, photo, stack
+from .style import WIDTH, Fact, caption, figure, photo, raster, stack
 
 PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
 HISTORY = 4  # frames before the one shown from which the rule `moving` knows its boxes
@@ -228,8 +229,10 @@ class FilteringPanel(Panel):
                 Fact("on moving things, kept", int(np.count_nonzero(moving & result.keep))),
                 Fact("on standing things, removed", int(np.count_nonzero(~moving & ~result.keep))),
             ]
-        chart = errors_chart(errors, words, title).picture(CHART_HEIGHT, WIDTH - NET_WIDTH)
-        return Drawing(stack([picture, np.hstack([network, chart])], self.height), sentence, tuple(facts))
+        chart, (axis,) = figure(CHART_HEIGHT, width=WIDTH - NET_WIDTH)
+        errors_chart(axis, errors, words, title)
+        below = np.hstack([network, raster(chart)])
+        return Drawing(stack([picture, below], self.height), sentence, tuple(facts))
 
     def work(self, state: State, progress: Progress) -> Drawing:
         """The errors by rule over the next frames."""

@@ -17,11 +17,10 @@ from ...evaluation.ate_rpe import Alignment, absolute_error, align, relative_err
 from ...evaluation.kitti import KittiErrors, kitti_errors, suitable_measure
 from ..made_up import made_up
 from .base import Drawing, Panel, State
-from .ch06_figures import PER_100_M, PER_CENT, drift_chart, length_chart, note_chart, paths_chart
+from .ch06_figures import PER_100_M, PER_CENT, drift_chart, length_chart, paths_chart
 from .ch06_trajectories import known_run, method_poses, read_own
-from .chart import beside
 from .controls import CELL_WIDTH, Control
-from .style import Fact, stack
+from .style import Fact, figure, say, stack
 
 MADE_UP, OWN = "made-up errors", "a file of your own"
 PATH_HEIGHT, CHART_HEIGHT = 330, 220
@@ -75,7 +74,8 @@ class EvaluationPanel(Panel):
         truth = _truth(state.sequence)
         estimate = self._estimate(state, truth)
         if estimate is None:
-            path = paths_chart(truth, None, state.sequence.name).picture(PATH_HEIGHT)
+            path, (axis,) = figure(PATH_HEIGHT)
+            paths_chart(axis, truth, None, state.sequence.name)
             sentence = (
                 "Type the path of the file below the controls."
                 if state.view.estimate == OWN
@@ -130,20 +130,20 @@ class EvaluationPanel(Panel):
         ate = rmse(absolute_error(truth, estimate, Alignment(view.alignment)).distance)
         rpe = relative_error(truth, estimate)
         shown = None if part is None else (int(part.first[0]), int(part.last[0]))
-        title = f"{state.sequence.name}, alignment {view.alignment}"
-        whole = paths_chart(truth, aligned, title, shown)
-        piece = (
-            note_chart(f"from frame {frame} on the path is too short")
-            if shown is None
-            else drift_chart(truth, estimate, *shown)
-        )
+        paths, (whole, piece) = figure(PATH_HEIGHT, 2)
+        paths_chart(whole, truth, aligned, f"{state.sequence.name}, alignment {view.alignment}", shown)
+        if shown is None:
+            say(piece, f"from frame {frame} on the path is too short")
+        else:
+            drift_chart(piece, truth, estimate, *shown)
         others = {
             name: kitti_errors(truth, poses, lengths, view.step)
             for name in METHODS
             if name != view.estimate and (poses := known_run(state.sequence, name)) is not None
         }
-        by_length = [length_chart(errors, others, rotation) for rotation in (False, True)]
-        pictures = [beside([whole, piece], PATH_HEIGHT), beside(by_length, CHART_HEIGHT)]
+        by_length, axes = figure(CHART_HEIGHT, 2)
+        for axis, rotation in zip(axes, (False, True), strict=True):
+            length_chart(axis, errors, others, rotation)
         facts = (
             Fact("TE", _number(errors.te), "%", 3),
             Fact("RE", _number(errors.re), "deg/100 m", 3),
@@ -154,7 +154,7 @@ class EvaluationPanel(Panel):
             Fact("RPE", MILLI * _number(rmse(rpe.translation)), "mm", 2),
             Fact("scale", scale, "", 4),
         )
-        return Drawing(stack(pictures, self.height), _sentence(truth, errors, part), facts)
+        return Drawing(stack([paths, by_length], self.height), _sentence(errors, part), facts)
 
 
 def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors | None:
@@ -166,7 +166,7 @@ def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], firs
     return replace(longest, first=longest.first + first, last=longest.last + first)
 
 
-def _sentence(truth: Array, errors: KittiErrors, part: KittiErrors | None) -> str:
+def _sentence(errors: KittiErrors, part: KittiErrors | None) -> str:
     if part is None:
         return "No sub-sequence of these lengths starts here: choose an earlier frame, or shorter lengths."
     metres = float(part.t_err[0] * part.length[0])

@@ -11,16 +11,28 @@ from matplotlib.figure import Figure
 from ...core.types import Array
 from ...evaluation.ate_rpe import AbsoluteError
 from ...evaluation.kitti import KITTI_LENGTHS, KittiErrors, trajectory_distances
-from .chart import FINE, Chart, put_title, room
-from .style import BAD, CYCLE, DARK, FIFTH, FONT_SIZE, GOOD, PALE, THIRD, Place, figure, finish
+from .style import (
+    BAD,
+    CYCLE,
+    DARK,
+    FIFTH,
+    FONT_SIZE,
+    GOOD,
+    PALE,
+    THIRD,
+    Place,
+    figure,
+    finish,
+    room,
+)
 
 PER_CENT, PER_100_M = 100.0, 100.0 * 180.0 / np.pi  # of KittiErrors.t_err and .r_err
 TENTHS = tuple(n / 10 for n in range(10, 100))  # of a length, for a limit not far beyond it
 
 
 def paths_chart(
-    truth: Array, estimate: Array | None, title: str, part: tuple[int, int] | None = None
-) -> Chart:
+    axis: Axes, truth: Array, estimate: Array | None, title: str, part: tuple[int, int] | None = None
+) -> None:
     """Truth and estimate from above; `part`, first and last frame, is marked on the truth."""
     paths = {"truth": (truth, DARK, 2.5)}
     if part is not None:
@@ -28,26 +40,18 @@ def paths_chart(
     if estimate is not None:
         paths["estimate"] = (estimate, GOOD, 1.5)
     places = [poses[:, [0, 2], 3] for poses, _, _ in paths.values()]
+    for (name, (_, colour, width)), place in zip(paths.items(), places, strict=True):
+        alpha = 0.7 if name == "sub-sequence" else 1.0
+        axis.plot(*place.T, color=colour, linewidth=width, alpha=alpha, label=name)
+    axis.plot(*places[0][0], "o", color=DARK, markersize=5)
     middle = (places[0].min(axis=0) + places[0].max(axis=0)) / 2
     reach = np.abs(np.concatenate(places) - middle).max(axis=0)
-    half_x, half_z = (room(1.08 * each, steps=FINE, least=1.0) for each in reach.tolist())
-
-    def put(axis: Axes) -> None:
-        for (name, (_, colour, width)), place in zip(paths.items(), places, strict=True):
-            alpha = 0.7 if name == "sub-sequence" else 1.0
-            axis.plot(*place.T, color=colour, linewidth=width, alpha=alpha, label=name)
-        axis.plot(*places[0][0], "o", color=DARK, markersize=5)
-        put_title(axis, title)
-
-    def frame(axis: Axes) -> None:
-        box = axis.get_window_extent()
-        scale = max(half_x / box.width, half_z / box.height)  # the same for both axes
-        axis.set_xlim(middle[0] - scale * box.width, middle[0] + scale * box.width)
-        axis.set_ylim(middle[1] - scale * box.height, middle[1] + scale * box.height)
-        place = _empty_place((places[0] - middle) / (scale * box.width, scale * box.height))
-        finish(axis, "", "x, right [m]", "z, forward [m]", place)
-
-    return Chart(("paths", *paths, *middle.tolist(), half_x, half_z), put, frame)
+    box = axis.get_window_extent()
+    size = np.array([box.width, box.height])
+    half = size * max(room(1.08 * far, least=1.0) / wide for far, wide in zip(reach, size, strict=True))
+    (x, z), (half_x, half_z) = middle, half  # the same scale along both
+    axis.set(xlim=(x - half_x, x + half_x), ylim=(z - half_z, z + half_z))
+    finish(axis, title, "x, right [m]", "z, forward [m]", _empty_place((places[0] - middle) / half))
 
 
 def _empty_place(places: Array) -> Place:
@@ -59,10 +63,15 @@ def _empty_place(places: Array) -> Place:
     return max(free, key=lambda each: float(np.linalg.norm(places - free[each], axis=1).min()))
 
 
+def _at_start(truth: Array, estimate: Array, first: int, last: int) -> tuple[Array, Array]:
+    """A sub-sequence of the truth, and of the estimate moved so that both start at the same pose."""
+    moved = truth[first] @ np.linalg.inv(estimate[first]) @ estimate[first : last + 1]
+    return truth[first : last + 1], moved
+
+
 def draw_part(axis: Axes, truth: Array, estimate: Array, first: int, last: int) -> None:
     """A sub-sequence: the estimate moved so that both start at the same pose; what is left is the error."""
-    moved = truth[first] @ np.linalg.inv(estimate[first]) @ estimate[first : last + 1]
-    piece = truth[first : last + 1]
+    piece, moved = _at_start(truth, estimate, first, last)
     axis.plot(piece[:, 0, 3], piece[:, 2, 3], color=FIFTH, linewidth=5, alpha=0.7, label="truth")
     axis.plot(moved[:, 0, 3], moved[:, 2, 3], color=GOOD, linewidth=1.5, label="estimate, moved")
     ends = np.stack([piece[-1, [0, 2], 3], moved[-1, [0, 2], 3]])
@@ -71,73 +80,57 @@ def draw_part(axis: Axes, truth: Array, estimate: Array, first: int, last: int) 
     for pose, colour in ((piece[-1], FIFTH), (moved[-1], GOOD)):
         tip = pose[[0, 2], 3] + size * pose[[0, 2], 2]
         axis.plot(*tip, alpha=0)  # annotations alone do not widen the axes
-        axis.annotate(
-            "", tip, pose[[0, 2], 3], arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
-        )
+        arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
+        axis.annotate("", tip, pose[[0, 2], 3], arrowprops=arrow)
     axis.plot(*piece[0, [0, 2], 3], "o", color=DARK, markersize=5)
     axis.set_aspect("equal", adjustable="datalim")
     finish(axis, f"frames {first} to {last}, starts made equal", "x, right [m]", "z, forward [m]")
 
 
-def drift_chart(truth: Array, estimate: Array, first: int, last: int) -> Chart:
+def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int) -> None:
     """How the error grows along a sub-sequence whose starts are made equal, in the axes of its start."""
-    moved = truth[first] @ np.linalg.inv(estimate[first]) @ estimate[first : last + 1]
-    piece = truth[first : last + 1]
+    piece, moved = _at_start(truth, estimate, first, last)
     error = (moved[:, :3, 3] - piece[:, :3, 3]) @ truth[first, :3, :3]
-    way = trajectory_distances(piece)
-    curves = {
-        "distance": (np.linalg.norm(error, axis=1), BAD),
-        "to the right": (error[:, 0], GOOD),
-        "ahead": (error[:, 2], THIRD),
-    }
+    way, distance = trajectory_distances(piece), np.linalg.norm(error, axis=1)
+    axis.axhline(0, color=PALE, linewidth=1)
+    for values, colour, words in (
+        (distance, BAD, "distance"),
+        (error[:, 0], GOOD, "to the right"),
+        (error[:, 2], THIRD, "ahead"),
+    ):
+        axis.plot(way, values, color=colour, linewidth=1.5, label=words)
     far = room(1.02 * float(way[-1]), steps=TENTHS)
-    high = room(1.05 * float(curves["distance"][0].max()), steps=FINE, least=0.001)
-    low = max(room(-1.05 * float(error.min()), steps=FINE), 0.05 * high)
-
-    def put(axis: Axes) -> None:
-        axis.axhline(0, color=PALE, linewidth=1)
-        for name, (values, colour) in curves.items():
-            axis.plot(way, values, color=colour, linewidth=1.5, label=name)
-        put_title(axis, f"frames {first} to {last}, starts made equal: error")
-
-    def frame(axis: Axes) -> None:
-        axis.set_xlim(-0.03 * far, far)
-        axis.set_ylim(-low, high)
-        finish(axis, "", "way along the path [m]", "error [m]", "upper left")
-
-    return Chart(("drift", far, low, high), put, frame)
+    high = room(1.05 * float(distance.max()), least=0.001)
+    axis.set_xlim(-0.03 * far, far)
+    axis.set_ylim(-max(room(-1.05 * float(error.min())), 0.05 * high), high)
+    title = f"frames {first} to {last}, starts made equal: error"
+    finish(axis, title, "way along the path [m]", "error [m]", "upper left")
 
 
-def length_chart(errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool = False) -> Chart:
+def length_chart(
+    axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool = False
+) -> None:
     """Each sub-sequence as a dot over its length, the mean of each length as a line."""
     factor, values = (PER_100_M, errors.r_err) if rotation else (PER_CENT, errors.t_err)
     lengths = np.unique(errors.length)
     apart = np.min(np.diff(lengths), initial=lengths[0] if len(lengths) else 1.0)
     spread = 0.3 * apart * (np.random.default_rng(0).random(len(errors)) - 0.5)
-    means = {name: _means(each, rotation) for name, each in {"": errors, **others}.items()}
-    every = np.concatenate([factor * values, *(te for _, te in means.values())])
-    top = room(1.05 * float(np.max(every, initial=0.0)), steps=FINE, least=1e-3)
-
-    def put(axis: Axes) -> None:
-        axis.plot(errors.length + spread, factor * values, ".", color=PALE, markersize=3)
-        for (name, (places, mean)), colour in zip(means.items(), (GOOD, *CYCLE[1:]), strict=False):
-            width, size = (1.2, 3) if name else (2.0, 6)
-            label = name or None
-            axis.plot(places, mean, "-o", color=colour, linewidth=width, markersize=size, label=label)
-        if len(errors) == 0:
-            axis.text(0.5, 0.5, "no sub-sequence is so long", ha="center", transform=axis.transAxes)
-
-    def frame(axis: Axes) -> None:
-        if len(lengths):
-            axis.set_xlim(lengths[0] - 0.2 * apart, lengths[-1] + 0.2 * apart)
-        if 0 < len(lengths) <= 4:
-            axis.set_xticks(lengths)
-        axis.set_ylim(0, top)
-        unit = "RE [deg/100 m]" if rotation else "TE [%]"
-        title = f"{'rotation' if rotation else 'translation'} error by length"
-        finish(axis, title, "length [m]", unit, "lower right")
-
-    return Chart(("by length", rotation, *lengths.tolist(), top, *others), put, frame)
+    axis.plot(errors.length + spread, factor * values, ".", color=PALE, markersize=3)
+    highest = factor * float(np.max(values, initial=0.0))
+    for (name, each), colour in zip({"": errors, **others}.items(), (GOOD, *CYCLE[1:]), strict=False):
+        places, mean = _means(each, rotation)
+        width, size = (1.2, 3) if name else (2.0, 6)
+        axis.plot(places, mean, "-o", color=colour, linewidth=width, markersize=size, label=name or None)
+        highest = float(np.max(mean, initial=highest))
+    axis.set_ylim(0, room(1.05 * highest, least=1e-3))
+    if len(lengths):
+        axis.set_xlim(lengths[0] - 0.2 * apart, lengths[-1] + 0.2 * apart)
+    else:
+        axis.text(0.5, 0.5, "no sub-sequence is so long", ha="center", transform=axis.transAxes)
+    if 0 < len(lengths) <= 4:
+        axis.set_xticks(lengths)
+    kind, unit = ("rotation", "RE [deg/100 m]") if rotation else ("translation", "TE [%]")
+    finish(axis, f"{kind} error by length", "length [m]", unit, "lower right")
 
 
 def _means(errors: KittiErrors, rotation: bool) -> tuple[Array, Array]:
@@ -147,27 +140,18 @@ def _means(errors: KittiErrors, rotation: bool) -> tuple[Array, Array]:
     return places, np.array([part.re if rotation else part.te for part in each], float)
 
 
-def note_chart(words: str) -> Chart:
-    """Words in place of a chart."""
-
-    def put(axis: Axes) -> None:
-        axis.text(0.5, 0.5, words, ha="center", transform=axis.transAxes)
-
-    return Chart(("note",), put, Axes.set_axis_off)
-
-
 def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) -> Figure:
     """Truth and estimate of several paths side by side, by title."""
     made, axes = figure(height, len(pairs))
     for axis, (title, (truth, estimate)) in zip(axes, pairs.items(), strict=True):
-        paths_chart(truth, estimate, title).draw(axis)
+        paths_chart(axis, truth, estimate, title)
     return made
 
 
 def part_figure(truth: Array, estimate: Array, first: int, last: int, height: int = 300) -> Figure:
     """The whole path with a sub-sequence marked, and the sub-sequence by itself."""
     made, (whole, part) = figure(height, 2)
-    paths_chart(truth, estimate, "the whole path", (first, last)).draw(whole)
+    paths_chart(whole, truth, estimate, "the whole path", (first, last))
     draw_part(part, truth, estimate, first, last)
     return made
 

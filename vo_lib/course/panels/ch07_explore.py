@@ -19,11 +19,10 @@ from ...evaluation.kitti import SHORT_MEASURE, kitti_errors
 from ...runs.match_cache import CachedMatches
 from ...runs.runner import TimedMatches, run_methods
 from .base import Drawing, Panel, State
-from .ch07_figures import methods_chart, steps_picture
-from .chart import beside
+from .ch07_figures import methods_chart, steps_figure
 from .controls import Control
 from .data import Memory, opened
-from .style import Fact, stack
+from .style import Fact, figure, stack
 
 FRAMES, SEEDS = 40, 3
 PATIENCE = 0.6  # seconds that a run may take without a bar
@@ -69,8 +68,10 @@ class ExplorePanel(Panel):
         }
         rpe = {name: relative_error(truth, poses) for name, poses in estimates.items()}
         words = ", ".join(f"{name} = {_short(value)}" for name, value in changed.items()) or "nothing changed"
-        steps = steps_picture(rpe, state.frame, method, STEPS_HEIGHT)
-        dots = [methods_chart(_known_errors(sequence, changed, kind), kind) for kind in (False, True)]
+        steps = steps_figure(rpe, state.frame, method, STEPS_HEIGHT)
+        dots, axes = figure(DOTS_HEIGHT, 2)
+        for axis, rotation in zip(axes, (False, True), strict=True):
+            methods_chart(axis, _known_errors(sequence, changed, rotation), rotation)
         te, re = errors_of(truth, estimates["with these settings"])
         te_preset, re_preset = errors_of(truth, estimates["preset"])
         here, at = rpe["with these settings"], min(state.frame, len(sequence) - 1) - 1
@@ -87,7 +88,7 @@ class ExplorePanel(Panel):
             f"{method}, seed 0, {len(sequence)} frames; TE and RE over {SHORT_MEASURE.words}, as far as it "
             f"goes. Changed: {words}. Below: grey is the preset; methods not drawn have not been run."
         )
-        return Drawing(stack([steps, beside(dots, DOTS_HEIGHT)], self.height), sentence, facts)
+        return Drawing(stack([steps, dots], self.height), sentence, facts)
 
     def work(self, state: State, progress: Progress) -> Drawing:
         changed = changes(self.start, state.config, tuple(self.knobs))

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core.types import Array, Image
+from ...core.types import Array
 from ...data.sequence import KITTI
 from ...evaluation.ate_rpe import RelativeError
 from ...tables.entries import Entry, group_entries
@@ -17,8 +17,7 @@ from ...tables.paper import PaperTable, read_paper_table
 from ...tables.plots import METHOD_MARKERS, TRUTH_COLOUR, draw_trajectories, method_colour
 from ...tables.report import ReportTable
 from ...tables.table1 import layout_table, method_table, paper_table
-from .chart import FINE, Chart, beside, put_title, room
-from .style import DARK, FONT_SIZE, PALE, figure, finish
+from .style import DARK, FONT_SIZE, PALE, figure, finish, room
 
 HALF = 0.36  # of the distance between two sequences: the methods stand side by side within it
 
@@ -108,56 +107,40 @@ def plan_figure(truth: Array, frame: int, title: str, words: str, height: int) -
     return made
 
 
-def steps_picture(errors: Mapping[str, RelativeError], frame: int, method: str, height: int = 240) -> Image:
+def steps_figure(errors: Mapping[str, RelativeError], frame: int, method: str, height: int = 240) -> Figure:
     """Rotation and translation error of each step of several runs of a method, by name."""
+    made, (left, right) = figure(height, 2)
     turns = {name: 1e3 * np.degrees(each.rotation) for name, each in errors.items()}
     millimetres = {name: 1e3 * each.translation for name, each in errors.items()}
-    charts = [
-        steps_chart(turns, frame, f"rotation error of each step, {method}", "0.001 deg"),
-        steps_chart(millimetres, frame, f"translation error of each step, {method}", "mm"),
-    ]
-    return beside(charts, height)
+    steps_chart(left, turns, frame, f"rotation error of each step, {method}", "0.001 deg")
+    steps_chart(right, millimetres, frame, f"translation error of each step, {method}", "mm")
+    return made
 
 
-def steps_chart(errors: Mapping[str, Array], frame: int, title: str, y: str) -> Chart:
+def steps_chart(axis: Axes, errors: Mapping[str, Array], frame: int, title: str, y: str) -> None:
     """Errors of each step, (N - 1,), by name; those of "preset" in grey, below the others."""
-    steps = max(map(len, errors.values()))
+    for name, values in errors.items():
+        colour, width = (PALE, 3.0) if name == "preset" else (TRUTH_COLOUR, 1.2)
+        axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=width, label=name)
+    axis.axvline(frame, ymax=0.8, color=DARK, linewidth=0.8)  # below the legend
+    axis.set_xlim(0, max(map(len, errors.values())) + 1)
     # The legend stands above the highest value.
-    top = room(1.25 * max(float(values.max()) for values in errors.values()), steps=FINE, least=1e-3)
-
-    def put(axis: Axes) -> None:
-        for name, values in errors.items():
-            colour, width = (PALE, 3.0) if name == "preset" else (TRUTH_COLOUR, 1.2)
-            axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=width, label=name)
-        axis.axvline(frame, ymax=0.8, color=DARK, linewidth=0.8)  # below the legend
-        put_title(axis, title)
-
-    def frame_of(axis: Axes) -> None:
-        axis.set_xlim(0, steps + 1)
-        axis.set_ylim(0, top)
-        finish(axis, "", "frame", y, "upper left")
-        axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=False, ncols=len(errors))
-
-    return Chart(("steps", steps, top, y, *errors), put, frame_of)
+    axis.set_ylim(0, room(1.25 * max(float(values.max()) for values in errors.values()), least=1e-3))
+    finish(axis, title, "frame", y)
+    axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=False, ncols=len(errors))
 
 
-def methods_chart(errors: Mapping[str, tuple[Array, Array]], rotation: bool) -> Chart:
+def methods_chart(axis: Axes, errors: Mapping[str, tuple[Array, Array]], rotation: bool) -> None:
     """TE or RE (S,) over seeds by method, each with the preset, grey, and with changed settings."""
+    for number, (method, (preset, changed)) in enumerate(errors.items()):
+        draw_dot(axis, number - 0.15, preset, method, number, hollow=True)
+        draw_dot(axis, number + 0.15, changed, method, number)
+    axis.set_xticks(range(len(errors)), [name.replace("_", "\n") for name in errors])
+    axis.set_xlim(-0.5, len(errors) - 0.5)
     known = np.concatenate([values for pair in errors.values() for values in pair])
-    top = room(1.08 * float(np.max(known, initial=0.0, where=np.isfinite(known))), steps=FINE, least=1e-3)
-
-    def put(axis: Axes) -> None:
-        for number, (method, (preset, changed)) in enumerate(errors.items()):
-            draw_dot(axis, number - 0.15, preset, method, number, hollow=True)
-            draw_dot(axis, number + 0.15, changed, method, number)
-
-    def frame(axis: Axes) -> None:
-        axis.set_xticks(range(len(errors)), [name.replace("_", "\n") for name in errors])
-        axis.set_xlim(-0.5, len(errors) - 0.5)
-        axis.set_ylim(0, top)
-        finish(axis, "", "", _unit(rotation))
-
-    return Chart(("methods", rotation, top, *errors), put, frame)
+    highest = float(np.max(known, initial=0.0, where=np.isfinite(known)))
+    axis.set_ylim(0, room(1.08 * highest, least=1e-3))
+    finish(axis, "", "", _unit(rotation))
 
 
 def table_tables(entries: list[Entry], paper: PaperTable | None = None) -> list[ReportTable]:

@@ -118,7 +118,7 @@ def test_a_disk_that_gets_full_is_one_clear_error_and_leaves_nothing(
 
 
 def test_the_script_explains_itself_and_refuses_nonsense(drawn: Path, tmp_path: Path) -> None:
-    script = Path(__file__).resolve().parents[1] / "data_scripts" / "render_synthetic.py"
+    script = Path(__file__).resolve().parents[2] / "data_scripts" / "render_synthetic.py"
 
     def run(*words: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, str(script), *words]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from vo_lib.core.errors import DataError
 from vo_lib.core.types import Progress
@@ -27,10 +27,9 @@ from vo_lib.course.panels import (
     stack,
 )
 from vo_lib.course.panels.base import OWN_FOLDER
-from vo_lib.course.panels.chart import Chart, boxed_legend, room
 from vo_lib.course.panels.controls import Control
 from vo_lib.course.panels.data import Memory
-from vo_lib.course.panels.style import WIDTH, figure, raster
+from vo_lib.course.panels.style import COARSE, WIDTH, figure, finish, log_axis, raster, room, say
 from vo_lib.data.sequence import Sequence
 
 LONG = 300.0  # seconds that a job may take; a safeguard
@@ -140,43 +139,45 @@ def test_the_rule_truth_needs_a_drawn_scene(bands: Path) -> None:
     assert "needs a drawn scene" in panel.error
 
 
-def line(y: float) -> Chart:
-    """A chart of a line at a height, with bars and a boxed legend."""
-
-    def put(axis: Axes) -> None:
-        axis.plot([0, 1], [y, y], label="a line")
-        axis.bar([0.5], [y / 2])
-
-    def frame(axis: Axes) -> None:
-        axis.set_xlim(0, 1)
-        axis.set_ylim(0, 1)
-        boxed_legend(axis, "upper left")
-
-    return Chart(("a line",), put, frame)
-
-
-def test_a_chart_keeps_its_axes_and_forgets_its_data() -> None:
-    first = line(0.5).picture(120, 200)
-    assert first.shape == (120, 200, 3)
-    assert (line(0.7).picture(120, 200) != first).any()
-    np.testing.assert_array_equal(line(0.5).picture(120, 200), first)
-    np.testing.assert_array_equal(first[:20], line(0.1).picture(120, 200)[:20])
+def chart(seed: int) -> Figure:
+    """Axes of all kinds with data of their own: bars, a line under a boxed legend, an arrow, words alone."""
+    rng = np.random.default_rng(seed)
+    made, (bars, logarithmic, equal, alone) = figure(160, 4)
+    bars.bar([1, 2], rng.uniform(1, 5, 2), label="bars")
+    bars.set(xlim=(0, 3), ylim=(0, 5))
+    finish(bars, f"title {seed}", "x [m]", "y", "upper left", boxed=True)
+    logarithmic.plot(rng.uniform(0, 1, 20), rng.uniform(1, 100, 20))
+    log_axis(logarithmic.yaxis, 0.5, 200.0)
+    finish(logarithmic, "logarithmic")
+    equal.annotate("", (1, 1), (0, seed), arrowprops={"arrowstyle": "-|>"})
+    equal.plot([0, 1, 2], [0, seed, 0])
+    equal.set_aspect("equal", adjustable="datalim")
+    finish(equal, "equal")
+    say(alone, f"words {seed}")
+    return made
 
 
-def test_a_boxed_legend_hides_the_data_below_it() -> None:
-    made, (axis,) = figure(120, width=200)
-    line(0.75).draw(axis)
-    gap = abs(raster(made).astype(int) - line(0.75).picture(120, 200)).max(axis=2)
-    # matplotlib lets a tenth of the line shine through; the ends of the box may be half a pixel off.
-    assert np.count_nonzero(gap > 3) > 50
-    assert np.count_nonzero(gap > 30) < 10
+def test_a_picture_on_kept_axes_is_the_whole_drawing() -> None:
+    for seed in (1, 2, 1):
+        canvas = FigureCanvasAgg(chart(seed))
+        canvas.draw()  # type: ignore[no-untyped-call]
+        whole = np.asarray(canvas.buffer_rgba())[:, :, 2::-1]  # type: ignore[no-untyped-call]
+        np.testing.assert_array_equal(raster(chart(seed)), whole)
+
+
+def test_a_logarithmic_axis_has_plain_numbers() -> None:
+    _, (axis,) = figure(120)
+    log_axis(axis.xaxis, 0.05, 12.0, (1, 2, 5))
+    words = [label.get_text() for label in axis.get_xticklabels()]
+    assert words == ["0.05", "0.1", "0.2", "0.5", "1", "2", "5", "10"]
+    assert len(axis.get_xticks(minor=True)) == 0
 
 
 @pytest.mark.parametrize(
     ("value", "limit"), [(0.3, 0.5), (0.5, 0.5), (5.001, 10), (70, 100), (1000, 1000), (0, 0.01)]
 )
 def test_limits_are_round_numbers(value: float, limit: float) -> None:
-    assert room(value, least=0.01) == pytest.approx(limit)
+    assert room(value, steps=COARSE, least=0.01) == pytest.approx(limit)
 
 
 class Example(Panel):
@@ -192,7 +193,7 @@ class Example(Panel):
         if state.frame == 2:
             raise ValueError("no second frame")
         shade = np.full((40, WIDTH, 3), 10 * state.config.selection.keep, np.uint8)
-        return Drawing(stack([shade]), "a shade", (Fact("keep", state.config.selection.keep),))
+        return Drawing(stack([shade], 40), "a shade", (Fact("keep", state.config.selection.keep),))
 
     def work(self, state: State, progress: Progress) -> Drawing:
         self.started.set()
@@ -246,44 +247,7 @@ def test_a_long_job_can_be_stopped(bands: Path) -> None:
     assert "Stopped" in panel._message.value
 
 
-class AheadPanel(Panel):
-    """Remembers the frames it was told to prepare."""
-
-    controls = (Control("selection.keep"),)
-
-    def __init__(self, sequence: str, frame: int):
-        self.prepared: list[int] = []
-        super().__init__(sequence, frame)
-
-    def draw(self, state: State) -> Drawing:
-        return Drawing(stack([np.zeros((4, WIDTH, 3), np.uint8)], 4), f"frame {state.frame}")
-
-    def next_states(self, state: State) -> list[State]:
-        return [replace(state, frame=frame) for frame in (state.frame + 1, state.frame - 1)]
-
-    def prepare(self, state: State) -> None:
-        self.prepared.append(state.frame)
-        raise DataError("a frame that nobody asked for may fail")
-
-    def pause(self) -> list[int]:
-        self.ahead.wait(LONG)
-        done, self.prepared = self.prepared, []
-        return done
-
-
-def test_a_panel_left_alone_prepares_what_may_come_next(bands: Path) -> None:
-    panel = AheadPanel(str(bands), 3)
-    panel.wait(LONG)
-    assert panel.pause() == [4, 2]
-    for frame in (4, 3, 2):
-        panel.frame.value = frame
-    assert panel.pause() == [3, 1]  # only what follows the last of three quick changes
-    panel.knobs["selection.keep"].widget.value = 3
-    assert panel.pause() == []  # the frame stays
-    assert panel.error == ""
-
-
-def test_the_matching_panel_prepares_the_frames_beside_and_the_other_front_end(
+def test_the_matching_panel_left_alone_prepares_the_frames_beside_and_the_other_front_end(
     bands: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def anew(*_: Any) -> None:
@@ -291,12 +255,11 @@ def test_the_matching_panel_prepares_the_frames_beside_and_the_other_front_end(
 
     panel = MatchingPanel(str(bands), 1)
     panel.wait(LONG)
-    told = [(state.frame, state.config.matching.front_end) for state in panel.next_states(panel.state())]
-    assert told == [(2, "klt"), (1, "blob_corner")]  # there is no frame 0
-    panel.ahead.wait(LONG)
+    panel._ahead.join(LONG)
     monkeypatch.setattr(ch01_trace, "_history", anew)
     panel.frame.value = 2
     assert panel.error == ""
+    panel._ahead.cancel()
     panel.set(frame=1, matching__front_end="blob_corner")
     assert panel.error == ""
     panel.set(frame=2)

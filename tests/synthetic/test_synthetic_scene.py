@@ -232,9 +232,8 @@ def test_right_matches_are_told_from_wrong_ones(truth: Truth) -> None:
     )
     np.testing.assert_array_equal(truth.is_right(matches, 3), np.arange(count) % 3 != 0)
     assert truth.is_right(matches, 3, tol=2.0).all()
-    flow = truth.flow(2, 3, uv)
-    np.testing.assert_allclose(flow[good], left[good] - uv[good])
-    assert np.isnan(flow[~valid]).all()
+    error = truth.match_errors(matches, 3)
+    np.testing.assert_allclose(error, np.linalg.norm(shift, axis=1))
 
 
 def test_boxes_surround_the_visible_vehicle_pixels(folder: Path, truth: Truth) -> None:
