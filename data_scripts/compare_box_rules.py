@@ -49,7 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run what is missing; write and show the table."""
-    methods = parse_methods(options.methods)
+    methods = parse_methods(options.methods, "kit")["kit"]
     seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
     labels = dict(map(parse_labels, options.labels))
     rows: list[list[str]] = []

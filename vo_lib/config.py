@@ -133,9 +133,9 @@ def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
     """
     try:
         changed: AnyConfig = settings.replace(config, name, value)
-    except DataError as error:
+    except DataError:
         if isinstance(config, Config):
             raise
         settings.replace(METHODS["viso2"], name, value)  # no value of the kit's either: says so
-        raise DataError(f"{error}: it is the kit's own, and the variant is `published`") from None
+        raise DataError(f"{name} {value}: the kit's own; `published` is the paper and no more") from None
     return changed

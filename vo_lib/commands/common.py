@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..config import preset
+from ..config import VARIANTS, preset
 from ..core.errors import DataError
 from ..core.poses import FARTHEST
 from ..data.sequence import Sequence, open_sequence
 from ..synthetic import cache_folder
 from .console import reporting
+
+BOTH = "both"
 
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
@@ -43,12 +45,30 @@ def parse_frames(text: str, number: int) -> tuple[int, int]:
         raise DataError(f"--frames {text!r}: expected A:B, two whole numbers") from None
 
 
-def parse_methods(text: str) -> list[str]:
-    """Known method names of a comma-separated list, each once."""
-    methods = text.split(",")
+def add_variant(parser: argparse.ArgumentParser, default: str) -> None:
+    """The option that chooses between the paper as published and the kit's way, or takes both."""
+    choices = [*VARIANTS, *([BOTH] if default == BOTH else [])]
+    text = "the paper as published, or the kit's way with what it adds"
+    parser.add_argument("--variant", choices=choices, default=default, help=f"{text}; default {default}")
+
+
+def chosen_variants(variant: str) -> list[str]:
+    """The variants that an option of `add_variant` names, the paper's first."""
+    return list(VARIANTS) if variant == BOTH else [variant]
+
+
+def parse_methods(text: str | None, variant: str) -> dict[str, list[str]]:
+    """Method names of a comma-separated list by variant, each once; none given: all that a variant has.
+
+    Raises `DataError` for a name that no variant asked for has.
+    """
+    variants = chosen_variants(variant)
+    if text is None:
+        return {name: list(VARIANTS[name]) for name in variants}
+    methods = list(dict.fromkeys(text.split(",")))
     for method in methods:
-        preset(method)
-    return list(dict.fromkeys(methods))
+        preset(method, variant=variants[-1])
+    return {name: [m for m in methods if m in VARIANTS[name]] for name in variants}
 
 
 def parse_lengths(text: str) -> tuple[float, ...]:

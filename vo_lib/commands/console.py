@@ -64,6 +64,8 @@ def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: b
 
 def show_report_table(table: ReportTable) -> None:
     """A report's table with its notes."""
+    if table.head:
+        say(*table.head)
     show_table(table.title, table.columns, table.rows)
     say(*table.notes)
 

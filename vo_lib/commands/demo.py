@@ -7,7 +7,7 @@ from typing import Any
 
 from ..runs.results import run_folder
 from ..tables.demo import SCENE, run_demo
-from .common import add_cache, open_with_bar
+from .common import BOTH, add_cache, add_variant, chosen_variants, open_with_bar
 from .console import reporting, say, show_report_table
 
 
@@ -15,6 +15,7 @@ def add(commands: Any) -> None:
     """Declare `vo demo`."""
     parser = commands.add_parser("demo", help="the main job with nothing downloaded: all methods on a street")
     parser.add_argument("--out", default="runs/demo", metavar="DIR", help="folder for the report")
+    add_variant(parser, BOTH)
     add_cache(parser)
     parser.set_defaults(command=_demo)
 
@@ -23,8 +24,9 @@ def _demo(options: argparse.Namespace) -> int:
     with run_folder(options.out) as folder:
         sequence = open_with_bar(SCENE, options.cache)
         with reporting("all methods") as report:
-            table = run_demo(sequence, folder, report)
-    show_report_table(table)
+            tables = run_demo(sequence, folder, chosen_variants(options.variant), report)
+    for table in tables:
+        show_report_table(table)
     say(
         f"Look at {folder / 'report.html'} in a browser. What next:",
         "  vo list                                    the other scenes and any KITTI sequences found",

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
-from ..config import METHODS
-from ..data.sequence import parse_sequences
+from ..data.sequence import Sequence, parse_sequences
+from ..detection.label_cache import labelled_sequence
+from ..detection.yolo import find_model
 from ..evaluation.kitti import Measure
 from ..runs.jobs import run_jobs
 from ..runs.results import run_folder
 from ..tables.entries import group_entries
 from ..tables.paper import read_paper_table
 from ..tables.reproduce import collect, default_sequences, plan_jobs, split_missing
-from ..tables.table1 import short_layouts
+from ..tables.table1 import terminal_table
 from ..tables.table_files import write_table_files
-from .common import add_cache, open_with_bar, parse_lengths, parse_methods, parse_whole
+from .common import BOTH, add_cache, add_variant, open_with_bar, parse_lengths, parse_methods, parse_whole
 from .console import reporting, say, show_report_table
 
 
@@ -35,7 +37,8 @@ def add(commands: Any) -> None:
         help="KITTI numbers and ranges, names from `vo list`, paths; default: all of KITTI that is found, "
         "without any the synthetic scenes",
     )
-    parser.add_argument("--methods", metavar="M,M,…", default=",".join(METHODS), help="default: all")
+    add_variant(parser, BOTH)
+    parser.add_argument("--methods", metavar="M,M,…", help="default: all that a variant has")
     parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")
     parser.add_argument(
         "--lengths",
@@ -47,6 +50,13 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--paper", type=Path, metavar="CSV", help="the paper's numbers; default: the kit's own"
     )
+    parser.add_argument(
+        "--detector",
+        metavar="MODEL",
+        help="find the vehicles of sequences that have no labels: a model by name or an ONNX file; the boxes "
+        "are kept in the cache folder",
+    )
+    parser.add_argument("--provider", default="cpu", metavar="P", help="cpu or cuda; default cpu")
     parser.add_argument("--fresh", action="store_true", help="do runs again that are finished")
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_cache(parser)
@@ -54,14 +64,16 @@ def add(commands: Any) -> None:
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    methods = parse_methods(options.methods)
+    methods = parse_methods(options.methods, options.variant)
     seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
     measure = None if options.lengths is None else Measure(parse_lengths(options.lengths), 1)
     paper = read_paper_table(options.paper)
+    if options.detector is not None:
+        find_model(options.detector)
     asked = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
     names, missing = split_missing(asked)
     with run_folder(options.out) as folder:
-        sequences = [open_with_bar(name, options.cache) for name in names]
+        sequences = [_labelled(open_with_bar(name, options.cache), options) for name in names]
         jobs = plan_jobs(sequences, methods, seeds, folder)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)
@@ -71,14 +83,26 @@ def _reproduce(options: argparse.Namespace) -> int:
         print(json.dumps(metrics, indent=2, allow_nan=False))
     else:
         for group in group_entries(result.entries):
-            for table in short_layouts(group):
-                show_report_table(table)
-        say(*result.problems, f"Spread, the paper's numbers and figures: {folder / 'report.html'}")
+            show_report_table(terminal_table(group, paper))
+        say(*result.problems, f"Spread, differences, gains and figures: {folder / 'report.html'}")
     return 1 if result.failed else 0
+
+
+def _labelled(sequence: Sequence, options: argparse.Namespace) -> Sequence:
+    """The sequence with vehicle boxes: its own labels, else the detector's, which are kept and resumed."""
+    if options.detector is None or sequence.labels is not None:
+        return sequence
+    with reporting(f"vehicles of {sequence.name}") as report:
+        return labelled_sequence(
+            sequence, options.detector, provider=options.provider, cache=options.cache, progress=report
+        )
 
 
 def _command(options: argparse.Namespace, names: list[str]) -> str:
     """The command line that makes the same table, for the report."""
-    words = ["vo reproduce", f"--sequences {','.join(names)}", f"--methods {options.methods}"]
-    words += [f"--seeds {options.seeds}"] + ([f"--lengths {options.lengths}"] if options.lengths else [])
-    return " ".join(words)
+    words = ["vo", "reproduce", "--sequences", ",".join(names), "--seeds", options.seeds]
+    words += ["--variant", options.variant] if options.variant != BOTH else []
+    for name in ("methods", "lengths", "detector", "paper"):
+        value = getattr(options, name)
+        words += [] if value is None else [f"--{name}", str(value)]
+    return shlex.join(words)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..config import METHODS, Config, DetectorConfig, preset
+from ..config import METHODS, Config, DetectorConfig, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
 from ..core.files import write_bytes_atomic
@@ -19,7 +19,7 @@ from ..runs.match_cache import match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
 from ..tables.plots import png, trajectory_figure
-from .common import open_with_bar, parse_frames
+from .common import add_variant, open_with_bar, parse_frames
 from .console import reporting, say, show_run
 from .setting_options import add_option, given
 
@@ -35,6 +35,7 @@ def add(commands: Any) -> None:
     )
     parser.add_argument("sequence", help="a KITTI-layout folder, or a name from `vo list` such as kitti/07")
     parser.add_argument("--method", default="feature_selection", help=f"one of {', '.join(METHODS)}")
+    add_variant(parser, "kit")
     parser.add_argument(
         "--out",
         required=True,
@@ -70,11 +71,11 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         add_option(group, item, item.name)
 
 
-def config_from_options(options: argparse.Namespace) -> Config:
-    """The preset of the method with the thresholds given on the command line."""
-    config = preset(options.method)
+def config_from_options(options: argparse.Namespace) -> PublishedConfig:
+    """The preset of the method and variant with the thresholds given on the command line."""
+    config = preset(options.method, variant=options.variant)
     for name, value in given(options, settings.declared(Config)).items():
-        config = settings.replace(config, name, value)
+        config = change(config, name, value)
     return config
 
 
@@ -92,7 +93,7 @@ def _run(options: argparse.Namespace) -> int:
     sequence = open_with_bar(options.sequence, cache, options.labels)
     if options.frames is not None:
         sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
-    label = f"{sequence.name}, {options.method}"
+    label = f"{sequence.name}, {options.method}" + (", published" if config.variant == "published" else "")
     with run_folder(options.out) as folder, _with_boxes(sequence, options, cache) as sequence:
         with reporting(label) as report:
             result, done_before = run_once(

@@ -14,7 +14,7 @@ from ..runs.jobs import run_jobs
 from ..runs.results import run_folder
 from ..tables.plots import heat_map_figure, png
 from ..tables.sweep import Sweep, mean_and_spread, parse_axis, run_sweep, sweep_csv, sweep_table
-from .common import add_cache, open_with_bar, parse_frames, parse_whole
+from .common import add_cache, add_variant, open_with_bar, parse_frames, parse_whole
 from .console import reporting, say, show_report_table
 
 
@@ -29,6 +29,7 @@ def add(commands: Any) -> None:
     )
     parser.add_argument("--sequence", required=True, metavar="S", help="a name from `vo list`, or a path")
     parser.add_argument("--method", default="feature_selection", help=f"one of {', '.join(METHODS)}")
+    add_variant(parser, "kit")
     parser.add_argument(
         "--set",
         dest="axes",
@@ -71,7 +72,7 @@ def _sweep(options: argparse.Namespace) -> int:
                 scheduler=options.dask,
                 fresh=options.fresh,
             )
-            sweep = run_sweep(sequence, options.method, axes, seeds, folder, run)
+            sweep = run_sweep(sequence, options.method, axes, seeds, folder, run, options.variant)
         write_text_atomic(folder / "sweep.csv", sweep_csv(sweep))
         if len(axes) == 2:
             write_bytes_atomic(folder / "sweep.png", _heat_map(sweep))

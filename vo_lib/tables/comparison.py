@@ -35,6 +35,7 @@ class StoredRun:
     folder: Path
     label: str
     method: str
+    variant: str
     seed: int
     sequence: str
     frames: tuple[str, str]
@@ -55,10 +56,12 @@ def read_stored_run(folder: str | Path) -> StoredRun:
         seed = int(config["settings"]["seed"])
         ms = float(config.get("timing", {}).get("ms_per_frame", float("nan")))
         method, sequence = str(config["method"]), str(config["sequence"])
+        variant = str(config.get("variant", "kit"))
     except (KeyError, ValueError, TypeError, AttributeError):
         raise DataError("expected method, sequence and frames of a run", folder / "config.json") from None
     metrics = read_metrics(folder)
-    return StoredRun(folder, method, method, seed, sequence, (first, last), poses, metrics, ms)
+    label = method if variant == "kit" else f"{method}, {variant}"
+    return StoredRun(folder, label, method, variant, seed, sequence, (first, last), poses, metrics, ms)
 
 
 def read_stored_runs(folders: list[str]) -> dict[str, list[StoredRun]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..beyond.box_filter import static_matches
-from ..config import METHODS, preset
+from ..config import METHODS, VARIANTS, preset
 from ..core.files import write_bytes_atomic, write_text_atomic
 from ..core.types import Progress
 from ..data.sequence import Sequence
@@ -19,7 +19,7 @@ from ..runs.runner import run_methods
 from .entries import measure_runs
 from .plots import jpeg, match_image, png, trajectory_figure
 from .report import Picture, ReportTable, render_report
-from .table1 import method_table
+from .table1 import VARIANT_WORDS, method_table
 
 SCENE = "synthetic/traffic"
 IN_WORDS = {
@@ -38,39 +38,59 @@ def methods_in_words(names: Iterable[str] = METHODS) -> str:
     return "; ".join(words for name, words in IN_WORDS.items() if name in set(names)) + "."
 
 
-def run_demo(sequence: Sequence, folder: Path, progress: Progress | None = None) -> ReportTable:
-    """All methods over a sequence with truth; writes a folder for each, a picture and report.html.
+def run_demo(
+    sequence: Sequence, folder: Path, variants: list[str], progress: Progress | None = None
+) -> list[ReportTable]:
+    """All methods of some variants over a sequence with truth; writes a folder for each run and report.html.
 
     Returns
     -------
-    The table of the report: TE and RE over the sub-sequence lengths that the path allows, the share of the
-    features that boxes removed, and the mean time that a method takes of a frame.
+    The tables of the report, one a variant: TE and RE over the sub-sequence lengths that the path allows, the
+    share of the features that boxes removed, and the mean time that a method takes of a frame.
     """
     assert sequence.truth is not None
-    runs = run_methods(sequence, {name: preset(name) for name in METHODS}, progress)
-    for name, result in runs.items():
-        (folder / name).mkdir(exist_ok=True)
-        write_run(folder / name, result, name)
-    table = method_table([measure_runs(name, [result]) for name, result in runs.items()])
-    estimates = {name: result.poses for name, result in runs.items()}
-    picture = png(trajectory_figure(sequence.name, sequence.truth, estimates))
-    write_bytes_atomic(folder / "trajectory.png", picture)
-    pictures = [
-        Picture(picture, "The path from above: ground truth and the estimate of each method."),
+    tables, pictures = [], []
+    for number, variant in enumerate(variants):
+        runs = run_methods(sequence, VARIANTS[variant], _part(progress, number, len(variants)))
+        for name, result in runs.items():
+            place = folder / variant / name
+            place.mkdir(parents=True, exist_ok=True)
+            write_run(place, result, name)
+        entries = [measure_runs(name, [result]) for name, result in runs.items()]
+        tables.append(method_table(entries))
+        estimates = {name: result.poses for name, result in runs.items()}
+        title = f"{sequence.name}, {VARIANT_WORDS[variant]}"
+        picture = png(trajectory_figure(title, sequence.truth, estimates))
+        write_bytes_atomic(folder / f"trajectory_{variant}.png", picture)
+        pictures.append(
+            Picture(
+                picture,
+                f"{VARIANT_WORDS[variant].capitalize()}: the path from above, which all methods share to the "
+                "eye, and how far each strays from the truth along it.",
+            )
+        )
+    pictures.append(
         Picture(
             _example_frame(sequence),
             "Matches of one frame, from the previous place of a feature to its present one: "
             "orange lies in a vehicle's box (white) and is removed, blue stays.",
-        ),
-    ]
+        )
+    )
     introduction = [
         f"{len(sequence)} stereo pairs of {sequence.name}, {trajectory_distances(sequence.truth)[-1]:.0f} m. "
         "The street is drawn by the kit, so its ground truth is exact.",
         methods_in_words(),
     ]
-    page = render_report("Stereo visual odometry: demo", introduction, [table], pictures, ["vo demo"])
+    page = render_report("Stereo visual odometry: demo", introduction, tables, pictures, ["vo demo"])
     write_text_atomic(folder / "report.html", page)
-    return table
+    return tables
+
+
+def _part(progress: Progress | None, number: int, of: int) -> Progress | None:
+    """The progress of one of several equal parts."""
+    if progress is None:
+        return None
+    return lambda done, total: progress(number * total + done, of * total)
 
 
 def _example_frame(sequence: Sequence) -> bytes:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..config import Config, PublishedConfig
 from ..core.errors import DataError
 from ..core.types import Array
 from ..data.sequence import KITTI
@@ -25,6 +26,7 @@ class Entry:
     Attributes
     ----------
     sequence, method : names; seeds : (S) seeds that ran.
+    variant : `published` or `kit`; how : front end and mode, in words.
     frames : of the sequence as it was run.
     measure : the sub-sequences that TE and RE are taken over.
     results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
@@ -36,6 +38,8 @@ class Entry:
 
     sequence: str
     method: str
+    variant: str
+    how: str
     seeds: tuple[int, ...]
     frames: int
     measure: Measure
@@ -59,11 +63,12 @@ class Entry:
 
 @dataclass(frozen=True)
 class Group:
-    """Sequences that may be averaged: KITTI's, or others, over the same sub-sequences.
+    """Sequences that may be averaged: KITTI's, or others, of one variant over the same sub-sequences.
 
     `entries` by (sequence, method); `kitti` says whether they are the benchmark's.
     """
 
+    variant: str
     kitti: bool
     measure: Measure
     entries: dict[tuple[str, str], Entry]
@@ -83,6 +88,11 @@ class Group:
         """What the group is, for titles."""
         return f"{'KITTI' if self.kitti else 'other sequences'}, {self.measure.words}"
 
+    @property
+    def how(self) -> list[str]:
+        """Front end and mode that made the numbers, in words; more than one where they differ."""
+        return list(dict.fromkeys(entry.how for entry in self.entries.values()))
+
     def of_method(self, method: str) -> list[Entry]:
         """Entries of a method, in the order of the sequences."""
         return [entry for (_, name), entry in self.entries.items() if name == method]
@@ -93,13 +103,21 @@ class Group:
 
     def mean(self, method: str) -> tuple[Array, Array]:
         """TE and RE of each seed, (S,) each: the plain mean over the sequences, of KITTI without 01."""
-        left_out = {f"{KITTI}{LEFT_OUT}"} if self.kitti else set()
-        chosen = [entry for entry in self.of_method(method) if entry.sequence not in left_out]
-        return _by_seed(chosen, lambda parts: (_mean(p.te for p in parts), _mean(p.re for p in parts)))
+        return _by_seed(
+            self._without_01(method), lambda parts: (_mean(p.te for p in parts), _mean(p.re for p in parts))
+        )
 
     def pooled(self, method: str) -> tuple[Array, Array]:
         """TE and RE of each seed, (S,) each: over all sub-sequences together, as the devkit's total."""
         return _by_seed(self.of_method(method), lambda parts: (pooled(parts).te, pooled(parts).re))
+
+    def pooled_as_paper(self, method: str) -> tuple[Array, Array]:
+        """As `pooled`, of KITTI without 01."""
+        return _by_seed(self._without_01(method), lambda parts: (pooled(parts).te, pooled(parts).re))
+
+    def _without_01(self, method: str) -> list[Entry]:
+        left_out = f"{KITTI}{LEFT_OUT}" if self.kitti else None
+        return [entry for entry in self.of_method(method) if entry.sequence != left_out]
 
     def sub_sequences(self, method: str) -> KittiErrors:
         """The sub-sequences of all sequences and seeds of a method together."""
@@ -121,6 +139,8 @@ def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -
     return Entry(
         sequence=sequence.name,
         method=method,
+        variant=runs[0].config.variant,
+        how=in_words(runs[0].config),
         seeds=tuple(run.config.seed for run in runs),
         frames=len(sequence),
         measure=measure,
@@ -133,6 +153,16 @@ def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -
     )
 
 
+def in_words(config: PublishedConfig) -> str:
+    """Front end and mode of a configuration: "blobs and corners, the winner as it is"."""
+    if not isinstance(config, Config):
+        return "blobs and corners; " + (
+            "one fit" if config.estimator == "reprojection" else "the winner as it is"
+        )
+    mode = "one fit" if config.estimator == "reprojection" else config.selection.mode
+    return f"{config.matching.front_end}; {mode}"
+
+
 def back_end_ms(run: Run) -> float:
     """Mean milliseconds a frame of the method itself, without getting the matches."""
     return float(
@@ -142,9 +172,9 @@ def back_end_ms(run: Run) -> float:
 
 def group_entries(entries: list[Entry]) -> list[Group]:
     """Entries that may be averaged together, in the order they come."""
-    groups: dict[tuple[bool, Measure], Group] = {}
+    groups: dict[tuple[str, bool, Measure], Group] = {}
     for entry in entries:
-        key = entry.sequence in BENCHMARK, entry.measure
+        key = entry.variant, entry.sequence in BENCHMARK, entry.measure
         groups.setdefault(key, Group(*key, {})).entries[entry.sequence, entry.method] = entry
     return list(groups.values())
 

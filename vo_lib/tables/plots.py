@@ -17,6 +17,7 @@ from ..beyond.box_tracks import MOVING, PARKED
 from ..core.boxes import Boxes
 from ..core.matches import StereoMatches
 from ..core.types import Array, Image
+from ..evaluation.kitti import trajectory_distances
 
 # Points (length in m or speed in km/h, TE in %, RE in deg/100 m) of a method.
 Curve = Sequence[tuple[float, float | None, float | None]]
@@ -66,23 +67,41 @@ def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: di
     axis.grid(alpha=0.3)
 
 
+def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None:
+    """Distance from the truth along the true path, metres both, first poses made equal.
+
+    Paths that coincide from above still differ here.
+    """
+    start = np.linalg.inv(truth[0]) @ truth
+    path = trajectory_distances(truth)
+    widths = np.linspace(1.0 + 0.6 * len(estimates), 1.0, max(len(estimates), 1))
+    for number, (name, poses) in enumerate(estimates.items()):
+        off = np.linalg.norm(poses[:, :3, 3] - start[:, :3, 3], axis=1)
+        axis.plot(path, off, color=method_colour(name, number), linewidth=widths[number], label=name)
+    axis.set_ylim(bottom=0.0)
+    axis.set_xlabel("along the path [m]")
+    axis.set_ylabel("distance from the truth [m]")
+    axis.grid(alpha=0.3)
+
+
 def trajectory_figure(title: str, truth: Array | None, estimates: dict[str, Array]) -> Figure:
-    """One sequence from above, as `draw_trajectories`."""
+    """One sequence from above, as `draw_trajectories`, with `draw_drift` beside it."""
     return trajectories_figure({title: (truth, estimates)})
 
 
 def trajectories_figure(panels: Mapping[str, tuple[Array | None, dict[str, Array]]]) -> Figure:
-    """Sequences from above side by side, by title: truth and named estimates; one legend for all."""
-    columns = min(len(panels), 2)
-    rows = -(-len(panels) // columns)
+    """Sequences by title, truth and named estimates: a row each, from above and, with truth, the drift."""
+    rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
-    figure = Figure(figsize=(width * columns, height * rows), dpi=160, layout="constrained")
+    figure = Figure(figsize=(width * columns, (height - 1.0) * rows + 1.0), dpi=160, layout="constrained")
     labels: dict[str, Any] = {}
-    for place, (title, (truth, estimates)) in enumerate(panels.items(), start=1):
-        axis = figure.add_subplot(rows, columns, place)
+    for row, (title, (truth, estimates)) in enumerate(panels.items()):
+        axis = figure.add_subplot(rows, columns, row * columns + 1)
         draw_trajectories(axis, title, truth, estimates)
         lines = {str(line.get_label()): line for line in axis.get_lines()}
         labels |= {name: line for name, line in lines.items() if not name.startswith("_")}
+        if truth is not None:
+            draw_drift(figure.add_subplot(rows, columns, row * columns + 2), truth, estimates)
     figure.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=2 * columns)
     return figure
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import metadata
 
 import cv2
@@ -14,12 +14,16 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 @dataclass(frozen=True)
 class ReportTable:
-    """A table: the first column names the row, the others are values already formatted."""
+    """A table: the first column names the row, the others are values already formatted, a line break in some.
+
+    `head` is said above the table, `notes` below it.
+    """
 
     title: str
     columns: list[str]
     rows: list[list[str]]
     notes: list[str]
+    head: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

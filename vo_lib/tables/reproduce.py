@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,14 +27,14 @@ class Reproduction:
     Attributes
     ----------
     entries : errors by sequence and method, where there is truth.
-    poses : trajectories (N, 4, 4) of the first seed by sequence and method, where there is none.
+    poses : trajectories (N, 4, 4) of the first seed by variant and sequence, by method, where there is none.
     missing : KITTI sequences asked for that are not here.
     failed : (job, cause) of runs that gave nothing, in words.
     seeds : how many were asked for.
     """
 
     entries: list[Entry]
-    poses: dict[str, dict[str, Array]]
+    poses: dict[tuple[str, str], dict[str, Array]]
     missing: list[str]
     failed: list[tuple[str, str]]
     seeds: int
@@ -63,23 +64,34 @@ def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
     return present, missing
 
 
-def plan_jobs(sequences: list[Sequence], methods: list[str], seeds: int, folder: Path) -> list[Job]:
-    """A run for each sequence, method and seed 0 … seeds - 1, in runs/<sequence>/<method>/seed_<n>."""
+def plan_jobs(
+    sequences: list[Sequence], methods: Mapping[str, list[str]], seeds: int, folder: Path
+) -> list[Job]:
+    """A run for each variant, sequence, method and seed 0 … seeds - 1.
+
+    methods : names by variant. The runs are in runs/<variant>/<sequence>/<method>/seed_<n> of the folder.
+    """
     names = [sequence.name for sequence in sequences]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise DataError(f"two sequences are called {twice[0]}: run them one after the other")
     return [
-        Job(sequence, method, preset(method, seed=seed), job_folder(folder, sequence.name, method, seed))
+        Job(
+            sequence,
+            method,
+            preset(method, variant=variant, seed=seed),
+            job_folder(folder, variant, sequence.name, method, seed),
+        )
+        for variant, names_of in methods.items()
         for sequence in sequences
-        for method in methods
+        for method in names_of
         for seed in range(seeds)
     ]
 
 
-def job_folder(folder: Path, sequence: str, method: str, seed: int) -> Path:
+def job_folder(folder: Path, variant: str, sequence: str, method: str, seed: int) -> Path:
     """The run folder of a job under the folder of the table."""
-    return folder / "runs" / slug(sequence) / method / f"seed_{seed}"
+    return folder / "runs" / variant / slug(sequence) / method / f"seed_{seed}"
 
 
 def slug(name: str) -> str:
@@ -93,10 +105,10 @@ def collect(
     """The runs of finished jobs, read from their folders, as a table's numbers."""
     failed = [(o.job.name, o.error) for o in outcomes if o.error is not None]
     table = Reproduction([], {}, missing, failed, seeds)
-    together: dict[tuple[str, str], list[Job]] = {}
+    together: dict[tuple[str, str, str], list[Job]] = {}
     for job in (outcome.job for outcome in outcomes if outcome.error is None):
-        together.setdefault((job.sequence.name, job.method), []).append(job)
-    for (name, method), jobs in together.items():
+        together.setdefault((job.config.variant, job.sequence.name, job.method), []).append(job)
+    for (variant, name, method), jobs in together.items():
         runs = []
         for job in jobs:
             try:
@@ -104,7 +116,7 @@ def collect(
             except DataError as error:
                 table.failed.append((job.name, str(error)))
         if runs and runs[0].sequence.truth is None:
-            table.poses.setdefault(name, {})[method] = runs[0].poses
+            table.poses.setdefault((variant, name), {})[method] = runs[0].poses
         elif runs:
             table.entries.append(measure_runs(method, runs, measure))
     return table

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import itertools
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..config import Config, preset
+from ..config import Config, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
 from ..core.types import Array
@@ -110,6 +111,7 @@ def run_sweep(
     seeds: int,
     folder: Path,
     run: Callable[[list[Job]], list[Outcome]],
+    variant: str = "kit",
 ) -> Sweep:
     """Run all combinations with seeds 0 … seeds - 1, each in a run folder under `folder`/cells.
 
@@ -123,14 +125,18 @@ def run_sweep(
     if len({axis.name for axis in axes}) < len(axes):
         raise DataError("--set: a setting is given twice")
     measure = suitable_measure(sequence.truth)
-    grid = [_jobs(sequence, method, axes, values, seeds, folder) for values in _combinations(axes)]
+    grid = [
+        _jobs(sequence, preset(method, variant=variant), method, axes, values, seeds, folder)
+        for values in _combinations(axes)
+    ]
     outcomes = iter(run([job for cell in grid for job in cell]))
     cells = [
         _cell(tuple(map(_word, values)), list(itertools.islice(outcomes, seeds)), measure)
         for values in _combinations(axes)
     ]
-    labels = sequence.labels is not None or preset(method).filter.rule == "none"
-    return Sweep(sequence.name, method, axes, cells, seeds, measure, labels)
+    labels = sequence.labels is not None or preset(method, variant=variant).filter.rule == "none"
+    label = method if variant == "kit" else f"{method}, {variant}"
+    return Sweep(sequence.name, label, axes, cells, seeds, measure, labels)
 
 
 def sweep_table(sweep: Sweep) -> ReportTable:
@@ -173,6 +179,7 @@ def _combinations(axes: tuple[Axis, ...]) -> list[tuple[Any, ...]]:
 
 def _jobs(
     sequence: Sequence,
+    base: PublishedConfig,
     method: str,
     axes: tuple[Axis, ...],
     values: tuple[Any, ...],
@@ -183,10 +190,10 @@ def _jobs(
     jobs = []
     name = "+".join(f"{a.name}={_word(v)}" for a, v in zip(axes, values, strict=True)).replace(",", "-")
     for seed in range(seeds):
-        config = preset(method, seed=seed)
+        config = dataclasses.replace(base, seed=seed)
         for axis, value in zip(axes, values, strict=True):
-            config = settings.replace(config, axis.name, value)
-        jobs.append(Job(sequence, method, config, folder / "cells" / name / f"seed{seed}"))
+            config = change(config, axis.name, value)
+        jobs.append(Job(sequence, method, config, folder / "cells" / base.variant / name / f"seed{seed}"))
     return jobs
 
 

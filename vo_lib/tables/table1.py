@@ -9,11 +9,24 @@ from ..data.kitti_check import EXPECTED_FRAMES
 from ..data.sequence import KITTI
 from ..evaluation.kitti import KITTI_MEASURE, pooled
 from .entries import Entry, Group
-from .paper import AVERAGE, PAPER_METHODS, PAPER_ROWS, REMARKS, PaperTable
+from .paper import (
+    AVERAGE,
+    CLAIMS,
+    LEFT_OUT,
+    PAPER_METHODS,
+    PAPER_ROWS,
+    PRINTED_NAMES,
+    PROPOSAL,
+    REMARKS,
+    PaperTable,
+    printed_gains,
+)
 from .report import ReportTable
 
 METHOD_COLUMNS = ["method", "TE %", "RE deg/100 m", "removed", "back end ms"]
 NONE = "–"
+NOTHING: Array = np.zeros(0)
+BOXED = ("feature_selection", "moving_selection")  # methods that need vehicle boxes
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -44,71 +57,154 @@ def method_table(entries: list[Entry]) -> ReportTable:
     ]
     over = seeds_words(entries)
     notes = [f"TE and RE over sub-sequences of {entries[0].measure.words}, as far as the path goes; {over}."]
-    return ReportTable(f"Errors on {entries[0].sequence}", METHOD_COLUMNS, rows, notes)
+    title = f"{entries[0].sequence}, {VARIANT_WORDS[entries[0].variant]}"
+    how = " / ".join(dict.fromkeys(entry.how for entry in entries))
+    return ReportTable(title, METHOD_COLUMNS, rows, [*notes, f"Made by: {how}."])
 
 
-def layout_table(group: Group) -> ReportTable:
-    """Table 1 in the paper's layout: a row for each sequence, TE and RE of each method, averages below."""
-    columns = ["sequence", *(f"{method} {kind}" for method in group.methods for kind in ("TE", "RE"))]
-    rows = []
-    for sequence in group.sequences:
-        cells = []
-        for method in group.methods:
-            entry = group.entries.get((sequence, method))
-            cells += [NONE, NONE] if entry is None else [spread(entry.te), spread(entry.re)]
-        rows.append([sequence, *cells])
-    notes = [f"TE in %, RE in deg/100 m; {seeds_words(list(group.entries.values()))}."]
-    if len(group.sequences) > 1:
-        label = "mean without 01" if group.kitti else "plain mean"
-        for name, average in ((label, group.mean), ("pooled", group.pooled)):
-            pairs = [average(method) for method in group.methods]
-            rows.append([name, *(spread(values) for pair in pairs for values in pair)])
-        notes.append("mean: each sequence counts the same, as in the paper; pooled: each sub-sequence does.")
-    if group.kitti:
-        notes += partial_notes(group)
-    unlabelled = [name for name in group.sequences if not all(e.labels for e in group.of_sequence(name))]
-    if unlabelled:
-        notes.append(f"No vehicle boxes, so no method removed features: {', '.join(unlabelled)}.")
-    return ReportTable(f"Table 1: {group.words}", columns, rows, notes)
+def layout_tables(group: Group, paper: PaperTable | None = None) -> list[ReportTable]:
+    """A group in the layout of Table 1, what Feature selection gains, and apart the kit's own method.
 
-
-def short_layouts(group: Group, columns: int = 3) -> list[ReportTable]:
-    """`layout_table` for a terminal: a row for each method, TE / RE in one cell, a few sequences a table."""
-    full = layout_table(group)
+    Parameters
+    ----------
+    paper : printed numbers, shown below ours where the group is KITTI's.
+    """
+    paper = paper if group.kitti else None
+    own = [method for method in group.methods if method not in PAPER_METHODS]
+    printed = [method for method in PAPER_METHODS if method in group.methods]
     tables = []
-    for first in range(0, len(full.rows), columns):
-        part = full.rows[first : first + columns]
-        rows = [
-            [method, *(f"{_alone(row[1 + 2 * k])} / {_alone(row[2 + 2 * k])}" for row in part)]
-            for k, method in enumerate(group.methods)
-        ]
-        tables.append(ReportTable(full.title, ["TE / RE", *(row[0] for row in part)], rows, []))
-    tables[-1].notes.extend(full.notes[1:])
+    if printed:
+        title = f"Table 1, {VARIANT_WORDS[group.variant]}: {group.words}"
+        rows = _rows(group, printed, paper, split=True)
+        columns = [f"{PRINTED_NAMES[method]} {kind}" for method in printed for kind in ("TE", "RE")]
+        tables.append(ReportTable(title, ["sequence", *columns], rows, _notes(group, paper), _head(group)))
+    if PROPOSAL in printed and len(printed) > 1:
+        tables.append(gains_table(group, paper))
+    if own:
+        title = f"Not in the paper, {VARIANT_WORDS[group.variant]}: {group.words}"
+        columns = [f"{method} {kind}" for method in own for kind in ("TE", "RE")]
+        notes = [f"TE in %, RE in deg/100 m; {seeds_words(list(group.entries.values()))}."]
+        tables.append(ReportTable(title, ["sequence", *columns], _rows(group, own, None, split=True), notes))
     return tables
 
 
-def _alone(cell: str) -> str:
-    """The mean of a cell without its spread."""
-    return cell.split(" ±")[0]
+def terminal_table(group: Group, paper: PaperTable | None = None) -> ReportTable:
+    """All methods of a group in 80 columns: means, TE / RE in one cell, the paper's below."""
+    paper = paper if group.kitti else None
+    names = [
+        PRINTED_NAMES.get(method, method).replace(" ", "\n").replace("_sel", "\n_sel")
+        for method in group.methods
+    ]
+    title = f"{VARIANT_WORDS[group.variant]}: {group.words}"
+    rows = _rows(group, group.methods, paper, split=False)
+    notes = ["TE in % / RE in deg/100 m, means over seeds" + ("; below, the paper's." if paper else ".")]
+    return ReportTable(title, ["sequence", *names], rows, notes, _head(group))
 
 
-def paper_table(group: Group, paper: PaperTable) -> ReportTable:
-    """Our numbers beside the paper's, and the difference where both are over the same sub-sequences."""
-    columns = ["sequence, method", "TE ours", "TE paper", "difference", "RE ours", "RE paper", "difference"]
+VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
+
+
+def _rows(group: Group, methods: list[str], paper: PaperTable | None, split: bool) -> list[list[str]]:
+    """A row for the mean, each sequence and the pooled mean; 01, which has no printed numbers, comes last.
+
+    `split` : TE and RE in cells of their own, with the spread over seeds and the difference to the paper.
+    """
+    left_out = f"{KITTI}{LEFT_OUT}"
+    sequences = sorted(group.sequences, key=lambda name: group.kitti and name == left_out)
+    several = len(sequences) > 1
     rows = []
-    for name, method, ours, comparable in _beside(group):
+    if several:
+        rows.append((AVERAGE if group.kitti else "mean", [group.mean(m) for m in methods], is_papers(group)))
+    for name in sequences:
+        entries = [group.entries.get((name, method)) for method in methods]
+        whole = all(entry is None or is_whole(entry) for entry in entries)
+        numbers = [(NOTHING, NOTHING) if entry is None else (entry.te, entry.re) for entry in entries]
+        rows.append((name.removeprefix(KITTI) if group.kitti else name, numbers, whole))
+    if several:
+        rows.append(("pooled", [group.pooled(m) for m in methods], False))
+    table = []
+    for name, numbers, whole in rows:
         cells = []
-        for values, printed in zip(ours, paper.value(name, method), strict=True):
-            gap = difference(values, printed) if comparable else None
-            cells += [spread(values), number(printed), NONE if gap is None else f"{gap:+.3f}"]
-        rows.append([f"{name}, {method}", *cells])
-    notes = [*REMARKS, "A difference is given for whole sequences measured as the benchmark does it."]
-    if paper.missing:
-        notes.append(
-            f"{paper.missing} of the paper's {2 * len(paper.te)} numbers are not in the kit's data file and "
-            "shown as –. A CSV file completed from the paper is taken with --paper."
+        for method, ours in zip(methods, numbers, strict=True):
+            printed = (None, None) if paper is None else paper.value(name, method)
+            if split:
+                cells += [_cell(o, p, whole) for o, p in zip(ours, printed, strict=True)]
+            else:
+                below = "" if printed[0] is None else f"\n{number(printed[0], 2)} / {number(printed[1])}"
+                cells.append(" / ".join(spread(o).split(" ±")[0] for o in ours) + below)
+        table.append([name, *cells])
+    return table
+
+
+def _cell(ours: Array, printed: float | None, comparable: bool) -> str:
+    """Ours with its spread and, a line below, the printed number with our difference where they compare."""
+    gap = difference(ours, printed) if comparable else None
+    return spread(ours) + (
+        "" if printed is None else f"\n{printed:g}" + ("" if gap is None else f" {gap:+.3f}")
+    )
+
+
+def _head(group: Group) -> list[str]:
+    """What has to be known before a table is read: what made it, and whether there were boxes at all."""
+    head = [f"Made by: {' / '.join(group.how)}."]
+    without = [name for name in group.sequences if not all(e.labels for e in group.of_sequence(name))]
+    if without and any(method in group.methods for method in BOXED):
+        head.insert(
+            0,
+            f"No vehicle boxes on {', '.join(without)}: Feature selection removes nothing there and equals "
+            "Solution selection. `--detector MODEL` finds boxes.",
         )
-    return ReportTable("Beside the paper's Table 1", columns, rows, notes)
+    return head
+
+
+def _notes(group: Group, paper: PaperTable | None) -> list[str]:
+    over = seeds_words(list(group.entries.values()))
+    notes = [f"TE in %, RE in deg/100 m; {over}."]
+    if paper is not None:
+        notes[0] += " Below ours, the paper's number and ours less the paper's."
+        notes += [*REMARKS, "A difference is given for whole sequences measured as the benchmark does it."]
+    if len(group.sequences) > 1:
+        mean = "Avg, without 01" if group.kitti else "mean"
+        notes.append(
+            f"{mean}: each sequence counts the same; pooled: each sub-sequence does, as on KITTI's server."
+        )
+    return notes + (partial_notes(group) if group.kitti else [])
+
+
+def gains_table(group: Group, paper: PaperTable | None) -> ReportTable:
+    """By how much Feature selection is better than Solution selection and MESVO_F: printed, and ours."""
+    columns = ["Feature selection over"]
+    if paper is not None:
+        columns += ["paper says", "printed Avg", "printed rows, mean", "printed rows, pooled"]
+    columns += ["ours, mean", "ours, pooled"]
+    rows = []
+    for other, claims in CLAIMS.items():
+        if other not in group.methods:
+            continue
+        for k, kind in enumerate(("TE", "RE")):
+            cells = [f"{PRINTED_NAMES[other]}, {kind}"]
+            if paper is not None:
+                cells += [_percent(claims[k]), *(_percent(pair[k]) for pair in printed_gains(paper, other))]
+            for average in (group.mean, group.pooled_as_paper):
+                before, after = average(other)[k], average(PROPOSAL)[k]
+                same = len(before) == len(after)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    gains = 100.0 * (1.0 - after / before) if same else NOTHING
+                cells.append(
+                    spread(gains, 1).replace("-", "−")
+                    + (" %" if np.isfinite(gains).all() and len(gains) else "")
+                )
+            rows.append(cells)
+    notes = [
+        "How much smaller the error is; minus: larger. Pooled: rows weighted by their numbers of "
+        "sub-sequences, as the benchmark's total does; 01 left out."
+    ]
+    title = f"What Feature selection gains, {VARIANT_WORDS[group.variant]}"
+    return ReportTable(title, columns, rows, notes)
+
+
+def _percent(value: float | None) -> str:
+    return NONE if value is None else f"{value:.1f} %".replace("-", "−")
 
 
 def difference(ours: Array, printed: float | None) -> float | None:
@@ -116,19 +212,6 @@ def difference(ours: Array, printed: float | None) -> float | None:
     if printed is None or len(ours) == 0 or not np.isfinite(ours).all():
         return None
     return float(ours.mean()) - printed
-
-
-def _beside(group: Group) -> list[tuple[str, str, tuple[Array, Array], bool]]:
-    """Rows of the comparison: paper's row, method, our TE and RE over seeds, whether they can be compared."""
-    rows = []
-    for (sequence, method), entry in group.entries.items():
-        name = sequence.removeprefix(KITTI)
-        if method in PAPER_METHODS and name in PAPER_ROWS:
-            rows.append((name, method, (entry.te, entry.re), is_whole(entry)))
-    nothing = np.zeros(0), np.zeros(0)
-    whole = is_papers(group)
-    averages = [(AVERAGE, m, group.mean(m) if whole else nothing, whole) for m in PAPER_METHODS]
-    return rows + [row for row in averages if row[1] in group.methods]
 
 
 def is_whole(entry: Entry) -> bool:
@@ -174,12 +257,12 @@ def length_table(group: Group) -> ReportTable:
     ]
     columns = ["sequence, method", *(f"{length:g} m" for length in lengths)]
     notes = ["TE in % / RE in deg/100 m, mean over seeds."]
-    return ReportTable(f"By length: {group.words}", columns, rows, notes)
+    return ReportTable(f"By length, {VARIANT_WORDS[group.variant]}: {group.words}", columns, rows, notes)
 
 
-def trajectory_table(entries: list[Entry]) -> ReportTable:
+def trajectory_table(group: Group) -> ReportTable:
     """ATE and RPE beside the KITTI errors."""
-    rows = []
+    rows, entries = [], list(group.entries.values())
     for entry in entries:
         ate = [result.ate.to_dict()["rmse_m"] for result in entry.results]
         rpe = [result.rpe.to_dict() for result in entry.results]
@@ -190,7 +273,10 @@ def trajectory_table(entries: list[Entry]) -> ReportTable:
     alignment = entries[0].results[0].ate.alignment
     columns = ["sequence, method", "ATE m", "RPE mm a frame", "RPE deg a frame"]
     return ReportTable(
-        "ATE and RPE", columns, rows, [f"Root mean squares. ATE {alignment.words}; RPE needs none."]
+        f"ATE and RPE, {VARIANT_WORDS[group.variant]}",
+        columns,
+        rows,
+        [f"Root mean squares. ATE {alignment.words}; RPE needs none."],
     )
 
 
@@ -200,5 +286,6 @@ RPE_PARTS = (("translation", "m"), ("rotation", "deg"))
 def markdown(table: ReportTable) -> str:
     """A table with its title and notes in Markdown."""
     lines = [table.columns, ["---", *["---:"] * (len(table.columns) - 1)], *table.rows]
-    rows = "".join("| " + " | ".join(line) + " |\n" for line in lines)
-    return f"## {table.title}\n\n{rows}" + "".join(f"\n{note}\n" for note in table.notes)
+    rows = "".join("| " + " | ".join(cell.replace("\n", "<br>") for cell in line) + " |\n" for line in lines)
+    head = "".join(f"{line}\n\n" for line in table.head)
+    return f"## {table.title}\n\n{head}{rows}" + "".join(f"\n{note}\n" for note in table.notes)

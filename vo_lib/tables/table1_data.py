@@ -14,7 +14,7 @@ from .entries import Entry, Group
 from .paper import AVERAGE, PaperTable
 from .table1 import difference, is_papers, is_whole
 
-HEADING = ("sequence", "method", "sub_sequences", "seeds")
+HEADING = ("variant", "sequence", "method", "sub_sequences", "seeds")
 NUMBERS = ("te_percent", "te_std", "re_deg_per_100m", "re_std")
 PAPER_HEADING = ("paper_te_percent", "te_difference", "paper_re_deg_per_100m", "re_difference")
 
@@ -30,7 +30,9 @@ def table_csv(groups: list[Group], paper: PaperTable) -> str:
             row = sequence.removeprefix(KITTI) if group.kitti else ""
             beside = _beside(paper.value(row, method), e.te, e.re, is_whole(e))
             more = _plain(e.removed_share), _plain(e.back_end_ms)
-            writer.writerow([sequence, method, words, *_csv_numbers(e.te, e.re), *beside, *more])
+            writer.writerow(
+                [group.variant, sequence, method, words, *_csv_numbers(e.te, e.re), *beside, *more]
+            )
         if len(group.sequences) < 2:
             continue
         for method in group.methods:
@@ -38,8 +40,8 @@ def table_csv(groups: list[Group], paper: PaperTable) -> str:
             row = AVERAGE if is_papers(group) else ""
             beside = _beside(paper.value(row, method), *mean, is_papers(group))
             label = "mean_without_01" if group.kitti else "mean"
-            writer.writerow([label, method, words, *_csv_numbers(*mean), *beside, "", ""])
-            writer.writerow(["pooled", method, words, *_csv_numbers(*total), *[""] * 6])
+            writer.writerow([group.variant, label, method, words, *_csv_numbers(*mean), *beside, "", ""])
+            writer.writerow([group.variant, "pooled", method, words, *_csv_numbers(*total), *[""] * 6])
     return buffer.getvalue()
 
 
@@ -64,6 +66,7 @@ def groups_json(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:
     """Everything measured, for JSON: no NaN, None where there is no number."""
     return [
         {
+            "variant": group.variant,
             "kitti": group.kitti,
             "lengths_m": list(group.measure.lengths),
             "step_frames": group.measure.step,
@@ -88,6 +91,7 @@ def _entry_json(entry: Entry, paper: PaperTable | None) -> dict[str, Any]:
     return {
         "sequence": entry.sequence,
         "method": entry.method,
+        "how": entry.how,
         "frames": entry.frames,
         "distance_m": first.distance,
         "seeds": list(entry.seeds),

@@ -14,11 +14,11 @@ from ..core.types import Array
 from ..data.sequence import KITTI
 from .demo import methods_in_words
 from .entries import Group, group_entries
-from .paper import PaperTable
+from .paper import PAPER_METHODS, PaperTable
 from .plots import error_curves_figure, pdf, png, trajectories_figure
 from .report import Picture, ReportTable, provenance, render_report
 from .reproduce import Reproduction, slug
-from .table1 import layout_table, length_table, markdown, paper_table, trajectory_table
+from .table1 import VARIANT_WORDS, layout_tables, length_table, markdown, trajectory_table
 from .table1_data import groups_json, table_csv
 
 FIGURE_4 = (f"{KITTI}02", f"{KITTI}07")
@@ -46,7 +46,7 @@ def write_table_files(
         "groups": groups_json(groups, paper),
         "missing": result.missing,
         "failed": [{"job": job, "cause": cause} for job, cause in result.failed],
-        "without_truth": sorted(result.poses),
+        "without_truth": sorted({name for _, name in result.poses}),
         "made_with": provenance(),
     }
     text = "".join(f"{line}\n\n" for line in result.problems) + "\n".join(map(markdown, tables))
@@ -68,22 +68,17 @@ def write_table_files(
 
 
 def make_tables(groups: list[Group], paper: PaperTable) -> list[ReportTable]:
-    """Table 1 of each group, KITTI's also beside the paper's; then by length; ATE and RPE."""
-    tables = []
-    for group in groups:
-        tables.append(layout_table(group))
-        if group.kitti:
-            tables.append(paper_table(group, paper))
+    """Table 1 of each group, KITTI's with the paper's numbers; then all by length; ATE and RPE."""
+    tables = [table for group in groups for table in layout_tables(group, paper)]
     tables += [length_table(group) for group in groups]
-    everything = [entry for group in groups for entry in group.entries.values()]
-    return [*tables, trajectory_table(everything)] if everything else tables
+    return tables + [trajectory_table(group) for group in groups]
 
 
 def write_results(folder: Path, result: Reproduction) -> None:
-    """Poses of sequences without truth as KITTI's server takes them: results/<method>/11.txt, and so on."""
-    for sequence, by_method in result.poses.items():
+    """Poses of sequences without truth as KITTI's server takes them: results/<variant>/<method>/11.txt."""
+    for (variant, sequence), by_method in result.poses.items():
         for method, poses in by_method.items():
-            place = folder / "results" / method
+            place = folder / "results" / variant / method
             place.mkdir(parents=True, exist_ok=True)
             write_kitti_poses(place / f"{slug(sequence.removeprefix(KITTI))}.txt", poses)
 
@@ -94,39 +89,51 @@ def _introduction(result: Reproduction) -> list[str]:
     lines = [
         "The systems of Table 1 of “Enhance stereo visual odometry performance by removing unstable "
         f"features”, run on the same matches with {seeds}. {methods_in_words(methods)}",
-        "All methods learn on the way what is wrong with the calibration of the stereo pair: its rows, its "
-        "disparities, its principal point. The paper does not, and it helps most where the pair is badly "
-        "calibrated.",
+        "As published: the paper and no more; chapter 7 lists what it leaves open and what was chosen. The "
+        "kit's way: its own front end, a winner that is refined on its inliers, and what is wrong with the "
+        "stereo calibration is learnt on the way, which helps most where the pair is badly calibrated.",
     ]
     if result.poses:
-        names = ", ".join(sorted(result.poses))
+        names = ", ".join(sorted({name for _, name in result.poses}))
         lines.append(f"No ground truth, so no errors: {names}. Their poses are in the folder results.")
     return lines
 
 
 def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
-    """A figure for each sequence, and Figure 4 with two of them side by side."""
-    panels: dict[str, tuple[Array | None, dict[str, Array]]] = {}
+    """Of each variant Figure 4, two sequences with the paper's systems, and a figure of each sequence."""
+    panels: dict[tuple[str, str], tuple[Array | None, dict[str, Array]]] = {}
     for entry in result.entries:
-        panels.setdefault(entry.sequence, (entry.truth, {}))[1][entry.method] = entry.poses
-    for sequence, estimates in result.poses.items():
-        panels[sequence] = (None, estimates)
-    if not panels:
-        return []
-    chosen = [name for name in FIGURE_4 if name in panels] or list(panels)[:2]
-    write_figure(folder, "figure4", trajectories_figure({name: panels[name] for name in chosen}))
+        _, estimates = panels.setdefault((entry.variant, entry.sequence), (entry.truth, {}))
+        estimates[entry.method] = entry.poses
+    panels |= {key: (None, estimates) for key, estimates in result.poses.items()}
     pictures = []
-    for name in [*chosen, *(name for name in panels if name not in chosen)]:
-        data = write_figure(folder, f"trajectory_{slug(name)}", trajectories_figure({name: panels[name]}))
-        label = "Figure 4. " if name in chosen else ""
-        truth, estimates = panels[name]
-        lines = [] if truth is None else ["ground truth red"]
-        lines += [f"{method} {COLOURS[method]}" for method in estimates]
-        caption = f"{label}{name} from above, first seed: {', '.join(lines)}."
-        pictures.append(
-            Picture(data, caption, f"Paths over {name} from above of {_listed(list(estimates))}.")
-        )
+    for variant in dict.fromkeys(variant for variant, _ in panels):
+        of_variant = {name: panel for (kind, name), panel in panels.items() if kind == variant}
+        chosen = [name for name in FIGURE_4 if name in of_variant] or list(of_variant)[:2]
+        figure_4 = {
+            name: (of_variant[name][0], {m: p for m, p in of_variant[name][1].items() if m in PAPER_METHODS})
+            for name in chosen
+        }
+        drawn = {f"figure4_{variant}": figure_4} if any(panel for _, panel in figure_4.values()) else {}
+        drawn |= {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in of_variant.items()}
+        for file, figure in drawn.items():
+            data = write_figure(folder, file, trajectories_figure(figure))
+            pictures.append(Picture(data, *_path_words(variant, figure, file.startswith("figure4"))))
     return pictures
+
+
+def _path_words(
+    variant: str, panels: dict[str, tuple[Array | None, dict[str, Array]]], figure_4: bool
+) -> tuple[str, str]:
+    """Caption of a figure of paths, and what it shows for one who cannot see it."""
+    names = " and ".join(panels)
+    methods = list(dict.fromkeys(method for _, estimates in panels.values() for method in estimates))
+    known = any(truth is not None for truth, _ in panels.values())
+    lines = (["ground truth red"] if known else []) + [f"{method} {COLOURS[method]}" for method in methods]
+    beside = "; beside it the distance from the truth along the path" if known else ""
+    label = "Figure 4, " if figure_4 else ""
+    caption = f"{label}{VARIANT_WORDS[variant]}: {names} from above{beside}, first seed: {', '.join(lines)}."
+    return caption, f"Paths over {names} from above of {_listed(methods)}{beside}."
 
 
 def _curves(folder: Path, groups: list[Group]) -> list[Picture]:
@@ -135,13 +142,14 @@ def _curves(folder: Path, groups: list[Group]) -> list[Picture]:
     for number, group in enumerate(groups):
         errors = {method: group.sub_sequences(method) for method in group.methods}
         lengths = group.measure.lengths
-        kind = "kitti" if group.kitti else "others"
+        kind = f"{group.variant}_{'kitti' if group.kitti else 'others'}"
         for by in ("length", "speed"):
             curves = {method: part.curve(by, lengths) for method, part in errors.items()}
             figure = error_curves_figure(_title(group), by, curves)
             data = write_figure(folder, f"errors_{kind}_{number}_by_{by}", figure)
             caption = (
-                f"TE and RE by {by} over {', '.join(group.sequences)}; {group.measure.words}; all seeds."
+                f"{VARIANT_WORDS[group.variant]}: TE and RE by {by} over {', '.join(group.sequences)}; "
+                f"{group.measure.words}; all seeds."
             )
             alt = f"TE and RE by {by} of {_listed(group.methods)}; the numbers are in metrics.json."
             pictures.append(Picture(data, caption, alt))
@@ -149,7 +157,8 @@ def _curves(folder: Path, groups: list[Group]) -> list[Picture]:
 
 
 def _title(group: Group) -> str:
-    return f"{'KITTI' if group.kitti else 'other sequences'}\n{group.measure.words}"
+    where = "KITTI" if group.kitti else "other sequences"
+    return f"{VARIANT_WORDS[group.variant]}, {where}\n{group.measure.words}"
 
 
 def write_figure(folder: Path, name: str, figure: Figure) -> bytes:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...config import METHODS, Config, preset
+from ...config import METHODS, VARIANTS, Config, PublishedConfig, change, preset
 from ...core import settings
 from ...core.errors import DataError
 from ...core.settings import Checked, setting
@@ -18,6 +18,7 @@ from ...evaluation.ate_rpe import relative_error
 from ...evaluation.kitti import SHORT_MEASURE, kitti_errors
 from ...runs.match_cache import CachedMatches
 from ...runs.runner import TimedMatches, run_methods
+from ...tables.table1 import VARIANT_WORDS
 from .base import Drawing, Panel, State
 from .ch07_figures import methods_chart, steps_figure
 from .controls import Control
@@ -37,6 +38,11 @@ class ExploreView(Checked):
     """Which method the sliders change."""
 
     method: str = setting("feature_selection", "the method that follows the sliders", choices=tuple(METHODS))
+    variant: str = setting(
+        "kit",
+        "the paper as published, or the kit's way; what is the kit's own it refuses",
+        choices=tuple(VARIANTS),
+    )
 
 
 class ExplorePanel(Panel):
@@ -49,6 +55,7 @@ class ExplorePanel(Panel):
     long_job = f"All methods, {SEEDS} seeds"
     controls = (
         Control("view.method", "method"),
+        Control("view.variant", "variant"),
         Control("selection.sets", "five-point sets", high=400),
         Control("selection.threshold", "inlier threshold", high=5, step=0.05),
         Control("selection.refine_scale", "refinement width", high=10, step=0.1),
@@ -61,17 +68,18 @@ class ExplorePanel(Panel):
     def draw(self, state: State) -> Drawing:
         changed = changes(self.start, state.config, tuple(self.knobs))
         method, sequence = state.view.method, state.sequence
+        base = preset(method, variant=state.view.variant)
         truth = _truth(sequence)
         estimates = {
-            "preset": poses_of(sequence, preset(method)),
-            "with these settings": poses_of(sequence, with_changes(preset(method), changed)),
+            "preset": poses_of(sequence, base),
+            "with these settings": poses_of(sequence, with_changes(base, changed)),
         }
         rpe = {name: relative_error(truth, poses) for name, poses in estimates.items()}
         words = ", ".join(f"{name} = {_short(value)}" for name, value in changed.items()) or "nothing changed"
         steps = steps_figure(rpe, state.frame, method, STEPS_HEIGHT)
         dots, axes = figure(DOTS_HEIGHT, 2)
         for axis, rotation in zip(axes, (False, True), strict=True):
-            methods_chart(axis, _known_errors(sequence, changed, rotation), rotation)
+            methods_chart(axis, _known_errors(sequence, state.view.variant, changed, rotation), rotation)
         te, re = errors_of(truth, estimates["with these settings"])
         te_preset, re_preset = errors_of(truth, estimates["preset"])
         here, at = rpe["with these settings"], min(state.frame, len(sequence) - 1) - 1
@@ -85,7 +93,8 @@ class ExplorePanel(Panel):
             Fact("translation error here", 1e3 * float(here.translation[at]), "mm", 1),
         )
         sentence = (
-            f"{method}, seed 0, {len(sequence)} frames; TE and RE over {SHORT_MEASURE.words}, as far as it "
+            f"{method}, {VARIANT_WORDS[state.view.variant]}, seed 0, {len(sequence)} frames; "
+            f"TE and RE over {SHORT_MEASURE.words}, as far as it "
             f"goes. Changed: {words}. Below: grey is the preset; methods not drawn have not been run."
         )
         return Drawing(stack([steps, dots], self.height), sentence, facts)
@@ -94,9 +103,9 @@ class ExplorePanel(Panel):
         changed = changes(self.start, state.config, tuple(self.knobs))
         wanted = [
             config
-            for method in METHODS
+            for base in VARIANTS[state.view.variant].values()
             for seed in range(SEEDS)
-            for config in (preset(method, seed=seed), with_changes(preset(method, seed=seed), changed))
+            for config in (_seeded(base, seed, {}), _seeded(base, seed, changed))
         ]
         run_all(state.sequence, wanted, progress)
         return self.draw(state)
@@ -112,12 +121,12 @@ class ExplorePanel(Panel):
             return
         try:
             state = self.state()
+            base = preset(state.view.method, variant=state.view.variant)
+            changed = with_changes(base, changes(self.start, state.config, tuple(self.knobs)))
         except DataError as error:
             self._fail(error)
             return
-        method = state.view.method
-        changed = with_changes(preset(method), changes(self.start, state.config, tuple(self.knobs)))
-        wanted = [each for each in (preset(method), changed) if known_poses(state.sequence, each) is None]
+        wanted = [each for each in (base, changed) if known_poses(state.sequence, each) is None]
         if not wanted:
             super().redraw()
             return
@@ -127,7 +136,7 @@ class ExplorePanel(Panel):
             run_all(state.sequence, wanted, report)
 
         # Drawn is what the controls say by then.
-        self.job.start(f"running {method}", run, self.redraw, self._fail, after=PATIENCE)
+        self.job.start(f"running {state.view.method}", run, self.redraw, self._fail, after=PATIENCE)
 
     def _open(self, name: str) -> None:
         """The first frames of a sequence with their matches: seconds the first time, so always a job."""
@@ -153,14 +162,16 @@ def changes(start: Config, config: Config, names: tuple[str, ...]) -> dict[str, 
     return found
 
 
-def with_changes(config: Config, changed: dict[str, object]) -> Config:
-    """A configuration with some settings replaced."""
+def with_changes(config: PublishedConfig, changed: dict[str, object]) -> PublishedConfig:
+    """A configuration with some settings replaced; `DataError` where it has no such setting."""
     for name, value in changed.items():
-        config = settings.replace(config, name, value)
+        config = change(config, name, value)
     return config
 
 
-def matches_of(sequence: Sequence, config: Config, progress: Progress | None = None) -> list[TimedMatches]:
+def matches_of(
+    sequence: Sequence, config: PublishedConfig, progress: Progress | None = None
+) -> list[TimedMatches]:
     """Matches of all frames, from the match cache on disk, kept here as well."""
 
     def find() -> list[TimedMatches]:
@@ -175,7 +186,7 @@ def matches_of(sequence: Sequence, config: Config, progress: Progress | None = N
     return _matches.get(key, find)
 
 
-def poses_of(sequence: Sequence, config: Config, progress: Progress | None = None) -> Array:
+def poses_of(sequence: Sequence, config: PublishedConfig, progress: Progress | None = None) -> Array:
     """Poses (N, 4, 4) of a configuration on the kept matches: the back end alone."""
 
     def run() -> Array:
@@ -185,7 +196,7 @@ def poses_of(sequence: Sequence, config: Config, progress: Progress | None = Non
     return _runs.get(_key(sequence, config), run)
 
 
-def run_all(sequence: Sequence, configs: list[Config], progress: Progress) -> None:
+def run_all(sequence: Sequence, configs: list[PublishedConfig], progress: Progress) -> None:
     """`poses_of` several configurations, to be had from `known_poses`; one progress for all."""
     total = len(configs) * len(sequence)
     for number, config in enumerate(configs):
@@ -194,7 +205,7 @@ def run_all(sequence: Sequence, configs: list[Config], progress: Progress) -> No
         poses_of(sequence, config, lambda done, _, b=before: progress(b + done, total))  # type: ignore[misc]
 
 
-def known_poses(sequence: Sequence, config: Config) -> Array | None:
+def known_poses(sequence: Sequence, config: PublishedConfig) -> Array | None:
     """Poses that `poses_of` has found before, or None."""
     key = _key(sequence, config)
     return _runs.get(key, lambda: np.zeros(0)) if key in _runs else None
@@ -208,24 +219,24 @@ def errors_of(truth: Array, poses: Array) -> tuple[float, float]:
 
 
 def _known_errors(
-    sequence: Sequence, changed: dict[str, object], rotation: bool
+    sequence: Sequence, variant: str, changed: dict[str, object], rotation: bool
 ) -> dict[str, tuple[Array, Array]]:
     """TE or RE of the seeds that have been run, by method: of the preset, and with changed settings."""
 
-    def of(method: str, changed: dict[str, object]) -> Array:
-        configs = [_seeded(method, seed, changed) for seed in range(SEEDS)]
+    def of(base: PublishedConfig, changed: dict[str, object]) -> Array:
+        configs = [_seeded(base, seed, changed) for seed in range(SEEDS)]
         runs = [poses for config in configs if (poses := known_poses(sequence, config)) is not None]
         return np.array([errors_of(_truth(sequence), poses)[int(rotation)] for poses in runs])
 
-    return {method: (of(method, {}), of(method, changed)) for method in METHODS}
+    return {method: (of(base, {}), of(base, changed)) for method, base in VARIANTS[variant].items()}
 
 
-def _key(sequence: Sequence, config: Config) -> tuple[object, ...]:
+def _key(sequence: Sequence, config: PublishedConfig) -> tuple[object, ...]:
     return sequence.folder, sequence.frames[0], len(sequence), sequence.labels, config
 
 
-def _seeded(method: str, seed: int, changed: dict[str, object]) -> Config:
-    return dataclasses.replace(with_changes(preset(method), changed), seed=seed)
+def _seeded(base: PublishedConfig, seed: int, changed: dict[str, object]) -> PublishedConfig:
+    return dataclasses.replace(with_changes(base, changed), seed=seed)
 
 
 def _truth(sequence: Sequence) -> Array:

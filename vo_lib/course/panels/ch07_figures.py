@@ -12,26 +12,15 @@ from matplotlib.figure import Figure
 from ...core.types import Array
 from ...data.sequence import KITTI
 from ...evaluation.ate_rpe import RelativeError
+from ...evaluation.kitti import trajectory_distances
 from ...tables.entries import Entry, group_entries
 from ...tables.paper import PaperTable, read_paper_table
-from ...tables.plots import METHOD_MARKERS, TRUTH_COLOUR, draw_trajectories, method_colour
+from ...tables.plots import METHOD_MARKERS, TRUTH_COLOUR, draw_drift, draw_trajectories, method_colour
 from ...tables.report import ReportTable
-from ...tables.table1 import layout_table, method_table, paper_table
+from ...tables.table1 import layout_tables, method_table
 from .style import DARK, FONT_SIZE, PALE, figure, finish, room
 
 HALF = 0.36  # of the distance between two sequences: the methods stand side by side within it
-
-
-def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array], frame: int | None = None) -> None:
-    """Distance from the truth at each frame, first poses made equal."""
-    start = np.linalg.inv(truth[0]) @ truth
-    for number, (name, poses) in enumerate(estimates.items()):
-        off = np.linalg.norm(poses[:, :3, 3] - start[:, :3, 3], axis=1)
-        axis.plot(off, color=method_colour(name, number), linewidth=1.5)
-    if frame is not None:
-        axis.axvline(frame, color=PALE, linewidth=1)
-    axis.set_ylim(0, None)
-    finish(axis, "distance from the truth, first poses made equal", "frame", "distance [m]")
 
 
 def draw_paths(axis: Axes, title: str, truth: Array, estimates: dict[str, Array], frame: int) -> None:
@@ -94,7 +83,9 @@ def paths_figure(entries: list[Entry], frame: int, height: int) -> Figure:
     made, (paths, drift) = figure(height, 2)
     frame = min(frame, len(truth) - 1)
     draw_paths(paths, f"{entries[0].sequence}, {len(truth)} frames", truth, estimates, frame)
-    draw_drift(drift, truth, estimates, frame)
+    draw_drift(drift, truth, estimates)
+    drift.axvline(float(trajectory_distances(truth)[frame]), color=PALE, linewidth=1)
+    finish(drift, "distance from the truth", "along the path [m]", "distance [m]")
     return made
 
 
@@ -144,14 +135,14 @@ def methods_chart(axis: Axes, errors: Mapping[str, tuple[Array, Array]], rotatio
 
 
 def table_tables(entries: list[Entry], paper: PaperTable | None = None) -> list[ReportTable]:
-    """Table 1, in the paper's layout where it has several rows; KITTI's also beside the paper's numbers."""
+    """One sequence's methods, a row each; several in the paper's layout, KITTI's with its numbers."""
     paper = read_paper_table() if paper is None else paper
     tables = []
     for group in group_entries(entries):
-        one = len(group.sequences) == 1
-        tables.append(method_table(list(group.entries.values())) if one else layout_table(group))
-        if group.kitti:
-            tables.append(paper_table(group, paper))
+        if len(group.sequences) == 1:
+            tables.append(method_table(list(group.entries.values())))
+        if len(group.sequences) > 1 or group.kitti:
+            tables += layout_tables(group, paper)
     return tables
 
 
@@ -162,16 +153,21 @@ def table_html(table: ReportTable) -> str:
     def row(words: list[str], tag: str) -> str:
         sides = ["left", *["right"] * (len(words) - 1)]
         cells = [
-            f"<{tag} {cell.format(side)}>{html.escape(word)}</{tag}>"
+            f"<{tag} {cell.format(side)}>{_lines(word)}</{tag}>"
             for side, word in zip(sides, words, strict=True)
         ]
         return f"<tr>{''.join(cells)}</tr>"
 
     rows = row(table.columns, "th") + "".join(row(words, "td") for words in table.rows)
+    head = "".join(f"<div>{html.escape(line)}</div>" for line in table.head)
     notes = "".join(
         f'<div style="font-size:11px;opacity:.75">{html.escape(note)}</div>' for note in table.notes
     )
     return (
-        f'<div style="margin:8px 0;overflow-x:auto"><b>{html.escape(table.title)}</b>'
+        f'<div style="margin:8px 0;overflow-x:auto"><b>{html.escape(table.title)}</b>{head}'
         f'<table style="border-collapse:collapse;font-size:12px;margin:4px 0">{rows}</table>{notes}</div>'
     )
+
+
+def _lines(word: str) -> str:
+    return html.escape(word).replace("\n", "<br>")

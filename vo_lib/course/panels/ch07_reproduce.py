@@ -9,7 +9,7 @@ from typing import Any
 import ipywidgets as widgets
 import numpy as np
 
-from ...config import METHODS, preset
+from ...config import METHODS, PUBLISHED
 from ...core.errors import DataError
 from ...core.settings import Checked, setting
 from ...core.types import Image, Progress
@@ -17,7 +17,7 @@ from ...tables.entries import Entry
 from ...tables.paper import read_paper_table
 from .base import Drawing, Panel, State
 from .ch07_figures import errors_figure, paths_figure, plan_figure, table_html, table_tables
-from .ch07_runs import Plan, Table, known, load_folder, run_plan
+from .ch07_runs import WAYS, Plan, Table, known, load_folder, run_plan, way
 from .controls import CELL_WIDTH, Control
 from .data import Memory
 from .style import Fact, raster, stack
@@ -38,10 +38,8 @@ class ReproduceView(Checked):
     methods: tuple[str, ...] = setting(tuple(METHODS), "names with commas between")
     frames: int = setting(60, "frames of the sequence, from its first one", low=20, high=5000)
     seeds: int = setting(3, "runs of each method, each with other random sets", low=1, high=10)
-    mode: str = setting(
-        "refined",
-        "the winner as the paper takes it, or refined on its inliers",
-        choices=("refined", "literal"),
+    variant: str = setting(
+        "kit", "the paper as published, or the kit's way, its winner refined or taken as it is", choices=WAYS
     )
     lengths: str = setting(
         SHORT, "sub-sequences: short ones from every frame, or what `vo reproduce` takes", choices=LENGTHS
@@ -66,7 +64,7 @@ class ReproducePanel(Panel):
         Control("view.methods", "methods", tries=("viso2", "mesvo_f,feature_selection")),
         Control("view.frames", "frames", step=20),
         Control("view.seeds", "seeds", high=5),
-        Control("view.mode", "mode"),
+        Control("view.variant", "variant"),
         Control("view.lengths", "lengths"),
     )
 
@@ -91,7 +89,7 @@ class ReproducePanel(Panel):
         assert truth is not None
         runs = len(plan.methods) * plan.seeds
         words = (
-            f"Not run yet, {plan.mode}:\n{len(plan.methods)} methods × {plan.seeds} seeds = {runs} runs\n"
+            f"Not run yet, {plan.variant}:\n{len(plan.methods)} methods × {plan.seeds} seeds = {runs} runs\n"
             f"of {len(plan.sequence)} frames, judged over {state.view.lengths}\n\n" + "\n".join(plan.methods)
         )
         title = f"{plan.sequence.name}, frames 0 to {len(truth) - 1}"
@@ -127,7 +125,7 @@ class ReproducePanel(Panel):
             layout=wide,
         )
         self.paper = widgets.Text(
-            placeholder="the paper's numbers: path of your completed CSV",
+            placeholder="the paper's numbers: path of a corrected CSV",
             continuous_update=False,
             layout=wide,
         )
@@ -157,12 +155,14 @@ class ReproducePanel(Panel):
 
 def _plan(state: State) -> Plan:
     methods = tuple(dict.fromkeys(name.strip() for name in state.view.methods))
+    if state.view.variant == "published" and methods == tuple(METHODS):
+        methods = tuple(PUBLISHED)
     for name in methods:
-        preset(name)
+        way(name, state.view.variant)
     sequence = state.sequence.part(0, min(state.view.frames, len(state.sequence)))
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth to compare with")
-    return Plan(sequence, methods, state.view.seeds, state.view.mode)
+    return Plan(sequence, methods, state.view.seeds, state.view.variant)
 
 
 def _facts(entries: list[Entry]) -> tuple[Fact, ...]:

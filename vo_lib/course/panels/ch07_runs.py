@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...config import preset
+from ...config import VARIANTS, PublishedConfig, preset
 from ...core.errors import DataError
 from ...core.types import Progress
 from ...data.sequence import Sequence
@@ -28,28 +28,40 @@ class Table:
     short: list[Entry]
 
 
+LITERAL = "kit, literal"
+WAYS = (*VARIANTS, LITERAL)
 _tables: Memory[Table] = Memory(12)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What the Run button does: each method with the seeds 0 … seeds - 1 over a whole sequence or a part."""
+    """What the Run button does: each method with the seeds 0 … seeds - 1 over a whole sequence or a part.
+
+    `variant` is one of `WAYS`.
+    """
 
     sequence: Sequence
     methods: tuple[str, ...]
     seeds: int
-    mode: str
+    variant: str
 
     @property
     def key(self) -> tuple[object, ...]:
         """What decides the result."""
         sequence = self.sequence
-        return sequence.folder, sequence.frames[0], len(sequence), self.methods, self.seeds, self.mode
+        return sequence.folder, sequence.frames[0], len(sequence), self.methods, self.seeds, self.variant
 
     @property
     def folder(self) -> Path:
         """Where its run folders are written."""
-        return cache_folder().parent / "runs" / "chapter7" / f"{len(self.sequence)}_frames_{self.mode}"
+        return cache_folder().parent / "runs" / "chapter7" / f"{len(self.sequence)}_frames"
+
+
+def way(method: str, variant: str, seed: int = 0) -> PublishedConfig:
+    """A method's configuration as `published`, the `kit`'s way, or that with its winner taken as it is."""
+    if variant == LITERAL:
+        return preset(method, mode="literal", seed=seed)
+    return preset(method, variant=variant, seed=seed)
 
 
 def known(plan: Plan) -> Table | None:
@@ -64,12 +76,12 @@ def run_plan(plan: Plan, progress: Progress | None = None) -> Table:
 
 def _run(plan: Plan, progress: Progress | None) -> Table:
     names = {(method, seed): f"{method} {seed}" for method in plan.methods for seed in range(plan.seeds)}
-    configs = {name: preset(method, mode=plan.mode, seed=seed) for (method, seed), name in names.items()}
+    configs = {name: way(method, plan.variant, seed) for (method, seed), name in names.items()}
     first = next(iter(configs.values()))
     matches = CachedMatches(plan.sequence, first.features, first.matching)
     runs = run_methods(plan.sequence, configs, progress, matches)
     for (method, seed), name in names.items():
-        with run_folder(job_folder(plan.folder, plan.sequence.name, method, seed)) as folder:
+        with run_folder(job_folder(plan.folder, plan.variant, plan.sequence.name, method, seed)) as folder:
             write_run(folder, runs[name], method)
     by_method = {m: [runs[names[m, seed]] for seed in range(plan.seeds)] for m in plan.methods}
     return _measured(list(by_method.items()))
@@ -95,10 +107,10 @@ def load_folder(folder: str, here: Sequence | None, progress: Progress | None = 
     places = sorted(path.parent for path in Path(folder).expanduser().rglob("config.json"))
     if not places:
         raise DataError("no run folder is below it: expected config.json, as `vo run` writes it", folder)
-    together: dict[tuple[str, str], dict[int, Run]] = {}
+    together: dict[tuple[str, str, str], dict[int, Run]] = {}
     for count, place in enumerate(places, start=1):
         stored = read_stored_run(place)
-        runs = together.setdefault((stored.sequence, stored.method), {})
+        runs = together.setdefault((stored.sequence, stored.variant, stored.method), {})
         if stored.seed in runs:
             twice = f"{stored.sequence}, {stored.method}, seed {stored.seed}"
             raise DataError(f"a second run of {twice}: expected the runs of one table", place)
@@ -106,7 +118,7 @@ def load_folder(folder: str, here: Sequence | None, progress: Progress | None = 
         if progress is not None:
             progress(count, len(places))
     return _measured(
-        [(method, [runs[seed] for seed in sorted(runs)]) for (_, method), runs in together.items()]
+        [(method, [runs[seed] for seed in sorted(runs)]) for (*_, method), runs in together.items()]
     )
 
 
