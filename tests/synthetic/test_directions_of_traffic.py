@@ -1,0 +1,209 @@
+"""Which way vehicles drive: in the traffic that is drawn, and in what the truth says of their points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from vo_lib.core.geometry import inverse, rigid
+from vo_lib.core.types import Array
+from vo_lib.synthetic import SceneConfig, Truth, scene_config
+from vo_lib.synthetic.drive import make_drive, make_route
+from vo_lib.synthetic.shapes import SHAPES
+from vo_lib.synthetic.traffic import Traffic, Vehicle
+from vo_lib.synthetic.truth_files import encode_depth, write_objects
+from vo_lib.synthetic.vehicles import Model
+from vo_lib.synthetic.world import World
+
+NOTHING: Any = None  # what a picture needs and a motion does not
+SCENE = scene_config("jam", length=60.0, parked=0.5, bends=0.0)  # a straight street: lanes are plain to see
+
+
+def traffic(kind: str, config: SceneConfig = SCENE) -> tuple[World, list[Vehicle]]:
+    """A world without pictures, with one kind of vehicle."""
+    route = make_route(config)
+    drive = make_drive(config, route)
+    models = [Model(name, shape, NOTHING, NOTHING) for name, shape in SHAPES.items()]
+    made = Traffic(config, route, drive, models)
+    getattr(made, kind)()
+    assert len(made.vehicles) >= 2
+    return World(config, route, drive, NOTHING, 0, NOTHING, made.vehicles, NOTHING), made.vehicles
+
+
+def steps(poses: Array) -> Array:
+    """Way (N - 1, 3) of bodies from frame to frame."""
+    return np.asarray(np.diff(poses[:, :3, 3], axis=0))
+
+
+@pytest.mark.parametrize("kind", ["ahead", "overtaking", "oncoming"])
+def test_every_vehicle_drives_the_way_it_looks(kind: str) -> None:
+    for vehicle in traffic(kind)[1]:
+        ways, right, ahead = steps(vehicle.poses), vehicle.poses[:-1, :3, 0], vehicle.poses[:-1, :3, 2]
+        along, aside = np.einsum("ni,ni->n", ways, ahead), np.einsum("ni,ni->n", ways, right)
+        assert (along >= 0).all()
+        assert along.max() > 0.1
+        assert np.abs(aside).max() < 0.1 * along.max()
+        assert not vehicle.parked
+
+
+def in_camera(world: World, vehicle: Vehicle) -> Array:
+    """Places (N, 3) of a vehicle in the axes of the camera of each frame."""
+    return np.asarray((inverse(world.drive.poses) @ vehicle.poses)[:, :3, 3])
+
+
+def test_oncoming_vehicles_face_the_camera_and_come_nearer_faster_than_what_stands() -> None:
+    world, vehicles = traffic("oncoming")
+    for vehicle in vehicles:
+        ahead = np.einsum("ni,ni->n", vehicle.poses[:, :3, 2], world.drive.poses[:, :3, 2])
+        assert (ahead < -0.8).all()
+        x, _, z = in_camera(world, vehicle).T
+        # Beside its place of the frame before, as the camera sees it now.
+        stood = (inverse(world.drive.poses[1:]) @ vehicle.poses[:-1])[:, 2, 3]
+        assert (z[1:] < stood - 0.2).all()
+        assert (x < -2.0).all()
+
+
+def test_overtaking_vehicles_pass_on_the_left_and_go_away() -> None:
+    world, vehicles = traffic("overtaking")
+    for vehicle in vehicles:
+        x, _, z = in_camera(world, vehicle).T
+        assert (x < -2.0).all()
+        stood = (inverse(world.drive.poses[1:]) @ vehicle.poses[:-1])[:, 2, 3]
+        assert (z[1:] > stood).all()
+        assert z[-1] > z[0]
+
+
+def test_vehicles_ahead_stay_ahead_in_the_camera_s_lane() -> None:
+    world, vehicles = traffic("ahead")
+    for vehicle in vehicles:
+        x, _, z = in_camera(world, vehicle).T
+        assert (z > 5.0).all()
+        assert np.abs(x).max() < 1.65 + 0.02 * z.max()  # half a lane, and the camera looks aside a little
+        assert (np.diff(vehicle.poses[:, 2, 3]) >= 0).all()
+
+
+def test_parked_cars_never_move_and_stand_at_both_kerbs() -> None:
+    world, vehicles = traffic("parked")
+    assert all(vehicle.parked for vehicle in vehicles)
+    assert not world.moving().any()
+    assert {np.sign(vehicle.poses[0, 0, 3]) for vehicle in vehicles} == {1.0, -1.0}
+
+
+def test_the_truth_is_told_in_the_first_camera_s_axes(tmp_path: Path) -> None:
+    world, vehicles = traffic("oncoming")
+    write_objects(world, tmp_path / "objects.npz")
+    with np.load(tmp_path / "objects.npz") as told:
+        poses, speed, moving = told["poses"], told["speed"], told["moving"]
+    assert poses.shape[:2] == (len(world.drive.times), len(vehicles))
+    for k, vehicle in enumerate(vehicles):
+        np.testing.assert_allclose(poses[0, k, :3, 3], in_camera(world, vehicle)[0], atol=1e-9)
+        length = np.linalg.norm(steps(vehicle.poses), axis=1) * SCENE.rate
+        np.testing.assert_allclose(speed[:-1, k], length, rtol=0.05)
+    assert moving.all()
+    # The camera looks along z: what comes towards it has ever smaller z in the world.
+    assert (np.diff(poses[:, :, 2, 3], axis=0) < 0).all()
+
+
+def test_a_vehicle_moves_in_the_frames_before_and_after_a_step() -> None:
+    world, (one, *_) = traffic("ahead")
+    z = np.zeros(len(world.drive.times))
+    z[3:] = 0.5  # one step, from frame 2 to frame 3
+    z[6:] += 0.009  # and one that is too small to count
+    poses = np.tile(np.eye(4), (len(z), 1, 1))
+    poses[:, 2, 3] = z
+    world.vehicles[:] = [Vehicle(one.model, poses, 1.0)]
+    assert np.flatnonzero(world.moving()[:, 0]).tolist() == [2, 3]
+
+
+# A truth of two frames made by hand: 10 px columns of the picture show one thing each, straight on.
+CONFIG = SceneConfig(width=64, height=48, focal=50.0, baseline=0.5)
+CAMERA = CONFIG.camera
+AHEAD = 0.8  # metres that the camera goes
+DEPTH = 12.0
+# Step of each vehicle in the world, metres: it comes, it goes faster than the camera, it stands, it crosses.
+STEPS = {"oncoming": (0, 0, -1.5), "overtaking": (0, 0, 2.0), "parked": (0, 0, 0), "crossing": (0.6, 0, 0)}
+NAMES = ("street", *STEPS)
+
+
+@pytest.fixture
+def truth(tmp_path: Path) -> Truth:
+    for name in ("depth", "instance"):
+        (tmp_path / "truth" / name).mkdir(parents=True)
+    ids = np.zeros((48, 64), np.uint8)
+    for k in range(1, 5):
+        ids[:, 10 * k : 10 * k + 10] = k
+        ids[40:, 10 * k : 10 * k + 10] = 4 + k  # the shadow under it
+    ids[:, 50:] = 0
+    count = 3
+    for frame in range(count):
+        depth = encode_depth(np.full((48, 64), 1 / DEPTH, np.float32))
+        cv2.imwrite(str(tmp_path / "truth" / "depth" / f"{frame:06d}.png"), depth)
+        cv2.imwrite(str(tmp_path / "truth" / "instance" / f"{frame:06d}.png"), ids)
+    poses = np.stack([rigid(np.eye(3), np.array([0, 0, AHEAD * i])) for i in range(count)])
+    objects = np.tile(np.eye(4), (count, 4, 1, 1))
+    for k, step in enumerate(STEPS.values()):
+        # From frame 0 to frame 1; then everything stands.
+        objects[:, k, :3, 3] = np.array([0.0, 1.0, DEPTH]) + np.outer([0, 1, 1], step)
+    moves = np.array([any(step) for step in STEPS.values()])
+    return Truth(
+        folder=tmp_path,
+        config=CONFIG,
+        poses=poses,
+        instance=np.arange(1, 5),
+        kind=np.full(4, 2),
+        size=np.ones((4, 3)),
+        objects=objects,
+        speed=np.zeros((count, 4)),
+        moving=np.array([moves, moves, moves & False]),
+    )
+
+
+def pixel(name: str, row: float = 20.0) -> Array:
+    return np.array([[10.0 * NAMES.index(name) + 4.0, row]])
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("row", [20.0, 43.0])
+def test_points_move_as_their_vehicle_does_against_the_camera(truth: Truth, name: str, row: float) -> None:
+    step = np.array(STEPS.get(name, (0, 0, 0)), float)
+    uv = pixel(name, row)
+    # Its place before; then it moves, and the camera goes ahead.
+    X = np.array([*CAMERA.normalise(uv)[0], 1.0]) * DEPTH + step - (0, 0, AHEAD)
+    expected = CAMERA.f * X[:2] / X[2] + (CAMERA.cx, CAMERA.cy)
+    left, right, _ = truth.predict(0, 1, uv)
+    np.testing.assert_allclose(left[0], expected, atol=0.01)
+    assert (left - right)[0, 0] == pytest.approx(CAMERA.f * CAMERA.baseline / X[2], abs=1e-3)
+
+
+def test_an_oncoming_car_comes_nearer_and_an_overtaking_one_goes_away(truth: Truth) -> None:
+    disparity = {}
+    for name in NAMES:
+        left, right, _ = truth.predict(0, 1, pixel(name))
+        disparity[name] = float((left - right)[0, 0])
+    before = CAMERA.f * CAMERA.baseline / DEPTH
+    assert disparity["oncoming"] > disparity["street"] > before > disparity["overtaking"]
+    assert disparity["parked"] == pytest.approx(disparity["street"], abs=1e-6)
+    # Crossing is to the right, at the street's depth.
+    there = {name: truth.flow(0, 1, pixel(name))[0, 0] for name in ("parked", "crossing")}
+    assert disparity["crossing"] == pytest.approx(disparity["street"], abs=1e-6)
+    assert there["crossing"] > there["parked"] + 0.5 * CAMERA.f * 0.6 / DEPTH
+
+
+def test_what_moves_is_asked_of_one_frame_or_of_two(truth: Truth) -> None:
+    movers = {"oncoming", "overtaking", "crossing"}
+    for row in (20.0, 43.0):  # the vehicle and its shadow
+        uv = np.concatenate([pixel(name, row) for name in NAMES])
+
+        def moving(frame: int, other: int | None = None, uv: Array = uv) -> set[str]:
+            return {n for n, m in zip(NAMES, truth.is_moving(frame, uv, other), strict=True) if m}
+
+        assert moving(0) == moving(1) == movers
+        assert moving(2) == set()
+        # From the first frame to the second they go; from the second to the third all stand.
+        assert moving(0, 1) == moving(1, 0) == moving(0, 2) == movers
+        assert moving(1, 2) == moving(2, 1) == set()
+    assert truth.moving_ids(0).tolist() == [1, 2, 4, 5, 6, 8]

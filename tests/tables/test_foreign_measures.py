@@ -1,0 +1,134 @@
+"""Only whole sequences of the benchmark, measured as the benchmark does it, stand beside the paper's."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vo_lib import Sequence, preset
+from vo_lib.beyond.odometry import Motion
+from vo_lib.config import METHODS
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.types import Array
+from vo_lib.data.kitti_check import EXPECTED_FRAMES
+from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, KITTI_STEP, SHORT_MEASURE, Measure
+from vo_lib.runs.runner import Run
+from vo_lib.tables.entries import Entry, Group, group_entries, measure_runs
+from vo_lib.tables.paper import AVERAGE, PAPER_METHODS, PAPER_ROWS, PaperTable
+from vo_lib.tables.table1 import difference, is_papers, is_whole, layout_table, paper_table
+from vo_lib.tables.table1_data import groups_json, table_csv
+
+SHORT = "04"  # the shortest sequence of the table
+NONE = "–"
+FOREIGN = {
+    "short lengths": SHORT_MEASURE,
+    "half of the lengths": Measure(KITTI_LENGTHS[:4], KITTI_STEP),
+    "one length": Measure((100.0,), KITTI_STEP),
+    "from every frame": Measure(KITTI_LENGTHS, 1),
+    "other lengths": Measure(tuple(length + 1.0 for length in KITTI_LENGTHS), KITTI_STEP),
+}
+
+
+def straight(n: int, step: float = 1.0) -> Array:
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, 2, 3] = step * np.arange(n)
+    return poses
+
+
+def entry(name: str, frames: int, measure: Measure, method: str = "viso2") -> Entry:
+    """A run over frames a metre apart, whose steps are one percent too long."""
+    camera = StereoCamera(700.0, 600.0, 180.0, 0.5, 1200, 370)
+    names = tuple(f"{i:06d}" for i in range(frames))
+    times = np.arange(frames) / 10.0
+    sequence = Sequence(name, Path("nowhere"), names, camera, times, straight(frames), None)
+    run = Run(sequence, preset(method), straight(frames, 1.01), [Motion(np.eye(4))] * (frames - 1))
+    return measure_runs(method, [run], measure)
+
+
+def printed() -> PaperTable:
+    """A table in which every number is 2."""
+    numbers: dict[tuple[str, str], float | None] = {(r, m): 2.0 for r in PAPER_ROWS for m in PAPER_METHODS}
+    return PaperTable(numbers, dict(numbers))
+
+
+def gaps(group: Group) -> list[str]:
+    """The cells of all differences in the comparison with the paper."""
+    rows = [row for row in paper_table(group, printed()).rows if not row[0].startswith(AVERAGE)]
+    assert rows
+    return [cell for row in rows for cell in (row[3], row[6])]
+
+
+def csv_gaps(group: Group) -> set[str]:
+    lines = csv.DictReader(io.StringIO(table_csv([group], printed())))
+    return {line[name] for line in lines for name in ("te_difference", "re_difference")}
+
+
+def test_a_whole_sequence_measured_as_the_benchmark_does_is_compared() -> None:
+    one = entry(f"kitti/{SHORT}", EXPECTED_FRAMES[SHORT], KITTI_MEASURE)
+    assert is_whole(one)
+    (group,) = group_entries([one])
+    te = 100 * 0.01  # % of the way; a sub-sequence may end a frame late
+    assert float(gaps(group)[0]) == pytest.approx(te - 2.0, abs=0.02)
+    assert float(gaps(group)[1]) == pytest.approx(-2.0, abs=1e-3)
+    assert NONE not in gaps(group)
+
+
+@pytest.mark.parametrize("foreign", FOREIGN)
+def test_a_whole_sequence_under_another_measure_is_not(foreign: str) -> None:
+    one = entry(f"kitti/{SHORT}", EXPECTED_FRAMES[SHORT], FOREIGN[foreign])
+    assert np.isfinite(one.te).all()  # there is a number, which is not the paper's kind
+    assert not is_whole(one)
+    (group,) = group_entries([one])
+    assert set(gaps(group)) == {NONE}
+    assert csv_gaps(group) == {""}
+    assert groups_json([group], printed())[0]["entries"][0]["whole_sequence"] is False
+    assert any("Not the benchmark's sub-sequences" in note for note in layout_table(group).notes)
+
+
+@pytest.mark.parametrize("missing", [1, 100])
+def test_a_part_of_a_sequence_is_not(missing: int) -> None:
+    part = entry(f"kitti/{SHORT}", EXPECTED_FRAMES[SHORT] - missing, KITTI_MEASURE)
+    assert np.isfinite(part.te).all()
+    assert not is_whole(part)
+    (group,) = group_entries([part])
+    assert set(gaps(group)) == {NONE}
+    assert csv_gaps(group) == {""}
+
+
+def test_the_length_of_another_sequence_does_not_make_a_whole_one() -> None:
+    assert not is_whole(entry("kitti/07", EXPECTED_FRAMES[SHORT], KITTI_MEASURE))
+
+
+def test_another_measure_of_any_one_row_takes_the_average_away() -> None:
+    names = [row for row in PAPER_ROWS if row != AVERAGE]
+    entries = [entry(f"kitti/{name}", EXPECTED_FRAMES[name], KITTI_MEASURE) for name in names]
+    (whole,) = group_entries(entries)
+    assert is_papers(whole)
+    # All of them under a foreign measure, and all but one under the benchmark's.
+    foreign = [entry(f"kitti/{name}", EXPECTED_FRAMES[name], FOREIGN["one length"]) for name in names]
+    for given in (foreign, [*entries[:-1], foreign[-1]]):
+        for group in group_entries(given):
+            assert not is_papers(group)
+            averages = [row for row in paper_table(group, printed()).rows if row[0].startswith(AVERAGE)]
+            assert {cell for row in averages for cell in (row[1], row[3], row[4], row[6])} == {NONE}
+
+
+def test_a_method_or_a_row_that_the_paper_has_not_is_not_beside_it() -> None:
+    own = next(method for method in METHODS if method not in PAPER_METHODS)
+    whole = EXPECTED_FRAMES[SHORT]
+    (group,) = group_entries(
+        [entry(f"kitti/{SHORT}", whole, KITTI_MEASURE, own), entry(f"kitti/{SHORT}", whole, KITTI_MEASURE)]
+    )
+    assert [row[0] for row in paper_table(group, printed()).rows] == [f"{SHORT}, viso2", f"{AVERAGE}, viso2"]
+
+
+def test_a_difference_needs_both_numbers() -> None:
+    ours = np.array([1.0, 2.0])
+    assert difference(ours, 1.2) == pytest.approx(0.3)
+    assert difference(ours, None) is None
+    assert difference(np.array([1.0, np.nan]), 1.2) is None
+    assert difference(np.zeros(0), 1.2) is None
