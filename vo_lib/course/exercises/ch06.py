@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -52,22 +53,14 @@ def measured(error: Array, length: float) -> Array:
     return np.array([np.linalg.norm(error[:3, 3]), np.degrees(angle)]) * 100.0 / length
 
 
-def te_re(truth: Array, estimate: Array, lengths: Any, step: int) -> tuple[Any, Any]:
-    """TE and RE: means over all sub-sequences."""
-    found = kitti_errors(truth, estimate, lengths, step)
-    return found.te, found.re
+def te_re(mean: Callable[[Array, Array], Any], every: int | None = None) -> Callable[..., Any]:
+    """TE and RE over all sub-sequences by a mean of (errors, lengths), from every so many frames."""
 
+    def both(truth: Array, estimate: Array, lengths: Any, step: int) -> tuple[Any, Any]:
+        found = kitti_errors(truth, estimate, lengths, every or step)
+        return 100.0 * mean(found.t_err, found.length), 100.0 * np.degrees(mean(found.r_err, found.length))
 
-def mean_of_means(truth: Array, estimate: Array, lengths: Any, step: int) -> tuple[Any, Any]:
-    """TE and RE as means of the means of each length."""
-    found = kitti_errors(truth, estimate, lengths, step).by_length(lengths).values()
-    return np.mean([each.te or 0.0 for each in found]), np.mean([each.re or 0.0 for each in found])
-
-
-def root_mean_square(truth: Array, estimate: Array, lengths: Any, step: int) -> tuple[Any, Any]:
-    """TE and RE as roots of mean squares."""
-    found = kitti_errors(truth, estimate, lengths, step)
-    return 100.0 * np.sqrt(np.mean(found.t_err**2)), 100.0 * np.degrees(np.sqrt(np.mean(found.r_err**2)))
+    return both
 
 
 def pooled(errors: list[Array]) -> float:
@@ -119,14 +112,14 @@ once_round = Exercise(
 
 all_errors = Exercise(
     "ch06.all_errors",
-    te_re,
+    te_re(lambda each, length: each.mean()),
     lambda: [(*judged_pair(), KITTI_LENGTHS[:4], 10)],
     parts=("te", "re"),
     # The library sums the path in single precision, as the devkit does: an end may be one frame later.
     atol=5e-3,
-    root=root_mean_square,
-    by_length=mean_of_means,
-    every_frame=lambda truth, estimate, lengths, step: te_re(truth, estimate, lengths, 1),
+    root=te_re(lambda each, length: np.sqrt(np.mean(each**2))),
+    by_length=te_re(lambda each, length: np.mean([each[length == L].mean() for L in np.unique(length)])),
+    every_frame=te_re(lambda each, length: each.mean(), every=1),
 )
 
 averages = Exercise(
