@@ -1,4 +1,4 @@
-"""The checks of the exercises: right answers pass, each foreseen mistake gets its own words."""
+"""The tables of the exercises: right answers pass, and each known mistake is told by its own words."""
 
 from __future__ import annotations
 
@@ -8,15 +8,99 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vo_lib import open_sequence
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import essential_vector, inverse
-from vo_lib.core.types import Array
-from vo_lib.course.exercises import Verdict, Wrong, ch00, ch02, ch03, exercise
-from vo_lib.course.exercises.verdict import NOT_YET_CLASS, RIGHT_CLASS
-from vo_lib.method.five_point import epipolar_rows
+from vo_lib.beyond.box_filter import static_matches
+from vo_lib.beyond.translation import solve_translation
+from vo_lib.config import FilterConfig, TranslationConfig
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.matches import StereoMatches
+from vo_lib.course.exercises import Exercise, Verdict, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07
+from vo_lib.course.exercises.checker import NOT_YET_CLASS, WORDS
+from vo_lib.course.made_up import block_tour, made_up
+from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.method.translation import feature_rows
 
-CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
+CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07)
+TABLES = {
+    f"ch0{number}.{name}": exercise
+    for number, chapter in enumerate(CHAPTERS)
+    for name, exercise in vars(chapter).items()
+    if isinstance(exercise, Exercise)
+}
+ANSWERS = [
+    (name, mistake, number)
+    for name, exercise in TABLES.items()
+    for mistake, known in exercise.mistakes.items()
+    for number in range(len(known.answers))
+]
+
+
+def tour(truth: Any) -> Sequence:
+    return Sequence("tour", Path("tour"), (), ch00.CAMERA, np.zeros(0), truth, None)
+
+
+# What a check is given beside the answer.
+GIVEN: dict[str, tuple[Any, ...]] = {
+    "ch00.disparity_at_20_m": (ch00.CAMERA,),
+    "ch00.path_length": (tour(block_tour(1)[:500]),),
+}
+
+
+def judge(name: str, told: Any) -> Verdict:
+    """The verdict on an answer of a table, handed in as a student would: a function, a value or facts."""
+    exercise, given = TABLES[name], GIVEN.get(name, ())
+    if isinstance(told, dict):
+        told = exercise.right | told
+    elif callable(told) and exercise.cases is None:
+        told = told(*given)
+    return exercise(told, *given)
+
+
+def test_words_and_tables_are_of_the_same_exercises() -> None:
+    assert set(TABLES) == {f"{chapter}.{name}" for chapter, words in WORDS.items() for name in words}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_the_right_answers_pass(name: str) -> None:
+    for right in (TABLES[name].right, *TABLES[name].also):
+        verdict = judge(name, right)
+        assert verdict.passed, verdict
+
+
+@pytest.mark.parametrize(("name", "mistake", "number"), ANSWERS)
+def test_a_known_mistake_is_told_by_its_own_words(name: str, mistake: str, number: int) -> None:
+    verdict = judge(name, TABLES[name].mistakes[mistake].answers[number])
+    says, hint = TABLES[name].words["mistakes"][mistake]
+    assert not verdict.passed
+    assert (verdict.message[: says.find("{")], verdict.hint) == (says[: says.find("{")], hint)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_check_stands_answers_that_are_none(name: str) -> None:
+    values = ["text", [], object(), np.full(3, np.nan), np.zeros((2, 0, 7)), [[1], [2, 3]], 1j, iter("ab")]
+    functions: list[Any] = [
+        lambda: 0,
+        lambda *case: 1 / 0,
+        *(lambda *case, each=each: each for each in (None, *values)),
+    ]
+    for answer in (None, ..., *values, *functions):
+        verdict = TABLES[name](answer, *GIVEN.get(name, ()))
+        assert NOT_YET_CLASS in verdict._repr_html_(), answer
+        assert "cannot be judged" not in verdict.message
+
+
+@pytest.mark.parametrize("name", [name for name, exercise in TABLES.items() if exercise.cases])
+def test_nothing_and_code_that_stops_are_told(name: str) -> None:
+    assert "ZeroDivisionError" in TABLES[name](lambda *case: 1 / 0).message
+    told = TABLES[name](lambda *case: None).message
+    assert "gives back nothing" in told or (name, "is None" in told) == ("ch06.end_frame", True)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"), [("ch00.chain", (2, 4, 4)), ("ch02.epipolar_rows", (5, 9)), ("ch06.part_errors", 2)]
+)
+def test_nan_is_told(name: str, shape: Any) -> None:
+    assert "NaN" in TABLES[name](lambda *case: np.full(shape, np.nan)).message
 
 
 def wrong(verdict: Verdict, words: str) -> None:
@@ -25,166 +109,53 @@ def wrong(verdict: Verdict, words: str) -> None:
     assert words in f"{verdict.message} {verdict.hint}"
 
 
-def test_a_missing_answer_is_no_error() -> None:
-    for verdict in (ch00.depth_error_ratio(...), ch02.epipolar_rows(lambda x_p, x_c: None), ch03.angle(None)):
-        assert not verdict.passed
-        assert NOT_YET_CLASS in verdict._repr_html_()
+def test_a_second_mistake_does_not_hide_the_first() -> None:
+    te_re = ch06.errors
+    wrong(ch06.part_errors(lambda *case: te_re(*case) * [0.01, 0.01]), "TE is a fraction")
+    wrong(ch06.part_errors(lambda *case: te_re(*case) * [1.0, 1.1]), "(trace - 1) / 2")
+    wrong(ch04.feature_rows(lambda *case: [-each for each in ch04.eight_rows(*case)]), "every row")
+    wrong(ch05.to_image(lambda xyxy, scale, *case: np.round(xyxy / scale)), "solve u_net")
+    wrong(ch01.is_stereo(lambda a, b, rows, least: abs(a - b)[:, 0] >= least), "two rows lower")
 
 
-def test_code_that_stops_is_told_with_its_line() -> None:
-    def broken(x_p: Array, x_c: Array) -> Array:
-        return x_p @ x_c
-
-    wrong(ch02.epipolar_rows(broken), "ValueError")
-    wrong(ch02.epipolar_rows(broken), "x_p @ x_c")
-
-
-def test_wrong_kinds_of_answers_are_named() -> None:
-    wrong(ch00.depth_error_ratio("sixteen"), "expected a number, got str")
-    wrong(ch00.depth_error_ratio([1, 2]), "shape (2,)")
-    wrong(ch02.epipolar_rows(lambda x_p, x_c: np.zeros((9, 5))), "transpose")
-    wrong(ch02.epipolar_rows(lambda x_p, x_c: np.full((5, 9), np.nan)), "NaN")
+def test_tests_of_a_result_tell_what_no_list_can_hold() -> None:
+    wrong(ch01.loop_closes(lambda *chains: np.arange(12) % 2 == 0), "mask")
+    wrong(ch02.epipolar_rows(lambda p, c: np.ones((5, 9))), "last column")
+    wrong(ch03.nearest(lambda E, e, k: ch03.nearest.right(E, e, k)[::-1]), "nearest first")
+    wrong(ch05.suppress(lambda corners, *case: np.arange(len(corners))), "nothing is suppressed")
+    wrong(ch05.suppress(lambda *case: ch05.suppressed(*case)[::-1]), "another order")
+    wrong(ch07.sweep(lambda *case: [0.5, 0.5, 0.5]), "has not changed")
 
 
-def test_verdicts_escape_what_they_show() -> None:
-    @exercise
-    def check(answer: Any) -> str:
-        raise Wrong(f"{answer} is not it.", "a < b")
-
-    page = check("<script>")._repr_html_()
-    assert "<script>" not in page
-    assert "a &lt; b" in page
-    assert repr(check(1)) == "not yet: 1 is not it. Hint: a < b"
-    assert RIGHT_CLASS in Verdict(True, "yes")._repr_html_()
+def test_a_path_without_truth_cannot_be_judged() -> None:
+    wrong(ch00.path_length(9.0, tour(None)), "tour has no truth")
 
 
-def test_chapter_0_depth() -> None:
-    right = CAMERA.f * CAMERA.baseline / 20.0
-    assert ch00.disparity_at_20_m(right, CAMERA).passed
-    wrong(ch00.disparity_at_20_m(CAMERA.f / 20.0, CAMERA), "between the two cameras")
-    wrong(ch00.disparity_at_20_m(1.0 / right, CAMERA), "other way round")
-    wrong(ch00.disparity_at_20_m(3.0, CAMERA), "f b / Z")
-    assert ch00.depth_error_ratio(16.0).passed
-    wrong(ch00.depth_error_ratio(4.0), "faster than the distance")
-
-    def point(u: float, v: float, d: float, camera: StereoCamera) -> Array:
-        return np.asarray(camera.back_project(np.array([[u, v]]), np.array([d]))[0])
-
-    assert ch00.back_project(point).passed
-    wrong(ch00.back_project(lambda u, v, d, c: point(u, v, 2 * d, c)), "Z is")
-    wrong(ch00.back_project(lambda u, v, d, c: point(u + c.cx, v + c.cy, d, c)), "corner")
+def test_numbers_of_chapters_2_and_6_are_those_of_the_kit() -> None:
+    assert [count for count in range(11) if ch02.most_frequent_count(count).passed] in ([2], [4], [6])
+    assert 3.0 < ch02.growth() < 5.0
+    te = kitti_errors(block_tour(), made_up(block_tour(), scale=1.0), lengths=(800,)).te
+    assert ch06.once_round(te).passed
+    errors = ch07.errors_of_sets()[0]
+    assert errors[0] > errors[1] > errors[2]
 
 
-def test_chapter_0_path(bands: Path) -> None:
-    sequence = open_sequence(bands)
-    assert ch00.path_length(2.5, sequence).passed
-    wrong(ch00.path_length(9.0, sequence), "np.diff")
-
-    def chain(motions: list[Array]) -> list[Array]:
-        poses = [np.eye(4)]
-        for T in motions:
-            poses.append(poses[-1] @ inverse(T))
-        return poses
-
-    def reversed_order(motions: list[Array]) -> list[Array]:
-        poses = [np.eye(4)]
-        for T in motions:
-            poses.append(inverse(T) @ poses[-1])
-        return poses
-
-    assert ch00.chain(chain).passed
-    wrong(ch00.chain(reversed_order), "order")
-    wrong(ch00.chain(lambda motions: chain([inverse(T) for T in motions])), "backwards")
-    wrong(ch00.chain(lambda motions: chain(motions)[1:]), "3 poses")
+def test_the_answers_of_chapter_4_are_the_librarys() -> None:
+    matches = ch04.exact_matches(30, 5, noise=0.5)
+    A, B, c = feature_rows(ch04.CAMERA, ch04.exact_matches(1, 3), ch04.R_CP)
+    M, right = ch04.eight_rows(*ch04.one_match()[0])
+    np.testing.assert_allclose(M, np.concatenate([A[0], B[0]], axis=1), atol=1e-12)
+    np.testing.assert_allclose(right, c[0], atol=1e-12)
+    config = TranslationConfig(variant="unweighted", max_depth=1000)
+    solved = solve_translation(ch04.CAMERA, matches, ch04.R_CP, config)
+    assert solved is not None
+    np.testing.assert_allclose(ch04.stacked(*ch04.noisy_rows(30, 5, 0.5)), solved[0], atol=1e-9)
 
 
-def test_chapter_0_panel() -> None:
-    assert ch00.wrong_depth({"depth Z": 9.0, "true depth": 12.0}).passed
-    wrong(ch00.wrong_depth({"depth Z": 11.9, "true depth": 12.0}), "only 1 % off")
-    wrong(ch00.wrong_depth({"depth Z": float("nan"), "true depth": 12.0}), "found nothing")
-    wrong(ch00.wrong_depth({"depth Z": 9.0, "true depth": float("nan")}), "sky")
-
-
-def test_chapter_2_epipolar_distance() -> None:
-    def distance(E: Array, x_p: Array, x_c: Array) -> float:
-        line = E @ np.append(x_p, 1.0)
-        return float(line @ np.append(x_c, 1.0)) / float(np.hypot(line[0], line[1]))
-
-    assert ch02.epipolar_distance(lambda E, p, c: abs(distance(E, p, c))).passed
-    wrong(ch02.epipolar_distance(lambda E, p, c: -abs(distance(E, p, c))), "absolute")
-    wrong(ch02.epipolar_distance(lambda E, p, c: abs(distance(E.T, p, c))), "transposed")
-    algebraic = ch02.epipolar_distance(lambda E, p, c: abs(np.append(c, 1.0) @ E @ np.append(p, 1.0)))
-    wrong(algebraic, "length of the line")
-
-
-def test_chapter_2_constraints() -> None:
-    def rows(x_p: Array, x_c: Array) -> Array:
-        return np.asarray(epipolar_rows(x_p[None], x_c[None])[:, :, 0])
-
-    assert ch02.epipolar_rows(rows).passed
-    wrong(ch02.epipolar_rows(lambda p, c: rows(c, p)), "changed places")
-    assert ch02.null_basis(lambda A: np.linalg.svd(A)[2][5:]).passed
-    wrong(ch02.null_basis(lambda A: np.linalg.svd(A)[2][:4]), "not 0")
-    wrong(ch02.null_basis(lambda A: 2.0 * np.linalg.svd(A)[2][5:]), "orthonormal")
-
-    def ten(E: Array, half: float = 0.5) -> Array:
-        return np.append((E @ E.T @ E - half * np.trace(E @ E.T) * E).ravel(), np.linalg.det(E))
-
-    assert ch02.essential_constraints(ten).passed
-    wrong(ch02.essential_constraints(lambda E: ten(E, 1.0)), "trace")
-    wrong(ch02.essential_constraints(lambda E: np.full(10, np.linalg.det(E))), "not only for them")
-
-
-def test_chapter_2_numbers() -> None:
-    wrong(ch02.most_frequent_count(3), "pairs")
-    passed = [count for count in range(11) if ch02.most_frequent_count(count).passed]
-    assert passed in ([2], [4], [6])
-    factor = ch02.median_error(0.4) / ch02.median_error(0.1)
-    assert 3.0 < factor < 5.0
-    assert ch02.noise_factor(factor).passed
-    wrong(ch02.noise_factor(1.0 / factor), "inverse")
-    assert ch02.far_off({"rotation error of this solution": 2.5, "real solutions": 4}).passed
-    wrong(ch02.far_off({"rotation error of this solution": 0.1, "real solutions": 4}), "0.10")
-
-
-def test_chapter_3_pieces() -> None:
-    assert ch03.angle(lambda a, b: np.arccos(min(abs(a @ b), 1.0))).passed
-    wrong(ch03.angle(lambda a, b: np.degrees(np.arccos(min(abs(a @ b), 1.0)))), "degrees")
-    wrong(ch03.angle(lambda a, b: np.arccos(abs(a @ b))), "1 + 1e-16")
-    assert ch03.truncated_error(lambda d, t: np.mean(np.minimum((d / t) ** 2, 1.0))).passed
-    wrong(ch03.truncated_error(lambda d, t: np.mean((d / t) ** 2)), "decides everything")
-    wrong(ch03.truncated_error(lambda d, t: np.mean(np.abs(d) > t)), "only counts")
-    wrong(ch03.truncated_error(lambda d, t: np.mean(np.minimum(d**2, 1.0))), "threshold is not used")
-    assert ch03.sets_needed(np.log(0.01) / np.log(1 - 0.7**5)).passed
-    wrong(ch03.sets_needed(np.log(0.01) / np.log(1 - 0.3**5)), "0.7")
-
-
-def angles(E: Array, e_prev: Array) -> Array:
-    return np.asarray(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1.0)))
-
-
-def test_chapter_3_selection() -> None:
-    assert ch03.nearest(lambda E, e, k: np.argsort(angles(E, e))[:k]).passed
-    wrong(ch03.nearest(lambda E, e, k: np.argsort(-angles(E, e))[:k]), "farthest")
-
-    def select(E: Array, sets: Any, errors: Array, e_prev: Array, k: int) -> int:
-        kept: list[int] = []
-        for s in np.unique(sets):
-            members = np.flatnonzero(sets == s)
-            kept += members[np.argsort(angles(E[members], e_prev))[:k]].tolist()
-        return min(kept, key=lambda i: float(errors[i]))
-
-    assert ch03.select(select).passed
-    wrong(ch03.select(lambda E, s, errors, e, k: np.argmin(errors)), "consensus")
-    wrong(ch03.select(lambda E, s, errors, e, k: np.argmin(angles(E, e))), "last word")
-    assert ch03.consensus_fooled({"error by consensus": 2.0, "error by selection": 2.0}).passed
-    wrong(ch03.consensus_fooled({"error by consensus": 0.01}), "moving share")
-
-
-@pytest.mark.parametrize("module", [ch00, ch02, ch03])
-def test_no_check_falls_over_nonsense(module: Any) -> None:
-    for name, check in vars(module).items():
-        if hasattr(check, "__wrapped__") and check.__module__ == module.__name__:
-            others = [object()] * (check.__wrapped__.__code__.co_argcount - 1)
-            for answer in ("text", [], {}, object(), lambda *a: "text", lambda: 0):
-                assert isinstance(check(answer, *others), Verdict), name
+def test_the_rule_of_chapter_5_is_the_librarys() -> None:
+    for uv_p, uv_c, *corners in ch05.features():
+        ones = np.ones(len(uv_p), np.int64)
+        matches = StereoMatches(uv_p, uv_p, uv_c, uv_c, ones, np.ones(len(ones)), np.arange(len(ones)))
+        boxes = [Boxes(xyxy, np.full(len(xyxy), 2), np.ones(len(xyxy))) for xyxy in corners]
+        kept = static_matches(matches, boxes[0], boxes[1], FilterConfig(min_matches=0, min_share=0.0))[0]
+        np.testing.assert_array_equal(ch05.outside(uv_p, uv_c, *corners), kept)

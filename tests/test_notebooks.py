@@ -10,7 +10,7 @@ import nbclient
 import nbformat
 import pytest
 
-from vo_lib.course.exercises.verdict import NOT_YET_CLASS, RIGHT_CLASS
+from vo_lib.course.exercises.checker import NOT_YET_CLASS, RIGHT_CLASS
 from vo_lib.course.panels.base import ERROR_CLASS
 from vo_lib.data.sequence import Sequence
 
@@ -118,9 +118,27 @@ def test_every_chapter_has_its_solutions() -> None:
 
 
 def test_the_scan_sees_an_error_inside_a_panel(street: Sequence, tmp_path: Path) -> None:
-    lines = f"from vo_lib.panels import StartPanel\nStartPanel({street.name!r}).set(sequence='nowhere')"
+    lines = (
+        f"from vo_lib.course.panels import StartPanel\nStartPanel({street.name!r}).set(sequence='nowhere')"
+    )
     cell = nbformat.v4.new_code_cell(lines)  # type: ignore[no-untyped-call]
     broken = tmp_path / "broken.ipynb"
     notebook = nbformat.v4.new_notebook(cells=[cell])  # type: ignore[no-untyped-call]
     nbformat.write(notebook, broken)  # type: ignore[no-untyped-call]
     assert "nowhere" in "".join(complaints(execute(broken, tmp_path)))
+
+
+def test_a_function_that_passed_is_kept_beside_the_notebooks(tmp_path: Path) -> None:
+    cells = [
+        "import numpy as np\nfrom vo_lib.core.geometry import inverse as inv\n"
+        "from vo_lib.course.exercises import ch00",
+        "def chain(motions):\n    poses = [np.eye(4)]\n    for T in motions:\n"
+        "        poses.append(poses[-1] @ inv(T))\n    return poses\n\n\nch00.chain(chain)",
+    ]
+    made = [nbformat.v4.new_code_cell(lines) for lines in cells]  # type: ignore[no-untyped-call]
+    nbformat.write(nbformat.v4.new_notebook(cells=made), tmp_path / "00_start_here.ipynb")  # type: ignore[no-untyped-call]
+    assert RIGHT_CLASS in verdicts(execute(tmp_path / "00_start_here.ipynb", tmp_path))[0]
+    kept: dict[str, Any] = {}
+    exec((tmp_path / "my_vo.py").read_text(encoding="utf-8"), kept)
+    assert len(kept["chain"]([])) == 1
+    assert {"np", "inv"} < set(kept)

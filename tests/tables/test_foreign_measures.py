@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from vo_lib import Sequence, preset
-from vo_lib.beyond.odometry import Motion
 from vo_lib.config import METHODS
 from vo_lib.core.camera import StereoCamera
+from vo_lib.core.frame import Motion
 from vo_lib.core.types import Array
 from vo_lib.data.kitti_check import EXPECTED_FRAMES
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, KITTI_STEP, SHORT_MEASURE, Measure

@@ -1,12 +1,12 @@
-"""Checks of the notebooks' exercises, one module a chapter. They say what is wrong and give a hint.
+"""Exercises of the notebooks, a table a chapter. A check says what is wrong with an answer, with a hint.
 
-    from vo_lib.exercises import ch02
+    from vo_lib.course.exercises import ch02
     ch02.epipolar_rows(my_rows)      # as the last line of a cell: shows the verdict
 
-A check takes the student's number, array or function. It is a function with `@exercise`, which raises `Wrong`
-(or calls a helper of `verdict` that does) and returns what to say when all is right.
+A check takes the student's number, array or function. Each is an `Exercise` of `checker.py`: the right
+answer, cases to run it on, and known mistakes, whose sentence and hint stand in `words.json`.
 """
 
-from .verdict import Verdict, Wrong, exercise
+from .checker import Exercise, Verdict
 
-__all__ = ["Verdict", "Wrong", "exercise"]
+__all__ = ["Exercise", "Verdict"]

@@ -2,201 +2,161 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from ...config import BucketConfig
-from ...core.types import Index
+from ...core.types import Array, Index
 from ...method.buckets import select_by_bucket
-from .verdict import Wrong, as_array, as_number, exercise
+from .checker import Case, Exercise, Known, any_order, times
 
 
-@exercise
-def corner_strength(function: Callable[..., Any]) -> str:
-    """A function (gx, gy): gradients of a window, (n, n) each -> root of the tensor's smaller eigenvalue."""
+def windows() -> list[Case]:
+    """Gradients of a corner and of edges in many directions; rounding makes some eigenvalues negative."""
     rng = np.random.default_rng(0)
-    corner = rng.normal(size=(2, 5, 5))
-    edge = np.stack([rng.normal(size=(5, 5)), np.zeros((5, 5))])
-    for what, (gx, gy) in (("a corner", corner), ("an edge", edge)):
-        M = np.array([[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]])
-        small, large = np.linalg.eigvalsh(M)
-        right = float(np.sqrt(max(small, 0.0)))
-        with np.errstate(invalid="ignore"):
-            got = as_number(function(gx.copy(), gy.copy()))
-        if np.isnan(got):
-            raise Wrong(
-                f"NaN for {what}.", "rounding may make an eigenvalue -1e-17: max(λ, 0) before the root."
-            )
-        if abs(got - right) < 1e-9:
-            continue
-        if abs(got - np.sqrt(large)) < 1e-9:
-            raise Wrong(
-                "this is the larger eigenvalue: an edge has that, too.", "a corner needs the smaller one."
-            )
-        if abs(got - small) < 1e-9:
-            raise Wrong("right, but for the root.", "np.sqrt.")
-        mean = np.array([[np.mean(gx * gx), np.mean(gx * gy)], [np.mean(gx * gy), np.mean(gy * gy)]])
-        if abs(got - np.sqrt(max(float(np.linalg.eigvalsh(mean)[0]), 0.0))) < 1e-9:
-            raise Wrong("this takes means over the window.", "sums: Σ gx², Σ gx gy, Σ gy².")
-        if abs(got - float(np.sqrt(abs(np.linalg.det(M))))) < 1e-9:
-            raise Wrong("this is the determinant.", "np.linalg.eigvalsh(M)[0].")
-        raise Wrong(
-            f"got {got:.4f} for {what}, expected {right:.4f}.",
-            "M = [[Σ gx², Σ gx gy], [Σ gx gy, Σ gy²]]; np.linalg.eigvalsh sorts from small to large.",
-        )
-    return "0 on an edge, large on a corner. The library has it for every pixel at once."
+    edges = [
+        (a * g, b * g) for a, b, g in zip(*rng.normal(size=(2, 20)), rng.normal(size=(20, 5, 5)), strict=True)
+    ]
+    return [tuple(rng.normal(size=(2, 5, 5))), (rng.normal(size=(5, 5)), np.zeros((5, 5))), *edges]
 
 
-@exercise
-def is_stereo(function: Callable[..., Any]) -> str:
-    """A function (left (N, 2), right (N, 2), row_tolerance, min_disparity) -> (N,) bool."""
-    left = np.array([[100.0, 50.0], [100.0, 50.0], [100.0, 50.0], [100.0, 50.0], [100.0, 50.0]])
+def eigenvalues(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Array:
+    """Eigenvalues (2,) of the structure tensor, the smaller one first."""
+    return np.linalg.eigvalsh([[total(gx * gx), total(gx * gy)], [total(gx * gy), total(gy * gy)]])
+
+
+def stereo_pairs() -> list[Case]:
+    """A good match, one two rows lower, one at 0.2 px, one with a negative disparity, one higher; and all."""
+    left = np.tile([100.0, 50.0], (5, 1))
     right = np.array([[90.0, 50.4], [90.0, 52.0], [99.8, 50.0], [110.0, 50.0], [90.0, 48.0]])
-    names = (
-        "good",
-        "two rows lower",
-        "at 0.2 px of disparity",
-        "further right in the right image",
-        "two rows higher",
-    )
-    expected = np.array([True, False, False, False, False])
-    got = as_array(function(left.copy(), right.copy(), 1.0, 0.5), (5,), "the result").astype(bool)
-    if np.array_equal(got, expected):
-        return "rows agree, and the point lies further left in the right image, by enough."
-    wrong = int(np.argmax(got != expected))
-    hint = {
-        0: "the row is 0.4 px off, allowed is 1 px; the disparity is 10 px.",
-        1: "np.abs(left[:, 1] - right[:, 1]) <= row_tolerance.",
-        2: "left[:, 0] - right[:, 0] >= min_disparity.",
-        3: "the disparity is left minus right, with its sign.",
-        4: "the absolute value of the row difference.",
-    }[wrong]
-    raise Wrong(f"the match that is {names[wrong]} is judged {'good' if got[wrong] else 'bad'}.", hint)
+    ones = [(left[[i]], right[[i]], 1.0, 0.5) for i in range(5)]
+    return [*ones, (left, right, 1.0, 0.5)]
 
 
-@exercise
-def loop_closes(function: Callable[..., Any]) -> str:
-    """A function (pl_pr, pr_cr, cr_cl, cl_pl): best matches as indices, -1 for none -> indices that close."""
+def chains() -> list[Case]:
+    """Best matches between four images of 12 features; most chains close, some are lost or go astray."""
+    cases = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        a, b, c, d = chains = _chains(rng, 12)
-        closed = _closed(*chains)
-        got = _indices(function(*(chain.copy() for chain in chains)))
-        if len(got) == len(a) and set(np.unique(got)) <= {0, 1} and len(closed) != len(got):
-            raise Wrong("this looks like a mask.", "np.flatnonzero turns it into indices.")
-        if np.array_equal(got, closed):
-            continue
-        ignoring = np.flatnonzero(d[c[b[a]]] == np.arange(len(a)))
-        if np.array_equal(got, ignoring):
-            raise Wrong(
-                "a match of -1 was followed: numpy takes index -1 for the last one.",
-                "keep only chains in which no step is -1.",
-            )
-        three = np.flatnonzero((a >= 0) & (b[a] >= 0) & (c[b[a]] >= 0))
-        if np.array_equal(got, three):
-            raise Wrong("these reach the current left image.", "the way back has to end where it began.")
-        raise Wrong(
-            f"got {got.tolist()}, expected {closed.tolist()}.",
-            "start with i = 0 … N-1; then pl_pr[i], pr_cr of that, cr_cl of that, cl_pl of that.",
-        )
-    return "four matches, one condition, and hardly a mismatch gets through."
+        forward = [rng.permutation(12) for _ in range(3)]
+        back = np.empty(12, np.intp)
+        back[forward[2][forward[1][forward[0]]]] = np.arange(12)
+        for chain in (*forward, back):
+            chain[rng.integers(12, size=2)] = -1
+            chain[rng.integers(12)] = rng.integers(12)
+        cases.append((*forward, back))
+    return cases
 
 
-def _indices(answer: Any) -> Index:
-    """The answer as sorted whole numbers (K,)."""
-    return np.sort(np.ravel(as_array(answer, np.shape(answer)))).astype(np.intp)
+def follow(*steps: Index) -> tuple[Index, Any]:
+    """Where each feature's matches lead, and whether none of them is missing."""
+    at, found = np.arange(len(steps[0])), np.ones(len(steps[0]), np.bool_)
+    for step in steps:
+        at = step[at]
+        found &= at >= 0
+    return at, found
 
 
-def _chains(rng: np.random.Generator, count: int) -> tuple[Index, Index, Index, Index]:
-    """Best matches between four images of `count` features; most chains close, some are lost or go astray."""
-    forward = [rng.permutation(count) for _ in range(3)]
-    back = np.empty(count, np.intp)
-    back[forward[2][forward[1][forward[0]]]] = np.arange(count)
-    chains = [*forward, back]
-    for chain in chains:
-        chain[rng.integers(count, size=2)] = -1
-        chain[rng.integers(count)] = rng.integers(count)
-    return chains[0], chains[1], chains[2], chains[3]
+def closed(*steps: Index) -> Any:
+    """Mask of the features whose chain ends where it began."""
+    at, found = follow(*steps)
+    return found & (at == np.arange(len(at)))
 
 
-def _closed(a: Index, b: Index, c: Index, d: Index) -> Index:
-    closed = []
-    for start in range(len(a)):
-        at = start
-        for chain in (a, b, c, d):
-            at = int(chain[at]) if at >= 0 else -1
-        if at == start:
-            closed.append(start)
-    return np.array(closed, np.intp)
-
-
-@exercise
-def peak(function: Callable[..., Any]) -> str:
-    """A function (left, middle, right) -> place of a parabola's top, in pixels from the middle one."""
-    for top, height, curve in ((0.3, 5.0, -2.0), (-0.45, 1.0, -0.5), (0.0, 2.0, -1.0)):
-        values = [height + curve * (x - top) ** 2 for x in (-1.0, 0.0, 1.0)]
-        got = as_number(function(*values))
-        if abs(got - top) < 1e-9:
-            continue
-        if abs(got + top) < 1e-9:
-            raise Wrong("the sign is wrong.", "the top lies on the side of the larger neighbour.")
-        if abs(got - 2.0 * top) < 1e-9 or abs(got - top / 2.0) < 1e-9:
-            raise Wrong("off by a factor of two.", "½ (left - right) / (left - 2 middle + right).")
-        raise Wrong(
-            f"the top is at {top}, got {got:.3f}.",
-            "f(x) = f(0) + b x + a x²: b = (right - left) / 2, 2 a = left - 2 middle + right; top: -b / 2 a.",
-        )
-    return "three values fix a parabola, and its top lies between the pixels."
-
-
-@exercise
-def buckets(function: Callable[..., Any]) -> str:
-    """A function (uv (N, 2), age (N,), strength (N,), size, count) -> indices of the features kept."""
+def crowd() -> list[Case]:
+    """120 features with ages and strengths, and two grids of buckets."""
     rng = np.random.default_rng(11)
-    uv = rng.uniform(0, 1, (120, 2)) * (300.0, 150.0)
-    age, strength = rng.integers(1, 4, 120), rng.uniform(1, 9, 120)
-    for size, count in ((50, 3), (70, 1)):
-        config = BucketConfig(size=size, features=count)
-        right = select_by_bucket(uv, age, strength, config)
-        answer = function(uv.copy(), age.copy(), strength.copy(), size, count)
-        got = _indices(answer)
-        if np.array_equal(got, right):
-            continue
-        by_strength = select_by_bucket(uv, np.ones_like(age), strength, config)
-        if np.array_equal(got, by_strength):
-            raise Wrong(
-                "age was not asked.", "older features first; strength decides among equally old ones."
-            )
-        if np.array_equal(got, select_by_bucket(uv, -age, strength, config)):
-            raise Wrong("the youngest come first.", "older features first: sort by -age.")
-        if np.array_equal(got, select_by_bucket(uv, age, -strength, config)):
-            raise Wrong("of equally old features the weakest are kept.", "sort by -strength.")
-        if len(got) == count:
-            raise Wrong(f"only {count} features are left in all.", f"{count} in each bucket.")
-        _, number = np.unique((uv[got] // size), axis=0, return_counts=True)
-        if number.max() > count:
-            raise Wrong(
-                f"a bucket has {number.max()} features, allowed are {count}.",
-                "the bucket of a feature is (uv // size), column and row.",
-            )
-        raise Wrong(f"{len(got)} features are kept, expected {len(right)}.", "np.lexsort((-strength, -age)).")
-    return "spread over the image, and the tried ones first."
+    features = rng.uniform(0, 1, (120, 2)) * (300.0, 150.0), rng.integers(1, 4, 120), rng.uniform(1, 9, 120)
+    return [(*features, 50, 3), (*features, 70, 1)]
 
 
-@exercise
-def too_strict(facts: Mapping[str, float]) -> str:
-    """The panel shows checks that drop more than 100 matches which are right."""
-    dropped, wrong = facts.get("right ones dropped", np.nan), facts.get("wrong among the kept", np.nan)
-    if np.isnan(dropped):
-        raise Wrong("here nobody knows what is right.", "choose a synthetic sequence.")
-    if not dropped > 100:
-        raise Wrong(
-            f"only {dropped:.0f} right matches are dropped.",
-            "make one tolerance smaller than matches are exact.",
-        )
-    return (
-        f"{dropped:.0f} right ones are gone, and {wrong:.0f} wrong ones are still there. "
-        "Strict is not the same as safe."
+def judged(row: Callable[..., Any], disparity: Callable[..., Any]) -> Callable[..., Any]:
+    """The stereo check, of functions of the differences in row and in column."""
+    return lambda left, right, row_tolerance, min_disparity: (
+        (row((left - right)[:, 1]) <= row_tolerance) & (disparity((left - right)[:, 0]) >= min_disparity)
     )
+
+
+def top(left: float, middle: float, right: float) -> float:
+    """Where the parabola through three values has its top."""
+    return (left - right) / 2 / (left - 2 * middle + right)
+
+
+def chosen(by_age: int = 1, by_strength: int = 1) -> Callable[..., Index]:
+    """The choice of features by bucket, with the signs that ages and strengths count with."""
+    return lambda uv, age, strength, size, count: select_by_bucket(
+        uv, by_age * age, by_strength * strength, BucketConfig(size=size, features=count)
+    )
+
+
+def overfull(kept: Array, uv: Array, age: Array, strength: Array, size: int, count: int) -> bool:
+    """Whether a bucket keeps more features than it may."""
+    return bool(np.unique(uv[kept.astype(int)] // size, axis=0, return_counts=True)[1].max() > count)
+
+
+corner_strength = Exercise(
+    "ch01.corner_strength",
+    lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy)[0], 0.0)),
+    windows,
+    atol=1e-6,
+    larger=lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1]),
+    no_root=lambda gx, gy: eigenvalues(gx, gy)[0],
+    means=lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy, np.mean)[0], 0.0)),
+    determinant=lambda gx, gy: np.sqrt(abs(np.prod(eigenvalues(gx, gy)))),
+    rounding=Known(lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[0]), when=lambda got, *case: np.isnan(got)),
+)
+
+is_stereo = Exercise(
+    "ch01.is_stereo",
+    judged(np.abs, np.positive),
+    stereo_pairs,
+    no_rows=judged(np.zeros_like, np.positive),
+    no_disparity=judged(np.abs, lambda disparity: disparity + 99.0),
+    no_sign=judged(np.abs, np.abs),
+    one_sided=Known(judged(np.positive, np.positive), judged(np.negative, np.positive)),
+    exchanged=judged(np.abs, np.negative),
+)
+
+loop_closes = Exercise(
+    "ch01.loop_closes",
+    lambda pl_pr, pr_cr, cr_cl, cl_pl: np.flatnonzero(closed(pl_pr, pr_cr, cr_cl, cl_pl)),
+    chains,
+    form=any_order,
+    followed=lambda a, b, c, d: np.flatnonzero(d[c[b[a]]] == np.arange(len(a))),
+    no_way_back=lambda a, b, c, d: np.flatnonzero(follow(a, b, c)[1]),
+    mask=Known(closed, when=lambda got, a, *case: len(got) == len(a) and set(np.unique(got)) <= {0, 1}),
+)
+
+peak = Exercise(
+    "ch01.peak",
+    top,
+    lambda: [
+        tuple(height + curve * (x - top) ** 2 for x in (-1.0, 0.0, 1.0))
+        for top, height, curve in ((0.3, 5.0, -2.0), (-0.45, 1.0, -0.5), (0.0, 2.0, -1.0))
+    ],
+    sign=times(top, -1.0),
+    factor=Known(times(top, 2.0), times(top, 0.5)),
+)
+
+buckets = Exercise(
+    "ch01.buckets",
+    chosen(),
+    crowd,
+    form=any_order,
+    no_age=chosen(by_age=0),
+    youngest=chosen(by_age=-1),
+    weakest=chosen(by_strength=-1),
+    few=Known(
+        lambda uv, age, strength, size, count: np.arange(count), when=lambda got, *case: len(got) == case[4]
+    ),
+    crowded=Known(lambda uv, *case: np.arange(len(uv)), when=overfull),
+)
+
+too_strict = Exercise(
+    "ch01.too_strict",
+    {"right ones dropped": 140.0, "wrong among the kept": 9.0},
+    unknown=Known({"right ones dropped": np.nan}, when=lambda facts: np.isnan(facts["right ones dropped"])),
+    few=Known({"right ones dropped": 40.0}, when=lambda facts: not facts["right ones dropped"] > 100),
+)

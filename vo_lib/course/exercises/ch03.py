@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,142 +12,116 @@ from ...core.types import Array
 from ...method.five_point import five_point
 from ...method.selection import nearest_to_prior, truncated_errors
 from ...synthetic.problems import random_problems
-from .verdict import Wrong, as_array, as_number, exercise
+from .checker import Case, Exercise, Known
 
 
-@exercise
-def angle(function: Callable[..., Any]) -> str:
-    """A function (e1, e2) -> acos|e1ᵀ e2| in radians, for unit vectors of nine numbers."""
+def vectors() -> list[Case]:
+    """Two essential vectors, one with its sign changed, and a vector whose square is 1 + 1e-16."""
     e = essential_vector(random_problems(np.random.default_rng(1), 2).E)
-    expected = float(np.arccos(abs(e[0] @ e[1])))
-    got = as_number(function(e[0].copy(), e[1].copy()))
-    if abs(np.radians(got) - expected) < 1e-9 or abs(got - np.degrees(expected)) < 1e-9:
-        raise Wrong("this is in degrees.", "inside the code angles are radians.")
-    if abs(got - expected) > 1e-9:
-        raise Wrong(f"got {got:.4f}, expected {expected:.4f} rad.", "np.arccos of the absolute dot product.")
-    flipped = as_number(function(e[0].copy(), -e[1]))
-    if abs(flipped - expected) > 1e-9:
-        raise Wrong("e and -e are the same essential matrix, but the angle differs.", "take |e1ᵀ e2|.")
     unit = np.full(9, 1.0 / 3.0 + 1e-16)
-    with np.errstate(invalid="ignore"):
-        same = as_number(function(unit, unit.copy()))
-    if np.isnan(same):
-        raise Wrong("equal vectors give NaN.", "rounding makes the product 1 + 1e-16: np.minimum(…, 1.0).")
-    return "sign-free, and safe for equal vectors."
+    return [(e[0], e[1]), (e[0], -e[1]), (unit, unit.copy())]
 
 
-@exercise
-def nearest(function: Callable[..., Any]) -> str:
-    """A function (E, e_prev, k): one set's candidates (m, 3, 3) -> indices of the k nearest, in order."""
+def cosine(e1: Array, e2: Array) -> float:
+    """|e1ᵀ e2|, at most 1."""
+    return min(abs(float(e1 @ e2)), 1.0)
+
+
+def candidates() -> list[Case]:
+    """Candidates of a set, a prior and k = 1, 2, 3, for every set with four or more."""
     given = random_problems(np.random.default_rng(2), 60, motion="forward")
     found = five_point(given.x_p, given.x_c)
-    for s in range(60):
-        E = found.E[found.set_index == s]
-        if len(E) < 4:
-            continue
-        e_prev = essential_vector(given.E[(s + 1) % 60])
-        angles = np.arccos(np.abs(essential_vector(E) @ e_prev))
-        for k in (1, 2, 3):
-            answer = function(E.copy(), e_prev.copy(), k)
-            got = as_array(answer, (k,), f"the result for m = {len(E)}, k = {k}").astype(int)
-            if np.array_equal(got, np.argsort(angles)[:k]):
-                continue
-            if np.array_equal(np.sort(got), np.sort(np.argsort(angles)[-k:])):
-                raise Wrong("these are the farthest.", "acos falls where |eᵀ e_prev| rises: sort the angles.")
-            if sorted(got) == sorted(np.argsort(angles)[:k]):
-                raise Wrong("the right ones, but not the nearest first.", "np.argsort(angles)[:k].")
-            raise Wrong(
-                f"got {got.tolist()}, expected {np.argsort(angles)[:k].tolist()}.",
-                "essential vectors have norm 1: is E made a unit vector of nine numbers first?",
-            )
-    return "as the library's `nearest_to_prior` has it, set by set."
+    sets = [(s, found.E[found.set_index == s]) for s in range(60)]
+    return [
+        (E, essential_vector(given.E[(s + 1) % 60]), k) for s, E in sets if len(E) >= 4 for k in (1, 2, 3)
+    ]
 
 
-@exercise
-def truncated_error(function: Callable[..., Any]) -> str:
-    """A function (d, threshold): distances (N,) -> mean of min(d² / threshold², 1)."""
-    d = np.array([0.0, 0.5, -0.5, 1.0, -3.0, 50.0])
-    expected = float(np.mean(np.minimum(d**2, 1.0)))
-    got = as_number(function(d.copy(), 1.0))
-    if abs(got - np.mean(d**2)) < 1e-9:
-        raise Wrong("one wrong match decides everything.", "truncate each term at 1: np.minimum.")
-    if abs(got - np.mean(np.abs(d) > 1.0)) < 1e-9:
-        raise Wrong("this only counts outliers; inliers say more or less, too.", "d² / threshold² below 1.")
-    if abs(got - np.mean(np.minimum(np.abs(d), 1.0))) < 1e-9:
-        raise Wrong("these are distances, not squares.", "square d first.")
-    if abs(got - expected) > 1e-9:
-        raise Wrong(
-            f"got {got:.4f}, expected {expected:.4f}.", "np.mean(np.minimum((d / threshold) ** 2, 1.0))."
-        )
-    if abs(as_number(function(2.0 * d, 2.0)) - expected) > 1e-9:
-        raise Wrong("the threshold is not used.", "divide d by it.")
-    return "a match never costs more than 1, however wrong it is."
+def angles(E: Array, e_prev: Array) -> Array:
+    """Angles (M,) of candidates to the prior, radians."""
+    return np.asarray(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1.0)))
 
 
-@exercise
-def select(function: Callable[..., Any]) -> str:
-    """A function (E, set_index, errors, e_prev, k) -> index of the winner by solution selection."""
+def frames() -> list[Case]:
+    """Candidates of frames with half of the matches wrong, their image errors and a rough prior, k = 1, 2."""
+    cases: list[Case] = []
     for seed in range(8):
-        E, set_index, errors, e_prev = _frame(seed)
-        for k in (1, 2):
-            kept = nearest_to_prior(E, set_index, e_prev, k)
-            right = int(np.argmin(np.where(kept, errors, np.inf)))
-            got = as_number(function(E.copy(), set_index.copy(), errors.copy(), e_prev.copy(), k))
-            if got == right:
-                continue
-            angles = np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1.0))
-            if got == int(np.argmin(angles)):
-                raise Wrong("this is the candidate nearest to e_prev.", "the image error has the last word.")
-            if got == int(np.argmin(errors)):
-                raise Wrong(
-                    "this is consensus: the prior was not asked.", "only the k nearest of each set compete."
-                )
-            overall = np.argsort(angles)[:k]
-            if got == int(overall[np.argmin(errors[overall])]):
-                raise Wrong("only k candidates of all sets competed.", "keep the k nearest of each set.")
-            raise Wrong(
-                f"got {got:.0f}, expected {right} (k = {k}).", "is the index one into all candidates?"
-            )
-    return "the paper's section 2.2: k of each set by angle, then the smallest image error of all kept."
+        rng = np.random.default_rng(seed)
+        given = random_problems(rng, 1, 120, "forward", noise_px=0.5)
+        x_p, x_c = given.x_p[0], given.x_c[0]
+        x_c[:60] += rng.normal(0.0, 0.02, (60, 2))
+        sets = sample_sets(rng, 120, 40)
+        found = five_point(x_p[sets], x_c[sets])
+        e_prev = essential_vector(given.E[0] + 0.2 * rng.normal(size=(3, 3)))
+        errors = truncated_errors(found.E, x_p, x_c, 1.0 / 718.856)
+        cases += [(found.E, found.set_index, errors, e_prev, k) for k in (1, 2)]
+    return cases
 
 
-def _frame(seed: int) -> tuple[Array, Any, Array, Array]:
-    """Candidates of a frame with half of the matches wrong, their image errors, and a rough prior."""
-    rng = np.random.default_rng(seed)
-    given = random_problems(rng, 1, 120, "forward", noise_px=0.5)
-    x_p, x_c = given.x_p[0], given.x_c[0]
-    x_c[:60] += rng.normal(0.0, 0.02, (60, 2))
-    sets = sample_sets(rng, 120, 40)
-    found = five_point(x_p[sets], x_c[sets])
-    e_prev = essential_vector(given.E[0] + 0.2 * rng.normal(size=(3, 3)))
-    return found.E, found.set_index, truncated_errors(found.E, x_p, x_c, 1.0 / 718.856), e_prev
+def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
+    """Solution selection: of the k nearest of each set the one with the smallest image error."""
+    return int(np.argmin(np.where(nearest_to_prior(E, set_index, e_prev, k), errors, np.inf)))
 
 
-@exercise
-def sets_needed(answer: Any) -> str:
-    """Sets to draw so that with 99 % one has only right matches, when 30 % of the matches are wrong."""
-    value = as_number(answer)
-    right = np.log(0.01) / np.log(1.0 - 0.7**5)
-    if abs(value - np.log(0.01) / np.log(1.0 - 0.3**5)) < 2:
-        raise Wrong("this is for 30 % right matches.", "a match is right with probability 0.7.")
-    if abs(value - np.log(0.01) / np.log(0.3)) < 1.5:
-        raise Wrong("one match is not enough.", "all five must be right: 0.7⁵.")
-    if abs(value - right) > 1.0:
-        raise Wrong(f"{value:.4g} is not it.", "(1 - 0.7⁵)ⁿ = 0.01, solved for n.")
-    return f"{right:.1f}, so {int(np.ceil(right))} sets. n = 200 is for accuracy, not for safety alone."
+def overall(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
+    """The best of the k nearest of all sets together."""
+    nearest = np.argsort(angles(E, e_prev))[:k]
+    return int(nearest[np.argmin(errors[nearest])])
 
 
-@exercise
-def consensus_fooled(facts: Mapping[str, float]) -> str:
-    """The panel shows a winner by consensus that is more than 0.5° wrong."""
-    error = facts.get("error by consensus", np.nan)
-    if not error > 0.5:
-        raise Wrong(
-            f"consensus is still only {error:.3f}° wrong.",
-            "raise the moving share: things that move together agree among themselves, wrong matches do not.",
-        )
-    selected = facts.get("error by selection", np.nan)
-    return (
-        f"consensus is {error:.2f}° wrong, selection {selected:.2f}°. What moves together votes as one. "
-        "That is why chapter 5 takes it out before the vote."
-    )
+def sets_for(good: float) -> float:
+    """Sets until one has only right matches with 99 %, when all five are right with a probability `good`."""
+    return float(np.log(0.01) / np.log(1.0 - good))
+
+
+angle = Exercise(
+    "ch03.angle",
+    lambda e1, e2: np.arccos(cosine(e1, e2)),
+    vectors,
+    degrees=lambda e1, e2: np.degrees(np.arccos(cosine(e1, e2))),
+    signed=lambda e1, e2: np.arccos(np.clip(e1 @ e2, -1.0, 1.0)),
+    rounding=lambda e1, e2: np.arccos(abs(e1 @ e2)),
+)
+
+nearest = Exercise(
+    "ch03.nearest",
+    lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k],
+    candidates,
+    farthest=Known(
+        lambda E, e_prev, k: np.argsort(-angles(E, e_prev))[:k],
+        lambda E, e_prev, k: np.argsort(angles(E, e_prev))[-k:],
+    ),
+    order=Known(
+        lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k][::-1],
+        when=lambda got, E, e_prev, k: sorted(got) == sorted(np.argsort(angles(E, e_prev))[:k]),
+    ),
+)
+
+truncated_error = Exercise(
+    "ch03.truncated_error",
+    lambda d, threshold: np.mean(np.minimum((d / threshold) ** 2, 1.0)),
+    lambda: [(t * np.array([0.0, 0.5, -0.5, 1.0, -3.0, 50.0]), t) for t in (1.0, 2.0)],
+    not_truncated=lambda d, threshold: np.mean((d / threshold) ** 2),
+    counts=lambda d, threshold: np.mean(np.abs(d) > threshold),
+    not_squared=lambda d, threshold: np.mean(np.minimum(np.abs(d / threshold), 1.0)),
+    no_threshold=lambda d, threshold: np.mean(np.minimum(d**2, 1.0)),
+)
+
+select = Exercise(
+    "ch03.select",
+    selected,
+    frames,
+    nearest=lambda E, set_index, errors, e_prev, k: np.argmin(angles(E, e_prev)),
+    consensus=lambda E, set_index, errors, e_prev, k: np.argmin(errors),
+    all_sets=overall,
+)
+
+sets_needed = Exercise(
+    "ch03.sets_needed", sets_for(0.7**5), atol=1.0, share=sets_for(0.3**5), one_match=sets_for(0.7)
+)
+
+consensus_fooled = Exercise(
+    "ch03.consensus_fooled",
+    {"error by consensus": 2.0, "error by selection": 2.0},
+    not_fooled=Known({"error by consensus": 0.01}, when=lambda facts: not facts["error by consensus"] > 0.5),
+)
