@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from vo_lib.method.blob_features import BLOB, CORNER, PLACES, Described, describe
+from vo_lib.method.features import BLOB, CORNER, PLACES, Described, describe
 
 from vo_lib.config import FeatureConfig
 from vo_lib.core.types import Image

@@ -188,7 +188,7 @@ def test_an_oncoming_car_comes_nearer_and_an_overtaking_one_goes_away(truth: Tru
     assert disparity["oncoming"] > disparity["street"] > before > disparity["overtaking"]
     assert disparity["parked"] == pytest.approx(disparity["street"], abs=1e-6)
     # Crossing is to the right, at the street's depth.
-    there = {name: truth.flow(0, 1, pixel(name))[0, 0] for name in ("parked", "crossing")}
+    there = {name: truth.predict(0, 1, pixel(name))[0][0, 0] for name in ("parked", "crossing")}
     assert disparity["crossing"] == pytest.approx(disparity["street"], abs=1e-6)
     assert there["crossing"] > there["parked"] + 0.5 * CAMERA.f * 0.6 / DEPTH
 

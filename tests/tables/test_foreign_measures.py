@@ -19,7 +19,7 @@ from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, KITTI_STEP, SH
 from vo_lib.runs.runner import Run
 from vo_lib.tables.entries import Entry, Group, group_entries, measure_runs
 from vo_lib.tables.paper import AVERAGE, PAPER_METHODS, PAPER_ROWS, PaperTable
-from vo_lib.tables.table1 import difference, is_papers, is_whole, layout_table, paper_table
+from vo_lib.tables.table1 import difference, is_papers, is_whole, layout_tables
 from vo_lib.tables.table1_data import groups_json, table_csv
 
 SHORT = "04"  # the shortest sequence of the table
@@ -56,10 +56,10 @@ def printed() -> PaperTable:
 
 
 def gaps(group: Group) -> list[str]:
-    """The cells of all differences in the comparison with the paper."""
-    rows = [row for row in paper_table(group, printed()).rows if not row[0].startswith(AVERAGE)]
+    """What stands behind the printed numbers of the sequences' rows: our differences to them."""
+    rows = [row for row in layout_tables(group, printed())[0].rows if row[0] in PAPER_ROWS]
     assert rows
-    return [cell for row in rows for cell in (row[3], row[6])]
+    return [cell.split("\n")[1].partition(" ")[2] for row in rows for cell in row[1:]]
 
 
 def csv_gaps(group: Group) -> set[str]:
@@ -83,10 +83,12 @@ def test_a_whole_sequence_under_another_measure_is_not(foreign: str) -> None:
     assert np.isfinite(one.te).all()  # there is a number, which is not the paper's kind
     assert not is_whole(one)
     (group,) = group_entries([one])
-    assert set(gaps(group)) == {NONE}
+    assert set(gaps(group)) == {""}
     assert csv_gaps(group) == {""}
     assert groups_json([group], printed())[0]["entries"][0]["whole_sequence"] is False
-    assert any("Not the benchmark's sub-sequences" in note for note in layout_table(group).notes)
+    assert any(
+        "Not the benchmark's sub-sequences" in note for note in layout_tables(group, printed())[0].notes
+    )
 
 
 @pytest.mark.parametrize("missing", [1, 100])
@@ -95,7 +97,7 @@ def test_a_part_of_a_sequence_is_not(missing: int) -> None:
     assert np.isfinite(part.te).all()
     assert not is_whole(part)
     (group,) = group_entries([part])
-    assert set(gaps(group)) == {NONE}
+    assert set(gaps(group)) == {""}
     assert csv_gaps(group) == {""}
 
 
@@ -113,8 +115,11 @@ def test_another_measure_of_any_one_row_takes_the_average_away() -> None:
     for given in (foreign, [*entries[:-1], foreign[-1]]):
         for group in group_entries(given):
             assert not is_papers(group)
-            averages = [row for row in paper_table(group, printed()).rows if row[0].startswith(AVERAGE)]
-            assert {cell for row in averages for cell in (row[1], row[3], row[4], row[6])} == {NONE}
+            rows = {row[0]: row[1:] for row in layout_tables(group, printed())[0].rows}
+            assert AVERAGE not in rows
+            assert not any(
+                "\n" in cell for name, row in rows.items() if name not in PAPER_ROWS for cell in row
+            )
 
 
 def test_a_method_or_a_row_that_the_paper_has_not_is_not_beside_it() -> None:
@@ -123,7 +128,15 @@ def test_a_method_or_a_row_that_the_paper_has_not_is_not_beside_it() -> None:
     (group,) = group_entries(
         [entry(f"kitti/{SHORT}", whole, KITTI_MEASURE, own), entry(f"kitti/{SHORT}", whole, KITTI_MEASURE)]
     )
-    assert [row[0] for row in paper_table(group, printed()).rows] == [f"{SHORT}, viso2", f"{AVERAGE}, viso2"]
+    of_paper, apart = layout_tables(group, printed())
+    assert [row[0] for row in of_paper.rows] == [row[0] for row in apart.rows] == [SHORT]
+    assert of_paper.columns[1:] == ["VISO2 TE", "VISO2 RE"]
+    assert all("\n" in cell for cell in of_paper.rows[0][1:])
+    assert not any("\n" in cell for cell in apart.rows[0][1:])
+
+
+def test_a_folder_of_ones_own_is_never_the_benchmarks() -> None:
+    assert not is_whole(entry(SHORT, EXPECTED_FRAMES[SHORT], KITTI_MEASURE))
 
 
 def test_a_difference_needs_both_numbers() -> None:

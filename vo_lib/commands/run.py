@@ -73,7 +73,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 def config_from_options(options: argparse.Namespace) -> PublishedConfig:
     """The preset of the method and variant with the thresholds given on the command line."""
-    config = preset(options.method, variant=options.variant)
+    config: PublishedConfig = preset(options.method, variant=options.variant)
     for name, value in given(options, settings.declared(Config)).items():
         config = change(config, name, value)
     return config

@@ -114,7 +114,8 @@ def _rows(group: Group, methods: list[str], paper: PaperTable | None, split: boo
     several = len(sequences) > 1
     rows = []
     if several:
-        rows.append((AVERAGE if group.kitti else "mean", [group.mean(m) for m in methods], is_papers(group)))
+        name = AVERAGE if is_papers(group) else f"mean of {len(sequences) - (left_out in sequences)}"
+        rows.append((name, [group.mean(m) for m in methods], True))
     for name in sequences:
         entries = [group.entries.get((name, method)) for method in methods]
         whole = all(entry is None or is_whole(entry) for entry in entries)
@@ -164,7 +165,7 @@ def _notes(group: Group, paper: PaperTable | None) -> list[str]:
         notes[0] += " Below ours, the paper's number and ours less the paper's."
         notes += [*REMARKS, "A difference is given for whole sequences measured as the benchmark does it."]
     if len(group.sequences) > 1:
-        mean = "Avg, without 01" if group.kitti else "mean"
+        mean = "Avg or mean, without 01" if group.kitti else "mean"
         notes.append(
             f"{mean}: each sequence counts the same; pooled: each sub-sequence does, as on KITTI's server."
         )
@@ -217,7 +218,7 @@ def difference(ours: Array, printed: float | None) -> float | None:
 def is_whole(entry: Entry) -> bool:
     """Whether the benchmark's whole sequence was run and measured as the benchmark does it."""
     expected = EXPECTED_FRAMES.get(entry.sequence.removeprefix(KITTI))
-    return entry.frames == expected and entry.measure == KITTI_MEASURE
+    return entry.sequence.startswith(KITTI) and entry.frames == expected and entry.measure == KITTI_MEASURE
 
 
 def is_papers(group: Group) -> bool:

@@ -27,17 +27,17 @@ from vo_lib.evaluation.kitti import KITTI_MEASURE, SHORT_MEASURE, Measure, suita
 from vo_lib.runs.runner import Run
 from vo_lib.synthetic import SCENES
 from vo_lib.tables.entries import Entry, back_end_ms, group_entries, measure_runs
-from vo_lib.tables.paper import PAPER_ROWS, PaperTable, read_paper_table
+from vo_lib.tables.paper import AVERAGE, PAPER_ROWS, PaperTable, read_paper_table
 from vo_lib.tables.report import ReportTable
 from vo_lib.tables.reproduce import default_sequences, plan_jobs, slug, split_missing
 from vo_lib.tables.table1 import (
-    layout_table,
+    gains_table,
+    layout_tables,
     length_table,
     markdown,
     method_table,
-    paper_table,
-    short_layouts,
     spread,
+    terminal_table,
     trajectory_table,
 )
 from vo_lib.tables.table1_data import groups_json, table_csv
@@ -57,12 +57,14 @@ def sequence_of(name: str, n: int) -> Sequence:
     return Sequence(name, Path("nowhere"), frames, camera, times, straight(n), None)
 
 
-def entry_of(name: str, n: int, percent: list[float], method: str = "viso2") -> Entry:
+def entry_of(name: str, n: int, percent: list[float], method: str = "viso2", variant: str = "kit") -> Entry:
     """Runs whose steps are too long by so many percent, a seed each."""
     sequence = sequence_of(name, n)
     motion = Motion(np.eye(4), matches=100, removed=25, ms={"matching": 30.0, "rotation": 4.0, "filter": 1.0})
     runs = [
-        Run(sequence, preset(method, seed=seed), straight(n, 1 + p / 100), [motion] * (n - 1))
+        Run(
+            sequence, preset(method, variant=variant, seed=seed), straight(n, 1 + p / 100), [motion] * (n - 1)
+        )
         for seed, p in enumerate(percent)
     ]
     return measure_runs(method, runs)
@@ -85,7 +87,9 @@ def test_short_paths_get_short_lengths_and_say_so() -> None:
     assert SHORT_MEASURE.words == "20, 50, 100 m, every frame"
     assert KITTI_MEASURE.words == "100, 200, … 800 m, every 10 frames (as KITTI)"
     assert Measure((5.0,), 3).words == "5 m, every 3 frames"
-    assert "20, 50, 100 m, every frame" in layout_table(group_entries([entry_of("a", 80, [1.0])])[0]).title
+    assert (
+        "20, 50, 100 m, every frame" in layout_tables(group_entries([entry_of("a", 80, [1.0])])[0])[0].title
+    )
 
 
 def test_time_of_the_back_end_leaves_the_front_end_out() -> None:
@@ -140,57 +144,100 @@ def full_table() -> PaperTable:
     return PaperTable(everything, dict(everything))
 
 
-def test_a_difference_is_given_only_for_whole_sequences() -> None:
-    # 04 has 271 frames; 300 frames of 07 are a part.
-    (group,) = group_entries([entry_of("kitti/04", 271, [1.0]), entry_of("kitti/07", 300, [1.0])])
-    rows = {row[0]: row[1:] for row in paper_table(group, full_table()).rows}
-    whole, part, average = rows["04, viso2"], rows["07, viso2"], rows["Avg, viso2"]
-    assert float(whole[2]) == pytest.approx(float(whole[0]) - 2.0, abs=1.1e-3)
-    assert part[1:3] == ["2.000", "–"]
-    assert average == ["–", "2.000", "–"] * 2
-    assert any("kitti/07 (300 of 1101 frames)" in note for note in layout_table(group).notes)
-    assert not any("kitti/04 (" in note for note in layout_table(group).notes)
-
-
-def test_with_all_ten_sequences_the_average_is_compared_too() -> None:
-    names = [row for row in PAPER_ROWS if row.isdigit()]
-    entries = [entry_of(f"kitti/{name}", EXPECTED_FRAMES[name], [1.0]) for name in names]
+def test_the_layout_is_the_papers_ours_over_its_numbers() -> None:
+    names = ["00", "01", *(row for row in PAPER_ROWS if row not in (AVERAGE, "00"))]
+    methods = ("mesvo_f", "solution_selection", "feature_selection", "moving_selection")
+    entries = [
+        entry_of(f"kitti/{name}", EXPECTED_FRAMES[name], [1.0, 1.2], method)
+        for name in names
+        for method in methods
+    ]
     (group,) = group_entries(entries)
-    row = paper_table(group, full_table()).rows[-1]
-    assert row[0] == "Avg, viso2"
-    assert float(row[3]) == pytest.approx(-1.0, abs=0.01)
-    table = list(csv.DictReader(io.StringIO(table_csv([group], full_table()))))
-    mean = next(line for line in table if line["sequence"] == "mean_without_01")
-    assert float(mean["te_difference"]) == pytest.approx(-1.0, abs=0.01)
-    assert float(mean["paper_te_percent"]) == 2.0
+    table, gains, own = layout_tables(group, full_table())
+    assert [row[0] for row in table.rows] == [*PAPER_ROWS, "01", "pooled"]
+    assert table.columns[1:3] == ["MESVO_F TE", "MESVO_F RE"]
+    rows = {row[0]: row[1:] for row in table.rows}
+    ours, below = rows["04"][0].split("\n")
+    assert ours.startswith("1.1")
+    assert below == f"2 {float(ours.split(' ')[0]) - 2.0:+.3f}"
+    assert float(rows[AVERAGE][0].split("\n")[1].split(" ")[1]) == pytest.approx(-0.9, abs=0.01)
+    assert not any("\n" in cell for cell in rows["01"] + rows["pooled"])
+    # What is not the paper's stands apart, without its numbers.
+    assert own.columns == ["sequence", "moving_selection TE", "moving_selection RE"]
+    assert not any("\n" in cell for row in own.rows for cell in row)
+    assert [row[0] for row in gains.rows][:2] == ["Solution selection, TE", "Solution selection, RE"]
+    text = " ".join(table.notes)
+    assert text.count("2.43 / 1.106") == text.count("1/180") == 1
+    assert "1.20 / 0.850 against 0.66 / 0.394" in text
 
 
-def test_the_remarks_on_the_paper_and_its_missing_numbers_are_said_once() -> None:
-    (group,) = group_entries([entry_of("kitti/04", 271, [1.0])])
-    text = " ".join(paper_table(group, read_paper_table()).notes)
-    assert text.count("2.43 / 1.106") == 1
-    assert text.count("1/180") == 1
-    assert "not in the kit's data file" in text
-    assert "not in the kit's data file" not in " ".join(paper_table(group, full_table()).notes)
+def test_a_part_of_a_sequence_gets_no_difference_and_is_named() -> None:
+    (group,) = group_entries([entry_of("kitti/04", 271, [1.0]), entry_of("kitti/07", 300, [1.0])])
+    table = layout_tables(group, full_table())[0]
+    rows = {row[0]: row[1:] for row in table.rows}
+    assert rows["04"][0].split("\n")[1].startswith("2 -")
+    assert rows["07"][0].split("\n")[1] == "2"
+    assert "mean of 2" in rows
+    assert any("kitti/07 (300 of 1101 frames)" in note for note in table.notes)
+    assert not any("kitti/04 (" in note for note in table.notes)
+
+
+def test_gains_are_what_the_errors_are_smaller_by_seed_by_seed() -> None:
+    entries = [
+        entry_of(f"kitti/{name}", n, percent, method)
+        for name, n in (("00", 500), ("01", 500), ("04", 150))
+        for method, percent in (("solution_selection", [2.0, 4.0]), ("feature_selection", [1.0, 3.0]))
+    ]
+    (group,) = group_entries(entries)
+    table = gains_table(group, read_paper_table())
+    row = table.rows[0]
+    assert row[0] == "Solution selection, TE"
+    assert row[1:5] == ["8.0 %", "8.1 %", "8.6 %", "5.2 %"]
+    # Halved in one seed, a quarter less in the other.
+    assert row[5] == "37.5 ± 12.5 %"
+    worse = [entry_of("a", 300, [1.0], "solution_selection"), entry_of("a", 300, [2.0], "feature_selection")]
+    (group,) = group_entries(worse)
+    assert gains_table(group, None).rows[0][1] == "−100.0 %"
+    assert len(gains_table(group, None).columns) == 3
+
+
+def test_variants_are_never_averaged_together_and_each_says_what_made_it() -> None:
+    entries = [
+        entry_of("kitti/00", 300, [1.0], "mesvo_f", "published"),
+        entry_of("kitti/00", 300, [1.0], "mesvo_f"),
+    ]
+    published, kit = group_entries(entries)
+    assert (published.variant, kit.variant) == ("published", "kit")
+    words = [layout_tables(group, full_table())[0] for group in (published, kit)]
+    assert "the paper as published" in words[0].title
+    assert "blobs and corners; the winner as it is" in words[0].head[-1]
+    assert "klt; refined" in words[1].head[-1]
+
+
+def test_that_there_were_no_boxes_is_said_first() -> None:
+    (group,) = group_entries([entry_of("kitti/00", 300, [1.0], "feature_selection")])
+    assert "No vehicle boxes on kitti/00" in layout_tables(group, full_table())[0].head[0]
+    assert "No vehicle boxes" in terminal_table(group, full_table()).head[0]
+    (group,) = group_entries([entry_of("kitti/00", 300, [1.0], "solution_selection")])
+    assert not any("boxes" in line for line in layout_tables(group, full_table())[0].head)
 
 
 def test_tables_have_a_cell_for_each_column_and_a_dash_where_nothing_is() -> None:
     entries = [entry_of("kitti/00", 300, [1.0, 1.1], m) for m in ("viso2", "mesvo_f")]
     entries.append(entry_of("kitti/02", 300, [2.0, 2.1]))
     (group,) = group_entries(entries)
-    tables = [layout_table(group), paper_table(group, read_paper_table()), *short_layouts(group, 3)]
-    tables += [trajectory_table(entries), method_table(entries[:2]), length_table(group)]
+    tables = [*layout_tables(group, read_paper_table()), terminal_table(group, read_paper_table())]
+    tables += [trajectory_table(group), method_table(entries[:2]), length_table(group)]
     for table in tables:
         assert {len(row) for row in table.rows} == {len(table.columns)}
-    row = next(row for row in layout_table(group).rows if row[0] == "kitti/02")
+    row = next(row for row in layout_tables(group)[0].rows if row[0] == "02")
     assert row[3:] == ["–", "–"]
-    assert [len(table.columns) for table in short_layouts(group, 3)] == [4, 2]
-    assert "SE3" in trajectory_table(entries).notes[0]
+    assert "SE3" in trajectory_table(group).notes[0]
     assert length_table(group).columns == ["sequence, method", "100 m", "200 m"]  # 299 m hold no more
-    assert "over 2 seeds" in layout_table(group).notes[0]
+    assert "over 2 seeds" in layout_tables(group)[0].notes[0]
     assert float(length_table(group).rows[0][1].split(" / ")[0]) == pytest.approx(1.05, abs=0.07)
-    text = markdown(ReportTable("t", ["a", "b"], [["1", "2"]], ["n"]))
-    assert text == "## t\n\n| a | b |\n| --- | ---: |\n| 1 | 2 |\n\nn\n"
+    text = markdown(ReportTable("t", ["a", "b"], [["1", "2\n3"]], ["n"], ["h"]))
+    assert text == "## t\n\nh\n\n| a | b |\n| --- | ---: |\n| 1 | 2<br>3 |\n\nn\n"
 
 
 def test_json_and_csv_hold_what_was_measured() -> None:
@@ -212,13 +259,14 @@ def test_json_and_csv_hold_what_was_measured() -> None:
 
 def test_a_job_for_each_sequence_method_and_seed_in_a_folder_of_its_own() -> None:
     sequences = [sequence_of("kitti/00", 5), sequence_of("a b", 5)]
-    jobs = plan_jobs(sequences, ["viso2", "mesvo_f"], 3, Path("out"))
-    assert len({job.folder for job in jobs}) == len(jobs) == 12
-    assert jobs[0].folder == Path("out/runs/kitti_00/viso2/seed_0")
+    jobs = plan_jobs(sequences, {"published": ["viso2"], "kit": ["viso2", "mesvo_f"]}, 3, Path("out"))
+    assert len({job.folder for job in jobs}) == len(jobs) == 18
+    assert jobs[0].folder == Path("out/runs/published/kitti_00/viso2/seed_0")
+    assert [job.config.variant for job in jobs] == ["published"] * 6 + ["kit"] * 12
     assert [job.config.seed for job in jobs[:3]] == [0, 1, 2]
     assert slug("a b/c") == "a_b_c"
     with pytest.raises(DataError, match="two sequences are called a b"):
-        plan_jobs([sequences[1], sequences[1]], ["viso2"], 1, Path("out"))
+        plan_jobs([sequences[1], sequences[1]], {"kit": ["viso2"]}, 1, Path("out"))
 
 
 def test_sequence_numbers_and_ranges_mean_kitti() -> None:
@@ -270,14 +318,17 @@ def test_the_whole_table_is_made_and_names_what_is_missing(
     printed = capsys.readouterr().out
     assert "Not found, so not run: kitti/08" in printed
     out = tree / "out"
-    figures = {"figure4", "trajectory_kitti_02", "trajectory_kitti_07", "trajectory_kitti_11"}
-    figures |= {"errors_kitti_0_by_length", "errors_kitti_0_by_speed"}
+    names = ["figure4_{}", *(f"trajectory_{{}}_kitti_{number}" for number in ("02", "07", "11"))]
+    names += ["errors_{}_kitti_%d_by_length", "errors_{}_kitti_%d_by_speed"]
+    variants = enumerate(("published", "kit"))
+    figures = {name.format(v).replace("%d", str(n)) for n, v in variants for name in names}
     expected = {f"{name}.{kind}" for name in figures for kind in ("png", "pdf")}
     texts = {"table1.md", "table1.csv", "metrics.json", "report.html"}
     assert {p.name for p in out.iterdir()} == expected | texts | {"runs", "results"}
-    assert (out / "figure4.pdf").read_bytes().startswith(b"%PDF")
+    assert (out / "figure4_published.pdf").read_bytes().startswith(b"%PDF")
     table = list(csv.DictReader(io.StringIO((out / "table1.csv").read_text(encoding="utf-8"))))
     assert [(row["sequence"], row["seeds"]) for row in table[:2]] == [("kitti/02", "2")] * 2
+    assert list(dict.fromkeys(row["variant"] for row in table)) == ["published", "kit"]
     metrics = json.loads((out / "metrics.json").read_text(encoding="utf-8"))
     assert metrics["missing"] == ["kitti/08"]
     assert metrics["failed"] == []
@@ -286,9 +337,9 @@ def test_the_whole_table_is_made_and_names_what_is_missing(
     assert 0 < te < 5
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "kitti/08" in page
-    assert page.count("<img") == page.count("data:image/png;base64,") == 5
+    assert page.count("<img") == page.count("data:image/png;base64,") == 12
     assert not re.search(r'(?:src|href)="(?!data:)', page)
-    assert len(re.findall(r'alt="[^"]{10,}"', page)) == 5
+    assert len(re.findall(r'alt="[^"]{10,}"', page)) == 12
 
 
 def test_sequences_without_truth_give_poses_as_kittis_server_takes_them(tree: Path) -> None:
@@ -296,11 +347,11 @@ def test_sequences_without_truth_give_poses_as_kittis_server_takes_them(tree: Pa
     results = sorted(
         p.relative_to(tree / "out" / "results") for p in (tree / "out" / "results").rglob("*.txt")
     )
-    assert results == [Path("mesvo_f/11.txt"), Path("viso2/11.txt")]
-    poses = read_kitti_poses(tree / "out" / "results" / "viso2" / "11.txt")
+    assert results == [Path(v) / m / "11.txt" for v in ("kit", "published") for m in ("mesvo_f", "viso2")]
+    poses = read_kitti_poses(tree / "out" / "results" / "kit" / "viso2" / "11.txt")
     np.testing.assert_array_equal(poses[0], np.eye(4))
     np.testing.assert_allclose(poses[:, 0, 3], 0.5 * np.arange(6), atol=0.03)
-    run = read_kitti_poses(tree / "out" / "runs" / "kitti_11" / "viso2" / "seed_0" / "poses.txt")
+    run = read_kitti_poses(tree / "out" / "runs" / "kit" / "kitti_11" / "viso2" / "seed_0" / "poses.txt")
     np.testing.assert_allclose(poses, run, atol=1e-9)
 
 
