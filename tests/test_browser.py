@@ -60,7 +60,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         "JUPYTER_CONFIG_DIR": str(folder / "config"),
         "IPYTHONDIR": str(folder / "ipython"),
     }
-    command = [sys.executable, "-c", "import sys; from vo_lib.cli import main; sys.exit(main())"]
+    command = [sys.executable, "-c", "import sys; from vo_lib.commands.cli import main; sys.exit(main())"]
     options = ["--copy", str(folder / "work"), "--port", str(port), "--no-browser"]
     log = folder / "server.log"
     with log.open("w") as printed:

@@ -118,9 +118,8 @@ def test_every_chapter_has_its_solutions() -> None:
 
 
 def test_the_scan_sees_an_error_inside_a_panel(street: Sequence, tmp_path: Path) -> None:
-    lines = (
-        f"from vo_lib.course.panels import StartPanel\nStartPanel({street.name!r}).set(sequence='nowhere')"
-    )
+    panel = f"StartPanel({street.name!r}).set(sequence='nowhere')"
+    lines = f"from vo_lib.course.panels import StartPanel\n{panel}"
     cell = nbformat.v4.new_code_cell(lines)  # type: ignore[no-untyped-call]
     broken = tmp_path / "broken.ipynb"
     notebook = nbformat.v4.new_notebook(cells=[cell])  # type: ignore[no-untyped-call]

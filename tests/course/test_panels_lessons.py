@@ -13,13 +13,12 @@ from vo_lib.config import FeatureConfig, MatchingConfig, TranslationConfig
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.poses import write_kitti_poses, write_tum
-from vo_lib.course.panels.ch01_loop import four_images, walk
+from vo_lib.course.panels.ch01_figures import four_images, walk
 from vo_lib.course.panels.ch01_trace import KEPT, REASONS, trace
 from vo_lib.course.panels.ch04_translation import alone, covariance
 from vo_lib.course.panels.ch05_figures import cells_picture
 from vo_lib.course.panels.ch05_filtering import as_yolox
-from vo_lib.course.panels.ch06_evaluation import OWN, EvaluationPanel
-from vo_lib.course.panels.ch06_trajectories import read_own
+from vo_lib.course.panels.ch06_evaluation import OWN, EvaluationPanel, read_own
 from vo_lib.course.panels.style import GOOD, WIDTH, bgr
 from vo_lib.detection.yolo import Candidates
 from vo_lib.detection.yolo_layout import letterbox, read_yolox, yolox_cells

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from vo_lib.method.features import BLOB, CORNER, PLACES, Described, describe
 
 from vo_lib.config import FeatureConfig
 from vo_lib.core.types import Image
+from vo_lib.method.features import BLOB, CORNER, PLACES, Described, describe
 
 BLOB_UP, BLOB_DOWN, CORNER_UP, CORNER_DOWN = range(4)
 CENTRE = (40, 30)

@@ -10,6 +10,7 @@ import pytest
 
 from vo_lib import METHODS, open_sequence
 from vo_lib.commands.cli import main
+from vo_lib.config import VARIANTS
 from vo_lib.synthetic import SCENES, scene_config
 
 
@@ -30,17 +31,18 @@ def test_the_demo_draws_runs_and_reports(tmp_path: Path, capsys: pytest.CaptureF
     assert "What next" in printed
     assert all(method in printed for method in METHODS)
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert page.count("<img") == page.count("data:image/") == 2
+    assert page.count("<img") == page.count("data:image/") == 3
     assert not re.search(r'(?:src|href)="(?!data:)', page)
-    for method in METHODS:
-        poses = (out / method / "poses.txt").read_bytes()
-        log = (out / method / "frames.csv").read_bytes()
+    runs = [out / variant / method for variant, methods in VARIANTS.items() for method in methods]
+    for folder in runs:
+        poses = (folder / "poses.txt").read_bytes()
+        log = (folder / "frames.csv").read_bytes()
         assert len(poses.splitlines()) == len(log.splitlines()) >= 10
     # The second time nothing is drawn, and the result is the same to the byte.
     drawn = sorted(p.stat().st_mtime_ns for p in (tmp_path / "cache").rglob("*.png"))
     assert main(arguments) == 0
     assert sorted(p.stat().st_mtime_ns for p in (tmp_path / "cache").rglob("*.png")) == drawn
-    assert (out / method / "poses.txt").read_bytes() == poses
+    assert (runs[-1] / "poses.txt").read_bytes() == poses
 
 
 @pytest.mark.usefixtures("small_scenes")

@@ -6,6 +6,7 @@ import itertools
 
 import cv2
 import numpy as np
+import pytest
 
 from vo_lib.config import METHODS
 from vo_lib.core.boxes import Boxes
@@ -100,9 +101,23 @@ def test_sequences_side_by_side_share_one_legend_and_keep_their_titles() -> None
     }
     panels["kitti/11"] = (None, {"viso2": drives(5), "mesvo_f": drives(5)})
     figure = trajectories_figure(panels)
-    assert [axis.get_title() for axis in figure.axes] == list(panels)
+    assert [axis.get_title() for axis in figure.axes if axis.get_title()] == list(panels)
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["ground truth", "viso2", "mesvo_f"]
+
+
+def test_paths_that_coincide_from_above_differ_in_their_distance_from_the_truth() -> None:
+    truth = drives(30)
+    strayed = truth.copy()
+    strayed[:, 1, 3] += 0.01 * np.arange(30)  # upwards, which the view from above does not show
+    figure = trajectories_figure({"street": (truth, {"viso2": truth, "mesvo_f": strayed})})
+    above, drift = figure.axes
+    lines = {str(line.get_label()): line for line in drift.get_lines()}
+    np.testing.assert_allclose(np.asarray(lines["viso2"].get_ydata()), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.asarray(lines["mesvo_f"].get_ydata()), 0.01 * np.arange(30), atol=1e-9)
+    steps = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1)
+    assert np.asarray(lines["viso2"].get_xdata())[-1] == pytest.approx(steps.sum())
+    assert above.get_xlabel() == "x, right [m]"
 
 
 def test_error_curves_go_through_their_points_and_start_at_zero() -> None:

@@ -87,8 +87,8 @@ def test_cells_hold_the_errors_of_single_runs(sequence: Sequence, tmp_path: Path
 def test_a_cell_that_fails_is_named_and_the_others_finish(sequence: Sequence, tmp_path: Path) -> None:
     axes = (parse_axis("selection.sets=20,30"),)
     do = partial(run_jobs, cache=tmp_path / "cache")
-    (tmp_path / "cells" / "selection.sets=30").mkdir(parents=True)
-    (tmp_path / "cells" / "selection.sets=30" / "seed1").write_text("no folder", encoding="utf-8")
+    (tmp_path / "cells" / "kit" / "selection.sets=30").mkdir(parents=True)
+    (tmp_path / "cells" / "kit" / "selection.sets=30" / "seed1").write_text("no folder", encoding="utf-8")
     sweep = run_sweep(sequence.part(0, 20), "mesvo_f", axes, 2, tmp_path, do)
     assert [len(cell.errors) for cell in sweep.cells] == [0, 1]
     assert [len(cell.te) for cell in sweep.cells] == [2, 1]

@@ -83,7 +83,7 @@ def _view(X: Array) -> Array:
     return np.asarray(X[:, :2] / np.maximum(X[:, 2:], 0.5))
 
 
-def true_motion(sequence: Sequence, frame: int, points: Points) -> Array:
+def motion_or_guess(sequence: Sequence, frame: int, points: Points) -> Array:
     """The true motion; without truth the reference rotation and the median change of the points."""
     if points.T_cp is not None:
         return points.T_cp
@@ -163,7 +163,9 @@ class SelectionPanel(Panel):
         sequence, frame, selection = state.sequence, state.frame, state.config.selection
         clean = frame_points(sequence, frame, state.config)
         R_true = reference_rotation(sequence, frame, clean)
-        points, touched = disturbed(clean, true_motion(sequence, frame, clean), sequence.camera, state.view)
+        points, touched = disturbed(
+            clean, motion_or_guess(sequence, frame, clean), sequence.camera, state.view
+        )
         key = (sequence.folder, frame, selection.sets, state.view)
         found = _candidates.get(key, lambda: _solve(points, selection.sets, state.view.draw))
         e_prev = previous_vector(sequence, frame, state.config)
@@ -211,7 +213,7 @@ class SelectionPanel(Panel):
             clean = frame_points(sequence, frame, state.config)
             R_true = reference_rotation(sequence, frame, clean)
             view = replace(state.view, draw=(state.view.draw + frame) % 1000)
-            points, _ = disturbed(clean, true_motion(sequence, frame, clean), sequence.camera, view)
+            points, _ = disturbed(clean, motion_or_guess(sequence, frame, clean), sequence.camera, view)
             found = _solve(points, selection.sets, view.draw)
             given = (points.x_p, points.x_c)
             for name, way in ways.items():

@@ -13,7 +13,7 @@ from ...config import CalibrationConfig, Config, DetectorConfig, FilterConfig, p
 from ...core.boxes import Boxes, no_boxes
 from ...core.errors import DataError
 from ...core.frame import Motion
-from ...core.geometry import inverse, rotation_angle
+from ...core.geometry import rotation_angle
 from ...core.settings import Checked, setting
 from ...core.types import Array, Image, Progress
 from ...data.sequence import Sequence
@@ -24,7 +24,7 @@ from .base import Drawing, Panel, State
 from .ch04_figures import MILLI
 from .ch05_figures import candidates_picture, errors_chart, filter_picture, rules_figure
 from .controls import Control
-from .data import Memory, frame_matches, stereo, truth
+from .data import Memory, frame_matches, stereo, true_motion, truth
 from .style import WIDTH, Fact, caption, figure, photo, raster, stack
 
 PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
@@ -128,12 +128,6 @@ def motion_from(sequence: Sequence, frame: int, keep: NDArray[np.bool_], config:
     key = (sequence.folder, frame, keep.tobytes(), alone)
 
     return _motions.get(key, lambda: Odometry(sequence.camera, alone).step(matches[keep], no_boxes()))
-
-
-def true_motion(sequence: Sequence, frame: int) -> Array | None:
-    """The true T_cp (4, 4) of a frame, or None."""
-    poses = sequence.truth
-    return None if poses is None else np.asarray(inverse(poses[frame]) @ poses[frame - 1])
 
 
 def compare_rules(

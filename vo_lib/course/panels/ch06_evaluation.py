@@ -8,23 +8,30 @@ from typing import Any
 import ipywidgets as widgets
 import numpy as np
 
-from ...config import METHODS
+from ...config import METHODS, preset
 from ...core.errors import DataError
+from ...core.files import read_text
+from ...core.poses import read_kitti_poses, read_tum
 from ...core.settings import Checked, setting
 from ...core.types import Array, Progress
 from ...data.sequence import Sequence
-from ...evaluation.ate_rpe import Alignment, absolute_error, align, relative_error, rmse
+from ...evaluation.ate_rpe import Alignment, absolute_error, align, check_pair, relative_error, rmse
 from ...evaluation.kitti import KittiErrors, kitti_errors, suitable_measure
+from ...runs.match_cache import CachedMatches
+from ...runs.runner import run_methods
 from ..made_up import made_up
 from .base import Drawing, Panel, State
 from .ch06_figures import PER_100_M, PER_CENT, drift_chart, length_chart, paths_chart
-from .ch06_trajectories import known_run, method_poses, read_own
 from .controls import CELL_WIDTH, Control
+from .data import Memory
 from .style import Fact, figure, say, stack
 
 MADE_UP, OWN = "made-up errors", "a file of your own"
 PATH_HEIGHT, CHART_HEIGHT = 330, 220
 MILLI = 1e3
+TUM_COLUMNS = 8
+
+_runs: Memory[Array] = Memory(24)
 
 
 @dataclass(frozen=True)
@@ -50,6 +57,43 @@ class EvaluationView(Checked):
     noise: float = setting(5.0, "made-up: noise of each step", unit="mm", low=0, high=100)
     jitter: float = setting(0.0, "made-up: noise of each turn", unit="deg", low=0, high=0.5)
     file: str = setting("", "path of a file of poses, in KITTI's or TUM's format")
+
+
+def known_run(sequence: Sequence, method: str) -> Array | None:
+    """Poses of a method that `method_poses` has run here, or None."""
+    key = _key(sequence, method)
+    return _runs.get(key, lambda: np.zeros(0)) if key in _runs else None
+
+
+def method_poses(sequence: Sequence, method: str, progress: Progress | None = None) -> Array:
+    """Poses (N, 4, 4) of a method over a whole sequence; the matches are kept on disk, the poses here."""
+
+    def run() -> Array:
+        config = preset(method)
+        matches = CachedMatches(sequence, config.features, config.matching)
+        return run_methods(sequence, {method: config}, progress, matches)[method].poses
+
+    return _runs.get(_key(sequence, method), run)
+
+
+def _key(sequence: Sequence, method: str) -> tuple[object, ...]:
+    return sequence.folder, sequence.frames[0], len(sequence), method
+
+
+def read_own(path: str, truth: Array) -> Array:
+    """Poses (N, 4, 4) of a file in KITTI's or TUM's format, as many as the truth has.
+
+    Raises
+    ------
+    DataError : the file cannot be read, or has another number of poses.
+    """
+    if not path:
+        raise DataError("type the path of a file of poses: 12 numbers a row (KITTI), or 8 (TUM)")
+    rows = [line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
+    is_tum = bool(rows) and len(rows[0].split()) == TUM_COLUMNS
+    poses = read_tum(path)[1] if is_tum else read_kitti_poses(path)
+    check_pair(truth, poses, f"{path}: ")
+    return poses
 
 
 class EvaluationPanel(Panel):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import ipywidgets as widgets
+import numpy as np
 from IPython.display import display
 
 from ...config import Config
@@ -148,14 +149,19 @@ def frame_points(sequence: Sequence, frame: int, config: Config) -> Points:
     matches = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)]
     if len(matches) < 5:
         raise DataError(f"frame {frame} has {len(matches)} matches; the five-point algorithm needs five")
-    poses = sequence.truth
     return Points(
         matches,
         camera.normalise(matches.prev_left),
         camera.normalise(matches.cur_left),
         camera.triangulate(matches.prev_left, matches.prev_right),
-        None if poses is None else inverse(poses[frame]) @ poses[frame - 1],
+        true_motion(sequence, frame),
     )
+
+
+def true_motion(sequence: Sequence, frame: int) -> Array | None:
+    """The true T_cp (4, 4) of a frame >= 1, or None."""
+    poses = sequence.truth
+    return None if poses is None else np.asarray(inverse(poses[frame]) @ poses[frame - 1])
 
 
 def truth(sequence: Sequence) -> Truth | None:
