@@ -12,7 +12,6 @@ from conftest import winding_road
 
 from vo_lib import open_sequence, preset, run
 from vo_lib.beyond.calibration import StereoCalibration, estimate_disparity_error, with_right_moved
-from vo_lib.beyond.odometry import Odometry
 from vo_lib.beyond.row_calibration import RowError, row_terms
 from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import CalibrationConfig, TranslationConfig
@@ -23,7 +22,7 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
 from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.runs.runner import FoundMatches
+from vo_lib.runs.runner import FoundMatches, make_odometry
 from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
@@ -100,13 +99,13 @@ def test_frames_without_matches_are_borne_with_the_shortest_memory() -> None:
 
 def test_switched_off_nothing_changes() -> None:
     matches, _ = next(frames(2, (1.0, 0.0), TrackConfig(points=100)))
-    odometry = Odometry(CAMERA, settings.replace(preset("viso2"), "calibration.estimate", False))
+    odometry = make_odometry(CAMERA, settings.replace(preset("viso2"), "calibration.estimate", False))
     calibration = StereoCalibration(CAMERA, CalibrationConfig(estimate=False))
     calibration.learn_rows(matches)
     np.testing.assert_array_equal(calibration.correct(matches).cur_right, matches.cur_right)
     odometry.start(no_boxes())
     odometry.step(matches, no_boxes())
-    np.testing.assert_array_equal(odometry._calibration.disparity, np.zeros(2))
+    np.testing.assert_array_equal(odometry.calibration.disparity, np.zeros(2))
 
 
 def test_a_camera_at_rest_teaches_nothing() -> None:

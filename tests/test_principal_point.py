@@ -9,7 +9,6 @@ import pytest
 from conftest import winding_road
 
 from vo_lib import preset
-from vo_lib.beyond.odometry import Odometry
 from vo_lib.beyond.principal_point import PrincipalPoint, by_points, shrunk
 from vo_lib.beyond.refinement import refine
 from vo_lib.config import CalibrationConfig
@@ -21,7 +20,7 @@ from vo_lib.core.sampson import match_terms
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.runs.runner import FoundMatches, run
+from vo_lib.runs.runner import FoundMatches, make_odometry, run
 from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
@@ -157,7 +156,7 @@ def test_points_without_any_error_teach_nothing_and_do_no_harm() -> None:
 def test_the_odometry_finds_it_and_its_camera_says_so(street: Sequence, method: str) -> None:
     config, camera = preset(method), street.camera
     wrong = dataclasses.replace(camera, cx=camera.cx + 15.0, cy=camera.cy - 10.0)
-    odometry = Odometry(wrong, config)
+    odometry = make_odometry(wrong, config)
     odometry.start(no_boxes())
     for i, (matches, _) in enumerate(FoundMatches(street, config.features, config.matching)):
         if i:
@@ -168,9 +167,9 @@ def test_the_odometry_finds_it_and_its_camera_says_so(street: Sequence, method: 
 def test_boxes_are_judged_with_the_camera_as_known(street: Sequence) -> None:
     config, camera = preset("moving_selection"), street.camera
     wrong = dataclasses.replace(camera, cx=camera.cx + 15.0, cy=camera.cy - 10.0)
-    learning = Odometry(wrong, config)
+    learning = make_odometry(wrong, config)
     told = settings.replace(config, "calibration.estimate", False)
-    known, nominal = Odometry(camera, told), Odometry(wrong, told)
+    known, nominal = make_odometry(camera, told), make_odometry(wrong, told)
     steps: dict[str, list[Array]] = {"learning": [], "known": [], "nominal": []}
     for name, odometry in (("learning", learning), ("known", known), ("nominal", nominal)):
         odometry.start(street.boxes(0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import ast
 from pathlib import Path
 
 import pytest
@@ -18,13 +18,50 @@ def test_environment_txt_and_pyproject_name_the_same_packages() -> None:
     assert wanted == [*declared, "-e ."]
 
 
-def test_nothing_imports_the_plots_the_panels_or_the_command_but_themselves() -> None:
-    outer = {"plots", "detection_plots", "panels", "demo", "cli", "commands"}
-    for path in (ROOT / "vo_lib").rglob("*.py"):
-        if path.stem in outer or path.parent.name in outer:
+# The rooms in the order in which they may build upon each other.
+ROOMS = (
+    "core method front_end baseline beyond synthetic evaluation data detection runs tables course commands"
+)
+LOOSE = {"config": "detection", "__init__": "runs"}  # modules beside the rooms, and the last room they need
+
+
+def imported(path: Path) -> set[str]:
+    """Rooms (or modules beside them) of vo_lib that a file imports, at its top or inside a function."""
+    parts = path.relative_to(ROOT / "vo_lib").parts
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.ImportFrom):
             continue
-        imported = re.findall(r"^from (?:\.+|vo_lib\.)(\w+)", path.read_text(encoding="utf-8"), re.M)
-        assert not set(imported) & outer, path
+        if node.level:
+            base = parts[: len(parts) - node.level]
+            found |= {[*base, *(node.module or alias.name).split(".")][0] for alias in node.names}
+        elif node.module and node.module.split(".")[0] == "vo_lib":
+            found |= {([*node.module.split("."), *(alias.name for alias in node.names)])[1] for _ in "x"}
+    return found
+
+
+def test_imports_run_one_way_through_the_rooms() -> None:
+    order = {name: number for number, name in enumerate(ROOMS.split())}
+    for path in (ROOT / "vo_lib").rglob("*.py"):
+        parts = path.relative_to(ROOT / "vo_lib").parts
+        room = parts[0] if len(parts) > 1 else LOOSE[path.stem]
+        for name in imported(path) - {"vo_lib"}:
+            needed = LOOSE.get(name, name)
+            assert order[needed] <= order[room], f"{path.relative_to(ROOT)} imports {name}"
+
+
+def test_the_method_imports_the_core_alone_and_is_read_at_one_sitting() -> None:
+    lines = 0
+    for path in (ROOT / "vo_lib" / "method").glob("*.py"):
+        assert imported(path) <= {"core", "method"}, path
+        lines += len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= 1300
+
+
+def test_the_library_needs_no_data_script() -> None:
+    for path in (ROOT / "vo_lib").rglob("*.py"):
+        if path != ROOT / "vo_lib" / "commands" / "data.py":
+            assert "data_scripts." not in path.read_text(encoding="utf-8").replace("data_scripts/", ""), path
 
 
 def test_the_library_never_touches_pyplot() -> None:

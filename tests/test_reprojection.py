@@ -10,7 +10,6 @@ import pytest
 
 from vo_lib import open_sequence, preset, run
 from vo_lib.baseline.viso2 import _triples, centre_weight, ransac_motion, refit_motion
-from vo_lib.beyond.odometry import Odometry
 from vo_lib.config import ReprojectionConfig
 from vo_lib.core import settings
 from vo_lib.core.boxes import no_boxes
@@ -19,6 +18,7 @@ from vo_lib.core.geometry import rigid, rotation_angle, rotation_from_vector, tr
 from vo_lib.core.reprojection import linearise
 from vo_lib.core.types import Array, Mask
 from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.runs.runner import make_odometry
 from vo_lib.synthetic.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
@@ -200,7 +200,7 @@ def test_the_same_seed_gives_the_same_motion_and_the_refit_repeats_itself() -> N
 
 
 def test_in_a_run_a_frame_without_motion_goes_on_with_the_last_one() -> None:
-    odometry = Odometry(CAMERA, preset("viso2"))
+    odometry = make_odometry(CAMERA, preset("viso2"))
     odometry.start(no_boxes())
     first, second = frames(noise=0.0, n=2)
     motion = odometry.step(first.matches, no_boxes())
@@ -219,7 +219,7 @@ def test_a_run_finds_the_disparity_offset_and_steps_get_their_length() -> None:
     shift = np.array([1.0, 0.0])
     for on, expected in ((True, 1.0), (False, None)):
         config = settings.replace(preset("viso2"), "calibration.estimate", on)
-        odometry = Odometry(CAMERA, config)
+        odometry = make_odometry(CAMERA, config)
         odometry.start(no_boxes())
         motions = []
         for frame in frames(noise=0.1, n=12):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vo_lib.beyond.odometry import Odometry
 from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import Config, SelectionConfig, preset
 from vo_lib.core import settings
@@ -18,6 +17,7 @@ from vo_lib.core.geometry import essential_from_motion, essential_vector, rotati
 from vo_lib.core.types import Array
 from vo_lib.course.lessons import CAMERA, NEVER, Pair, Scene, drive, frames_of, selection_errors
 from vo_lib.method.five_point import five_point
+from vo_lib.runs.runner import make_odometry
 from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
 
 TRACKS = TrackConfig(points=300, noise=0.3)
@@ -127,7 +127,7 @@ def stop_and_go() -> Array:
 
 def motions(config: Config) -> tuple[list[Motion], list[Array]]:
     """Estimated motions of `stop_and_go` and the true ones."""
-    odometry = Odometry(CAMERA, config)
+    odometry = make_odometry(CAMERA, config)
     odometry.start(no_boxes())
     frames = list(simulate_tracks(stop_and_go(), CAMERA, dataclasses.replace(TRACKS, noise=0.1), seed=2))
     return [odometry.step(f.matches, no_boxes()) for f in frames], [f.T_cp for f in frames]

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from ..beyond.box_tracks import MOVING, PARKED, UNKNOWN, Judgement
-from ..beyond.odometry import Odometry
 from ..config import preset
 from ..core.files import write_bytes_atomic
 from ..core.matches import StereoMatches
 from ..data.sequence import Sequence
 from ..runs.results import run_folder
-from ..runs.runner import FoundMatches, one_blas_thread
+from ..runs.runner import FoundMatches, make_odometry, one_blas_thread
 from ..tables.plots import jpeg, match_image
 from .common import add_cache, open_with_bar, parse_frames
 from .console import reporting, say, show_table
@@ -58,7 +57,7 @@ def _boxes(options: argparse.Namespace) -> int:
 def _judge(sequence: Sequence, folder: Path | None) -> list[list[str]]:
     """Run the method over the sequence; a row for each box, and a picture of each frame into the folder."""
     config = preset("moving_selection")
-    odometry = Odometry(sequence.camera, config)
+    odometry = make_odometry(sequence.camera, config)
     rows: list[list[str]] = []
     with one_blas_thread(), reporting(sequence.name) as report:
         for index, (matches, _) in enumerate(FoundMatches(sequence, config.features, config.matching)):

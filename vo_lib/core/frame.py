@@ -44,7 +44,7 @@ class Clock:
         self._last = time.perf_counter()
 
     def stage(self, name: str) -> None:
-        """End a stage."""
+        """End a stage; one that comes again goes on."""
         now = time.perf_counter()
-        self.ms[name] = 1e3 * (now - self._last)
+        self.ms[name] = self.ms.get(name, 0.0) + 1e3 * (now - self._last)
         self._last = now

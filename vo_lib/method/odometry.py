@@ -1,8 +1,9 @@
-"""The paper's method: matches and boxes of a frame in, its motion out."""
+"""The paper's method: matches and boxes of a frame in, its motion out, in seven steps."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from ..core.camera import StereoCamera
 from ..core.frame import Clock, Motion
 from ..core.geometry import essential_angle, essential_vector, rigid
 from ..core.matches import StereoMatches
-from ..core.types import Array, Index
+from ..core.types import Array, Index, Mask
 from .boxes import on_vehicles
 from .buckets import select_by_bucket
 from .config import MethodConfig
@@ -20,20 +21,30 @@ from .selection import draw_sets, nearest_to_prior, resolve_by_depth, sampson_in
 from .translation import solve_translation
 
 
+class Rotation(NamedTuple):
+    """What the winner of a frame gives: R_cp (3, 3), its E (3, 3), and its inliers (N,) among the matches."""
+
+    R_cp: Array
+    E: Array
+    inliers: Mask
+
+
 class Odometry:
-    """One method of the paper along a sequence, frame by frame.
+    """The paper's method along a sequence, frame by frame.
 
     Flags of a frame: `standstill`, and `few_matches` or `no_motion`, where the last motion is used again.
 
     Attributes
     ----------
     e_prev : (9,) essential vector of the last frame that moved, the paper's E_prev; None before.
+    clock : times the stages of the frame at hand.
     """
 
     def __init__(self, camera: StereoCamera, config: MethodConfig):
         self.camera = camera
         self.config = config
         self.e_prev: Array | None = None
+        self.clock = Clock()
         self._boxes = no_boxes()
         self._frame = 0
         self._last = np.eye(4)
@@ -45,84 +56,98 @@ class Odometry:
     def step(self, matches: StereoMatches, boxes: Boxes) -> Motion:
         """Motion of the next frame from its matches and the boxes in its left image."""
         self._frame += 1
-        clock = Clock()
+        self.clock = Clock()
         static = self.without_boxes(matches, boxes)
         chosen = self.bucketed(static)
-        clock.stage("filter")
-        motion = self.guarded_motion(chosen, clock)
+        self.clock.stage("filter")
+        if len(chosen) < self.config.min_matches:
+            motion = Motion(self._last, flags=("few_matches",))
+        elif self.stands_still(chosen):
+            motion = self.rest(chosen)
+        else:
+            motion = self.motion(chosen) or Motion(self._last, flags=("no_motion",))
         self._last = motion.T_cp
         removed = len(matches) - len(static)
-        return replace(motion, matches=len(matches), removed=removed, used=len(chosen), ms=clock.ms)
+        return replace(motion, matches=len(matches), removed=removed, used=len(chosen), ms=self.clock.ms)
 
-    def guarded_motion(self, chosen: StereoMatches, clock: Clock) -> Motion:
-        """`motion`, and what to do where there can be none."""
-        if len(chosen) < self.config.min_matches:
-            return Motion(self._last, flags=("few_matches",))
-        if self.stands_still(chosen):
-            return Motion(np.eye(4), flags=("standstill",))
-        motion = self.motion(chosen, clock)
-        return Motion(self._last, flags=("no_motion",)) if motion is None else motion
-
-    def stands_still(self, matches: StereoMatches) -> bool:
-        """Whether the features move too little for an essential matrix; E_prev is kept then."""
-        flow = np.median(np.linalg.norm(matches.cur_left - matches.prev_left, axis=1))
-        return bool(flow < self.config.selection.standstill_flow)
-
-    def motion(self, matches: StereoMatches, clock: Clock) -> Motion | None:
+    def motion(self, matches: StereoMatches) -> Motion | None:
         """Rotation from the essential matrix, then the translation; None where the matches show none."""
-        x_p, x_c = self.camera.normalise(matches.prev_left), self.camera.normalise(matches.cur_left)
-        sets = self.draw_sets(len(matches))
+        x_p, x_c, _ = self.points(matches)
+        sets = self.draw_sets(x_p, x_c)
         E, set_index = five_point(x_p[sets], x_c[sets])
         if len(E) == 0:
             return None
         winner = E[self.select(E, set_index, x_p, x_c)]
-        inliers = sampson_inliers(winner, x_p, x_c, self.threshold)
-        R_cp = self.rotation(winner, matches[inliers])
-        clock.stage("rotation")
-        solved = solve_translation(self.camera, matches[inliers], R_cp, self.config.translation)
-        clock.stage("translation")
-        if solved is None or np.count_nonzero(solved[1]) < self.config.min_matches:
-            return None
-        e, before = essential_vector(winner), self.e_prev
-        self.e_prev = e
-        angle = float("nan") if before is None else float(np.degrees(essential_angle(e, before)))
-        return Motion(rigid(R_cp, solved[0]), inliers=int(np.count_nonzero(inliers)), prior_angle=angle)
-
-    @property
-    def threshold(self) -> float:
-        """Largest Sampson distance of an inlier, in normalised points."""
-        return self.config.selection.threshold / self.camera.f
+        rotation = self.rotation(winner, matches)
+        self.clock.stage("rotation")
+        t_cp = self.translate(matches, rotation)
+        self.clock.stage("translation")
+        return None if t_cp is None else self.remember(rotation, t_cp)
 
     def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
-        """The matches outside vehicle boxes (section 3); `boxes` are those of the current frame."""
+        """Step 1 (section 3): the matches outside vehicle boxes; `boxes` are those of the current frame."""
         before, self._boxes = self._boxes, boxes
         if self.config.filter.rule == "none":
             return matches
         return matches[~on_vehicles(matches, before, boxes, self.config.filter)]
 
     def bucketed(self, matches: StereoMatches) -> StereoMatches:
-        """A few matches of each square of the image (section 1)."""
+        """Step 2 (section 1): a few matches of each square of the image."""
         kept = select_by_bucket(matches.cur_left, matches.age, matches.strength, self.config.buckets)
         return matches[kept]
 
-    def random(self) -> np.random.Generator:
-        """Random numbers of this frame: of the seed and the frame's number alone."""
-        return np.random.default_rng([self.config.seed, self._frame])
-
-    def draw_sets(self, number: int) -> Index:
-        """Random five-point sets among `number` matches, (S, 5)."""
-        return draw_sets(self.random(), number, self.config.selection.sets)
+    def draw_sets(self, x_p: Array, x_c: Array) -> Index:
+        """Step 3 (section 2.1): random five-point sets among the N matches, (S, 5), for `five_point`."""
+        return draw_sets(self.random(), len(x_p), self.config.selection.sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
-        """Which candidate wins (section 2.2): the smallest error among those near the previous frame's."""
+        """Step 4 (section 2.2): the candidate of smallest error among those near the previous frame's."""
         errors = truncated_errors(E, x_p, x_c, self.threshold)
         if self.config.selection.prior and self.e_prev is not None:
             near = nearest_to_prior(E, set_index, self.e_prev, self.config.selection.keep)
             errors = np.where(near, errors, np.inf)
         return int(np.argmin(errors))
 
-    def rotation(self, E: Array, matches: StereoMatches) -> Array:
-        """R_cp of an essential matrix: of its four motions the one that agrees with stereo depth."""
+    def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
+        """Step 5 (section 2.1): of the four motions of the winner E the one that agrees with stereo depth."""
+        x_p, x_c, X_p = self.points(matches)
+        inliers = sampson_inliers(E, x_p, x_c, self.threshold)
+        R_cp, _ = resolve_by_depth(E, x_p[inliers], x_c[inliers], X_p[inliers])
+        return Rotation(R_cp, E, inliers)
+
+    def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
+        """Step 6 (equations 2 and 3): t_cp (3,), metres, from the winner's inliers; None where few agree."""
+        chosen = matches[rotation.inliers]
+        solved = solve_translation(self.camera, chosen, rotation.R_cp, self.config.translation)
+        enough = solved is not None and np.count_nonzero(solved[1]) >= self.config.min_matches
+        return solved[0] if solved is not None and enough else None
+
+    def remember(self, rotation: Rotation, t_cp: Array) -> Motion:
+        """Step 7 (section 2.2): the winner becomes E_prev."""
+        before, self.e_prev = self.e_prev, essential_vector(rotation.E)
+        angle = np.nan if before is None else np.degrees(essential_angle(self.e_prev, before))
+        inliers = int(np.count_nonzero(rotation.inliers))
+        return Motion(rigid(rotation.R_cp, t_cp), inliers=inliers, prior_angle=float(angle))
+
+    def stands_still(self, matches: StereoMatches) -> bool:
+        """Whether the features move too little for an essential matrix."""
+        flow = np.median(np.linalg.norm(matches.cur_left - matches.prev_left, axis=1))
+        return bool(flow < self.config.selection.standstill_flow)
+
+    def rest(self, matches: StereoMatches) -> Motion:
+        """The motion of a camera that stands still: none. E_prev is kept."""
+        return Motion(np.eye(4), flags=("standstill",))
+
+    def points(self, matches: StereoMatches) -> tuple[Array, Array, Array]:
+        """Normalised points x_p, x_c (N, 2) and points X_p (N, 3) of the previous left frame, metres."""
         x_p, x_c = self.camera.normalise(matches.prev_left), self.camera.normalise(matches.cur_left)
-        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
-        return resolve_by_depth(E, x_p, x_c, X_p)[0]
+        return x_p, x_c, self.camera.triangulate(matches.prev_left, matches.prev_right)
+
+    def random(self) -> np.random.Generator:
+        """Random numbers of this frame: of the seed and the frame's number alone."""
+        return np.random.default_rng([self.config.seed, self._frame])
+
+    @property
+    def threshold(self) -> float:
+        """Largest Sampson distance of an inlier, in normalised points."""
+        return self.config.selection.threshold / self.camera.f

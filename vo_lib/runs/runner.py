@@ -7,13 +7,13 @@ import functools
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, cast, overload
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from ..baseline.viso2 import Viso2
-from ..beyond.odometry import Odometry as KitOdometry
+from ..beyond.odometry import KitOdometry, KitViso2, Learning
 from ..config import Config, PublishedConfig
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
@@ -73,7 +73,7 @@ class MethodRun:
             self.odometry.start(boxes)
             return
         matches, ms = frame
-        if isinstance(self.odometry, KitOdometry):
+        if isinstance(self.odometry, Learning):
             truth = self.config.filter.rule == "truth"
             on_moving = self.sequence.on_moving(index, matches) if truth else None
             motion = self.odometry.step(matches, boxes, on_moving)
@@ -89,11 +89,20 @@ class MethodRun:
         return Run(self.sequence, self.config, np.array(self._poses), self.motions)
 
 
-def make_odometry(camera: StereoCamera, config: PublishedConfig) -> Odometry | KitOdometry:
+@overload
+def make_odometry(camera: StereoCamera, config: Config) -> Learning: ...
+
+
+@overload
+def make_odometry(camera: StereoCamera, config: PublishedConfig) -> Odometry: ...
+
+
+def make_odometry(camera: StereoCamera, config: PublishedConfig) -> Odometry:
     """The odometry that a configuration is of: the kit's, the paper's, or VISO2."""
+    viso2 = config.estimator == "reprojection"
     if isinstance(config, Config):
-        return KitOdometry(camera, config)
-    return Viso2(camera, config) if config.estimator == "reprojection" else Odometry(camera, config)
+        return KitViso2(camera, config) if viso2 else KitOdometry(camera, config)
+    return Viso2(camera, config) if viso2 else Odometry(camera, config)
 
 
 def run(sequence: Sequence, config: PublishedConfig, progress: Progress | None = None) -> Run:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...beyond.box_filter import BoxFilter, Filtered
-from ...beyond.odometry import Odometry
 from ...config import CalibrationConfig, Config, DetectorConfig, FilterConfig, preset
 from ...core.boxes import Boxes, no_boxes
 from ...core.errors import DataError
@@ -20,6 +19,7 @@ from ...data.sequence import Sequence
 from ...detection.yolo import Candidates, YoloDetector, find_model
 from ...detection.yolo_layout import STRIDES, Float32
 from ...method.boxes import vehicles
+from ...runs.runner import make_odometry
 from .base import Drawing, Panel, State
 from .ch04_figures import MILLI
 from .ch05_figures import candidates_picture, errors_chart, filter_picture, rules_figure
@@ -127,7 +127,7 @@ def motion_from(sequence: Sequence, frame: int, keep: NDArray[np.bool_], config:
     matches = frame_matches(sequence, frame, config)
     key = (sequence.folder, frame, keep.tobytes(), alone)
 
-    return _motions.get(key, lambda: Odometry(sequence.camera, alone).step(matches[keep], no_boxes()))
+    return _motions.get(key, lambda: make_odometry(sequence.camera, alone).step(matches[keep], no_boxes()))
 
 
 def compare_rules(

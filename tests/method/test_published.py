@@ -1,0 +1,215 @@
+"""The paper's method as published: what it decides, when it stands still, what it gives on real images."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vo_lib.commands.cli import main
+from vo_lib.config import PUBLISHED, change, preset
+from vo_lib.core.boxes import Boxes, no_boxes
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import (
+    essential_angle,
+    essential_from_motion,
+    essential_vector,
+    rigid,
+    rotation_angle,
+    rotation_from_vector,
+)
+from vo_lib.core.matches import StereoMatches, empty_matches
+from vo_lib.core.types import Array
+from vo_lib.data.sequence import open_sequence
+from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.method.odometry import Odometry
+from vo_lib.method.translation import eliminate_points, feature_rows, solve_translation
+from vo_lib.runs.runner import make_odometry, run, run_methods
+
+CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
+R_CP = rotation_from_vector(np.array([0.004, 0.03, -0.002]))
+T_CP = rigid(R_CP, np.array([0.05, -0.02, -1.1]))
+
+
+def scene(number: int = 300, seed: int = 0, T_cp: Array = T_CP, noise: float = 0.0) -> StereoMatches:
+    """Matches of points that fill the image, 5 to 50 m away, under a known motion."""
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(6.0, 50.0, number)
+    uv = rng.uniform((60, 20), (1180, 356), (number, 2))
+    X = CAMERA.back_project(uv, CAMERA.f * CAMERA.baseline / depth)
+    exact = [*CAMERA.project(X), *CAMERA.project(X @ T_cp[:3, :3].T + T_cp[:3, 3])]
+    a, b, c, d = (view + noise * rng.standard_normal(view.shape) for view in exact)
+    whole = np.arange(number)
+    return StereoMatches(a, b, c, d, np.ones(number, np.int64), rng.uniform(50, 90, number), whole)
+
+
+def odometry(method: str = "solution_selection") -> Odometry:
+    made = make_odometry(CAMERA, preset(method, variant="published"))
+    made.start(no_boxes())
+    return made
+
+
+@pytest.mark.parametrize("method", PUBLISHED)
+def test_exact_matches_give_the_exact_motion(method: str) -> None:
+    motion = odometry(method).step(scene(), no_boxes())
+    assert float(rotation_angle(motion.T_cp[:3, :3] @ R_CP.T)) < 1e-7
+    np.testing.assert_allclose(motion.T_cp[:3, 3], T_CP[:3, 3], atol=1e-6)
+    assert motion.flags == ()
+
+
+def test_the_winner_as_it_is_becomes_e_prev() -> None:
+    system = odometry()
+    first = system.step(scene(noise=0.3), no_boxes())
+    assert np.isnan(first.prior_angle)
+    assert system.e_prev is not None
+    before = system.e_prev
+    # The winner goes through five noisy matches, so it is near the truth and not it.
+    truth = essential_vector(essential_from_motion(R_CP, T_CP[:3, 3]))
+    assert 1e-6 < float(essential_angle(before, truth)) < 0.05
+    second = system.step(scene(seed=1, noise=0.3), no_boxes())
+    assert second.prior_angle == pytest.approx(
+        float(np.degrees(essential_angle(system.e_prev, before))), abs=1e-9
+    )
+
+
+def test_the_prior_keeps_the_nearest_solutions_of_each_set_and_the_error_decides_among_them() -> None:
+    """Two sets: in the first the truth beside a solution near E_prev, in the second one that lies between."""
+    matches = scene()
+    x_p, x_c = CAMERA.normalise(matches.prev_left), CAMERA.normalise(matches.cur_left)
+    before, between = (turned_by(angle) for angle in (0.10, 0.05))
+    E = np.array([turned_by(0.0), before, between])
+    chosen = {}
+    for method in ("mesvo_f", "solution_selection"):
+        system = make_odometry(CAMERA, change(preset(method, variant="published"), "selection.keep", 1))
+        system.e_prev = essential_vector(before)
+        chosen[method] = system.select(E, np.array([0, 0, 1]), x_p, x_c)
+    # Consensus takes the truth. The prior leaves one of each set: of these the better one wins.
+    assert chosen == {"mesvo_f": 0, "solution_selection": 2}
+
+
+def turned_by(angle: float) -> Array:
+    """The true essential matrix with a rotation that is off, radians."""
+    off = rotation_from_vector(np.array([0.0, angle, 0.0]))
+    return essential_from_motion(off @ R_CP, T_CP[:3, 3])
+
+
+def test_standing_still_is_the_identity_and_keeps_e_prev() -> None:
+    system = odometry()
+    system.step(scene(), no_boxes())
+    before = system.e_prev
+    motion = system.step(scene(seed=4, T_cp=rigid(np.eye(3), np.array([0.0, 0.0, -0.005]))), no_boxes())
+    np.testing.assert_array_equal(motion.T_cp, np.eye(4))
+    assert motion.flags == ("standstill",)
+    assert system.e_prev is before
+
+
+def test_without_matches_the_last_motion_goes_on() -> None:
+    system = odometry()
+    first = system.step(scene(), no_boxes())
+    again = system.step(empty_matches(), no_boxes())
+    np.testing.assert_array_equal(again.T_cp, first.T_cp)
+    assert again.flags == ("few_matches",)
+
+
+def test_features_in_a_box_of_either_frame_are_gone_before_buckets_are_filled() -> None:
+    system = odometry("feature_selection")
+    left = Boxes(np.array([[-1e4, -1e3, 400.0, 1e3]]), np.array([2]), np.ones(1))
+    right = Boxes(np.array([[800.0, -1e3, 1e4, 1e3]]), np.array([2]), np.ones(1))
+    matches = scene(2000)
+    system.start(left)
+    motion = system.step(matches, right)
+    gone = (matches.prev_left[:, 0] <= 400) | (matches.cur_left[:, 0] >= 800)
+    assert motion.removed == np.count_nonzero(gone)
+    assert motion.used > 100
+    people = dataclasses.replace(left, class_id=np.array([0]))
+    system.start(people)
+    assert system.step(matches, people).removed == 0
+
+
+def test_one_feature_is_enough_for_a_translation() -> None:
+    """Equation (3): eight rows, six unknowns, as section 2.1 says."""
+    M, d = eliminate_points(*feature_rows(CAMERA, scene(5), R_CP))
+    for rows, values in zip(M, d, strict=True):
+        np.testing.assert_allclose(np.linalg.pinv(rows) @ values, T_CP[:3, 3], atol=1e-9)
+
+
+def test_stacked_rows_are_the_pseudo_inverse_of_the_whole_system() -> None:
+    matches = scene(40, noise=0.2)
+    config = PUBLISHED["solution_selection"].translation
+    solved = solve_translation(CAMERA, matches, R_CP, dataclasses.replace(config, agreement=50.0))
+    assert solved is not None
+    assert solved[1].all()
+    A, B, c = feature_rows(CAMERA, matches, R_CP)
+    whole = np.zeros((8 * 40, 3 * 40 + 3))
+    for i in range(40):
+        whole[8 * i : 8 * i + 8, 3 * i : 3 * i + 3], whole[8 * i : 8 * i + 8, -3:] = A[i], B[i]
+    np.testing.assert_allclose(solved[0], (np.linalg.pinv(whole) @ c.ravel())[-3:], atol=1e-9)
+
+
+def test_a_third_of_wrong_depths_does_not_pull_the_translation() -> None:
+    matches = scene(300, noise=0.1)
+    wrong = np.arange(300) % 3 == 0
+    cur_right = matches.cur_right.copy()
+    cur_right[wrong, 0] -= 9.0  # a repeated texture: all nearer by nine pixels
+    solved = solve_translation(
+        CAMERA,
+        dataclasses.replace(matches, cur_right=cur_right),
+        R_CP,
+        PUBLISHED["solution_selection"].translation,
+    )
+    assert solved is not None
+    assert not solved[1][wrong].any()
+    assert np.linalg.norm(solved[0] - T_CP[:3, 3]) < 0.02
+
+
+OWN = {
+    "calibration": ["--calibration.estimate", "off"],
+    "refinement": ["--selection.refine_scale", "2"],
+    "mode": ["--selection.mode", "literal"],
+    "front end": ["--matching.front_end", "klt"],
+    "rule": ["--filter.rule", "moving"],
+    "method": ["--method", "moving_selection"],
+}
+
+
+@pytest.mark.parametrize("case", OWN)
+def test_what_is_the_kits_own_is_refused_in_one_line(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
+) -> None:
+    words = ["run", str(bands), "--variant", "published", "--out", str(tmp_path / "out"), *OWN[case]]
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert "the kit's own" in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_preset_of_either_variant_takes_a_seed_and_an_unknown_one_is_named() -> None:
+    assert preset("mesvo_f", variant="published", seed=3).seed == 3
+    assert preset("mesvo_f").variant == "kit"
+    with pytest.raises(DataError, match="unknown variant 'paper': expected one of published, kit"):
+        preset("mesvo_f", variant="paper")
+    with pytest.raises(DataError, match="the kit's own"):
+        preset("mesvo_f", variant="published", mode="refined")
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not(bands: Path) -> None:
+    sequence = open_sequence(bands)
+    poses = [run(sequence, preset("mesvo_f", variant="published", seed=seed)).poses for seed in (1, 1, 2)]
+    assert poses[0].tobytes() == poses[1].tobytes() != poses[2].tobytes()
+    assert np.abs(poses[0][:, 0, 3] - 0.5 * np.arange(6)).max() < 0.03
+
+
+def test_on_real_images_it_is_what_the_paper_without_calibration_can_be(clips: Path) -> None:
+    """First 201 frames of KITTI 00, 100 m from every frame, three seeds."""
+    sequence = open_sequence(clips / "sequences" / "00")
+    seeds = {str(s): preset("solution_selection", variant="published", seed=s) for s in range(3)}
+    runs = run_methods(sequence, seeds).values()
+    assert sequence.truth is not None
+    errors = [kitti_errors(sequence.truth, each.poses, (100.0,), 1) for each in runs]
+    te, re = np.mean([[e.te or 0.0, e.re or 0.0] for e in errors], axis=0)
+    assert 0.85 < te < 1.15
+    assert 1.3 < re < 1.8
