@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import shutil
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -11,10 +15,11 @@ import pytest
 from conftest import write_bands
 
 from vo_lib import DataError, Sequence, open_sequence, preset, run
+from vo_lib.commands.cli import main
 from vo_lib.config import Config, FeatureConfig
 from vo_lib.core.poses import format_kitti_poses
 from vo_lib.runs.jobs import Job, run_jobs
-from vo_lib.runs.results import read_run
+from vo_lib.runs.results import is_finished, read_run
 
 FRAMES = 8
 
@@ -88,12 +93,47 @@ def test_finished_jobs_are_left_as_they_are_unless_asked(two: list[Sequence], tm
     log = jobs[0].folder / "frames.csv"
     before = log.stat().st_mtime_ns
     shutil.rmtree(tmp_path / "cache")
-    assert [outcome.error for outcome in run_jobs(jobs, cache=tmp_path / "cache")] == [None] * 2
+    seen: list[int] = []
+    outcomes = run_jobs(jobs, 1, lambda done, total: seen.append(done), tmp_path / "cache")
+    assert [outcome.error for outcome in outcomes] == [None] * 2
+    assert seen == []  # there is nothing to wait for
     assert log.stat().st_mtime_ns == before
     assert not (tmp_path / "cache").exists()
     time.sleep(0.01)
     run_jobs(jobs, cache=tmp_path / "cache", fresh=True)
     assert log.stat().st_mtime_ns > before
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_killed_table_gives_the_same_bytes_and_does_no_finished_run_twice(
+    two: list[Sequence], tmp_path: Path, workers: str
+) -> None:
+    words = ["sweep", "--sequence", str(two[0].folder), "--method", "mesvo_f", "--seeds", "4", "--set"]
+    words += ["selection.sets=10,20,30", "--set", "features.cell=16", "--cache", str(tmp_path / "cache")]
+    out = tmp_path / "out"
+    code = "import sys; from vo_lib.commands.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, *words, "--out", str(out), "--jobs", workers]
+    quiet = subprocess.DEVNULL
+    process = subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True)
+    while len(list(out.rglob("config.json"))) < 3 and process.poll() is None:
+        time.sleep(0.001)
+    os.killpg(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL, "the table was done before it could be killed"
+    finished = {
+        path: path.stat().st_mtime_ns for path in out.rglob("config.json") if is_finished(path.parent)
+    }
+    matches = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.npz")}
+    assert finished
+    assert matches
+    assert main([*words, "--out", str(out)]) == 0
+    assert main([*words, "--out", str(tmp_path / "whole")]) == 0
+    assert {path: path.stat().st_mtime_ns for path in finished} == finished
+    assert {path: path.stat().st_mtime_ns for path in matches} == matches
+    paths = [path.relative_to(out) for path in out.rglob("*.txt")]
+    assert len(paths) == 24  # poses in two formats
+    for path in paths:
+        assert (out / path).read_bytes() == (tmp_path / "whole" / path).read_bytes()
 
 
 @pytest.mark.parametrize("workers", [1, 2])

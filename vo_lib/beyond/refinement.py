@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from ..core.geometry import skew
-from ..core.sampson import FORM_HESSIANS, MatchTerms
+from ..core.sampson import MatchTerms
 from ..core.types import Array
 
 ITERATIONS = 15
@@ -50,22 +50,20 @@ def refine(
 def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms) -> tuple[Array, Array]:
     """Sampson distances (N,) and their derivatives by a rotation and by the direction across itself (5, N).
 
-    The distance is cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². Turning R by δω and moving t by δt
-    across itself changes E by [t]× [δω]× R + [δt]× R, so cᵀ E p and its five derivatives are one product
-    with the nine c_i p_j of the matches. norm² is quadratic in E, so it and its derivatives are another. They
-    must not be left out: with the norm held, noise pulls the direction to where the matches are, down.
+    The distance is d = cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². Turning R by δω and moving t
+    by δt across itself changes E by [t]× [δω]× R + [δt]× R. The quotient rule gives the rest; the norm must not
+    be held, or noise pulls the direction to where the matches are, down.
     """
     t, *across = (np.concatenate([direction[None], _across(direction)]) @ GENERATORS.reshape(3, 9)).reshape(
         3, 3, 3
     )
-    E_and_changes = (np.concatenate([t[None], t @ GENERATORS, across]) @ R_cp).reshape(6, 9)
-    r_and_jac = E_and_changes @ matches.outer
-    by_entries = FORM_HESSIANS @ E_and_changes[0]
-    norm2_and_changes = (E_and_changes @ by_entries.T) @ matches.squares
-    norm2 = np.maximum(0.5 * norm2_and_changes[0], 1e-20)
-    r_and_jac /= np.sqrt(norm2)
-    r = r_and_jac[0]
-    return r, r_and_jac[1:] - norm2_and_changes[1:] * (0.5 * r / norm2)
+    E = np.concatenate([t[None], t @ GENERATORS, across]) @ R_cp  # and its five changes, (6, 3, 3)
+    p, c = matches.points
+    line_c, line_p = E[:, :2] @ p, E[:, :, :2].swapaxes(1, 2) @ c
+    norm2 = np.maximum(np.sum(line_c[0] ** 2 + line_p[0] ** 2, axis=0), 1e-20)
+    half_change = np.sum(line_c[0] * line_c[1:] + line_p[0] * line_p[1:], axis=1)
+    error = (E.reshape(6, 9) @ matches.outer) / np.sqrt(norm2)
+    return error[0], error[1:] - half_change * (error[0] / norm2)
 
 
 def _across(t: Array) -> Array:

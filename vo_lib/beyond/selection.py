@@ -21,12 +21,11 @@ from ..core.geometry import (
 from ..core.sampson import MatchTerms, candidate_terms, match_terms, squared_distances
 from ..core.types import Array
 from ..method.five_point import five_point
-from ..method.selection import nearest_to_prior, resolve_by_depth
+from ..method.selection import nearest_to_prior, resolve_by_depth, truncated_errors
 from .config import SelectionConfig
 from .refinement import refine
 
 COARSE = 3  # iterations of the first refinement
-PARTS = 4  # in which the candidates meet the matches
 
 
 @dataclass(frozen=True)
@@ -72,35 +71,6 @@ def sample_sets(
     return chosen
 
 
-def _truncated_sums(candidates: MatchTerms, matches: MatchTerms, threshold: float) -> Array:
-    d2 = squared_distances(candidates, matches)
-    np.minimum(d2, d2.dtype.type(threshold**2), out=d2)
-    return np.asarray(d2.sum(axis=1, dtype=np.float64) / threshold**2)
-
-
-def contender_errors(E: Array, kept: NDArray[np.bool_], x_p: Array, x_c: Array, threshold: float) -> Array:
-    """`truncated_errors`, but infinite for candidates that are surely neither the best nor the best kept.
-
-    The errors only grow with each match. The candidates meet the matches in parts; the best kept one after
-    the first part meets all others at once, and whoever is worse than its total already goes no further.
-    """
-    candidates, matches = candidate_terms(E, np.float32), match_terms(x_p, x_c, np.float32)
-    parts = [np.arange(first, len(x_p), PARTS) for first in range(PARTS)]
-    sums = _truncated_sums(candidates, matches.take(parts[0]), threshold)
-    leader = np.array([np.argmin(np.where(kept, sums, np.inf))])
-    total = _truncated_sums(candidates.take(leader), matches, threshold)[0]
-    bound = (1.0 + 1e-3) * total  # single precision: sums in another order differ
-    left = np.flatnonzero(sums <= bound)
-    for part in parts[1:]:
-        sums[left] += _truncated_sums(candidates.take(left), matches.take(part), threshold)
-        left = left[sums[left] <= bound]
-    errors = np.full(len(E), np.inf)
-    errors[left] = sums[left] / len(x_p)
-    # Where all errors are tiny, rounding can put even its own sum above the bound.
-    errors[leader] = total / len(x_p)
-    return errors
-
-
 def choose(
     E: Array,
     set_index: NDArray[np.intp],
@@ -125,7 +95,7 @@ def choose(
     kept = np.ones(len(E), np.bool_)
     if config.prior and e_prev is not None:
         kept = nearest_to_prior(E, set_index, e_prev, config.keep)
-    errors = contender_errors(E, kept, x_p, x_c, config.threshold / focal)
+    errors = truncated_errors(E, x_p, x_c, config.threshold / focal)
     winner = int(np.argmin(errors))
     choice = int(np.argmin(np.where(kept, errors, np.inf)))
     dropped = bool(errors[choice] > config.turn_ratio * errors[winner])

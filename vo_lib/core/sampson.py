@@ -28,6 +28,11 @@ class MatchTerms(NamedTuple):
     outer: Floats
     squares: Floats
 
+    @property
+    def points(self) -> tuple[Array, Array]:
+        """The homogeneous points p and c, (3, N) each."""
+        return np.asarray(self.outer[6:9]), np.asarray(self.outer[[2, 5, 8]])
+
     def take(self, index: NDArray[np.intp]) -> MatchTerms:
         """Those of some matches."""
         return MatchTerms(self.outer.take(index, axis=1), self.squares.take(index, axis=1))
@@ -56,17 +61,6 @@ def denominator_forms(E: Array) -> Array:
     of_p = _TIMES * (e[:, _I] * e[:, _J] + e[:, 3 + _I] * e[:, 3 + _J])
     of_c = _TIMES * (e[:, 3 * _I] * e[:, 3 * _J] + e[:, 3 * _I + 1] * e[:, 3 * _J + 1])
     return np.concatenate([of_p[:, :5], of_c[:, :5], of_p[:, 5:] + of_c[:, 5:]], axis=1)
-
-
-def _form_hessians() -> Array:
-    """Second derivatives (11, 9, 9) of `denominator_forms` by vec(E): from sums of two unit vectors."""
-    unit = np.eye(9).reshape(9, 3, 3)
-    alone, both = denominator_forms(unit), denominator_forms((unit[:, None] + unit).reshape(81, 3, 3))
-    hessians = both.reshape(9, 9, 11) - alone - alone[:, None]
-    return np.ascontiguousarray(hessians.transpose(2, 0, 1))
-
-
-FORM_HESSIANS = _form_hessians()
 
 
 def candidate_terms(E: Array, dtype: DTypeLike = np.float64) -> MatchTerms:

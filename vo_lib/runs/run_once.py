@@ -85,7 +85,6 @@ def only_process(folder: Path) -> Iterator[None]:
     try:
         _clear_abandoned(folder)
         yield
-        _clear_abandoned(folder)
     finally:
         # Removed while it is held: whoever waits for it sees that the name is gone, and starts over.
         with suppress(OSError):
