@@ -20,7 +20,7 @@ def static_matches(
 ) -> tuple[Mask, bool]:
     """Matches to keep by the rules `none` and `all`, (N,) bool, and whether the filter had to be off.
 
-    A match goes when its left point, previous or current, lies in a box (paper, section 3).
+    A match goes when its left point, previous or current, lies in a box (section 3; that both count is ours).
     """
     if config.rule == "none":
         return np.ones(len(matches), np.bool_), False

@@ -2,7 +2,7 @@
 
 Consensus takes the candidate with the smallest error over all features. Solution selection (paper,
 section 2.2) first keeps, of the candidates of each five-point set, the k nearest to the essential
-vector of the previous frame. The image error always has the last word.
+vector of the previous frame. The error over all features, our reading, always has the last word.
 """
 
 from __future__ import annotations

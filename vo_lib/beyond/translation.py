@@ -2,7 +2,8 @@
 
 With R known, a feature seen at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image:
 (x e3 - e1)ᵀ P = 0 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where
-P = Q in the previous pair and P = R Q + t in the current one. Eight rows, six unknowns (Q, t).
+P = Q in the previous pair and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). In the paper
+Q is in the current frame, and its P is the projection.
 
 Four rows give the point in the previous pair, four the point in the current one, so alone a feature says
 t = P - R Q. Stacked, with one t and with each Q eliminated, the features leave the normal equations

@@ -1,4 +1,4 @@
-"""Chapter 1: the paper's front end: blobs and corners (`blob_features.py`), matched in a loop.
+"""Chapter 1: blobs and corners (`vo_lib.method.features`) matched in a loop, with the kit's finish.
 
 A match goes left current → left previous → right previous → right current → left current, and has to end
 at the feature it started from.

@@ -18,7 +18,7 @@ def square_numbers(uv: Array, side: int) -> NDArray[np.int64]:
 def select_by_bucket(
     uv: Array, age: NDArray[np.int64], strength: Array, config: BucketConfig
 ) -> NDArray[np.intp]:
-    """Feature selection of the paper's source: in each bucket the oldest features, then the strongest.
+    """Of each bucket the oldest features, then the strongest: earlier work, reported in section 1.
 
     Parameters
     ----------

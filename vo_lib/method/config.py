@@ -93,7 +93,7 @@ class SelectionConfig(Checked):
 
 @dataclass(frozen=True)
 class TranslationConfig(Checked):
-    """The translation by linear least squares, equations (2) and (3) (chapter 4)."""
+    """The translation by the pseudo-inverse, equations (2) and (3) (chapter 4)."""
 
     max_depth: float = setting(100.0, "features farther away are not used", unit="m", low=5, high=1000)
     agreement: float = setting(

@@ -1,7 +1,8 @@
 """Chapter 3: one essential matrix out of many, and its rotation (paper, section 2.2).
 
 Of the candidates of each five-point set the k nearest to the previous frame's essential vector are kept; the
-one with the smallest error over all matches wins. Without the prior that is consensus.
+one with the smallest error wins. That the error is taken over all matches is our reading, and so is one
+previous vector where the text speaks of two frames. Without the prior this is consensus.
 """
 
 from __future__ import annotations

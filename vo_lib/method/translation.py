@@ -1,8 +1,9 @@
-"""Chapter 4: the translation by linear least squares, equations (2) and (3) of the paper.
+"""Chapter 4: the translation by the pseudo-inverse, equations (2) and (3) of the paper.
 
 With R known, a feature seen at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image:
 (x e3 - e1)ᵀ P = 0 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where
-P = Q in the previous pair and P = R Q + t in the current one. Eight rows, six unknowns (Q, t).
+P = Q in the previous pair and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). In the paper
+Q is in the current frame, and its P is the projection.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ ROUNDS = 2
 
 
 def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> tuple[Array, Array, Array]:
-    """The system A Q + B t = c of every feature, as the paper writes it.
+    """The system A Q + B t = c of every feature, equation (3).
 
     Returns
     -------

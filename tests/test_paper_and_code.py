@@ -1,0 +1,83 @@
+"""The page "paper and code" and chapter 7's list of choices say what the code is."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import pytest
+
+from vo_lib.baseline.config import PublishedConfig
+from vo_lib.core.settings import declared
+
+NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
+PAGE = (NOTEBOOKS / "paper_and_code.md").read_text(encoding="utf-8")
+WORDS = ("as said", "changed", "left open")
+DOTTED = re.compile(r"`((?:vo_lib|data_scripts)(?:\.\w+){2,})`")
+GIVEN = {"buckets.size", "selection.keep"}  # settings that the paper itself gives
+
+
+def table_rows(text: str) -> list[list[str]]:
+    """Cells of all tables in a text, without their headings."""
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    heads = [number - 1 for number, row in enumerate(cells) if set("".join(row)) <= set("-:")]
+    return [row for number, row in enumerate(cells) if number not in heads and number - 1 not in heads]
+
+
+def named(name: str) -> Any:
+    """What a dotted name stands for."""
+    parts = name.split(".")
+    for length in range(len(parts) - 1, 0, -1):
+        try:
+            found: Any = importlib.import_module(".".join(parts[:length]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[length:]:
+            found = getattr(found, part)
+        return found
+    raise ModuleNotFoundError(name)
+
+
+ROWS = table_rows(PAGE)
+
+
+@pytest.mark.parametrize("name", sorted(set(DOTTED.findall(PAGE))))
+def test_what_the_page_names_is_there(name: str) -> None:
+    found = named(name)
+    assert inspect.isfunction(found) or inspect.isclass(found)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0][:40])
+def test_each_statement_has_its_place_and_one_of_three_words(row: list[str]) -> None:
+    _, where, verdict = row
+    assert re.sub(DOTTED, "", where).strip(" ,") == ""
+    assert DOTTED.search(where)
+    assert verdict.startswith(WORDS)
+    assert sum(verdict.count(word) for word in WORDS) == 1
+
+
+def test_the_stages_of_the_method_are_all_on_the_page() -> None:
+    stages = {path.stem for path in (NOTEBOOKS.parent / "vo_lib" / "method").glob("*.py")}
+    assert {name.split(".")[2] for name in DOTTED.findall(PAGE) if ".method." in name} == stages - {
+        "__init__",
+        "config",
+    }
+
+
+def test_chapter_7_lists_every_choice_of_the_published_variant_with_its_value() -> None:
+    notebook = nbformat.read(NOTEBOOKS / "07_reproduce_the_paper.ipynb", as_version=4)  # type: ignore[no-untyped-call]
+    (text,) = (cell.source for cell in notebook.cells if cell.source.startswith("## What the paper leaves"))
+    listed = dict(re.findall(r"`([a-z_]+(?:\.[a-z_]+)?)` = (\d+(?:\.\d+)?)", text))
+    settings = {setting.name: setting.default for setting in declared(PublishedConfig)}
+    assert set(listed) == {name for name, default in settings.items() if is_number(default)} - GIVEN
+    for name, value in listed.items():
+        assert float(value) == settings[name], name
+
+
+def is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
