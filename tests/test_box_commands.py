@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 from pathlib import Path
 
 import cv2
@@ -17,7 +17,7 @@ from vo_lib.core.boxes import Boxes
 from vo_lib.core.matches import empty_matches
 from vo_lib.tables.plots import match_image
 
-compare_box_rules = load("compare_box_rules")
+measure_results = load("measure_results")
 
 
 @pytest.fixture
@@ -83,23 +83,30 @@ def test_vo_boxes_without_labels_has_nothing_to_judge(
     assert main(["boxes", str(bands), "--frames", "a:b"]) == 2
 
 
-def test_the_table_of_rules_has_a_row_for_each_rule_and_goes_on(
-    labelled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_results_are_measured_by_one_command_with_other_seeds_to_check_them(
+    labelled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = ["--sequences", str(labelled), "--methods", "viso2", "--seeds", "2"]
-    words += ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
-    assert compare_box_rules(words) == 0
-    table = (tmp_path / "out" / "table.md").read_text(encoding="utf-8")
-    rows = [line.split(" | ") for line in table.splitlines() if line.startswith("| bands")]
-    assert [row[2] for row in rows] == ["none", "all", "moving"]
-    assert all("±" in row[3] for row in rows)
-    removed = [float(row[5].split()[0]) for row in rows]
-    assert removed[0] == 0.0
-    assert removed[0] <= removed[2] < removed[1]
-    finished = next((tmp_path / "out").rglob("config.json"))
-    assert json.loads(finished.read_text(encoding="utf-8"))["method"] == "viso2"
-    stamp = finished.stat().st_mtime_ns
-    assert compare_box_rules(words) == 0
-    assert finished.stat().st_mtime_ns == stamp
-    assert compare_box_rules([*words, "--labels", "nonsense"]) == 2
-    assert "expected SEQUENCE=FOLDER" in capsys.readouterr().err
+    from data_scripts import measure_results as script
+
+    monkeypatch.setattr(script, "SEEDS", range(1))
+    monkeypatch.setattr(script, "CHECKED", range(1, 2))
+    monkeypatch.setattr(script, "SHORT_LENGTHS", (1.0,))
+    page = tmp_path / "results.md"
+    words = ["--sequences", str(labelled), "--out", str(page), "--cache", str(tmp_path / "cache")]
+    words += ["--runs", str(tmp_path / "runs")]
+    assert measure_results(words) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "vo data measure_results" in text
+    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| bands, 1 m")]
+    # A row a variant, then the rules of two methods; nobody knows the truth of what moves here.
+    assert [len(row) for row in rows] == [5, 6, 5, 5]
+    assert rows[2][-1].startswith("–")
+    removed = [int(re.findall(r"(\d+) % gone", cell)[0]) for cell in rows[3][1:4]]
+    assert removed[0] == 0 < removed[1]
+    assert removed[2] < removed[1]
+    before = page.read_bytes()
+    stamps = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("poses.txt")}
+    assert measure_results(words) == 0
+    assert page.read_bytes() == before
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
+    assert measure_results(["--jobs", "0", "--out", str(page)]) == 2

@@ -51,7 +51,7 @@ def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms
     """Sampson distances (N,) and their derivatives by a rotation and by the direction across itself (5, N).
 
     The distance is d = cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². Turning R by δω and moving t
-    by δt across itself changes E by [t]× [δω]× R + [δt]× R. The quotient rule gives the rest; the norm must not
+    by δt across itself changes E by [t]× [δω]× R + [δt]× R. The rest is the quotient rule; the norm must not
     be held, or noise pulls the direction to where the matches are, down.
     """
     t, *across = (np.concatenate([direction[None], _across(direction)]) @ GENERATORS.reshape(3, 9)).reshape(

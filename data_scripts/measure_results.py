@@ -1,0 +1,184 @@
+"""Measure every number that the kit's documentation quotes, and write them as `notebooks/results.md`.
+
+examples:
+  vo data measure_results --jobs 2 --out notebooks/results.md
+  vo data measure_results --sequences 00,01 --detector yolov8n.onnx --jobs 2
+
+Each system of Table 1 is run as published and the kit's way, with seeds 0-4, and with seeds 5-9 to check what
+is written with ±. Called again with the same --runs, it does not do finished runs again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import shlex
+import sys
+from collections.abc import Iterable
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+
+from vo_lib.commands.common import add_cache, open_with_bar, parse_whole
+from vo_lib.commands.console import reporting, say
+from vo_lib.commands.data import run_script
+from vo_lib.config import VARIANTS, change, preset
+from vo_lib.core.errors import DataError
+from vo_lib.core.files import write_text_atomic
+from vo_lib.data.sequence import SYNTHETIC, Sequence, parse_sequences
+from vo_lib.detection.label_cache import labelled_sequence
+from vo_lib.evaluation.kitti import KITTI_MEASURE, SHORT_LENGTHS, Measure, suitable_measure
+from vo_lib.runs.identity import git_commit
+from vo_lib.runs.jobs import Job, run_jobs
+from vo_lib.runs.results import read_run, run_folder
+from vo_lib.runs.runner import Run
+from vo_lib.synthetic import SCENES
+from vo_lib.tables.entries import measure_runs
+from vo_lib.tables.report import ReportTable, provenance
+from vo_lib.tables.reproduce import slug
+from vo_lib.tables.table1 import VARIANT_WORDS, markdown
+
+SEEDS, CHECKED = range(5), range(5, 10)
+RULES = ("none", "all", "moving", "truth")
+RULED = ("viso2", "solution_selection")
+# Rules under which a method is a preset of its own: not run twice.
+SAME = {
+    ("solution_selection", "all"): "feature_selection",
+    ("solution_selection", "moving"): "moving_selection",
+}
+Key = tuple[str, str, str]  # sequence, variant, method or "method rule"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options."""
+    scenes = ",".join(f"{SYNTHETIC}{name}" for name in SCENES)
+    parser.add_argument("--sequences", default=scenes, metavar="S,S,…", help="default: the drawn scenes")
+    parser.add_argument("--detector", metavar="MODEL", help="finds the vehicles where there are no labels")
+    parser.add_argument("--jobs", default="1", metavar="N", help="processes; default 1")
+    parser.add_argument("--runs", default="runs/results", metavar="DIR", help="folder for the runs")
+    parser.add_argument("--out", default="runs/results/results.md", metavar="FILE", help="the page")
+    add_cache(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run what is missing; write the page."""
+    workers = parse_whole("--jobs", options.jobs)
+    sequences = [_opened(name, options) for name in parse_sequences(options.sequences)]
+    with run_folder(options.runs) as folder:
+        jobs = {key: job for sequence in sequences for key, job in _jobs(sequence, folder)}
+        with reporting(f"{len(jobs)} runs") as report:
+            outcomes = run_jobs(list(jobs.values()), workers, report, options.cache)
+    failed = [f"{outcome.job.name}: {outcome.error}" for outcome in outcomes if outcome.error]
+    if failed:
+        raise DataError(failed[0])
+    runs: dict[Key, list[Run]] = {}
+    for (key, _), job in jobs.items():
+        runs.setdefault(key, []).append(read_run(job.folder, job.sequence))
+    tables = [
+        *(_systems(sequences, runs, variant) for variant in VARIANTS),
+        _rules(sequences, runs),
+    ]
+    write_text_atomic(options.out, _page(tables, options))
+    say(f"written to {options.out}")
+    return 0
+
+
+def _opened(name: str, options: argparse.Namespace) -> Sequence:
+    sequence = open_with_bar(name, options.cache)
+    if sequence.truth is None:
+        raise DataError(f"{name} has no ground truth to measure against")
+    if sequence.labels is not None or options.detector is None:
+        return sequence
+    with reporting(f"vehicles of {name}") as report:
+        return labelled_sequence(sequence, options.detector, cache=options.cache, progress=report)
+
+
+def _jobs(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int], Job]]:
+    """Every method of both variants, and box rules that are no method of their own."""
+    wanted = {
+        (variant, name): config for variant, methods in VARIANTS.items() for name, config in methods.items()
+    }
+    for method in RULED:
+        for rule in _rules_of(sequence)[1:]:
+            if (method, rule) not in SAME:
+                wanted["kit", f"{method} {rule}"] = change(preset(method), "filter.rule", rule)
+    for (variant, name), config in wanted.items():
+        for seed in (*SEEDS, *CHECKED):
+            place = folder / variant / slug(sequence.name) / slug(name) / f"seed_{seed}"
+            yield (
+                ((sequence.name, variant, name), seed),
+                Job(sequence, name, change(config, "seed", seed), place),
+            )
+
+
+def _rules_of(sequence: Sequence) -> tuple[str, ...]:
+    """The box rules that can be asked: `truth` of drawn scenes alone."""
+    return RULES if (sequence.folder / "truth").is_dir() else RULES[:-1]
+
+
+def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
+    """What a sequence is judged by: KITTI's measure, or short pieces one length a row."""
+    assert sequence.truth is not None
+    whole = sequence.name.startswith(SYNTHETIC) and suitable_measure(sequence.truth) == KITTI_MEASURE
+    if whole:
+        return [(sequence.name, KITTI_MEASURE)]
+    return [(f"{sequence.name}, {length:g} m", Measure((length,), 1)) for length in SHORT_LENGTHS]
+
+
+def _cell(runs: list[Run], measure: Measure) -> str:
+    """TE / RE, mean ± deviation over the first five seeds, and the mean over the other five below."""
+    first, second = (measure_runs("", part, measure) for part in (runs[: len(SEEDS)], runs[len(SEEDS) :]))
+    if not np.isfinite(first.te).all():
+        return "–"
+    pairs = [f"{v.mean():.3f} ± {v.std():.3f}" for v in (first.te, first.re)]
+    return " / ".join(pairs) + f"\n({second.te.mean():.3f} / {second.re.mean():.3f})"
+
+
+def _systems(sequences: list[Sequence], runs: dict[Key, list[Run]], variant: str) -> ReportTable:
+    """The methods of a variant over all sequences."""
+    methods = list(VARIANTS[variant])
+    rows = [
+        [label, *(_cell(runs[sequence.name, variant, method], measure) for method in methods)]
+        for sequence in sequences
+        for label, measure in _measures(sequence)
+    ]
+    rows = [row for row in rows if set(row[1:]) != {"–"}]
+    return ReportTable(VARIANT_WORDS[variant].capitalize(), ["sequence", *methods], rows, [])
+
+
+def _rules(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> ReportTable:
+    """The kit's way under each box rule, with the share of features removed."""
+    rows = []
+    for sequence in sequences:
+        label, measure = _measures(sequence)[-1 if sequence.name.startswith(SYNTHETIC) else 0]
+        for method in RULED:
+            cells = []
+            for rule in RULES:
+                name = method if rule == "none" else SAME.get((method, rule), f"{method} {rule}")
+                found = runs.get((sequence.name, "kit", name))
+                removed = "" if found is None else f" {100 * found[0].removed_share:.0f} % gone"
+                cells.append("–" if found is None else _cell(found, measure) + removed)
+            rows.append([f"{label}, {method}", *cells])
+    return ReportTable("Box rules, the kit's way", ["sequence, method", *RULES], rows, [])
+
+
+def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:
+    """The page: how it was made, then the tables."""
+    words = ["vo", "data", "measure_results", "--sequences", options.sequences]
+    words += [] if options.detector is None else ["--detector", Path(options.detector).name]
+    made = [*provenance(), platform.processor() or platform.machine(), f"commit {git_commit() or 'unknown'}"]
+    head = [
+        "# Measured results",
+        "Written by the command below, not by hand. TE in % / RE in deg/100 m, mean ± deviation over "
+        "seeds 0-4; in brackets the mean over seeds 5-9. Drawn scenes: as the KITTI benchmark measures them; "
+        "`jam`, 100 m long, and clips of KITTI by length, from every frame. A clip is the beginning of its "
+        "sequence. Vehicles of clips without labels were found by the detector named in the command.",
+        f"    {shlex.join(words)}",
+        f"{date.today().isoformat()}. " + "; ".join(made) + ".",
+    ]
+    return "\n\n".join([*head, *(markdown(table) for table in tables)])
+
+
+if __name__ == "__main__":
+    sys.exit(run_script(sys.modules[__name__]))
