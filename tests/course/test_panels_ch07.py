@@ -53,6 +53,41 @@ def test_table_1_is_run_written_and_read_back(road: Path, tmp_path: Path) -> Non
     assert "no run folder" in panel.error
 
 
+def test_of_a_folder_with_both_variants_the_one_chosen_is_shown(road: Path, tmp_path: Path) -> None:
+    panel = panel_of(road)
+    ran = {}
+    for variant in ("kit", "published"):
+        panel.set(view__variant=variant, view__seeds=1)
+        panel.run()
+        panel.wait(LONG)
+        assert panel.error == ""
+        ran[variant] = panel.facts
+    assert ran["kit"]["TE mesvo_f"] != ran["published"]["TE mesvo_f"]
+    both = next((tmp_path / "cache").rglob("published")).parent
+    assert (both / "kit").is_dir()
+    panel.folder_of_runs.value = str(both)
+    panel.wait(LONG)
+    for variant in ("kit", "published"):
+        panel.set(view__variant=variant)
+        panel.wait(LONG)
+        assert panel.facts == pytest.approx(ran[variant], rel=1e-4)
+
+
+def test_the_explorer_refuses_what_is_the_kits_own_where_the_paper_is_chosen(road: Path) -> None:
+    panel = ExplorePanel(str(road), frame=1)
+    panel.wait(LONG)
+    panel.set(view__variant="published", selection__sets=50)
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert panel.facts["TE"] != panel.facts["TE of the preset"]
+    panel.set(selection__refine_scale=3.0)
+    assert "the kit's own" in panel.error
+    panel.set(
+        selection__refine_scale=preset("mesvo_f").selection.refine_scale, view__method="moving_selection"
+    )
+    assert "the kit's own" in panel.error
+
+
 def test_runs_can_be_stopped_and_gone_on_with(road: Path) -> None:
     panel = panel_of(road)
     bar = panel.job.box.children[0]

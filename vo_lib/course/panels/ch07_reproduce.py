@@ -100,6 +100,9 @@ class ReproducePanel(Panel):
 
     def _table(self, state: State, table: Table, sentence: str) -> Drawing:
         entries = table.short if state.view.lengths == SHORT else table.suited
+        # A folder of `vo reproduce` holds both variants: the one chosen is drawn.
+        variant = "published" if state.view.variant == "published" else "kit"
+        entries = [entry for entry in entries if entry.variant == variant] or entries
         path = self.paper.value.strip()
         paper = read_paper_table(path or None)
         here = [entry for entry in entries if entry.sequence == state.sequence.name]
