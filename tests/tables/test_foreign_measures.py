@@ -59,7 +59,7 @@ def gaps(group: Group) -> list[str]:
     """What stands behind the printed numbers of the sequences' rows: our differences to them."""
     rows = [row for row in layout_tables(group, printed())[0].rows if row[0] in PAPER_ROWS]
     assert rows
-    return [cell.split("\n")[1].partition(" ")[2] for row in rows for cell in row[1:]]
+    return [cell.split("\n")[1].partition(" ")[2].strip("()") for row in rows for cell in row[1:]]
 
 
 def csv_gaps(group: Group) -> set[str]:

@@ -37,7 +37,7 @@ from vo_lib.tables.table1 import (
     markdown,
     method_table,
     spread,
-    terminal_table,
+    terminal_tables,
     trajectory_table,
 )
 from vo_lib.tables.table1_data import groups_json, table_csv
@@ -159,8 +159,8 @@ def test_the_layout_is_the_papers_ours_over_its_numbers() -> None:
     rows = {row[0]: row[1:] for row in table.rows}
     ours, below = rows["04"][0].split("\n")
     assert ours.startswith("1.1")
-    assert below == f"2 {float(ours.split(' ')[0]) - 2.0:+.3f}"
-    assert float(rows[AVERAGE][0].split("\n")[1].split(" ")[1]) == pytest.approx(-0.9, abs=0.01)
+    assert below == f"2.00 ({float(ours.split(' ')[0]) - 2.0:+.3f})"
+    assert float(rows[AVERAGE][0].split("\n")[1].split(" ")[1].strip("()")) == pytest.approx(-0.9, abs=0.01)
     assert not any("\n" in cell for cell in rows["01"] + rows["pooled"])
     # What is not the paper's stands apart, without its numbers.
     assert own.columns == ["sequence", "moving_selection TE", "moving_selection RE"]
@@ -175,8 +175,8 @@ def test_a_part_of_a_sequence_gets_no_difference_and_is_named() -> None:
     (group,) = group_entries([entry_of("kitti/04", 271, [1.0]), entry_of("kitti/07", 300, [1.0])])
     table = layout_tables(group, full_table())[0]
     rows = {row[0]: row[1:] for row in table.rows}
-    assert rows["04"][0].split("\n")[1].startswith("2 -")
-    assert rows["07"][0].split("\n")[1] == "2"
+    assert rows["04"][0].split("\n")[1].startswith("2.00 (-")
+    assert rows["07"][0].split("\n")[1] == "2.00"
     assert "mean of 2" in rows
     assert any("kitti/07 (300 of 1101 frames)" in note for note in table.notes)
     assert not any("kitti/04 (" in note for note in table.notes)
@@ -217,7 +217,7 @@ def test_variants_are_never_averaged_together_and_each_says_what_made_it() -> No
 def test_that_there_were_no_boxes_is_said_first() -> None:
     (group,) = group_entries([entry_of("kitti/00", 300, [1.0], "feature_selection")])
     assert "No vehicle boxes on kitti/00" in layout_tables(group, full_table())[0].head[0]
-    assert "No vehicle boxes" in terminal_table(group, full_table()).head[0]
+    assert "No vehicle boxes" in terminal_tables(group, full_table())[0].head[0]
     (group,) = group_entries([entry_of("kitti/00", 300, [1.0], "solution_selection")])
     assert not any("boxes" in line for line in layout_tables(group, full_table())[0].head)
 
@@ -226,7 +226,7 @@ def test_tables_have_a_cell_for_each_column_and_a_dash_where_nothing_is() -> Non
     entries = [entry_of("kitti/00", 300, [1.0, 1.1], m) for m in ("viso2", "mesvo_f")]
     entries.append(entry_of("kitti/02", 300, [2.0, 2.1]))
     (group,) = group_entries(entries)
-    tables = [*layout_tables(group, read_paper_table()), terminal_table(group, read_paper_table())]
+    tables = [*layout_tables(group, read_paper_table()), *terminal_tables(group, read_paper_table())]
     tables += [trajectory_table(group), method_table(entries[:2]), length_table(group)]
     for table in tables:
         assert {len(row) for row in table.rows} == {len(table.columns)}

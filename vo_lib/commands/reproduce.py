@@ -17,7 +17,7 @@ from ..runs.results import run_folder
 from ..tables.entries import group_entries
 from ..tables.paper import read_paper_table
 from ..tables.reproduce import collect, default_sequences, plan_jobs, split_missing
-from ..tables.table1 import terminal_table
+from ..tables.table1 import terminal_tables
 from ..tables.table_files import write_table_files
 from .common import BOTH, add_cache, add_variant, open_with_bar, parse_lengths, parse_methods, parse_whole
 from .console import reporting, say, show_report_table
@@ -83,7 +83,8 @@ def _reproduce(options: argparse.Namespace) -> int:
         print(json.dumps(metrics, indent=2, allow_nan=False))
     else:
         for group in group_entries(result.entries):
-            show_report_table(terminal_table(group, paper))
+            for table in terminal_tables(group, paper):
+                show_report_table(table)
         say(*result.problems, f"Spread, differences, gains and figures: {folder / 'report.html'}")
     return 1 if result.failed else 0
 

@@ -25,6 +25,8 @@ from .report import ReportTable
 
 METHOD_COLUMNS = ["method", "TE %", "RE deg/100 m", "removed", "back end ms"]
 NONE = "–"
+NAMED = 4  # sequences that a sentence lists
+DIGITS = 2, 3  # of the TE and RE that the paper prints
 NOTHING: Array = np.zeros(0)
 BOXED = ("feature_selection", "moving_selection")  # methods that need vehicle boxes
 
@@ -88,17 +90,22 @@ def layout_tables(group: Group, paper: PaperTable | None = None) -> list[ReportT
     return tables
 
 
-def terminal_table(group: Group, paper: PaperTable | None = None) -> ReportTable:
-    """All methods of a group in 80 columns: means, TE / RE in one cell, the paper's below."""
+def terminal_tables(group: Group, paper: PaperTable | None = None) -> list[ReportTable]:
+    """A group in 80 columns: means, TE / RE in one cell, the paper's below; the kit's own methods apart."""
     paper = paper if group.kitti else None
-    names = [
-        PRINTED_NAMES.get(method, method).replace(" ", "\n").replace("_sel", "\n_sel")
-        for method in group.methods
-    ]
-    title = f"{VARIANT_WORDS[group.variant]}: {group.words}"
-    rows = _rows(group, group.methods, paper, split=False)
-    notes = ["TE in % / RE in deg/100 m, means over seeds" + ("; below, the paper's." if paper else ".")]
-    return ReportTable(title, ["sequence", *names], rows, notes, _head(group))
+    tables = []
+    for of_paper in (True, False):
+        methods = [method for method in group.methods if (method in PAPER_METHODS) == of_paper]
+        if not methods:
+            continue
+        names = [PRINTED_NAMES.get(method, method).replace(" ", "\n") for method in methods]
+        words = VARIANT_WORDS[group.variant].capitalize()
+        title = f"{words}: {group.words}" if of_paper else f"{words}, not in the paper"
+        below = "; below, the paper's." if paper and of_paper else "."
+        notes = [f"TE in % / RE in deg/100 m, means over seeds{below}"]
+        rows = _rows(group, methods, paper, split=False)
+        tables.append(ReportTable(title, ["sequence", *names], rows, notes, _head(group) if of_paper else []))
+    return tables
 
 
 VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
@@ -129,20 +136,23 @@ def _rows(group: Group, methods: list[str], paper: PaperTable | None, split: boo
         for method, ours in zip(methods, numbers, strict=True):
             printed = (None, None) if paper is None else paper.value(name, method)
             if split:
-                cells += [_cell(o, p, whole) for o, p in zip(ours, printed, strict=True)]
+                cells += [_cell(o, p, d, whole) for o, p, d in zip(ours, printed, DIGITS, strict=True)]
             else:
-                below = "" if printed[0] is None else f"\n{number(printed[0], 2)} / {number(printed[1])}"
+                below = (
+                    ""
+                    if printed[0] is None
+                    else f"\n{number(printed[0], DIGITS[0])} / {number(printed[1], DIGITS[1])}"
+                )
                 cells.append(" / ".join(spread(o).split(" ±")[0] for o in ours) + below)
         table.append([name, *cells])
     return table
 
 
-def _cell(ours: Array, printed: float | None, comparable: bool) -> str:
+def _cell(ours: Array, printed: float | None, digits: int, comparable: bool) -> str:
     """Ours with its spread and, a line below, the printed number with our difference where they compare."""
     gap = difference(ours, printed) if comparable else None
-    return spread(ours) + (
-        "" if printed is None else f"\n{printed:g}" + ("" if gap is None else f" {gap:+.3f}")
-    )
+    below = "" if printed is None else f"\n{number(printed, digits)}"
+    return spread(ours) + below + ("" if gap is None else f" ({gap:+.3f})")
 
 
 def _head(group: Group) -> list[str]:
@@ -152,10 +162,15 @@ def _head(group: Group) -> list[str]:
     if without and any(method in group.methods for method in BOXED):
         head.insert(
             0,
-            f"No vehicle boxes on {', '.join(without)}: Feature selection removes nothing there and equals "
+            f"No vehicle boxes on {_few(without)}: Feature selection removes nothing there and equals "
             "Solution selection. `--detector MODEL` finds boxes.",
         )
     return head
+
+
+def _few(names: list[str]) -> str:
+    """Names in a row, or how many there are."""
+    return ", ".join(names) if len(names) <= NAMED else f"{len(names)} sequences"
 
 
 def _notes(group: Group, paper: PaperTable | None) -> list[str]:
