@@ -12,7 +12,7 @@ from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import Config, SelectionConfig, preset
 from vo_lib.core import settings
 from vo_lib.core.boxes import no_boxes
-from vo_lib.core.frame import Motion
+from vo_lib.core.frame import FrameResult
 from vo_lib.core.geometry import essential_from_motion, essential_vector, rotation_angle, rotation_from_vector
 from vo_lib.core.types import Array
 from vo_lib.course.lessons import CAMERA, NEVER, Pair, Scene, drive, frames_of, selection_errors
@@ -125,7 +125,7 @@ def stop_and_go() -> Array:
     return np.concatenate([poses[:6], np.repeat(poses[5:6], 5, axis=0), poses[6:]])
 
 
-def motions(config: Config) -> tuple[list[Motion], list[Array]]:
+def motions(config: Config) -> tuple[list[FrameResult], list[Array]]:
     """Estimated motions of `stop_and_go` and the true ones."""
     odometry = make_odometry(CAMERA, config)
     odometry.start(no_boxes())

@@ -22,7 +22,7 @@ from .subpixel import finish_over_time, finish_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
 # R_cp and t_cp, metres.
-Motion = tuple[Array, Array]
+RigidMotion = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ class LoopMatcher:
         return np.asarray(inside.all(axis=1))
 
 
-def next_motion(camera: StereoCamera, matches: StereoMatches, last: Motion | None) -> Motion | None:
+def next_motion(camera: StereoCamera, matches: StereoMatches, last: RigidMotion | None) -> RigidMotion | None:
     """The motion that matches show, from which the next search starts; None from too few of them."""
     if len(matches) < 10:
         return None
