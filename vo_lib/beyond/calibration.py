@@ -21,7 +21,7 @@ from ..core.types import Array
 from .config import CalibrationConfig
 from .row_calibration import RowError
 from .stereo_points import linearised_points
-from .translation import stack
+from .translation import eliminate_points
 
 ITERATIONS = 4  # from the linear solution two suffice; wrong matches need a few more to lose their weight
 DONE = 2e-2  # pixels; disparities near the border that change less are the last
@@ -129,9 +129,9 @@ def estimate_disparity_error(
         for _ in range(ITERATIONS):
             P = R_cp @ Q + t[:, None]
             P[2] = np.clip(P[2], *DEPTHS)
-            before = linearised_points(camera.baseline, Q, before_left, before_right).turned(R_cp)
+            before = linearised_points(camera.baseline, Q, before_left, before_right).rotated(R_cp)
             now = linearised_points(camera.baseline, P, now_left, now_right)
-            system = stack(before, now, Q[2], P[2])
+            system = eliminate_points(before, now, Q[2], P[2])
             # A disparity smaller by a pixel takes a point X away to X (1 + Z / f b):
             # now + moved_c error = before + moved_p error + t, for every feature.
             moved_p = R_cp @ Q * (disparity_terms(Q[0] / Q[2]) * (Q[2] / fb))[:, None]
@@ -141,7 +141,7 @@ def estimate_disparity_error(
             W_apart = np.einsum("ijn,kjn->kin", W, apart)
             v, W_v = (np.einsum("k,kin->in", [1.0, *error], a) for a in (apart, W_apart))
             v, W_v = v - t[:, None], W_v - np.einsum("ijn,j->in", W, t)
-            squared = camera.f**2 * (np.sum(v * W_v, axis=0) + system.rest)
+            squared = camera.f**2 * (np.sum(v * W_v, axis=0) + system.residual_floor)
             weight = 1.0 / (1.0 + squared / scale**2)
             W_apart *= weight
             H[:3, :3] = W @ weight
