@@ -158,7 +158,7 @@ class CalibrationConfig(Checked):
         low=0.5,
         high=100,
     )
-    centre_caution: float = setting(
+    centre_noise_inflation: float = setting(
         1.5,
         "the principal point is learnt as if frames scattered this much more than noise",
         low=1,
@@ -180,19 +180,19 @@ class CalibrationConfig(Checked):
     )
     initial_deviation: float = setting(
         1.0,
-        "standard deviation of the disparity error before the first frame, the offset and the bow each",
+        "standard deviation of the disparity error's offset and quadratic term before the first frame, each",
         unit="px",
         low=0,
         high=10,
     )
     drift: float = setting(
         0.01,
-        "standard deviation of the offset's change from frame to frame, ten times the bow's",
+        "standard deviation of the offset's change from frame to frame, ten times the quadratic term's",
         unit="px",
         low=0,
         high=1,
     )
-    caution: float = setting(
+    noise_inflation: float = setting(
         4.0, "a frame's estimate is trusted as if it scattered this much more than noise", low=1, high=100
     )
     scale: float = setting(
