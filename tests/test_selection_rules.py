@@ -98,7 +98,7 @@ def test_many_matches_on_one_crossing_car_mislead_consensus_and_prior_alike() ->
 
 def after_a_restart(ratio: float, sets: int) -> Array:
     """Errors, degrees, where the previous essential vector has nothing to do with the motion."""
-    config = SelectionConfig(mode="literal", keep=1, turn_ratio=ratio)
+    config = SelectionConfig(mode="literal", keep=1, prior_rejection_ratio=ratio)
     errors = []
     for seed in range(2):
         rng = np.random.default_rng(seed)
@@ -113,7 +113,7 @@ def after_a_restart(ratio: float, sets: int) -> Array:
 def test_after_a_restart_a_misleading_prior_is_dropped() -> None:
     """Of few sets the nearest candidates to a wrong vector are wrong themselves."""
     trusting = after_a_restart(NEVER, 20)
-    guarded = after_a_restart(SelectionConfig().turn_ratio, 20)
+    guarded = after_a_restart(SelectionConfig().prior_rejection_ratio, 20)
     assert np.mean(trusting > 0.5) > 0.05
     assert np.mean(guarded > 0.5) == 0.0
     assert np.mean(guarded) < 0.5 * np.mean(trusting)

@@ -99,7 +99,7 @@ class SelectionConfig(method.SelectionConfig):
     rest_flow: float = setting(
         0.05, "below this median flow, under a millimetre a frame, the camera rests", unit="px", low=0, high=5
     )
-    turn_ratio: float = setting(
+    prior_rejection_ratio: float = setting(
         1.25,
         "drop the prior when its best candidate scores worse than the best of all by this factor",
         low=1,
