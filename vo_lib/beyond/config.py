@@ -17,7 +17,7 @@ class MovingConfig(Checked):
 
     noise: float = setting(
         0.2,
-        "smallest standard deviation of a match; more where the street shows more",
+        "smallest standard deviation of a match; more where the background shows more",
         unit="px",
         low=0.01,
         high=5,
@@ -36,7 +36,7 @@ class MovingConfig(Checked):
         high=10,
     )
     min_matches: int = setting(3, "a box with fewer matches is judged by its history", low=1, high=100)
-    min_street: int = setting(
+    min_background: int = setting(
         30, "with fewer features outside boxes those in parked boxes join them", low=5, high=1000
     )
     moved_share: float = setting(
@@ -60,7 +60,7 @@ class MovingConfig(Checked):
     )
     agreement: float = setting(
         2.0,
-        "a feature in any box must agree with the street within this many standard deviations",
+        "a feature in any box must agree with the background within this many standard deviations",
         low=0.1,
         high=1000,
     )

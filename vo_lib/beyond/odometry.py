@@ -30,8 +30,8 @@ from .translation import solve_translation
 class Learning(Odometry):
     """A frame's matches corrected by what is known of the calibration, and boxes judged by a rule of the kit.
 
-    Further flags: `filter_off` (boxes would have left too few matches), `few_street` (too little outside the
-    boxes to judge which of them move).
+    Further flags: `filter_off` (boxes would have left too few matches), `few_background` (too little
+    outside the boxes to judge which of them move).
 
     Attributes
     ----------
