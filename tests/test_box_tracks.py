@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vo_lib import open_sequence, preset
-from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN, BoxJudge, Judgement, overlap, pair_up
+from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN, BoxMotionClassifier, Judgement, overlap, pair_up
 from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.geometry import sampson_distance, skew
@@ -27,16 +27,16 @@ AHEAD = tuple((STEP[:3, 3] * -1.0).tolist())  # the step of a car that keeps its
 def judged(
     first: Boxes, frames: list[tuple[StereoMatches, Boxes]], config: FilterConfig | None = None
 ) -> list[Judgement]:
-    judge = BoxJudge(CAMERA, config or FilterConfig())
-    judge.start(first)
-    return [judge.step(matches, boxes) for matches, boxes in frames]
+    classifier = BoxMotionClassifier(CAMERA, config or FilterConfig())
+    classifier.start(first)
+    return [classifier.step(matches, boxes) for matches, boxes in frames]
 
 
 def test_an_oncoming_car_moves_and_a_parked_one_does_not() -> None:
     cars = [Vehicle((-3.0, 0.8, 30.0), (0.0, 0.0, -0.8)), Vehicle((4.0, 0.8, 16.0))]
     found = judged(*drive(cars, 6))
     assert [j.state.tolist() for j in found[1:]] == [[MOVING, PARKED]] * 5
-    assert not any(j.few_street for j in found)
+    assert not any(j.few_background for j in found)
 
 
 def test_a_car_ahead_that_keeps_its_distance_is_found_though_it_obeys_the_epipolar_geometry() -> None:
@@ -94,26 +94,26 @@ def test_a_track_waits_a_few_frames_for_its_box(gap: int) -> None:
     assert found[-1].state.tolist() == [MOVING if gap <= MovingConfig().patience else UNKNOWN]
 
 
-def test_where_boxes_hold_nearly_everything_parked_ones_are_street_too() -> None:
+def test_where_boxes_hold_nearly_everything_parked_ones_are_background_too() -> None:
     cars = [Vehicle((3.5, 0.8, 12.0 + 8 * k), points=30) for k in range(3)]
     first, frames = drive([*cars, Vehicle((-1.0, 0.8, 14.0), AHEAD, points=60)], 8)
     few = frames[:4] + [(matches[np.r_[:10, 200 : len(matches)]], boxes) for matches, boxes in frames[4:]]
     found = judged(first, few)
-    assert not any(j.few_street for j in found)
+    assert not any(j.few_background for j in found)
     assert found[-1].state.tolist() == [PARKED, PARKED, PARKED, MOVING]
     alone = judged(few[4][1], few[5:])
-    assert alone[0].few_street
+    assert alone[0].few_background
 
 
 def test_with_hardly_any_features_nothing_is_judged() -> None:
     first, frames = drive([Vehicle((4.0, 0.8, 16.0))], 2)
     found = judged(first, [(matches[np.arange(5)], boxes) for matches, boxes in frames])
     assert found[-1].state.tolist() == [UNKNOWN]
-    assert found[-1].few_street
+    assert found[-1].few_background
     assert judged(no_boxes(), [(frames[0][0], no_boxes())])[0].state.tolist() == []
 
 
-def test_features_that_disagree_with_the_street_are_told() -> None:
+def test_features_that_disagree_with_the_background_are_told() -> None:
     first, frames = drive([Vehicle((0.3, 0.8, 14.0), AHEAD)], 1, noise=0.1)
     (found,) = judged(first, frames)
     assert found.agrees[:200].mean() > 0.9
@@ -148,13 +148,13 @@ def test_pairs_are_one_to_one_and_overlap_enough(iou: Array) -> None:
 def test_real_clip_drive_0005_the_van_moves_and_the_truck_beside_it_is_parked(clips: Path) -> None:
     sequence = open_sequence(clips / "sequences" / "drive_0005").part(0, 24)
     config = preset("moving_selection")
-    judge = BoxJudge(sequence.camera, config.filter)
-    judge.start(sequence.boxes(0))
+    classifier = BoxMotionClassifier(sequence.camera, config.filter)
+    classifier.start(sequence.boxes(0))
     van, truck = [], []
     for index, (matches, _) in enumerate(FoundMatches(sequence, config.features, config.matching)):
         if index == 0:
             continue
-        judgement = judge.step(matches, sequence.boxes(index))
+        judgement = classifier.step(matches, sequence.boxes(index))
         x0, _, x1, _ = judgement.boxes.xyxy.T
         # The van drives from u = 890 to u = 540; the truck stands at the right border for 15 frames.
         expected = np.interp(index, [1, 12, 23], [888, 707, 541])

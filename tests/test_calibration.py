@@ -40,7 +40,7 @@ def frames(
 
 
 @pytest.mark.parametrize("error", [(0.0, 0.0), (-1.2, 0.0), (0.7, -1.0)])
-def test_one_frame_tells_offset_and_bow_without_bias(error: tuple[float, float]) -> None:
+def test_one_frame_tells_offset_and_quadratic_term_without_bias(error: tuple[float, float]) -> None:
     found, deviations = [], []
     for matches, T_cp in frames(60, error, TrackConfig(points=350, noise=0.2)):
         estimate = estimate_disparity_error(CAMERA, matches, T_cp[:3, :3], T_cp[:3, 3], 0.5)

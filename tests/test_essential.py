@@ -145,7 +145,9 @@ def test_a_prior_that_allows_only_a_bad_candidate_is_dropped_and_said_so() -> No
     result = estimate(problem, config, worst)
     assert result.prior_dropped
     np.testing.assert_array_equal(result.R_cp, free.R_cp)
-    trusting = estimate(problem, dataclasses.replace(config, mode="literal", turn_ratio=10.0), worst)
+    trusting = estimate(
+        problem, dataclasses.replace(config, mode="literal", prior_rejection_ratio=10.0), worst
+    )
     assert not trusting.prior_dropped
     assert trusting.prior_angle < 1e-6
 

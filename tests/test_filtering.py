@@ -127,12 +127,12 @@ def test_the_rule_truth_removes_what_it_is_told_and_asks_to_be_told() -> None:
         rule.step(*frames[1])
 
 
-def test_a_frame_with_little_street_is_flagged() -> None:
+def test_a_frame_with_little_background_is_flagged() -> None:
     first, frames = two_cars()
     rule = BoxFilter(CAMERA, FilterConfig(rule="moving", min_matches=0, min_share=0.0))
     rule.start(first)
     matches, boxes = frames[0]
-    assert rule.step(matches[np.arange(190, 240)], boxes).flags == ("few_street",)
+    assert rule.step(matches[np.arange(190, 240)], boxes).flags == ("few_background",)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,14 @@ import pytest
 from box_scenes import CAMERA, STEP, match_points, street_points
 from numpy.typing import NDArray
 
-from vo_lib.beyond.moving import PointSteps, box_steps, owner_of, point_steps, street_motion, street_noise
+from vo_lib.beyond.moving import (
+    PointSteps,
+    background_motion,
+    background_noise,
+    box_steps,
+    owner_of,
+    point_steps,
+)
 from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.geometry import rotation_angle, transform
@@ -38,12 +45,12 @@ def test_the_information_of_a_step_is_the_inverse_of_its_scatter(depth: float) -
     assert along > across
 
 
-def test_the_motion_of_the_street_is_found_beside_some_that_moves() -> None:
+def test_the_motion_of_the_background_is_found_beside_some_that_moves() -> None:
     rng = np.random.default_rng(3)
     X = street_points(rng, 300)
     step = np.where((np.arange(300) % 5 == 0)[:, None], CAR, 0.0)
     matches = match_points(X, transform(STEP, X) + step, 0.1, rng)
-    found = street_motion(CAMERA, matches, np.eye(4), 10)
+    found = background_motion(CAMERA, matches, np.eye(4), 10)
     assert np.degrees(rotation_angle(found[:3, :3].T @ STEP[:3, :3])) < 0.03
     assert np.linalg.norm(found[:3, 3] - STEP[:3, 3]) < 0.02
 
@@ -88,7 +95,7 @@ def steps_of(
     owner = np.repeat(np.array([0, -1]), [20 + background, 100])
     points = point_steps(CAMERA, match_points(X, moved, noise, rng), STEP)
     outside = owner < 0
-    return points, owner, street_noise(points.squared_error(np.zeros(3)), outside, MovingConfig())
+    return points, owner, background_noise(points.squared_error(np.zeros(3)), outside, MovingConfig())
 
 
 @pytest.mark.parametrize("background", [0, 10, 20])
@@ -117,11 +124,11 @@ def test_a_box_without_enough_features_says_nothing() -> None:
     assert not found.information.any()
 
 
-def test_the_noise_is_what_the_street_shows_and_never_less_than_the_setting() -> None:
+def test_the_noise_is_what_the_background_shows_and_never_less_than_the_setting() -> None:
     rng = np.random.default_rng(5)
     X = street_points(rng, 2000)
     outside = np.ones(2000, np.bool_)
     for noise, expected in ((0.5, 0.5), (0.01, 0.2)):
         points = point_steps(CAMERA, match_points(X, transform(STEP, X), noise, rng), STEP)
-        found = street_noise(points.squared_error(np.zeros(3)), outside, MovingConfig())
+        found = background_noise(points.squared_error(np.zeros(3)), outside, MovingConfig())
         assert np.sqrt(found) == pytest.approx(expected, rel=0.1)

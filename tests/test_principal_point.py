@@ -65,8 +65,8 @@ def drive(
 @pytest.mark.parametrize("off", [(8.0, -5.0), (-4.0, 6.0)])
 @pytest.mark.parametrize("wrong", [0.0, 0.05])
 def test_a_principal_point_that_is_off_is_found(off: tuple[float, float], wrong: float) -> None:
-    # The tracks have nothing but noise: no caution is due.
-    config = CalibrationConfig(centre_caution=1.0, centre_floor=0.0, centre_deviation=10.0)
+    # The tracks have nothing but noise: nothing is to be inflated.
+    config = CalibrationConfig(centre_noise_inflation=1.0, centre_floor=0.0, centre_deviation=10.0)
     centre, _ = drive(off, wrong, config=config)
     np.testing.assert_allclose(centre.shift * CAMERA.f, off, atol=1.0)
     assert centre.camera.cx == pytest.approx(CAMERA.cx, abs=1.0)
@@ -136,8 +136,10 @@ def test_what_is_farther_off_than_any_calibration_is_not_believed() -> None:
 
 def test_a_frame_learnt_twice_as_carefully_counts_a_quarter() -> None:
     information = []
-    for caution in (2.0, 4.0):
-        again = PrincipalPoint(CAMERA, CalibrationConfig(centre_caution=caution, centre_deviation=100.0))
+    for inflation in (2.0, 4.0):
+        again = PrincipalPoint(
+            CAMERA, CalibrationConfig(centre_noise_inflation=inflation, centre_deviation=100.0)
+        )
         before = again.information
         rng = np.random.default_rng(0)
         x = rng.uniform([-0.8, -0.2], [0.8, 0.2], (50, 2))

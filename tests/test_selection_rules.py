@@ -12,7 +12,7 @@ from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import Config, SelectionConfig, preset
 from vo_lib.core import settings
 from vo_lib.core.boxes import no_boxes
-from vo_lib.core.frame import Motion
+from vo_lib.core.frame import FrameResult
 from vo_lib.core.geometry import essential_from_motion, essential_vector, rotation_angle, rotation_from_vector
 from vo_lib.core.types import Array
 from vo_lib.course.lessons import CAMERA, NEVER, Pair, Scene, drive, frames_of, selection_errors
@@ -98,7 +98,7 @@ def test_many_matches_on_one_crossing_car_mislead_consensus_and_prior_alike() ->
 
 def after_a_restart(ratio: float, sets: int) -> Array:
     """Errors, degrees, where the previous essential vector has nothing to do with the motion."""
-    config = SelectionConfig(mode="literal", keep=1, turn_ratio=ratio)
+    config = SelectionConfig(mode="literal", keep=1, prior_rejection_ratio=ratio)
     errors = []
     for seed in range(2):
         rng = np.random.default_rng(seed)
@@ -113,7 +113,7 @@ def after_a_restart(ratio: float, sets: int) -> Array:
 def test_after_a_restart_a_misleading_prior_is_dropped() -> None:
     """Of few sets the nearest candidates to a wrong vector are wrong themselves."""
     trusting = after_a_restart(NEVER, 20)
-    guarded = after_a_restart(SelectionConfig().turn_ratio, 20)
+    guarded = after_a_restart(SelectionConfig().prior_rejection_ratio, 20)
     assert np.mean(trusting > 0.5) > 0.05
     assert np.mean(guarded > 0.5) == 0.0
     assert np.mean(guarded) < 0.5 * np.mean(trusting)
@@ -125,7 +125,7 @@ def stop_and_go() -> Array:
     return np.concatenate([poses[:6], np.repeat(poses[5:6], 5, axis=0), poses[6:]])
 
 
-def motions(config: Config) -> tuple[list[Motion], list[Array]]:
+def motions(config: Config) -> tuple[list[FrameResult], list[Array]]:
     """Estimated motions of `stop_and_go` and the true ones."""
     odometry = make_odometry(CAMERA, config)
     odometry.start(no_boxes())

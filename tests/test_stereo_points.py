@@ -37,9 +37,9 @@ def test_points_covariances_and_rests_are_those_of_the_four_rows() -> None:
     covariance = points.covariance(depth)[FULL]
     for i in range(20):
         A, c = rows(left[i], right[i])
-        X, rest = np.linalg.lstsq(A, c, rcond=None)[:2]
+        X, floor = np.linalg.lstsq(A, c, rcond=None)[:2]
         np.testing.assert_allclose(points.X[:, i], X, rtol=1e-8)
-        np.testing.assert_allclose(points.rest[i], rest[0], rtol=1e-5, atol=1e-14)
+        np.testing.assert_allclose(points.residual_floor[i], floor[0], rtol=1e-5, atol=1e-14)
         expected = depth[i] ** 2 * np.linalg.inv(A.T @ A)
         np.testing.assert_allclose(covariance[:, :, i], expected, rtol=1e-6, atol=1e-9)
 
@@ -50,7 +50,7 @@ def test_turned_points_are_points_in_turned_axes() -> None:
     R = rotation_from_vector(np.array([0.1, -0.4, 0.2]))
     depth = np.full(5, 10.0)
     expected = np.einsum("ij,jkn,lk->iln", R, points.covariance(depth)[FULL], R)
-    np.testing.assert_allclose(points.turned(R).covariance(depth)[FULL], expected, atol=1e-9)
+    np.testing.assert_allclose(points.rotated(R).covariance(depth)[FULL], expected, atol=1e-9)
 
 
 def test_exact_pixels_give_the_point_both_ways_and_one_step_comes_near() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.types import Array
-from vo_lib.front_end.alignment import align
+from vo_lib.front_end.alignment import track_warped
 from vo_lib.front_end.surface import fit_surface, motion_warp, right_slope, stereo_warp
 
 CAMERA = StereoCamera(f=700.0, cx=300.0, cy=100.0, baseline=0.5, width=600, height=200)
@@ -89,7 +89,7 @@ def test_bent_windows_are_found_to_a_few_hundredths_where_square_ones_are_not() 
     errors = {}
     for name, slope in (("square", np.zeros(2)), ("bent", SLOPE)):
         A = stereo_warp(np.tile(slope, (200, 1)))
-        found, difference = align(left, right, uv, start, A, 11)
+        found, difference = track_warped(left, right, uv, start, A, 11)
         good = np.isfinite(difference)
         assert good.mean() > 0.9
         errors[name] = np.median(np.linalg.norm(found - true, axis=1)[good])
@@ -102,7 +102,7 @@ def test_brightness_does_not_move_a_window() -> None:
     brighter = np.asarray(np.clip(left.astype(int) + 15, 0, 255), np.uint8)
     uv = np.stack([np.linspace(50, 550, 40), np.full(40, 100.0)], axis=1)
     A = np.tile(np.eye(2), (40, 1, 1))
-    found, difference = align(left, brighter, uv, uv + 0.4, A, 11)
+    found, difference = track_warped(left, brighter, uv, uv + 0.4, A, 11)
     good = np.isfinite(difference)
     assert good.mean() > 0.9
     assert np.median(np.linalg.norm(found - uv, axis=1)[good]) < 0.04
@@ -112,10 +112,10 @@ def test_more_features_than_tiles_and_none_at_all() -> None:
     image = textured()
     uv = np.random.default_rng(2).uniform(30, 170, (1500, 2))
     A = np.tile(np.eye(2), (1500, 1, 1))
-    found, difference = align(image, image, uv, uv, A, 11)
+    found, difference = track_warped(image, image, uv, uv, A, 11)
     assert np.median(np.linalg.norm(found - uv, axis=1)) < 0.01
-    some, _ = align(image, image, uv[1200:1210], uv[1200:1210], A[:10], 11)
+    some, _ = track_warped(image, image, uv[1200:1210], uv[1200:1210], A[:10], 11)
     np.testing.assert_allclose(some, found[1200:1210], atol=0.02)
-    empty, none = align(image, image, uv[:0], uv[:0], A[:0], 11)
+    empty, none = track_warped(image, image, uv[:0], uv[:0], A[:0], 11)
     assert empty.shape == (0, 2)
     assert len(none) == len(difference[:0])

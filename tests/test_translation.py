@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from vo_lib.beyond.stereo_points import stereo_points
-from vo_lib.beyond.translation import solve_translation, stack
+from vo_lib.beyond.translation import eliminate_points, solve_translation
 from vo_lib.config import TranslationConfig
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_angle, rotation_from_vector
@@ -56,9 +56,9 @@ def least_squares(matches: StereoMatches, depth: Array) -> Array:
 
 def stacked_once(matches: StereoMatches, depth: Array) -> Array:
     """The same by elimination of the points, as the library does it."""
-    before = stereo_points(CAMERA, matches.prev_left, matches.prev_right).turned(R_CP)
+    before = stereo_points(CAMERA, matches.prev_left, matches.prev_right).rotated(R_CP)
     now = stereo_points(CAMERA, matches.cur_left, matches.cur_right)
-    H, g = stack(before, now, depth, depth).normal_equations()
+    H, g = eliminate_points(before, now, depth, depth).normal_equations()
     return np.linalg.solve(H.sum(axis=1)[FULL], g.sum(axis=1))
 
 

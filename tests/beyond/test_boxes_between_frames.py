@@ -68,7 +68,7 @@ def judged(state: int, state_before: int, agrees: list[bool]) -> Judgement:
         matches=np.array([5]),
         before=np.array([LEFT]),
         state_before=np.array([state_before]),
-        few_street=False,
+        few_background=False,
         agrees=np.array(agrees),
     )
 
@@ -84,7 +84,7 @@ def test_what_moves_is_asked_with_the_boxes_of_its_own_image_too(now: int, befor
     assert gone.tolist() == [before >= least, now >= least, False, False]
 
 
-def test_what_disagrees_with_the_street_goes_where_a_box_is_and_nowhere_else() -> None:
+def test_what_disagrees_with_the_background_goes_where_a_box_is_and_nowhere_else() -> None:
     matches = going((IN_LEFT, AWAY), (AWAY, IN_MIDDLE), (IN_MIDDLE, AWAY), (AWAY, IN_LEFT))
     gone = on_vehicles_that_move(
         matches, judged(PARKED, PARKED, [False] * 4), FilterConfig(rule="moving", moving=MovingConfig())

@@ -76,7 +76,7 @@ def drive(
 @pytest.mark.parametrize(("offset", "quadratic"), [(0.0, 0.0), (-1.1, 0.0), (0.6, -0.9), (0.0, 1.0)])
 def test_the_disparity_field_is_found_within_its_own_deviation(offset: float, quadratic: float) -> None:
     true = np.array([offset, quadratic])
-    calibration = StereoCalibration(CAMERA, CalibrationConfig(caution=1.0, drift=0.001))
+    calibration = StereoCalibration(CAMERA, CalibrationConfig(noise_inflation=1.0, drift=0.001))
     for matches, R_cp, t_cp in drive(40, Faults(offset, quadratic)):
         calibration.update(calibration.correct(matches), R_cp, t_cp)
     deviation = np.sqrt(np.diag(calibration.covariance))
@@ -170,7 +170,7 @@ def learnt(
     faults: Faults, frames: int = 120, watch: Callable[[Array, Array], None] | None = None
 ) -> PrincipalPoint:
     """What a winding drive teaches of the principal point, the motion refined frame by frame."""
-    config = CalibrationConfig(centre_caution=1.0, centre_floor=0.0, centre_deviation=10.0)
+    config = CalibrationConfig(centre_noise_inflation=1.0, centre_floor=0.0, centre_deviation=10.0)
     centre = PrincipalPoint(CAMERA, config)
     for matches, R_cp, t_cp in drive(frames, faults, 0.1, yaw=lambda i: 0.05 * np.sin(i / 9)):
         x_p, x_c = (centre.camera.normalise(uv) for uv in (matches.prev_left, matches.cur_left))

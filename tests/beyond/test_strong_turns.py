@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from box_scenes import CAMERA, match_points, street_points
 
-from vo_lib.beyond.box_tracks import MOVING, PARKED, BoxJudge, new_tracks, with_evidence
+from vo_lib.beyond.box_tracks import MOVING, PARKED, BoxMotionClassifier, new_tracks, with_evidence
 from vo_lib.beyond.moving import BoxSteps, no_steps, point_steps
 from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core.boxes import Boxes
@@ -76,8 +76,8 @@ def box_round(corners: Array) -> Boxes:
 def test_a_parked_car_stays_parked_while_the_camera_turns(place: str, yaw: float) -> None:
     T_cp, rng = step_of(yaw, yaw / 2), np.random.default_rng(6)
     points, corners = parked_car(PLACES[place])
-    judge = BoxJudge(CAMERA, FilterConfig())
-    judge.start(box_round(corners))
+    classifier = BoxMotionClassifier(CAMERA, FilterConfig())
+    classifier.start(box_round(corners))
     states = []
     for _ in range(5):
         street = street_points(rng, 200)
@@ -85,8 +85,8 @@ def test_a_parked_car_stays_parked_while_the_camera_turns(place: str, yaw: float
         after = transform(T_cp, before)
         points, corners = after[200:], transform(T_cp, corners)
         matches: StereoMatches = match_points(before, after, 0.15, rng)
-        judgement = judge.step(matches, box_round(corners))
-        assert not judgement.few_street
+        judgement = classifier.step(matches, box_round(corners))
+        assert not judgement.few_background
         states += judgement.state.tolist()
     assert MOVING not in states
     assert states[-1] == PARKED
@@ -104,8 +104,8 @@ def test_two_steps_of_a_vehicle_add_up_while_the_camera_turns(yaw: float) -> Non
     # Of the first camera: so that the vehicle is before the second one, too.
     turned = rotation_from_vector(np.radians([0.0, -yaw / 2, 0.0]))
     points, corners, step = points @ turned.T, corners @ turned.T, np.array([0.0, 0.0, length])
-    judge = BoxJudge(CAMERA, FilterConfig(moving=MovingConfig(min_step=0.985 * length)))
-    judge.start(box_round(corners))
+    classifier = BoxMotionClassifier(CAMERA, FilterConfig(moving=MovingConfig(min_step=0.985 * length)))
+    classifier.start(box_round(corners))
     for _ in range(2):
         street = street_points(rng, 300)
         street = street[transform(T_cp, street)[:, 2] > 2.0]
@@ -113,6 +113,6 @@ def test_two_steps_of_a_vehicle_add_up_while_the_camera_turns(yaw: float) -> Non
         before = np.concatenate([street, points])
         points, corners = transform(T_cp, points) + step, transform(T_cp, corners) + step
         after = np.concatenate([transform(T_cp, street), points])
-        judgement = judge.step(match_points(before, after, 0.01, rng), box_round(corners))
+        judgement = classifier.step(match_points(before, after, 0.01, rng), box_round(corners))
         np.testing.assert_allclose(judgement.step[0], step, atol=0.01)
     assert judgement.state.tolist() == [MOVING]

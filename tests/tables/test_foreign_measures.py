@@ -12,7 +12,7 @@ import pytest
 from vo_lib import Sequence, preset
 from vo_lib.config import METHODS
 from vo_lib.core.camera import StereoCamera
-from vo_lib.core.frame import Motion
+from vo_lib.core.frame import FrameResult
 from vo_lib.core.types import Array
 from vo_lib.data.kitti_check import EXPECTED_FRAMES
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, KITTI_STEP, SHORT_MEASURE, Measure
@@ -45,7 +45,7 @@ def entry(name: str, frames: int, measure: Measure, method: str = "viso2") -> En
     names = tuple(f"{i:06d}" for i in range(frames))
     times = np.arange(frames) / 10.0
     sequence = Sequence(name, Path("nowhere"), names, camera, times, straight(frames), None)
-    run = Run(sequence, preset(method), straight(frames, 1.01), [Motion(np.eye(4))] * (frames - 1))
+    run = Run(sequence, preset(method), straight(frames, 1.01), [FrameResult(np.eye(4))] * (frames - 1))
     return measure_runs(method, [run], measure)
 
 

@@ -18,7 +18,7 @@ from vo_lib.commands.cli import main
 from vo_lib.config import METHODS, preset
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.errors import DataError
-from vo_lib.core.frame import Motion
+from vo_lib.core.frame import FrameResult
 from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Array
 from vo_lib.data.kitti_check import EXPECTED_FRAMES
@@ -60,7 +60,9 @@ def sequence_of(name: str, n: int) -> Sequence:
 def entry_of(name: str, n: int, percent: list[float], method: str = "viso2", variant: str = "kit") -> Entry:
     """Runs whose steps are too long by so many percent, a seed each."""
     sequence = sequence_of(name, n)
-    motion = Motion(np.eye(4), matches=100, removed=25, ms={"matching": 30.0, "rotation": 4.0, "filter": 1.0})
+    motion = FrameResult(
+        np.eye(4), matches=100, removed=25, ms={"matching": 30.0, "rotation": 4.0, "filter": 1.0}
+    )
     runs = [
         Run(
             sequence, preset(method, variant=variant, seed=seed), straight(n, 1 + p / 100), [motion] * (n - 1)
@@ -94,7 +96,7 @@ def test_short_paths_get_short_lengths_and_say_so() -> None:
 
 def test_time_of_the_back_end_leaves_the_front_end_out() -> None:
     front = {"wait_images": 9.0, "cached_matches": 2.0}
-    motions = [Motion(np.eye(4), ms={**front, "rotation": ms}) for ms in (3.0, 5.0)]
+    motions = [FrameResult(np.eye(4), ms={**front, "rotation": ms}) for ms in (3.0, 5.0)]
     run = Run(sequence_of("a", 3), preset("viso2"), straight(3), motions)
     assert back_end_ms(run) == pytest.approx(4.0)
 

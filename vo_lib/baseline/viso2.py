@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.camera import StereoCamera
-from ..core.frame import Motion
+from ..core.frame import FrameResult
 from ..core.geometry import rigid, rotation_from_vector
 from ..core.matches import StereoMatches
 from ..core.reprojection import CONVERGED, GOOD_ENOUGH, linearise, measured_pixels
@@ -32,14 +32,14 @@ class Viso2(Odometry):
         """No special case: the reprojection error is defined for a camera at rest."""
         return False
 
-    def motion(self, matches: StereoMatches) -> Motion | None:
+    def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Rotation and translation in one fit; None where too few matches agree on them."""
         found = self.fit(matches)
         self.clock.stage("rotation")
         if found is None:
             return None
         R_cp, t_cp, inliers = found
-        return Motion(rigid(R_cp, t_cp), inliers=int(np.count_nonzero(inliers)))
+        return FrameResult(rigid(R_cp, t_cp), inliers=int(np.count_nonzero(inliers)))
 
     def fit(self, matches: StereoMatches) -> tuple[Array, Array, Mask] | None:
         """Rotation, translation and inliers (N,); None where too few matches agree on them."""

@@ -11,7 +11,7 @@ from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
 from ..core.types import Mask
 from ..method.boxes import inside, on_vehicles
-from .box_tracks import MOVING, UNKNOWN, BoxJudge, Judgement
+from .box_tracks import MOVING, UNKNOWN, BoxMotionClassifier, Judgement
 from .config import FilterConfig
 
 
@@ -44,7 +44,7 @@ class Filtered:
     Attributes
     ----------
     keep : (N,) bool.
-    flags : `filter_off` (too few would be left: all stay), `few_street` (too little outside the boxes to
+    flags : `filter_off` (too few would be left: all stay), `few_background` (too little outside the boxes to
         judge them by).
     judgement : of the boxes by the rule `moving`; None with other rules.
     """
@@ -60,18 +60,18 @@ class BoxFilter:
     def __init__(self, camera: StereoCamera, config: FilterConfig):
         self.config = config
         self._boxes = no_boxes()
-        self._judge = BoxJudge(camera, config) if config.rule == "moving" else None
+        self._classifier = BoxMotionClassifier(camera, config) if config.rule == "moving" else None
 
     def start(self, boxes: Boxes) -> None:
         """The first frame: its boxes."""
         self._boxes = boxes
-        if self._judge is not None:
-            self._judge.start(boxes)
+        if self._classifier is not None:
+            self._classifier.start(boxes)
 
     def use(self, camera: StereoCamera) -> None:
         """From now on judge with this stereo camera: more is known of it."""
-        if self._judge is not None:
-            self._judge.camera = camera
+        if self._classifier is not None:
+            self._classifier.camera = camera
 
     def step(self, matches: StereoMatches, boxes: Boxes, on_moving: Mask | None = None) -> Filtered:
         """Which matches of the next frame stay.
@@ -87,10 +87,10 @@ class BoxFilter:
             if on_moving is None:
                 raise ValueError("the rule `truth` needs to be told which matches are on moving things")
             keep, off = unless_too_few(~on_moving, self.config)
-        elif self._judge is not None:
-            judgement = self._judge.step(matches, boxes)
+        elif self._classifier is not None:
+            judgement = self._classifier.step(matches, boxes)
             keep, off = unless_too_few(~on_vehicles_that_move(matches, judgement, self.config), self.config)
-            flags += ["few_street"] if judgement.few_street else []
+            flags += ["few_background"] if judgement.few_background else []
         else:
             keep, off = static_matches(matches, before, boxes, self.config)
         return Filtered(keep, (*(("filter_off",) if off else ()), *flags), judgement)
@@ -99,7 +99,7 @@ class BoxFilter:
 def on_vehicles_that_move(matches: StereoMatches, judgement: Judgement, config: FilterConfig) -> Mask:
     """Matches (N,) whose left point, previous or current, lies in a box that moves.
 
-    Of the other boxes those go that do not agree with the street: where a box is, outlines, panes and
+    Of the other boxes those go that do not agree with the background: where a box is, outlines, panes and
     other cars behind it are near, and features there are worse than elsewhere.
     """
     least = MOVING if config.moving.unknown == "keep" else UNKNOWN

@@ -16,18 +16,18 @@ from ..method.boxes import inside, vehicles
 from .config import FilterConfig, MovingConfig
 from .moving import (
     BoxSteps,
+    background_motion,
+    background_noise,
     box_steps,
     no_steps,
     owner_of,
     point_steps,
-    street_motion,
-    street_noise,
 )
 
 PARKED, UNKNOWN, MOVING = 0, 1, 2
 # Features from which a motion of the camera can be told.
-LEAST_STREET = 12
-STREET_SHARE = 4  # one feature of so many outside the boxes is asked how it scatters
+LEAST_BACKGROUND = 12
+BACKGROUND_SHARE = 4  # one feature of so many outside the boxes is asked how it scatters
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ def with_evidence(tracks: Tracks, fresh: BoxSteps, R_cp: Array, config: MovingCo
     Evidence fades by `memory` when new evidence arrives, and waits while there is none. A box moves when
     its step is significantly not zero; it is parked when a step of `min_step` would have been seen.
     """
-    heard = fresh.information.any(axis=(1, 2))
-    keep = np.where(heard, config.memory, 1.0)
+    observed = fresh.information.any(axis=(1, 2))
+    keep = np.where(observed, config.memory, 1.0)
     information = keep[:, None, None] * (R_cp @ tracks.information @ R_cp.T) + fresh.information
     vector = keep[:, None] * (tracks.vector @ R_cp.T) + np.einsum("kij,kj->ki", fresh.information, fresh.step)
     state = tracks.state.copy()
@@ -126,7 +126,7 @@ class Judgement:
     step : (K, 3) step from this pair of frames, current left camera's axes, metres; NaN where not seen.
     matches : (K,) features of this frame that may lie on the vehicle.
     before : (B, 4) the boxes of the frame before, and state_before : (B,) what is known of them now.
-    few_street : there was too little street to judge by.
+    few_background : there was too little background to judge by.
     agrees : (N,) False for matches in boxes that do not agree with standing still.
     """
 
@@ -136,11 +136,11 @@ class Judgement:
     matches: NDArray[np.int64]
     before: Array
     state_before: NDArray[np.int64]
-    few_street: bool
+    few_background: bool
     agrees: Mask
 
 
-class BoxJudge:
+class BoxMotionClassifier:
     """Judges the boxes of every frame: `start` with those of the first one, then `step` for each."""
 
     def __init__(self, camera: StereoCamera, config: FilterConfig):
@@ -162,7 +162,7 @@ class BoxJudge:
         outside = np.asarray(~(in_seen.any(axis=1) | in_found.any(axis=1)))
         # A feature that leaves a parked car for a new box is not known to stand still.
         doubtful = in_before[:, old.state != PARKED].any(axis=1) | (~in_seen.any(axis=1) & ~outside)
-        few_street = self._find_motion(matches, outside, np.asarray(~doubtful))
+        few_background = self._find_motion(matches, outside, np.asarray(~doubtful))
         fresh, agrees = self._ask(matches, found, outside)
         expected = shifted(old, matches, in_before)
         row_of = pair_up(overlap(expected, found.xyxy), self.config.moving.overlap)
@@ -176,17 +176,17 @@ class BoxJudge:
         lost = with_evidence(lost, no_steps(len(old.state)), R_cp, self.config.moving)
         waits = lost.missed <= self.config.moving.patience
         self._tracks = now + lost[waits & ~np.isin(np.arange(len(old.state)), row_of)]
-        heard = np.asarray(fresh.information.any(axis=(1, 2)))
+        observed = np.asarray(fresh.information.any(axis=(1, 2)))
         state_before = old.state.copy()
         state_before[row_of[known]] = now.state[known]
         return Judgement(
             boxes=found,
             state=now.state,
-            step=np.where(heard[:, None], fresh.step, np.nan),
+            step=np.where(observed[:, None], fresh.step, np.nan),
             matches=fresh.matches,
             before=old.xyxy[seen],
             state_before=state_before[seen],
-            few_street=few_street,
+            few_background=few_background,
             agrees=agrees,
         )
 
@@ -196,31 +196,31 @@ class BoxJudge:
             return no_steps(len(found)), np.ones(len(matches), np.bool_)
         config = self.config.moving
         agrees = np.ones(len(matches), np.bool_)
-        # A share of the street is enough to see its noise.
-        asked = np.concatenate([np.flatnonzero(~outside), np.flatnonzero(outside)[::STREET_SHARE]])
+        # A share of the background is enough to see its noise.
+        asked = np.concatenate([np.flatnonzero(~outside), np.flatnonzero(outside)[::BACKGROUND_SHARE]])
         some = matches[asked]
         owner = owner_of(self.camera, some.cur_left, some.cur_right, found, self.config)
         points = point_steps(self.camera, some, self._motion)
         stands = points.squared_error(np.zeros(3))
-        noise = street_noise(stands, outside[asked], config)
+        noise = background_noise(stands, outside[asked], config)
         # What is not a number does not agree.
         agrees[asked] = outside[asked] | (stands <= config.agreement**2 * noise)
         return box_steps(points, owner, len(found), noise, config), agrees
 
     def _find_motion(self, matches: StereoMatches, outside: Mask, still: Mask) -> bool:
-        """Motion of the camera from the street, None where nothing tells it; whether that was too little.
+        """Motion of the camera from the background, None where nothing tells it; whether that was too little.
 
-        Where boxes hold nearly everything, those judged parked so far count as street (`still`); if that
-        is not enough, all features are asked, most of which then had better stand still.
+        Where boxes hold nearly everything, those judged parked so far count as background (`still`); if that
+        is not enough, all features are asked: right while most of them stand still.
         """
-        least = self.config.moving.min_street
-        street = outside if np.count_nonzero(outside) >= least else outside | still
-        few = int(np.count_nonzero(street)) < least
+        least = self.config.moving.min_background
+        background = outside if np.count_nonzero(outside) >= least else outside | still
+        few = int(np.count_nonzero(background)) < least
         if few:
-            street = np.ones(len(matches), np.bool_)
-        if np.count_nonzero(street) < LEAST_STREET:
+            background = np.ones(len(matches), np.bool_)
+        if np.count_nonzero(background) < LEAST_BACKGROUND:
             self._motion = None
         else:
             start, steps = (np.eye(4), 10) if self._motion is None else (self._motion, 3)
-            self._motion = street_motion(self.camera, matches[street], start, steps)
+            self._motion = background_motion(self.camera, matches[background], start, steps)
         return few

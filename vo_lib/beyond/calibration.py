@@ -1,9 +1,9 @@
 """Chapter 4, beyond the paper: disparities of a pair that is not perfectly rectified.
 
 A right camera turned by a milliradian shifts every disparity by most of a pixel. Far points then seem too
-far and the steps come out too long: on the KITTI highway by a tenth. What the undistortion left adds a bow,
-about -1 px times x² on KITTI. The motion betrays both, for the disparities of a moving camera must agree with
-its parallax: measured disparity = f b / Z + offset + bow x².
+far and the steps come out too long: on the KITTI highway by a tenth. What the undistortion left adds a
+quadratic term, about -1 px times x² on KITTI. The motion betrays both, for the disparities of a moving camera
+must agree with its parallax: measured disparity = f b / Z + offset + quadratic x².
 
 One frame knows the two to some tenths of a pixel. A Kalman filter carries them along.
 """
@@ -21,7 +21,7 @@ from ..core.types import Array
 from .config import CalibrationConfig
 from .row_calibration import RowError
 from .stereo_points import linearised_points
-from .translation import stack
+from .translation import eliminate_points
 
 ITERATIONS = 4  # from the linear solution two suffice; wrong matches need a few more to lose their weight
 DONE = 2e-2  # pixels; disparities near the border that change less are the last
@@ -66,7 +66,7 @@ class StereoCalibration:
     ----------
     camera : the stereo camera as known now; who learns more about it may replace it.
     rows : difference of rows.
-    disparity : (2,) offset and bow, pixels; covariance : (2, 2).
+    disparity : (2,) offset and quadratic term, pixels; covariance : (2, 2).
     """
 
     def __init__(self, camera: StereoCamera, config: CalibrationConfig):
@@ -96,10 +96,10 @@ class StereoCalibration:
         innovation, noise = found
         covariance = self.covariance + np.diag(self.config.drift * CHANGES) ** 2
         # Frames scatter some four times more than noise alone explains (moving things, outlines).
-        total = covariance + self.config.caution**2 * noise
-        surprise = float(np.sqrt(innovation @ np.linalg.solve(total, innovation)))
+        total = covariance + self.config.noise_inflation**2 * noise
+        mahalanobis = float(np.sqrt(innovation @ np.linalg.solve(total, innovation)))
         gain = np.linalg.solve(total, covariance).T
-        change = gain @ innovation * min(1.0, 3.0 / max(surprise, 1e-12))
+        change = gain @ innovation * min(1.0, 3.0 / max(mahalanobis, 1e-12))
         self.disparity = self.disparity + change
         self.covariance = covariance - gain @ covariance
         if abs(change[0]) + EDGE * abs(change[1]) < self.config.least_change:
@@ -110,10 +110,11 @@ class StereoCalibration:
 def estimate_disparity_error(
     camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array, scale: float
 ) -> tuple[Array, Array] | None:
-    """Offset and bow left in a frame's disparities, (2,) pixels, and their covariance from noise (2, 2).
+    """Offset and quadratic term left in a frame's disparities, (2,) pixels, and their covariance (2, 2).
 
-    Gauss-Newton on the reprojection error in all four images over points, translation, offset and bow, the
-    rotation held; each point is eliminated from the normal equations. Cauchy weights, `scale` in pixels.
+    Gauss-Newton on the reprojection error in all four images over points, translation, offset and quadratic
+    term, the rotation held; each point is eliminated from the normal equations. Cauchy weights, `scale` in
+    pixels. The covariance is that from noise.
     The linear rows of equation (3) will not do here: their noisy coefficients bias the offset.
     """
     Q = camera.triangulate(matches.prev_left, matches.prev_right)
@@ -129,9 +130,9 @@ def estimate_disparity_error(
         for _ in range(ITERATIONS):
             P = R_cp @ Q + t[:, None]
             P[2] = np.clip(P[2], *DEPTHS)
-            before = linearised_points(camera.baseline, Q, before_left, before_right).turned(R_cp)
+            before = linearised_points(camera.baseline, Q, before_left, before_right).rotated(R_cp)
             now = linearised_points(camera.baseline, P, now_left, now_right)
-            system = stack(before, now, Q[2], P[2])
+            system = eliminate_points(before, now, Q[2], P[2])
             # A disparity smaller by a pixel takes a point X away to X (1 + Z / f b):
             # now + moved_c error = before + moved_p error + t, for every feature.
             moved_p = R_cp @ Q * (disparity_terms(Q[0] / Q[2]) * (Q[2] / fb))[:, None]
@@ -141,7 +142,7 @@ def estimate_disparity_error(
             W_apart = np.einsum("ijn,kjn->kin", W, apart)
             v, W_v = (np.einsum("k,kin->in", [1.0, *error], a) for a in (apart, W_apart))
             v, W_v = v - t[:, None], W_v - np.einsum("ijn,j->in", W, t)
-            squared = camera.f**2 * (np.sum(v * W_v, axis=0) + system.rest)
+            squared = camera.f**2 * (np.sum(v * W_v, axis=0) + system.residual_floor)
             weight = 1.0 / (1.0 + squared / scale**2)
             W_apart *= weight
             H[:3, :3] = W @ weight

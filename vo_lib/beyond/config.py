@@ -17,7 +17,7 @@ class MovingConfig(Checked):
 
     noise: float = setting(
         0.2,
-        "smallest standard deviation of a match; more where the street shows more",
+        "smallest standard deviation of a match; more where the background shows more",
         unit="px",
         low=0.01,
         high=5,
@@ -36,7 +36,7 @@ class MovingConfig(Checked):
         high=10,
     )
     min_matches: int = setting(3, "a box with fewer matches is judged by its history", low=1, high=100)
-    min_street: int = setting(
+    min_background: int = setting(
         30, "with fewer features outside boxes those in parked boxes join them", low=5, high=1000
     )
     moved_share: float = setting(
@@ -60,7 +60,7 @@ class MovingConfig(Checked):
     )
     agreement: float = setting(
         2.0,
-        "a feature in any box must agree with the street within this many standard deviations",
+        "a feature in any box must agree with the background within this many standard deviations",
         low=0.1,
         high=1000,
     )
@@ -99,7 +99,7 @@ class SelectionConfig(method.SelectionConfig):
     rest_flow: float = setting(
         0.05, "below this median flow, under a millimetre a frame, the camera rests", unit="px", low=0, high=5
     )
-    turn_ratio: float = setting(
+    prior_rejection_ratio: float = setting(
         1.25,
         "drop the prior when its best candidate scores worse than the best of all by this factor",
         low=1,
@@ -158,7 +158,7 @@ class CalibrationConfig(Checked):
         low=0.5,
         high=100,
     )
-    centre_caution: float = setting(
+    centre_noise_inflation: float = setting(
         1.5,
         "the principal point is learnt as if frames scattered this much more than noise",
         low=1,
@@ -180,19 +180,19 @@ class CalibrationConfig(Checked):
     )
     initial_deviation: float = setting(
         1.0,
-        "standard deviation of the disparity error before the first frame, the offset and the bow each",
+        "standard deviation of the disparity error's offset and quadratic term before the first frame, each",
         unit="px",
         low=0,
         high=10,
     )
     drift: float = setting(
         0.01,
-        "standard deviation of the offset's change from frame to frame, ten times the bow's",
+        "standard deviation of the offset's change from frame to frame, ten times the quadratic term's",
         unit="px",
         low=0,
         high=1,
     )
-    caution: float = setting(
+    noise_inflation: float = setting(
         4.0, "a frame's estimate is trusted as if it scattered this much more than noise", low=1, high=100
     )
     scale: float = setting(

@@ -1,4 +1,4 @@
-"""Chapter 5, beyond the paper: how the vehicle in each box moves against the street.
+"""Chapter 5, beyond the paper: how the vehicle in each box moves against the background.
 
 The camera's motion comes from the features outside all boxes. A feature that stands still must then be
 found at one place in both current images; what is left over is a step in space. Unlike the distance to an
@@ -37,7 +37,7 @@ OPEN = 1e-6
 
 @dataclass(frozen=True)
 class PointSteps:
-    """How N features moved against the street between two frames.
+    """How N features moved against the background between two frames.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class PointSteps:
         return np.asarray(np.einsum("ni,nij,nj->n", e, self.information, e))
 
 
-def street_motion(camera: StereoCamera, matches: StereoMatches, start: Array, iterations: int) -> Array:
+def background_motion(camera: StereoCamera, matches: StereoMatches, start: Array, iterations: int) -> Array:
     """Motion T_cp (4, 4) of the camera from features that stand still, most of them."""
     chosen = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, SPREAD)]
     chosen = chosen[chosen.prev_left[:, 0] > chosen.prev_right[:, 0]]
@@ -71,7 +71,7 @@ def street_motion(camera: StereoCamera, matches: StereoMatches, start: Array, it
 
 
 def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> PointSteps:
-    """Step of each feature against the street: where it is less where a standing one would be.
+    """Step of each feature against the background: where it is less where a standing one would be.
 
     Both points are triangulated, u_left, v and u_right of three unknowns each, so that a far feature's
     step is known well across the line of sight and badly along it; the information says so.
@@ -133,7 +133,7 @@ class BoxSteps:
 
     Attributes
     ----------
-    step : (K, 3) displacement against the street in the current left camera's axes, metres.
+    step : (K, 3) displacement against the background in the current left camera's axes, metres.
     information : (K, 3, 3) its inverse covariance, 1/m²; zero where nothing is known.
     matches : (K,) features that may lie on the vehicle.
     """
@@ -148,10 +148,10 @@ def no_steps(number: int) -> BoxSteps:
     return BoxSteps(np.zeros((number, 3)), np.zeros((number, 3, 3)), np.zeros(number, np.int64))
 
 
-def street_noise(squared_error: Array, outside: Mask, config: MovingConfig) -> float:
+def background_noise(squared_error: Array, outside: Mask, config: MovingConfig) -> float:
     """Variance of a match, pixels²: what the features outside the boxes show, and at least the setting."""
-    street = squared_error[outside & np.isfinite(squared_error)]
-    return max(config.noise**2, float(np.median(street)) / MEDIAN_CHI2 if len(street) else 0.0)
+    background = squared_error[outside & np.isfinite(squared_error)]
+    return max(config.noise**2, float(np.median(background)) / MEDIAN_CHI2 if len(background) else 0.0)
 
 
 def box_steps(
@@ -159,9 +159,9 @@ def box_steps(
 ) -> BoxSteps:
     """One step for each of `number` boxes from the features it owns (owner (N,), -1: none).
 
-    `noise` is the variance of a match, pixels², as `street_noise` finds it.
+    `noise` is the variance of a match, pixels², as `background_noise` finds it.
 
-    A box holds the vehicle, some street behind it, and outlines that belong to neither. Two robust fits
+    A box holds the vehicle, some background behind it, and outlines that belong to neither. Two robust fits
     compete: one from all features, one from those alone that do not agree with standing still.
     """
     stands = points.squared_error(np.zeros(3)) / noise

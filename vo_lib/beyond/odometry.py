@@ -13,7 +13,7 @@ import numpy as np
 from ..baseline.viso2 import Viso2, refit_motion
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
-from ..core.frame import Motion
+from ..core.frame import FrameResult
 from ..core.geometry import rigid
 from ..core.matches import StereoMatches
 from ..core.reprojection import fit_motion
@@ -30,8 +30,8 @@ from .translation import solve_translation
 class Learning(Odometry):
     """A frame's matches corrected by what is known of the calibration, and boxes judged by a rule of the kit.
 
-    Further flags: `filter_off` (boxes would have left too few matches), `few_street` (too little outside the
-    boxes to judge which of them move).
+    Further flags: `filter_off` (boxes would have left too few matches), `few_background` (too little
+    outside the boxes to judge which of them move).
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Learning(Odometry):
         """The first frame: nothing but its boxes is needed."""
         self._filter.start(boxes)
 
-    def step(self, matches: StereoMatches, boxes: Boxes, on_moving: Mask | None = None) -> Motion:
+    def step(self, matches: StereoMatches, boxes: Boxes, on_moving: Mask | None = None) -> FrameResult:
         """As the paper's, on corrected matches.
 
         `on_moving` : (N,) matches known to be on moving things; the box rule `truth` needs it.
@@ -72,7 +72,7 @@ class Learning(Odometry):
         self.filtered = self._filter.step(matches, boxes, self._on_moving)
         return matches[self.filtered.keep]
 
-    def motion(self, matches: StereoMatches) -> Motion | None:
+    def motion(self, matches: StereoMatches) -> FrameResult | None:
         """As the paper's, with what is known of the disparities after it."""
         motion = super().motion(matches)
         return None if motion is None else replace(motion, offset=float(self.calibration.disparity[0]))
@@ -87,19 +87,19 @@ class KitOdometry(Learning):
     _dropped = False
     _direction: Array
 
-    def motion(self, matches: StereoMatches) -> Motion | None:
+    def motion(self, matches: StereoMatches) -> FrameResult | None:
         """As the paper's; says where the prior was dropped."""
         motion = super().motion(matches)
         return motion if motion is None or not self._dropped else replace(motion, flags=("prior_dropped",))
 
-    def rest(self, matches: StereoMatches) -> Motion:
+    def rest(self, matches: StereoMatches) -> FrameResult:
         """The small motion that stereo depth shows, or none at all."""
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
         current = matches.cur_left, matches.cur_right
         R, t, residual = fit_motion(self.camera, X_p, *current, np.eye(3), np.zeros(3), scale=0.5)
         T_cp = np.eye(4) if flow_of(matches) < self.config.selection.rest_flow else rigid(R, t)
         inliers = int(np.count_nonzero(residual < self.config.translation.agreement))
-        return Motion(T_cp, inliers=inliers, flags=("standstill",))
+        return FrameResult(T_cp, inliers=inliers, flags=("standstill",))
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
         """Every other set takes its features from all sides of the image."""

@@ -82,7 +82,7 @@ class PrincipalPoint:
         H, g = weighted @ jac.T, -weighted @ r
         H[np.diag_indices(5)] += 1e-12 * max(float(np.trace(H[:5, :5])), 1e-12)
         motion = np.linalg.solve(H[:5, :5], np.column_stack([H[:5, 5:], g[:5]]))
-        variance = (self.config.centre_caution * deviation) ** 2
+        variance = (self.config.centre_noise_inflation * deviation) ** 2
         information = (H[5:, 5:] - H[5:, :5] @ motion[:, :3]) / variance
         # The points were shifted already, but not stretched.
         known = np.append(self.shift, 0.0)

@@ -36,11 +36,11 @@ def refine(
         weighted = jac * weight
         H = weighted @ jac.T
         H[np.diag_indices(5)] += 1e-12 * np.trace(H)
-        # Weights that are held make the step too short: the cost bends by 2 w² - w, not by w (Huber 1981).
-        bend = 2.0 * float(weight @ weight / weight.sum()) - 1.0
-        delta = -np.linalg.solve(H, weighted @ r) / min(max(bend, 1.0 / LONGEST), 1.0)
+        # Weights that are held make the step too short: the cost's curvature is 2 w² - w, not w (Huber 1981).
+        curvature = 2.0 * float(weight @ weight / weight.sum()) - 1.0
+        delta = -np.linalg.solve(H, weighted @ r) / min(max(curvature, 1.0 / LONGEST), 1.0)
         R = cv2.Rodrigues(delta[:3])[0] @ R
-        t = t + delta[3:] @ _across(t)
+        t = t + delta[3:] @ _tangent_basis(t)
         t = t / np.linalg.norm(t)
         if float(delta @ delta) < DONE**2:
             break
@@ -54,9 +54,8 @@ def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms
     by δt across itself changes E by [t]× [δω]× R + [δt]× R. The rest is the quotient rule; the norm must not
     be held, or noise pulls the direction to where the matches are, down.
     """
-    t, *across = (np.concatenate([direction[None], _across(direction)]) @ GENERATORS.reshape(3, 9)).reshape(
-        3, 3, 3
-    )
+    basis = np.concatenate([direction[None], _tangent_basis(direction)])
+    t, *across = (basis @ GENERATORS.reshape(3, 9)).reshape(3, 3, 3)
     E = np.concatenate([t[None], t @ GENERATORS, across]) @ R_cp  # and its five changes, (6, 3, 3)
     p, c = matches.points
     line_c, line_p = E[:, :2] @ p, E[:, :, :2].swapaxes(1, 2) @ c
@@ -66,7 +65,7 @@ def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms
     return error[0], error[1:] - half_change * (error[0] / norm2)
 
 
-def _across(t: Array) -> Array:
+def _tangent_basis(t: Array) -> Array:
     """Two unit vectors (2, 3) orthogonal to each other and to the unit vector t."""
     # The reflection that takes t to ± the third axis has them as its first rows.
     h = t.copy()

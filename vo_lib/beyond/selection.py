@@ -90,7 +90,8 @@ def choose(
     Returns
     -------
     Its index, and whether the prior was dropped: with it the best candidate would have been worse than the
-    best of all by more than `config.turn_ratio`. So it is in a sharp turn, and after a wrong vector.
+    best of all by more than `config.prior_rejection_ratio`. So it is in a sharp turn, and after a wrong
+    vector.
     """
     kept = np.ones(len(E), np.bool_)
     if config.prior and e_prev is not None:
@@ -98,7 +99,7 @@ def choose(
     errors = truncated_errors(E, x_p, x_c, config.threshold / focal)
     winner = int(np.argmin(errors))
     choice = int(np.argmin(np.where(kept, errors, np.inf)))
-    dropped = bool(errors[choice] > config.turn_ratio * errors[winner])
+    dropped = bool(errors[choice] > config.prior_rejection_ratio * errors[winner])
     return (winner if dropped else choice), dropped
 
 

@@ -35,17 +35,18 @@ class StereoPoints(NamedTuple):
     ray : (3, N) directions along which they are uncertain, of length 1 in the pair's own z.
     axis : (3,) the pair's own z axis; lateral errors are orthogonal to it.
     along : (N,) variance along the ray against that across it, 4 / d².
-    rest : (N,) squared residual that no point can mend, of the rows not divided by depth: y differs from y'.
+    residual_floor : (N,) squared residual that no point can mend, of the rows not divided by depth: y differs
+        from y'.
     """
 
     X: Array
     ray: Array
     axis: Array
     along: Array
-    rest: Array
+    residual_floor: Array
 
-    def turned(self, R: Array) -> StereoPoints:
-        """The same points in axes turned by R (3, 3)."""
+    def rotated(self, R: Array) -> StereoPoints:
+        """The same points in axes rotated by R (3, 3)."""
         return self._replace(X=R @ self.X, ray=R @ self.ray, axis=R @ self.axis)
 
     def covariance(self, depth: Array) -> Array:
@@ -65,8 +66,8 @@ def stereo_points(camera: StereoCamera, left: Array, right: Array) -> StereoPoin
     ray = np.stack([0.5 * (x + x_r), 0.5 * (y + y_r), np.ones_like(x)])
     X = ray * (camera.baseline * (x - x_r) / d2)
     X[0] += 0.5 * camera.baseline
-    rest = 0.5 * camera.baseline**2 * (y - y_r) ** 2 / d2
-    return StereoPoints(X, ray, np.array([0.0, 0.0, 1.0]), 4.0 / d2, rest)
+    residual_floor = 0.5 * camera.baseline**2 * (y - y_r) ** 2 / d2
+    return StereoPoints(X, ray, np.array([0.0, 0.0, 1.0]), 4.0 / d2, residual_floor)
 
 
 def linearised_points(baseline: float, X: Array, left: Array, right: Array) -> StereoPoints:
@@ -83,5 +84,5 @@ def linearised_points(baseline: float, X: Array, left: Array, right: Array) -> S
     ray = np.stack([x - 0.5 * d, y, np.ones_like(x)])
     step = ray * (-(u - u_r) / d)
     step[:2] += 0.5 * (u + u_r), 0.5 * (v + v_r)
-    rest = 0.5 * (X[2] * (v - v_r)) ** 2
-    return StereoPoints(X + X[2] * step, ray, np.array([0.0, 0.0, 1.0]), 4.0 / (d * d), rest)
+    residual_floor = 0.5 * (X[2] * (v - v_r)) ** 2
+    return StereoPoints(X + X[2] * step, ray, np.array([0.0, 0.0, 1.0]), 4.0 / (d * d), residual_floor)

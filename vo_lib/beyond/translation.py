@@ -52,18 +52,19 @@ def solve_translation(
     used = np.flatnonzero((depth > 0) & (depth <= config.max_depth))
     if len(used) == 0:
         return None
-    before = stereo_points(camera, matches.prev_left[used], matches.prev_right[used]).turned(R_cp)
+    before = stereo_points(camera, matches.prev_left[used], matches.prev_right[used]).rotated(R_cp)
     now = stereo_points(camera, matches.cur_left[used], matches.cur_right[used])
     depth, one = depth[used], np.ones(len(used))
     try:
         if config.variant == "stacked":
             system, t = _stacked(before, now, depth, camera.f, config)
         elif config.variant == "unweighted":
-            H, g = stack(before, now, one, one).normal_equations()
-            system, t = stack(before, now, depth, depth), np.linalg.solve(H.sum(axis=1)[FULL], g.sum(axis=1))
+            H, g = eliminate_points(before, now, one, one).normal_equations()
+            system = eliminate_points(before, now, depth, depth)
+            t = np.linalg.solve(H.sum(axis=1)[FULL], g.sum(axis=1))
         else:
             middle = np.median if config.variant == "feature_median" else np.mean
-            system, t = stack(before, now, depth, depth), middle(now.X - before.X, axis=1)
+            system, t = eliminate_points(before, now, depth, depth), middle(now.X - before.X, axis=1)
     except np.linalg.LinAlgError:
         return None
     if not np.isfinite(t).all():
@@ -73,21 +74,21 @@ def solve_translation(
     return np.asarray(t), full
 
 
-class Stack(NamedTuple):
+class EliminatedPoints(NamedTuple):
     """The eight rows of N features, divided by their depths, with every point eliminated.
 
     Attributes
     ----------
     before, now : points in the previous pair, in the axes of the current one, and in the current pair.
     C_p : (6, N) covariance of the points before; W : (6, N) inverse covariance of now.X - before.X.
-    rest : (N,) squared residual that is left whatever t is.
+    residual_floor : (N,) squared residual that is left whatever t is.
     """
 
     before: StereoPoints
     now: StereoPoints
     C_p: Array
     W: Array
-    rest: Array
+    residual_floor: Array
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Each feature's H (6, N) and g (3, N) of H t = g."""
@@ -96,7 +97,7 @@ class Stack(NamedTuple):
     def squared_residuals(self, t: Array) -> Array:
         """Squared residual (N,) over the eight rows under t (3,), each feature with its best point."""
         v = self.now.X - self.before.X - t[:, None]
-        return np.asarray(np.maximum(np.einsum("in,in->n", v, times(self.W, v)) + self.rest, 0.0))
+        return np.asarray(np.maximum(np.einsum("in,in->n", v, times(self.W, v)) + self.residual_floor, 0.0))
 
     def depths(self, t: Array) -> tuple[Array, Array]:
         """Depths (N,) of each feature's best point under t, in the previous and in the current pair."""
@@ -105,23 +106,26 @@ class Stack(NamedTuple):
         return np.maximum(self.before.axis @ RQ, NEAREST), np.maximum(RQ[2] + t[2], NEAREST)
 
 
-def stack(before: StereoPoints, now: StereoPoints, depth_p: Array, depth_c: Array) -> Stack:
-    """The rows of features, divided by depths (N,), metres, in the previous and in the current pair."""
+def eliminate_points(
+    before: StereoPoints, now: StereoPoints, depth_p: Array, depth_c: Array
+) -> EliminatedPoints:
+    """Features' rows divided by their depths (N,), metres, in the previous and the current pair."""
     C_p = before.covariance(depth_p)
     W = invert(C_p + now.covariance(depth_c))
-    return Stack(before, now, C_p, W, before.rest / depth_p**2 + now.rest / depth_c**2)
+    floor = before.residual_floor / depth_p**2 + now.residual_floor / depth_c**2
+    return EliminatedPoints(before, now, C_p, W, floor)
 
 
 def _stacked(
     before: StereoPoints, now: StereoPoints, depth: Array, focal: float, config: TranslationConfig
-) -> tuple[Stack, Array]:
+) -> tuple[EliminatedPoints, Array]:
     """The last system and its robust solution t_cp (3,)."""
     scale = config.scale / focal
-    system = stack(before, now, depth, depth)
+    system = eliminate_points(before, now, depth, depth)
     t = robust_start(system, 4.0 * scale)
     for _ in range(config.iterations):
         # The rows' weights use the depth of each point as solved, in both frames.
-        system = stack(before, now, *system.depths(t))
+        system = eliminate_points(before, now, *system.depths(t))
         weight = 1.0 / (1.0 + system.squared_residuals(t) / scale**2)
         H, g = system.normal_equations()
         before_step, t = t, np.linalg.solve((H @ weight)[FULL], g @ weight)
@@ -130,7 +134,7 @@ def _stacked(
     return system, t
 
 
-def robust_start(system: Stack, limit: float) -> Array:
+def robust_start(system: EliminatedPoints, limit: float) -> Array:
     """The best of many translations from three features each: a start no wrong match can pull away.
 
     The triples are cut from the features in order, a third of them apart, so every feature is used once

@@ -9,7 +9,7 @@ from .types import Array
 
 
 @dataclass(frozen=True)
-class Motion:
+class FrameResult:
     """Motion of one frame and how it came about.
 
     Attributes

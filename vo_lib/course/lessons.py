@@ -81,8 +81,8 @@ def selections(mode: str = "literal") -> dict[str, SelectionConfig]:
     rows = {"consensus": SelectionConfig(mode=mode, prior=False)}
     for keep in (1, 2, 3):
         rows[f"k = {keep}"] = SelectionConfig(mode=mode, keep=keep)
-    rows["k = 1, never dropped"] = SelectionConfig(mode=mode, keep=1, turn_ratio=NEVER)
-    rows["k = 2, never dropped"] = SelectionConfig(mode=mode, turn_ratio=NEVER)
+    rows["k = 1, never dropped"] = SelectionConfig(mode=mode, keep=1, prior_rejection_ratio=NEVER)
+    rows["k = 2, never dropped"] = SelectionConfig(mode=mode, prior_rejection_ratio=NEVER)
     return rows
 
 

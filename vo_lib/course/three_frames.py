@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..beyond.stereo_points import stereo_points
-from ..beyond.translation import NEAREST, solve_translation, stack
+from ..beyond.translation import NEAREST, eliminate_points, solve_translation
 from ..config import TranslationConfig
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
@@ -51,18 +51,18 @@ def solve_three_frames(
     earlier, now = earlier[used], now[used_now]
     _, i, j = np.intersect1d(earlier.id, now.id, return_indices=True)
     alone_i, alone_j = (np.setdiff1d(np.arange(len(m)), k) for m, k in ((earlier, i), (now, j)))
-    d_ab, V_ab, rest_ab, (_, depth) = _differences(camera, earlier, R_earlier, first[0])
-    d_bc, V_bc, rest_bc, (depth_now, _) = _differences(camera, now, R_cp, second[0])
+    d_ab, V_ab, floor_ab, (_, depth) = _differences(camera, earlier, R_earlier, first[0])
+    d_bc, V_bc, floor_bc, (depth_now, _) = _differences(camera, now, R_cp, second[0])
     V = np.zeros((len(i) + len(alone_i) + len(alone_j), 6, 6))
     V[:] = np.eye(6)
-    apart, rest = np.zeros((len(V), 6)), np.zeros(len(V))
+    apart, floor = np.zeros((len(V), 6)), np.zeros(len(V))
     both, only_ab, only_bc = np.split(np.arange(len(V)), [len(i), len(i) + len(alone_i)])
     for rows, k in ((both, i), (only_ab, alone_i)):
         V[rows, :3, :3], apart[rows, :3] = V_ab[k], d_ab[k]
-        rest[rows] += rest_ab[k]
+        floor[rows] += floor_ab[k]
     for rows, k in ((both, j), (only_bc, alone_j)):
         V[rows, 3:, 3:], apart[rows, 3:] = V_bc[k], d_bc[k]
-        rest[rows] += rest_bc[k]
+        floor[rows] += floor_bc[k]
     # P_b is added in the first difference, and R_cp P_b taken away in the second.
     # Both differences have their own opinion of its depth: with the mean V stays positive.
     P_b = stereo_points(camera, now.prev_left[j], now.prev_right[j])
@@ -73,7 +73,7 @@ def solve_three_frames(
     both_t = np.concatenate([first[0], second[0]])
     for _ in range(config.iterations):
         v = apart - both_t
-        squared = np.einsum("ni,nij,nj->n", v, information, v) + rest
+        squared = np.einsum("ni,nij,nj->n", v, information, v) + floor
         weighted = information / (1.0 + squared / (config.scale / camera.f) ** 2)[:, None, None]
         both_t = np.linalg.solve(weighted.sum(axis=0), np.einsum("nij,nj->i", weighted, apart))
     return both_t[:3], both_t[3:]
@@ -87,11 +87,11 @@ def _differences(
     before = stereo_points(camera, matches.prev_left, matches.prev_right)
     now = stereo_points(camera, matches.cur_left, matches.cur_right)
     start = np.maximum(before.X[2], NEAREST)
-    before = before.turned(R)
-    depths = stack(before, now, start, start).depths(t)
-    system = stack(before, now, *depths)
+    before = before.rotated(R)
+    depths = eliminate_points(before, now, start, start).depths(t)
+    system = eliminate_points(before, now, *depths)
     V = _full(system.C_p + now.covariance(depths[1]))
-    return (now.X - before.X).T, V, system.rest, depths
+    return (now.X - before.X).T, V, system.residual_floor, depths
 
 
 def _full(C: Array) -> Array:

@@ -25,7 +25,9 @@ HALVINGS, SURROUNDINGS = 2, 5
 FEWEST_LEVELS = 10.0
 
 
-def align(first: Image, second: Image, uv: Array, start: Array, A: Array, window: int) -> tuple[Array, Array]:
+def track_warped(
+    first: Image, second: Image, uv: Array, start: Array, A: Array, window: int
+) -> tuple[Array, Array]:
     """Places in the second image of small windows of the first one.
 
     Parameters
@@ -44,13 +46,13 @@ def align(first: Image, second: Image, uv: Array, start: Array, A: Array, window
     room = (first.shape[0] // tile) * (first.shape[1] // tile)
     found, difference = np.array(start, np.float64), np.full(len(uv), np.inf)
     for part in (slice(i, i + room) for i in range(0, len(uv), max(room, 1)) if room):
-        found[part], difference[part] = _align_part(
+        found[part], difference[part] = _track_part(
             first, second, uv[part], start[part], A[part], window, tile
         )
     return found, difference
 
 
-def _align_part(
+def _track_part(
     first: Image, second: Image, uv: Array, start: Array, A: Array, window: int, tile: int
 ) -> tuple[Array, Array]:
     anchor = np.rint(start * GRID) / GRID
@@ -121,12 +123,12 @@ def _tiles(image: Image, uv: Array, A: Array, tile: int, rows: int, columns: int
     # Axes: row of tiles, column of tiles, u or v.
     place = np.zeros((rows * columns, 2), np.float32)
     place[: len(uv)] = uv
-    bend = np.zeros((rows * columns, 2, 2), np.float32)
-    bend[: len(uv)] = A
+    warp = np.zeros((rows * columns, 2, 2), np.float32)
+    warp[: len(uv)] = A
     maps = []
     for axis in (0, 1):
-        along_u = bend[:, axis, 0].reshape(rows, 1, columns, 1) * offset
-        along_v = bend[:, axis, 1].reshape(rows, 1, columns, 1) * offset[:, None, None]
+        along_u = warp[:, axis, 0].reshape(rows, 1, columns, 1) * offset
+        along_v = warp[:, axis, 1].reshape(rows, 1, columns, 1) * offset[:, None, None]
         start = place[:, axis].reshape(rows, 1, columns, 1)
         maps.append((along_u + (along_v + start)).reshape(rows * tile, -1))
     bent = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

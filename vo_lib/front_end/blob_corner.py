@@ -19,7 +19,7 @@ from ..core.types import Array, Image
 from ..method.features import Described, best_matches, describe
 from .config import FeatureConfig, MatchingConfig
 from .klt import next_motion
-from .subpixel import finish_over_time, finish_stereo
+from .subpixel import refine_over_time, refine_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
 # Search radius round a predicted place, pixels.
@@ -141,10 +141,10 @@ class BlobCornerMatcher:
     ) -> tuple[StereoMatches, Array, NDArray[np.intp]]:
         left, right, slope = (seen[name][source] for name in ("left", "right", "slope"))
         coarse = pair.found_left.uv[in_left], pair.found_right.uv[in_right]
-        cur_left, over_time, ok = finish_over_time(
+        cur_left, over_time, ok = refine_over_time(
             self.camera, before.images, pair.images, (left, right), slope, coarse, motion, self.config
         )
-        cur_right, cur_slope, good = finish_stereo(
+        cur_right, cur_slope, good = refine_stereo(
             pair.images, pair.disparity, cur_left, over_time, self.config
         )
         ok &= good & (np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance)
@@ -173,7 +173,7 @@ def _stereo_places(pair: DescribedPair, config: MatchingConfig) -> dict[str, NDA
     left, right = pair.found_left, pair.found_right
     index = np.flatnonzero(pair.partner >= 0)
     place, start = left.uv[index], right.uv[pair.partner[index]]
-    found, slope, good = finish_stereo(pair.images, pair.disparity, place, start, config)
+    found, slope, good = refine_stereo(pair.images, pair.disparity, place, start, config)
     good &= found[:, 0] >= 0
     number = len(left.kind)
     stereo = np.zeros(number, np.bool_)

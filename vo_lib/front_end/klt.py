@@ -18,11 +18,11 @@ from ..method.config import BucketConfig
 from ..method.matching import is_stereo
 from .config import FeatureConfig, MatchingConfig
 from .corners import corner_strength, detect_corners, in_empty_cells
-from .subpixel import finish_over_time, finish_stereo
+from .subpixel import refine_over_time, refine_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
 # R_cp and t_cp, metres.
-Motion = tuple[Array, Array]
+RigidMotion = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class LoopMatcher:
         over_time: Array,
     ) -> tuple[StereoMatches, Array]:
         """Sub-pixel places, and the checks: the loop closes, windows look alike, the surface is known."""
-        cur_left, over_time, ok = finish_over_time(
+        cur_left, over_time, ok = refine_over_time(
             self.camera,
             before.images,
             pair.images,
@@ -165,7 +165,7 @@ class LoopMatcher:
             self.config,
         )
         seen, cur_left, over_time = seen[ok], cur_left[ok], over_time[ok]
-        cur_right, slope, ok = finish_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
+        cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
         ok &= self._inside(cur_left, pair.left) & self._inside(cur_right, pair.right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
         seen = seen[ok]
@@ -182,7 +182,7 @@ class LoopMatcher:
         disparity = pair.disparity[np.minimum(row, height - 1), np.minimum(column, width - 1)]
         uv, strength, disparity = (a[disparity > 0] for a in (uv, strength, disparity))
         guess = uv - np.stack([disparity, np.zeros_like(disparity)], axis=1)
-        found, slope, ok = finish_stereo(pair.images, pair.disparity, uv, guess, self.config)
+        found, slope, ok = refine_stereo(pair.images, pair.disparity, uv, guess, self.config)
         ok &= self._inside(found, pair.right)
         number = int(np.count_nonzero(ok))
         ids = np.arange(self._next_id, self._next_id + number)
@@ -222,7 +222,7 @@ class LoopMatcher:
         return np.asarray(inside.all(axis=1))
 
 
-def next_motion(camera: StereoCamera, matches: StereoMatches, last: Motion | None) -> Motion | None:
+def next_motion(camera: StereoCamera, matches: StereoMatches, last: RigidMotion | None) -> RigidMotion | None:
     """The motion that matches show, from which the next search starts; None from too few of them."""
     if len(matches) < 10:
         return None

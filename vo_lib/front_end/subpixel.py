@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from ..core.camera import StereoCamera
 from ..core.types import Array, Image
 from ..method.matching import is_stereo
-from .alignment import FARTHEST, align
+from .alignment import FARTHEST, track_warped
 from .config import MatchingConfig
 from .surface import CoarseDisparity, fit_surface, motion_warp, right_slope, stereo_warp
 
 
-def finish_stereo(
+def refine_stereo(
     pair: tuple[Image, Image], coarse: CoarseDisparity, left: Array, right: Array, config: MatchingConfig
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Sub-pixel places in the right image.
@@ -37,7 +37,7 @@ def finish_stereo(
     ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance + FARTHEST
     ok &= surface.share >= config.surface_share
     found = np.array(right, np.float64)
-    found[ok], difference = align(
+    found[ok], difference = track_warped(
         *pair, left[ok], right[ok], stereo_warp(surface.slope[ok]), config.finish_window
     )
     ok[ok] = difference <= config.max_difference
@@ -45,7 +45,7 @@ def finish_stereo(
     return found, surface.slope, ok & is_stereo(left, found, config)
 
 
-def finish_over_time(
+def refine_over_time(
     camera: StereoCamera,
     before: tuple[Image, Image],
     pair: tuple[Image, Image],
@@ -77,7 +77,7 @@ def finish_over_time(
     ok = np.ones(len(slope), np.bool_)
     for side, (side_slope, side_t) in enumerate(((slope, t), (right_slope(slope), t_right))):
         bent = motion_warp(camera, seen[side][ok], disparity[ok], side_slope[ok], R, side_t)
-        places[side][ok], difference = align(
+        places[side][ok], difference = track_warped(
             before[side], pair[side], seen[side][ok], start[side][ok], bent, config.finish_window
         )
         ok[ok] = difference <= config.max_difference

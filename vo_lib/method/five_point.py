@@ -117,7 +117,7 @@ def epipolar_rows(x_p: Array, x_c: Array) -> Array:
     return np.asarray((h_c[:, :, None] * h_p[:, None]).reshape(5, 9, -1))
 
 
-def triangulate(A: Array, columns: int) -> Array:
+def householder(A: Array, columns: int) -> Array:
     """Make the first `columns` columns of A (m, n, S) upper triangular by Householder reflections, in place.
 
     Reflections need no pivoting to be stable, so every set takes the same path. What stands below the
@@ -147,7 +147,7 @@ def null_space(rows: Array) -> tuple[Array, Mask]:
     """
     sets = rows.shape[-1]
     identity = np.broadcast_to(np.eye(9)[..., None], (9, 9, sets))
-    RQ = triangulate(np.concatenate([rows.swapaxes(0, 1), identity], axis=1), 5)
+    RQ = householder(np.concatenate([rows.swapaxes(0, 1), identity], axis=1), 5)
     diagonal = np.abs(RQ[range(5), range(5)])
     independent = diagonal.min(axis=0) > 1e-12 * diagonal.max(axis=0)
     return np.ascontiguousarray(RQ[:4:-1, 5:]).reshape(4, 3, 3, sets), independent
@@ -170,7 +170,7 @@ def cubic_constraints(basis: Array) -> Array:
 
 def eliminate(cubics: Array) -> Array:
     """Take x³, y³, x²y, xy² out of the ten cubics: six rows remain, (6, 16, S)."""
-    return triangulate(cubics.copy(), 4)[4:, 4:]
+    return householder(cubics.copy(), 4)[4:, 4:]
 
 
 def hidden_variable_matrix(rows: Array, z: Array, w: Array) -> Array:
@@ -186,7 +186,7 @@ def hidden_variable_matrix(rows: Array, z: Array, w: Array) -> Array:
 def determinant(rows: Array) -> Array:
     """det C(z), coefficients (11, S) of z¹⁰, z⁹w, …, w¹⁰; from its values at the NODES."""
     C = hidden_variable_matrix(rows[:, :, None], *NODES[..., None])
-    R = triangulate(C.reshape(6, 6, -1), 3)
+    R = householder(C.reshape(6, 6, -1), 3)
     values = R[0, 0] * R[1, 1] * R[2, 2] * _det_3x3(R[3:, 3:])
     return np.asarray(POLYNOMIAL_FROM_VALUES @ values.reshape(DEGREE + 1, -1))
 
@@ -194,7 +194,7 @@ def determinant(rows: Array) -> Array:
 @QUIET
 def back_substitute(rows: Array, z: Array, w: Array, index: Index) -> Array:
     """(x, y, z, w) of norm 1, (4, M), from the roots: (x², y², xy, x, y, 1) spans the null space of C(z)."""
-    R = triangulate(hidden_variable_matrix(rows.take(index, axis=-1), z, w), 3)
+    R = householder(hidden_variable_matrix(rows.take(index, axis=-1), z, w), 3)
     x, y, one = _longest_column(_cofactors(R[3:, 3:].swapaxes(0, 1)))
     return _unit(np.stack([x, y, z * one, w * one]))
 

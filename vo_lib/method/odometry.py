@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.boxes import Boxes, no_boxes
 from ..core.camera import StereoCamera
-from ..core.frame import Clock, Motion
+from ..core.frame import Clock, FrameResult
 from ..core.geometry import essential_angle, essential_vector, rigid
 from ..core.matches import StereoMatches
 from ..core.types import Array, Index, Mask
@@ -53,7 +53,7 @@ class Odometry:
         """The first frame: nothing but its boxes is needed."""
         self._boxes = boxes
 
-    def step(self, matches: StereoMatches, boxes: Boxes) -> Motion:
+    def step(self, matches: StereoMatches, boxes: Boxes) -> FrameResult:
         """Motion of the next frame from its matches and the boxes in its left image."""
         self._frame += 1
         self.clock = Clock()
@@ -61,16 +61,16 @@ class Odometry:
         chosen = self.bucketed(static)
         self.clock.stage("filter")
         if len(chosen) < self.config.min_matches:
-            motion = Motion(self._last, flags=("few_matches",))
+            motion = FrameResult(self._last, flags=("few_matches",))
         elif self.stands_still(chosen):
             motion = self.rest(chosen)
         else:
-            motion = self.motion(chosen) or Motion(self._last, flags=("no_motion",))
+            motion = self.motion(chosen) or FrameResult(self._last, flags=("no_motion",))
         self._last = motion.T_cp
         removed = len(matches) - len(static)
         return replace(motion, matches=len(matches), removed=removed, used=len(chosen), ms=self.clock.ms)
 
-    def motion(self, matches: StereoMatches) -> Motion | None:
+    def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Rotation from the essential matrix, then the translation; None where the matches show none."""
         x_p, x_c, _ = self.points(matches)
         sets = self.draw_sets(x_p, x_c)
@@ -122,21 +122,21 @@ class Odometry:
         enough = solved is not None and np.count_nonzero(solved[1]) >= self.config.min_matches
         return solved[0] if solved is not None and enough else None
 
-    def remember(self, rotation: Rotation, t_cp: Array) -> Motion:
+    def remember(self, rotation: Rotation, t_cp: Array) -> FrameResult:
         """Step 7 (section 2.2): the winner becomes E_prev."""
         before, self.e_prev = self.e_prev, essential_vector(rotation.E)
         angle = np.nan if before is None else np.degrees(essential_angle(self.e_prev, before))
         inliers = int(np.count_nonzero(rotation.inliers))
-        return Motion(rigid(rotation.R_cp, t_cp), inliers=inliers, prior_angle=float(angle))
+        return FrameResult(rigid(rotation.R_cp, t_cp), inliers=inliers, prior_angle=float(angle))
 
     def stands_still(self, matches: StereoMatches) -> bool:
         """Whether the features move too little for an essential matrix."""
         flow = np.median(np.linalg.norm(matches.cur_left - matches.prev_left, axis=1))
         return bool(flow < self.config.selection.standstill_flow)
 
-    def rest(self, matches: StereoMatches) -> Motion:
+    def rest(self, matches: StereoMatches) -> FrameResult:
         """The motion of a camera that stands still: none. E_prev is kept."""
-        return Motion(np.eye(4), flags=("standstill",))
+        return FrameResult(np.eye(4), flags=("standstill",))
 
     def points(self, matches: StereoMatches) -> tuple[Array, Array, Array]:
         """Normalised points x_p, x_c (N, 2) and points X_p (N, 3) of the previous left frame, metres."""

@@ -17,7 +17,7 @@ from ..config import config_class
 from ..core import settings
 from ..core.errors import DataError
 from ..core.files import read_text, write_bytes_atomic, write_text_atomic
-from ..core.frame import Motion
+from ..core.frame import FrameResult
 from ..core.geometry import inverse
 from ..core.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..core.types import Array
@@ -194,9 +194,9 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     return Run(sequence, config, poses, motions)
 
 
-def _read_motion(row: dict[str, str], T_cp: Array) -> Motion:
+def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
     """A row of frames.csv, and the motion that belongs to it."""
-    return Motion(
+    return FrameResult(
         T_cp,
         matches=int(row["matches"]),
         removed=int(row["removed_by_boxes"]),
@@ -210,7 +210,7 @@ def _read_motion(row: dict[str, str], T_cp: Array) -> Motion:
     )
 
 
-def frames_csv(frames: tuple[str, ...], motions: list[Motion]) -> str:
+def frames_csv(frames: tuple[str, ...], motions: list[FrameResult]) -> str:
     """The per-frame log as CSV: one row for the motion into each frame but the first."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")

@@ -17,7 +17,7 @@ from ..beyond.odometry import KitOdometry, KitViso2, Learning
 from ..config import Config, PublishedConfig
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
-from ..core.frame import Clock, Motion
+from ..core.frame import Clock, FrameResult
 from ..core.geometry import inverse, nearest_rotation
 from ..core.matches import StereoMatches
 from ..core.types import Array, Progress
@@ -44,7 +44,7 @@ class Run:
     sequence: Sequence
     config: PublishedConfig
     poses: Array
-    motions: list[Motion]
+    motions: list[FrameResult]
 
     @property
     def ms_per_frame(self) -> float:
@@ -64,7 +64,7 @@ class MethodRun:
         self.sequence = sequence
         self.config = config
         self.odometry = make_odometry(sequence.camera, config)
-        self.motions: list[Motion] = []
+        self.motions: list[FrameResult] = []
         self._poses = [np.eye(4)]
 
     def step(self, index: int, frame: TimedMatches, boxes: Boxes) -> None:

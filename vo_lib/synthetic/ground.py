@@ -23,14 +23,14 @@ def build_ground(site: Site) -> None:
         site.ribbon(f"road {int(site.rng.integers(ROADS))}", s, (-road, road), period=TILE)
     s = site.samples()
     raised = KERB if out > road else 0.0
-    bend = _sharpest_bend(site, s)
+    curvature = _strongest_curvature(site, s)
     # On the inner side of a bend ground that reached beyond its centre would fold over.
-    inner = np.clip(0.8 / np.maximum(np.abs(bend), 1e-6), out + 0.1, LAWN)
+    inner = np.clip(0.8 / np.maximum(np.abs(curvature), 1e-6), out + 0.1, LAWN)
     for side in (-1.0, 1.0):
         if raised:
             site.ribbon("slabs", s, _ordered(side * road, side * out), (KERB, KERB))
             site.ribbon("kerb", s, (side * road, side * road), (KERB, 0.0), flip=side > 0)
-        reach = np.where(np.sign(bend) == side, inner, LAWN)
+        reach = np.where(np.sign(curvature) == side, inner, LAWN)
         site.ribbon("grass", s, _ordered(side * out, side * reach), (raised, raised), 9.0, 9.0)
     middle, half = _extent(site)
     half += BEYOND
@@ -61,7 +61,7 @@ def _ordered(a: Array | float, b: Array | float) -> tuple[Array | float, Array |
     return (a, b) if np.all(np.asarray(a) <= b) else (b, a)
 
 
-def _sharpest_bend(site: Site, s: Array) -> Array:
+def _strongest_curvature(site: Site, s: Array) -> Array:
     """The strongest curvature within 25 m of s (n,), signed, 1/metre."""
     near = s + np.arange(-25.0, 26.0, 5.0)[:, None]
     around = np.interp(near, site.route.s, site.route.curvature)

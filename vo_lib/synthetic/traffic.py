@@ -115,8 +115,8 @@ class Traffic:
                 s += model.shape.length / 2 + float(rng.uniform(0.5, 1.4))
                 offset = side * (middle + float(rng.uniform(-0.1, 0.15)))
                 turn = float(rng.normal(0, 0.02)) + (np.pi if side < 0 or rng.random() < 0.1 else 0.0)
-                bend = abs(float(np.interp(s, self.route.s, self.route.curvature)))
-                if rng.random() < config.parked and bend < 0.04:
+                curvature = abs(float(np.interp(s, self.route.s, self.route.curvature)))
+                if rng.random() < config.parked and curvature < 0.04:
                     self.add(model, np.full(len(self.drive.times), s), offset, turn)
                 s += model.shape.length / 2
 

@@ -204,7 +204,9 @@ class SelectionPanel(Panel):
         ways = {
             "consensus": replace(selection, prior=False),
             f"selection, k = {selection.keep}": replace(selection, prior=True),
-            "k = 1, prior never dropped": replace(selection, prior=True, keep=1, turn_ratio=1000.0),
+            "k = 1, prior never dropped": replace(
+                selection, prior=True, keep=1, prior_rejection_ratio=1000.0
+            ),
         }
         e_prev: dict[str, Array | None] = dict.fromkeys(ways)
         errors: dict[str, list[float]] = {name: [] for name in ways}

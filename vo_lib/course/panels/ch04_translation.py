@@ -73,7 +73,7 @@ def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
 
 def alone(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> Array:
     """What each feature says of t_cp alone, (N, 3) metres: the solution of its own eight rows."""
-    before = stereo_points(camera, matches.prev_left, matches.prev_right).turned(R_cp)
+    before = stereo_points(camera, matches.prev_left, matches.prev_right).rotated(R_cp)
     return np.asarray((stereo_points(camera, matches.cur_left, matches.cur_right).X - before.X).T)
 
 

@@ -11,7 +11,7 @@ from ...beyond.box_filter import BoxFilter, Filtered
 from ...config import CalibrationConfig, Config, DetectorConfig, FilterConfig, preset
 from ...core.boxes import Boxes, no_boxes
 from ...core.errors import DataError
-from ...core.frame import Motion
+from ...core.frame import FrameResult
 from ...core.geometry import rotation_angle
 from ...core.settings import Checked, setting
 from ...core.types import Array, Image, Progress
@@ -48,7 +48,7 @@ class FilteringView(Checked):
 
 _detectors: Memory[YoloDetector] = Memory(3)
 _candidates: Memory[Candidates] = Memory(48)
-_motions: Memory[Motion] = Memory(48)
+_motions: Memory[FrameResult] = Memory(48)
 _moving: Memory[NDArray[np.bool_]] = Memory(24)
 
 
@@ -113,7 +113,7 @@ def on_moving(sequence: Sequence, frame: int, config: Config) -> NDArray[np.bool
     return _moving.get(key, lambda: sequence.on_moving(frame, frame_matches(sequence, frame, config)))
 
 
-def motion_from(sequence: Sequence, frame: int, keep: NDArray[np.bool_], config: Config) -> Motion:
+def motion_from(sequence: Sequence, frame: int, keep: NDArray[np.bool_], config: Config) -> FrameResult:
     """The frame's motion from the matches that `keep` (N,) leaves, of two images alone.
 
     No previous vector and no calibration: so nothing but the choice of features differs.
