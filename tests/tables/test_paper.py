@@ -76,6 +76,11 @@ def test_the_gains_are_those_of_the_averages_and_differ_by_how_rows_are_weighted
     assert pooled[0] < average[0]  # long sequences gain less
 
 
+def test_a_printed_error_of_0_has_no_gain(tmp_path: Path) -> None:
+    table = read_paper_table(changed(tmp_path, "\nAvg,2.43,1.106,0.84,", "\nAvg,2.43,1.106,0,"))
+    assert printed_gains(table, "mesvo_f")[0][0] is None
+
+
 def test_the_weights_are_the_benchmarks_numbers_of_sub_sequences() -> None:
     if not TRUTH.is_dir():
         pytest.skip("the truth of KITTI is not beside this checkout (shared/data/kitti_poses)")

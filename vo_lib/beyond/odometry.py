@@ -18,7 +18,7 @@ from ..core.geometry import rigid
 from ..core.matches import StereoMatches
 from ..core.reprojection import fit_motion
 from ..core.types import Array, Index, Mask
-from ..method.odometry import Odometry, Rotation
+from ..method.odometry import Odometry, Rotation, median_flow
 from .box_filter import BoxFilter, Filtered
 from .calibration import StereoCalibration
 from .config import Config
@@ -97,7 +97,7 @@ class KitOdometry(Learning):
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
         current = matches.cur_left, matches.cur_right
         R, t, residual = fit_motion(self.camera, X_p, *current, np.eye(3), np.zeros(3), scale=0.5)
-        T_cp = np.eye(4) if flow_of(matches) < self.config.selection.rest_flow else rigid(R, t)
+        T_cp = np.eye(4) if median_flow(matches) < self.config.selection.rest_flow else rigid(R, t)
         inliers = int(np.count_nonzero(residual < self.config.translation.agreement))
         return FrameResult(T_cp, inliers=inliers, flags=("standstill",))
 
@@ -147,7 +147,7 @@ class KitViso2(Learning, Viso2):
         if found is None or not self.config.calibration.estimate:
             return found
         R_cp, t_cp, inliers = found
-        if flow_of(matches) >= self.config.selection.standstill_flow and np.any(t_cp):
+        if median_flow(matches) >= self.config.selection.standstill_flow and np.any(t_cp):
             x_p, x_c, _ = self.points(matches[inliers])
             self._centre.update(x_p, x_c, R_cp, t_cp / np.linalg.norm(t_cp))
         corrected = self.calibration.update(matches, R_cp, t_cp)
@@ -158,8 +158,3 @@ class KitViso2(Learning, Viso2):
             R_cp, t_cp = refit_motion(self.camera, X_p, *current, agreed, R_cp, t_cp, self.reprojection)
         self.clock.stage("calibration")
         return R_cp, t_cp, inliers
-
-
-def flow_of(matches: StereoMatches) -> float:
-    """Median length of the flow in the left image, pixels."""
-    return float(np.median(np.linalg.norm(matches.cur_left - matches.prev_left, axis=1)))

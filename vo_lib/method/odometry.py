@@ -131,8 +131,7 @@ class Odometry:
 
     def stands_still(self, matches: StereoMatches) -> bool:
         """Whether the features move too little for an essential matrix."""
-        flow = np.median(np.linalg.norm(matches.cur_left - matches.prev_left, axis=1))
-        return bool(flow < self.config.selection.standstill_flow)
+        return median_flow(matches) < self.config.selection.standstill_flow
 
     def rest(self, matches: StereoMatches) -> FrameResult:
         """The motion of a camera that stands still: none. E_prev is kept."""
@@ -151,3 +150,8 @@ class Odometry:
     def threshold(self) -> float:
         """Largest Sampson distance of an inlier, in normalised points."""
         return self.config.selection.threshold / self.camera.f
+
+
+def median_flow(matches: StereoMatches) -> float:
+    """Median length of the flow in the left image, pixels."""
+    return float(np.median(np.linalg.norm(matches.cur_left - matches.prev_left, axis=1)))

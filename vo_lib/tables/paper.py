@@ -9,9 +9,11 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.errors import DataError
 from ..core.files import read_text
+from ..core.types import Array
 
 PAPER_METHODS = ("viso2", "mesvo_f", "solution_selection", "feature_selection")
 PRINTED_NAMES = dict(
@@ -62,9 +64,10 @@ class PaperTable:
         return self.te.get((row, method)), self.re.get((row, method))
 
 
-def gain(before: float, after: float) -> float:
-    """By how much an error is smaller, in % of what it was before."""
-    return 100.0 * (1.0 - after / before)
+def gain(before: ArrayLike, after: ArrayLike) -> Array:
+    """By how much errors are smaller, in % of what they were before; not finite where they were 0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(100.0 * (1.0 - np.asarray(after, float) / np.asarray(before, float)))
 
 
 def printed_gains(table: PaperTable, other: str) -> list[tuple[float | None, float | None]]:
@@ -83,8 +86,7 @@ def printed_gains(table: PaperTable, other: str) -> list[tuple[float | None, flo
             pair.append(
                 (np.nan if average is None else average, column.mean(), np.average(column, weights=weights))
             )
-        found = [gain(b, a) for b, a in zip(*pair, strict=True)]
-        gains.append([float(g) if np.isfinite(g) else None for g in found])
+        gains.append([g if np.isfinite(g) else None for g in gain(*pair).tolist()])
     return list(zip(*gains, strict=True))
 
 

@@ -19,6 +19,7 @@ from .paper import (
     PROPOSAL,
     REMARKS,
     PaperTable,
+    gain,
     printed_gains,
 )
 from .report import ReportTable
@@ -203,9 +204,7 @@ def gains_table(group: Group, paper: PaperTable | None) -> ReportTable:
                 cells += [_percent(claims[k]), *(_percent(pair[k]) for pair in printed_gains(paper, other))]
             for average in (group.mean, group.pooled_as_paper):
                 before, after = average(other)[k], average(PROPOSAL)[k]
-                same = len(before) == len(after)
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    gains = 100.0 * (1.0 - after / before) if same else NOTHING
+                gains = gain(before, after) if len(before) == len(after) else NOTHING
                 cells.append(
                     spread(gains, 1).replace("-", "−")
                     + (" %" if np.isfinite(gains).all() and len(gains) else "")
