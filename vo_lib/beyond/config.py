@@ -127,46 +127,43 @@ class TranslationConfig(method.TranslationConfig):
 
 @dataclass(frozen=True)
 class CalibrationConfig(Checked):
-    """What is left of an imperfect rectification, found on the way (not in the paper)."""
+    """What calib.txt leaves of the cameras' errors, found on the way (not in the paper)."""
 
-    estimate: bool = setting(True, "learn rows, disparities and principal point; off: all is taken as it is")
-    row_deviation: float = setting(
-        3.0,
-        "standard deviation of each coefficient of the rows before the first frame",
-        unit="px",
-        low=0.001,
-        high=100,
+    estimate: bool = setting(True, "learn field and lens on the way; off: they stay as they are at the start")
+    scale: float = setting(
+        0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
     )
     row_scale: float = setting(
         0.2, "difference of rows at which a match's weight is halved", unit="px", low=0.01, high=10
     )
-    row_memory: float = setting(
-        1000.0, "what was learnt of the rows this long ago counts a third", unit="frames", low=10, high=1e6
+    drift: float = setting(
+        0.005,
+        "standard deviation of a fault's change from frame to frame, as a share of that before the first",
+        low=0,
+        high=1,
     )
-    centre_deviation: float = setting(
-        8.0,
-        "standard deviation of the principal point before the first frame, along u and v each; more than "
-        "three times this is not believed",
-        unit="px",
-        low=0.001,
-        high=100,
+    noise_inflation: float = setting(
+        4.0, "the field is learnt as if frames scattered this much more than noise", low=1, high=100
     )
-    centre_scale: float = setting(
+    least_change: float = setting(
+        0.03, "a smaller change of the disparities does not solve the step again", unit="px", low=0, high=1
+    )
+    lens_deviation: float = setting(
+        1.5, "standard deviation of p1 and p2 before the first frame, each", unit="px", low=0.001, high=100
+    )
+    lens_scale: float = setting(
         3.0,
-        "Sampson distance at which a match's weight for the principal point is a quarter, in standard "
-        "deviations of the distances",
+        "Sampson distance at which a match's weight for the lens is a quarter, in standard deviations of the "
+        "distances",
         low=0.5,
         high=100,
     )
-    centre_noise_inflation: float = setting(
-        1.5,
-        "the principal point is learnt as if frames scattered this much more than noise",
-        low=1,
-        high=1000,
+    lens_noise_inflation: float = setting(
+        1.5, "the lens is learnt as if frames scattered this much more than noise", low=1, high=1000
     )
-    centre_floor: float = setting(
-        2.0,
-        "standard deviation of what is learnt of the principal point that no number of frames mends",
+    lens_floor: float = setting(
+        0.3,
+        "standard deviation of what is learnt of the lens that no number of frames mends",
         unit="px",
         low=0,
         high=100,
@@ -177,29 +174,6 @@ class CalibrationConfig(Checked):
         unit="px",
         low=0.0001,
         high=10,
-    )
-    initial_deviation: float = setting(
-        1.0,
-        "standard deviation of the disparity error's offset and quadratic term before the first frame, each",
-        unit="px",
-        low=0,
-        high=10,
-    )
-    drift: float = setting(
-        0.01,
-        "standard deviation of the offset's change from frame to frame, ten times the quadratic term's",
-        unit="px",
-        low=0,
-        high=1,
-    )
-    noise_inflation: float = setting(
-        4.0, "a frame's estimate is trusted as if it scattered this much more than noise", low=1, high=100
-    )
-    scale: float = setting(
-        0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
-    )
-    least_change: float = setting(
-        0.03, "a smaller change of the disparities does not solve the step again", unit="px", low=0, high=1
     )
 
 

@@ -20,9 +20,9 @@ from ..core.reprojection import fit_motion
 from ..core.types import Array, Index, Mask
 from ..method.odometry import Odometry, Rotation, median_flow
 from .box_filter import BoxFilter, Filtered
-from .calibration import StereoCalibration
+from .stereo_field import StereoField
 from .config import Config
-from .principal_point import PrincipalPoint
+from .lens import Lens
 from .selection import choose, motion_of_winner, sample_sets
 from .translation import solve_translation
 
@@ -35,7 +35,7 @@ class Learning(Odometry):
 
     Attributes
     ----------
-    camera : the stereo camera as known now.
+    lens, field : what is known of the cameras' errors.
     filtered : what the box rule did in the last frame.
     """
 
@@ -45,10 +45,10 @@ class Learning(Odometry):
         super().__init__(camera, config)
         self.config = config
         self.filtered: Filtered | None = None
-        self.calibration = StereoCalibration(camera, config.calibration)
+        self.lens = Lens(camera, config.calibration)
+        self.field = StereoField(camera, config.calibration)
         self._on_moving: Mask | None = None
         self._filter = BoxFilter(camera, config.filter)
-        self._centre = PrincipalPoint(camera, config.calibration)
 
     def start(self, boxes: Boxes) -> None:
         """The first frame: nothing but its boxes is needed."""
@@ -60,12 +60,12 @@ class Learning(Odometry):
         `on_moving` : (N,) matches known to be on moving things; the box rule `truth` needs it.
         """
         self._on_moving = on_moving
-        self.camera = self.calibration.camera = self._centre.camera
-        self._filter.use(self.camera)
-        self.calibration.learn_rows(matches)
-        motion = super().step(self.calibration.correct(matches), boxes)
+        matches = self.lens.correct(matches)
+        if self.config.calibration.estimate:
+            self.field.learn_rows(matches)
+        motion = super().step(self.field.correct(matches), boxes)
         assert self.filtered is not None
-        return replace(motion, centre=self._centre.pixels, flags=(*self.filtered.flags, *motion.flags))
+        return replace(motion, flags=(*self.filtered.flags, *motion.flags))
 
     def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
         """The matches that the kit's box rule leaves."""
@@ -75,7 +75,7 @@ class Learning(Odometry):
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """As the paper's, with what is known of the disparities after it."""
         motion = super().motion(matches)
-        return None if motion is None else replace(motion, offset=float(self.calibration.disparity[0]))
+        return None if motion is None else replace(motion, offset=float(self.field.coefficients[0]))
 
 
 class KitOdometry(Learning):
@@ -130,8 +130,8 @@ class KitOdometry(Learning):
         if not self.config.calibration.estimate:
             return solved[0]
         x_p, x_c, _ = self.points(matches)
-        self._centre.update(x_p, x_c, R_cp, self._direction)
-        corrected = self.calibration.update(matches, R_cp, solved[0])
+        self.lens.update(x_p, x_c, R_cp, self._direction)
+        corrected = self.field.update(matches, R_cp, solved[0])
         again = None if corrected is None else solve_translation(self.camera, corrected, R_cp, config)
         self.clock.stage("calibration")
         return (again or solved)[0]
@@ -149,8 +149,8 @@ class KitViso2(Learning, Viso2):
         R_cp, t_cp, inliers = found
         if median_flow(matches) >= self.config.selection.standstill_flow and np.any(t_cp):
             x_p, x_c, _ = self.points(matches[inliers])
-            self._centre.update(x_p, x_c, R_cp, t_cp / np.linalg.norm(t_cp))
-        corrected = self.calibration.update(matches, R_cp, t_cp)
+            self.lens.update(x_p, x_c, R_cp, t_cp / np.linalg.norm(t_cp))
+        corrected = self.field.update(matches, R_cp, t_cp)
         if corrected is not None:
             X_p = self.camera.triangulate(corrected.prev_left, corrected.prev_right)
             agreed = np.flatnonzero(inliers & np.isfinite(X_p[:, 2]))

@@ -1,0 +1,80 @@
+"""A stereo camera with known faults, written from the pinhole equations alone.
+
+Nothing of the library makes these matches: a point (X, Y, Z) is seen at u = f X / Z + cx, v = f Y / Z + cy, its
+disparity is f b / Z, and the faults are added to that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.types import Array
+
+F, CX, CY, B = 700.0, 600.0, 180.0, 0.5
+CAMERA = StereoCamera(f=F, cx=CX, cy=CY, baseline=B, width=1200, height=360)
+Field = Callable[[Array, Array], Array]
+
+
+def none(x: Array, y: Array) -> Array:
+    return np.zeros_like(x)
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Disparities and rows too large by fields of (x, y), pixels; both images decentered by p1, p2, pixels."""
+
+    disparities: Field = none
+    rows: Field = none
+    p1: float = 0.0
+    p2: float = 0.0
+
+
+# What sequences 00 and 01 of KITTI show, to a first approximation.
+KITTI = Faults(
+    lambda x, y: -0.6 + 0.5 * x**2 + 6.3 * y**2 + 0.3 * x * y - 3.5 * x**4 - 0.4 * x - 0.3 * y,
+    lambda x, y: 0.1 + 0.3 * x - 0.4 * y - 5.8 * x * y + 0.2 * x**2 + 0.5 * y**2,
+)
+
+
+def yaw_matrix(angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def pair(X: Array, faults: Faults, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Left and right pixels (N, 2) of points (N, 3)."""
+
+    def seen(x: Array, y: Array) -> tuple[Array, Array]:
+        r2 = x * x + y * y
+        u = F * x + CX + faults.p1 * 2 * x * y + faults.p2 * (r2 + 2 * x * x)
+        return u, F * y + CY + faults.p1 * (r2 + 2 * y * y) + faults.p2 * 2 * x * y
+
+    x, y = X[:, 0] / X[:, 2], X[:, 1] / X[:, 2]
+    left, right = np.stack(seen(x, y), axis=1), np.stack(seen(x - B / X[:, 2], y), axis=1)
+    right -= np.stack([faults.disparities(x, y), faults.rows(x, y)], axis=1)
+    return left + rng.normal(0, noise, left.shape), right + rng.normal(0, noise, right.shape)
+
+
+def drive(
+    frames: int,
+    faults: Faults,
+    noise: float = 0.2,
+    points: int = 300,
+    yaw: Callable[[int], float] = lambda i: 0.01 * np.sin(i / 5),
+    step: float = 1.0,
+) -> Iterator[tuple[StereoMatches, Array, Array]]:
+    """Matches, R_cp and t_cp of a camera that goes `step` metres ahead a frame and turns by `yaw` radians."""
+    rng = np.random.default_rng(11)
+    for i in range(frames):
+        R_cp, t_cp = yaw_matrix(yaw(i)), np.array([0.0, 0.0, -step])
+        z = rng.uniform(5.0, 45.0, points)
+        x, y = rng.uniform(-0.8, 0.8, points), rng.uniform(-0.25, 0.25, points)
+        X_p = np.stack([x * z, y * z, z], axis=1)
+        before, now = (pair(X, faults, noise, rng) for X in (X_p, X_p @ R_cp.T + t_cp))
+        whole = np.arange(points)
+        yield StereoMatches(*before, *now, whole * 0 + 1, np.ones(points), whole), R_cp, t_cp
