@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vo_lib import open_sequence, preset
-from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN, BoxMotionClassifier, Judgement, overlap, pair_up
+from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN, BoxMotionClassifier, Judgement, pair_up
 from vo_lib.config import FilterConfig, MovingConfig
-from vo_lib.core.boxes import Boxes, no_boxes
-from vo_lib.core.geometry import sampson_distance, skew
+from vo_lib.core.boxes import Boxes, no_boxes, overlap
+from vo_lib.core.geometry import skew
 from vo_lib.core.matches import StereoMatches
+from vo_lib.core.sampson import sampson_distance
 from vo_lib.core.types import Array
 from vo_lib.method.boxes import inside
 from vo_lib.runs.runner import FoundMatches

@@ -15,9 +15,8 @@ from vo_lib.core.geometry import (
     essential_vector,
     rotation_angle,
     rotation_from_vector,
-    sampson_distance,
 )
-from vo_lib.core.sampson import match_terms
+from vo_lib.core.sampson import match_terms, sampson_distance
 from vo_lib.core.types import Array
 from vo_lib.method.five_point import five_point
 from vo_lib.method.selection import nearest_to_prior, resolve_by_depth, truncated_errors

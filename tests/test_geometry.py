@@ -20,10 +20,10 @@ from vo_lib.core.geometry import (
     rotation_angle,
     rotation_from_quaternion,
     rotation_from_vector,
-    sampson_distance,
     skew,
     transform,
 )
+from vo_lib.core.sampson import sampson_distance
 from vo_lib.core.types import Array
 
 vectors = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0, allow_subnormal=False))

@@ -18,9 +18,9 @@ from data_scripts.training.augment import fitted, training_picture
 from data_scripts.training.config import DetectionSetConfig, TrainingConfig
 from data_scripts.training.dataset import DetectionSet, Example, open_set
 from data_scripts.training.evaluated import ODOMETRY_DRIVES, evaluated_sequence, refuse_evaluated
-from data_scripts.training.mean_ap import average_precision, iou, judge, recall_precision
+from data_scripts.training.mean_ap import average_precision, judge, recall_precision
 from data_scripts.training.street_set import Street, draw_street, random_scene, streets
-from vo_lib.core.boxes import Boxes, no_boxes
+from vo_lib.core.boxes import Boxes, no_boxes, overlap
 from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels
 from vo_lib.detection.yolo import YoloDetector
@@ -83,7 +83,8 @@ def test_an_evaluated_picture_is_the_whole_image() -> None:
 
 
 def test_iou_of_known_boxes() -> None:
-    found = iou(np.array([[0, 0, 10, 10.0]]), np.array([[0, 0, 10, 10], [5, 0, 15, 10], [20, 0, 30, 10.0]]))
+    others = np.array([[0, 0, 10, 10], [5, 0, 15, 10], [20, 0, 30, 10.0]])
+    found = overlap(np.array([[0, 0, 10, 10.0]]), others)
     assert found == pytest.approx(np.array([[1.0, 1 / 3, 0.0]]))
 
 
@@ -252,12 +253,13 @@ def tiny_set(tmp_path: Path) -> DetectionSet:
 
 
 def test_the_overlap_of_equal_boxes_is_one_and_falls_with_distance(torch: Any) -> None:
-    from data_scripts.training.loss import complete_overlap, overlap
+    from data_scripts.training.loss import complete_overlap
+    from data_scripts.training.loss import overlap as differentiable
 
     box = torch.tensor([[0.0, 0, 10, 10]])
     for shift, known in ((0.0, 1.0), (5.0, 1 / 3), (50.0, 0.0)):
         moved = box + torch.tensor([shift, 0, shift, 0])
-        assert float(overlap(box, moved)) == pytest.approx(known, abs=1e-5)
+        assert float(differentiable(box, moved)) == pytest.approx(known, abs=1e-5)
         assert float(complete_overlap(box, moved)) <= known + 1e-5
     near, far = (complete_overlap(box, box + torch.tensor([d, 0.0, d, 0.0])) for d in (20.0, 80.0))
     assert float(far) < float(near) < 0  # apart, but still told the way

@@ -7,7 +7,6 @@ epipolar line, it also shows a car ahead that keeps its distance: its disparity 
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +17,7 @@ from ..core.camera import StereoCamera
 from ..core.geometry import rigid
 from ..core.matches import StereoMatches
 from ..core.reprojection import fit_motion
+from ..core.rows import Rows
 from ..core.types import Array, Mask
 from ..method.boxes import inside
 from ..method.buckets import select_by_bucket
@@ -36,7 +36,7 @@ OPEN = 1e-6
 
 
 @dataclass(frozen=True)
-class PointSteps:
+class PointSteps(Rows):
     """How N features moved against the background between two frames.
 
     Attributes
@@ -49,9 +49,6 @@ class PointSteps:
     step: Array
     information: Array
     depth: Array
-
-    def __getitem__(self, index: Mask | NDArray[np.intp]) -> PointSteps:
-        return PointSteps(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
 
     def squared_error(self, step: Array) -> Array:
         """Squared distance (N,) of each feature to a step (3,) or (N, 3), pixels²."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import cv2
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches, empty_matches
 from ..core.reprojection import GOOD_ENOUGH, fit_motion
+from ..core.rows import Rows, joined
 from ..core.types import Array, Image
 from ..method.buckets import select_by_bucket
 from ..method.config import BucketConfig
@@ -26,7 +26,7 @@ RigidMotion = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
-class _Features:
+class _Features(Rows):
     """Features of one stereo pair that wait for the next one; slope is that of their surface."""
 
     left: Array
@@ -35,9 +35,6 @@ class _Features:
     age: NDArray[np.int64]
     strength: Array
     id: NDArray[np.int64]
-
-    def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> _Features:
-        return _Features(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
 
 
 @dataclass(frozen=True)
@@ -187,14 +184,8 @@ class LoopMatcher:
         number = int(np.count_nonzero(ok))
         ids = np.arange(self._next_id, self._next_id + number)
         self._next_id += number
-        return _Features(
-            np.concatenate([known.left, uv[ok]]),
-            np.concatenate([known.right, found[ok]]),
-            np.concatenate([known.slope, slope[ok]]),
-            np.concatenate([known.age, np.ones(number, np.int64)]),
-            np.concatenate([known.strength, strength[ok]]),
-            np.concatenate([known.id, ids]),
-        )
+        new = _Features(uv[ok], found[ok], slope[ok], np.ones(number, np.int64), strength[ok], ids)
+        return joined([known, new])
 
     def _track(
         self, image: Image, target: Image, uv: Array, guess: Array, levels: int

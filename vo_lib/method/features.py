@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.rows import Rows
 from ..core.types import Array, Image, Whole
 from .config import FeatureConfig
 
@@ -33,16 +34,13 @@ BLOCK = 1 << 12
 
 
 @dataclass(frozen=True)
-class Described:
+class Described(Rows):
     """N features of one image: uv (N, 2) pixels, kind (N,) 0 … 3, strength (N,), descriptor (N, 32)."""
 
     uv: Array
     kind: Whole
     strength: Array
     descriptor: NDArray[np.float32]
-
-    def __getitem__(self, index: NDArray[np.intp]) -> Described:
-        return Described(self.uv[index], self.kind[index], self.strength[index], self.descriptor[index])
 
 
 def describe(image: Image, config: FeatureConfig) -> Described:

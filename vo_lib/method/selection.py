@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.geometry import decompose_essential, essential_angle, essential_vector
-from ..core.sampson import candidate_terms, match_terms, squared_distances
+from ..core.sampson import candidate_terms, match_terms, sampson_distance, squared_distances
 from ..core.types import Array, Index, Mask
 
 
@@ -39,8 +39,7 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
 
 def sampson_inliers(E: Array, x_p: Array, x_c: Array, threshold: float) -> Mask:
     """Which matches (N,) lie within `threshold`, in the unit of the points, of one E (3, 3)."""
-    squared = squared_distances(candidate_terms(E[None]), match_terms(x_p, x_c))[0]
-    return np.asarray(squared < threshold**2)
+    return np.asarray(np.abs(sampson_distance(E, x_p, x_c)) < threshold)
 
 
 def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Mask:
