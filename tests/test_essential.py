@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from vo_lib.beyond.refinement import refine
-from vo_lib.beyond.selection import EssentialEstimate, estimate_essential, sample_sets
+from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import SelectionConfig
 from vo_lib.core.geometry import (
     essential_angle,
@@ -17,22 +15,11 @@ from vo_lib.core.geometry import (
     rotation_from_vector,
 )
 from vo_lib.core.sampson import match_terms, sampson_distance
-from vo_lib.core.types import Array
 from vo_lib.method.five_point import five_point
 from vo_lib.method.selection import nearest_to_prior, resolve_by_depth, truncated_errors
-from vo_lib.synthetic.problems import PoseProblems, random_problems
+from vo_lib.synthetic.problems import random_problems
 
 FOCAL = 718.856
-
-
-def estimate(
-    problem: PoseProblems, config: SelectionConfig, e_prev: Array | None = None, seed: int = 0
-) -> EssentialEstimate:
-    result = estimate_essential(
-        problem.x_p[0], problem.x_c[0], problem.X_p[0], e_prev, np.random.default_rng(seed), config, FOCAL
-    )
-    assert result is not None
-    return result
 
 
 def test_sets_hold_five_different_features_and_use_all_equally_often() -> None:
@@ -112,61 +99,35 @@ def test_refinement_reaches_the_truth_on_exact_matches_and_shrugs_off_wrong_ones
 
 
 def test_refined_is_better_than_literal_on_noisy_matches() -> None:
-    errors = {}
-    for mode in ("literal", "refined"):
-        angles = []
-        for seed in range(12):
-            problem = random_problems(np.random.default_rng(seed), 1, 300, "forward", noise_px=0.3)
-            result = estimate(problem, SelectionConfig(mode=mode, prior=False), seed=seed)
-            angles.append(np.degrees(rotation_angle(result.R_cp.T @ problem.R_cp[0])))
-            assert np.count_nonzero(result.inliers) > 250
-        errors[mode] = np.median(angles)
-    assert errors["refined"] < 0.6 * errors["literal"]
-    assert errors["refined"] < 0.02
-
-
-def test_without_a_previous_vector_the_prior_changes_nothing() -> None:
-    problem = random_problems(np.random.default_rng(2), 1, 100, "general", noise_px=0.5)
-    on, off = (estimate(problem, SelectionConfig(prior=prior)) for prior in (True, False))
-    np.testing.assert_array_equal(on.R_cp, off.R_cp)
-    assert np.isnan(on.prior_angle)
+    errors: dict[str, list[float]] = {"literal": [], "refined": []}
+    for seed in range(12):
+        problem = random_problems(np.random.default_rng(seed), 1, 300, "forward", noise_px=0.3)
+        x_p, x_c, X_p = problem.x_p[0], problem.x_c[0], problem.X_p[0]
+        sets = sample_sets(np.random.default_rng(seed), 300, 200)
+        E, _ = five_point(x_p[sets], x_c[sets])
+        best = E[np.argmin(truncated_errors(E, x_p, x_c, 1.0 / FOCAL))]
+        for mode, angles in errors.items():
+            R, _, _, inliers = motion_of_winner(best, x_p, x_c, X_p, SelectionConfig(mode=mode), FOCAL)
+            angles.append(float(np.degrees(rotation_angle(R.T @ problem.R_cp[0]))))
+            assert np.count_nonzero(inliers) > 250
+    assert np.median(errors["refined"]) < 0.6 * np.median(errors["literal"])
+    assert np.median(errors["refined"]) < 0.02
 
 
 def test_a_prior_that_allows_only_a_bad_candidate_is_dropped_and_said_so() -> None:
     problem = random_problems(np.random.default_rng(4), 1, 200, "sideways", noise_px=0.2)
-    config = SelectionConfig(keep=1, sets=1)
+    x_p, x_c = problem.x_p[0], problem.x_c[0]
     sets = sample_sets(np.random.default_rng(0), 200, 1)
-    E, _ = five_point(problem.x_p[0][sets], problem.x_c[0][sets])
-    assert len(E) > 1
-    errors = truncated_errors(E, problem.x_p[0], problem.x_c[0], config.threshold / FOCAL)
-    worst = essential_vector(E[np.argmax(errors)])
-    free = estimate(problem, dataclasses.replace(config, prior=False))
-    result = estimate(problem, config, worst)
-    assert result.prior_dropped
-    np.testing.assert_array_equal(result.R_cp, free.R_cp)
-    trusting = estimate(
-        problem, dataclasses.replace(config, mode="literal", prior_rejection_ratio=10.0), worst
-    )
-    assert not trusting.prior_dropped
-    assert trusting.prior_angle < 1e-6
+    E, set_index = five_point(x_p[sets], x_c[sets])
+    errors = truncated_errors(E, x_p, x_c, 1.0 / FOCAL)
+    best, worst = int(np.argmin(errors)), int(np.argmax(errors))
+    assert best != worst
+    for ratio, expected in ((SelectionConfig().prior_rejection_ratio, (best, True)), (10.0, (worst, False))):
+        config = SelectionConfig(keep=1, prior_rejection_ratio=ratio)
+        assert choose(E, set_index, x_p, x_c, essential_vector(E[worst]), config, FOCAL) == expected
 
 
-def test_the_prior_of_the_same_motion_is_near() -> None:
-    problem = random_problems(np.random.default_rng(9), 1, 200, "forward", noise_px=0.2)
-    result = estimate(problem, SelectionConfig(), essential_vector(problem.E[0]))
-    assert result.prior_angle < 0.02
-    assert not result.prior_dropped
-
-
-def test_too_few_matches_give_none() -> None:
-    problem = random_problems(np.random.default_rng(9), 1, 4)
-    rng = np.random.default_rng(0)
-    args = problem.x_p[0], problem.x_c[0], problem.X_p[0], None, rng, SelectionConfig(), FOCAL
-    assert estimate_essential(*args) is None
-
-
-def test_the_same_point_many_times_gives_none() -> None:
+def test_the_same_point_many_times_has_no_candidate() -> None:
     same = np.tile([[0.1, 0.2]], (30, 1))
-    rng = np.random.default_rng(0)
-    X = np.tile([[1.0, 2.0, 10.0]], (30, 1))
-    assert estimate_essential(same, same, X, None, rng, SelectionConfig(), FOCAL) is None
+    sets = sample_sets(np.random.default_rng(0), 30, 200)
+    assert len(five_point(same[sets], same[sets])[0]) == 0
