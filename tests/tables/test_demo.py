@@ -31,9 +31,10 @@ def test_the_demo_draws_runs_and_reports(tmp_path: Path, capsys: pytest.CaptureF
     assert "What next" in printed
     assert all(method in printed for method in METHODS)
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert page.count("<img") == page.count("data:image/") == 3
+    assert page.count("<img") == page.count("data:image/") == 7
     assert not re.search(r'(?:src|href)="(?!data:)', page)
-    runs = [out / variant / method for variant, methods in VARIANTS.items() for method in methods]
+    runs = [path.parent for path in sorted(out.rglob("poses.txt"))]
+    assert len(runs) == sum(map(len, VARIANTS.values()))
     for folder in runs:
         poses = (folder / "poses.txt").read_bytes()
         log = (folder / "frames.csv").read_bytes()

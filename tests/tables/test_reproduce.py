@@ -28,16 +28,13 @@ from vo_lib.runs.runner import Run
 from vo_lib.synthetic import SCENES
 from vo_lib.tables.entries import Entry, back_end_ms, group_entries, measure_runs
 from vo_lib.tables.paper import AVERAGE, PAPER_ROWS, PaperTable, read_paper_table
-from vo_lib.tables.report import ReportTable
+from vo_lib.tables.report import ReportTable, markdown, spread
 from vo_lib.tables.reproduce import default_sequences, plan_jobs, slug, split_missing
 from vo_lib.tables.table1 import (
     gains_table,
     layout_tables,
     length_table,
-    markdown,
     method_table,
-    spread,
-    terminal_tables,
     trajectory_table,
 )
 from vo_lib.tables.table1_data import groups_json, table_csv
@@ -219,7 +216,7 @@ def test_variants_are_never_averaged_together_and_each_says_what_made_it() -> No
 def test_that_there_were_no_boxes_is_said_first() -> None:
     (group,) = group_entries([entry_of("kitti/00", 300, [1.0], "feature_selection")])
     assert "No vehicle boxes on kitti/00" in layout_tables(group, full_table())[0].head[0]
-    assert "No vehicle boxes" in terminal_tables(group, full_table())[0].head[0]
+    assert "No vehicle boxes" in layout_tables(group, full_table(), narrow=True)[0].head[0]
     (group,) = group_entries([entry_of("kitti/00", 300, [1.0], "solution_selection")])
     assert not any("boxes" in line for line in layout_tables(group, full_table())[0].head)
 
@@ -228,7 +225,8 @@ def test_tables_have_a_cell_for_each_column_and_a_dash_where_nothing_is() -> Non
     entries = [entry_of("kitti/00", 300, [1.0, 1.1], m) for m in ("viso2", "mesvo_f")]
     entries.append(entry_of("kitti/02", 300, [2.0, 2.1]))
     (group,) = group_entries(entries)
-    tables = [*layout_tables(group, read_paper_table()), *terminal_tables(group, read_paper_table())]
+    paper = read_paper_table()
+    tables = [table for narrow in (False, True) for table in layout_tables(group, paper, narrow)]
     tables += [trajectory_table(group), method_table(entries[:2]), length_table(group)]
     for table in tables:
         assert {len(row) for row in table.rows} == {len(table.columns)}

@@ -74,25 +74,18 @@ def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> Po
     step is known well across the line of sight and badly along it; the information says so.
     """
     R_cp = T_cp[:3, :3]
-    X_p = _triangulate(camera, matches.prev_left, matches.prev_right)
-    X_c = _triangulate(camera, matches.cur_left, matches.cur_right)
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    X_c = camera.triangulate(matches.cur_left, matches.cur_right)
     stands = X_p @ R_cp.T + T_cp[:3, 3]
     spread_c = _point_covariance(camera, X_c)
     spread_p = R_cp @ _point_covariance(camera, X_p) @ R_cp.T
     return PointSteps(X_c - stands, np.asarray(np.linalg.inv(spread_p + spread_c)), stands[:, 2])
 
 
-def _triangulate(camera: StereoCamera, left: Array, right: Array) -> Array:
-    """Points (N, 3) of pixels (N, 2) in both images, whose rows count alike."""
-    row = (left[:, 1] + right[:, 1]) / 2.0
-    return camera.back_project(np.stack([left[:, 0], row], axis=1), left[:, 0] - right[:, 0])
-
-
 def _point_covariance(camera: StereoCamera, X: Array) -> Array:
     """Covariance (N, 3, 3) of triangulated points for a deviation of one pixel in u_left, v and u_right.
 
-    With d = u_left - u_right: Z = f b / d, X = (u_left - cx) Z / f, Y = (v - cy) Z / f. The mean row of
-    both images has half the variance of one.
+    With d = u_left - u_right: Z = f b / d, X = (u_left - cx) Z / f, Y = (v - cy) Z / f.
     """
     z = X[:, 2]
     per_pixel = z / camera.f
@@ -101,7 +94,7 @@ def _point_covariance(camera: StereoCamera, X: Array) -> Array:
     D[:, :, 0] = (depth / z)[:, None] * X
     D[:, :, 2] = -D[:, :, 0]
     D[:, 0, 0] += per_pixel
-    D[:, 1, 1] = per_pixel / np.sqrt(2.0)
+    D[:, 1, 1] = per_pixel
     return D @ np.swapaxes(D, 1, 2)
 
 
