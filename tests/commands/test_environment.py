@@ -10,7 +10,7 @@ from conftest import write_bands
 from vo_lib.commands import environment
 from vo_lib.commands.data import scripts
 from vo_lib.data import places
-from vo_lib.data.kitti_check import EXPECTED_FRAMES
+from vo_lib.data.kitti import EXPECTED_FRAMES
 
 
 def test_a_user_without_data_is_told_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from test_kitti_archive import content, kitti, zipped  # noqa: F401  (one is a f
 
 from data_scripts.fetch.download import confirm, in_words
 from data_scripts.fetch.kitti_archive import COLOR
-from vo_lib.data.kitti_check import EXPECTED_FRAMES
+from vo_lib.data.kitti import EXPECTED_FRAMES
 
 
 def test_get_kitti_asks_fetches_and_goes_on(

@@ -21,7 +21,7 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.frame import FrameResult
 from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Array
-from vo_lib.data.kitti_check import EXPECTED_FRAMES
+from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.data.sequence import Sequence, open_sequence, parse_sequences
 from vo_lib.evaluation.kitti import KITTI_MEASURE, SHORT_MEASURE, Measure, suitable_measure
 from vo_lib.runs.runner import Run
@@ -407,14 +407,14 @@ BAD: dict[str, tuple[list[str], str]] = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input_is_one_line_and_code_2_before_any_work(
-    tree: Path, capsys: pytest.CaptureFixture[str], case: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
 ) -> None:
     words, expected = BAD[case]
-    assert reproduce(tree, *words) == 2
+    assert reproduce(tmp_path, *words) == 2
     error: Any = capsys.readouterr().err
     assert expected in error
     assert len(error.splitlines()) == 1
-    assert not (tree / "out").exists()
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_sequence_by_its_path_is_a_row_like_any_other(bands: Path, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.types import Array
-from ..data.kitti_check import EXPECTED_FRAMES
+from ..data.kitti import EXPECTED_FRAMES
 from ..data.sequence import KITTI
 from ..evaluation.kitti import KITTI_MEASURE, pooled
 from .entries import Entry, Group

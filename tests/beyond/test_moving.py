@@ -19,7 +19,6 @@ from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.geometry import rotation_angle, transform
 from vo_lib.core.types import Array
-from vo_lib.method.boxes import vehicles
 
 CAR = np.array([-0.7, 0.3, 0.2])  # step of a car against the street, current camera's axes
 
@@ -57,13 +56,6 @@ def test_the_motion_of_the_background_is_found_beside_some_that_moves() -> None:
 
 def boxes(*xyxy: tuple[float, ...], kind: int = 2, score: float = 1.0) -> Boxes:
     return Boxes(np.array(xyxy, float), np.full(len(xyxy), kind), np.full(len(xyxy), score))
-
-
-def test_only_boxes_of_vehicles_scored_well_enough_count_and_grow_by_the_margin() -> None:
-    config = FilterConfig(margin=0.1)
-    np.testing.assert_allclose(vehicles(boxes((10, 20, 30, 60)), config).xyxy, [[8, 16, 32, 64]])
-    assert len(vehicles(boxes((10, 20, 30, 60), kind=0), config)) == 0
-    assert len(vehicles(boxes((10, 20, 30, 60), score=0.2), config)) == 0
 
 
 def test_a_feature_in_two_boxes_belongs_to_the_one_in_front() -> None:

@@ -37,7 +37,7 @@ from vo_lib.synthetic.sensor import expose
 from vo_lib.synthetic.truth_files import visible_boxes
 from vo_lib.synthetic.world import make_world
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 VEHICLES = (2, 5, 7)
 CELLS = yolox_cells(64, 64)  # 84 rows for a network's image of 64×64 px
 

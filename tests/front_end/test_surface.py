@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
+from conftest import BANDS, HEIGHT
 from numpy.typing import NDArray
 
+from vo_lib import open_sequence
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.types import Array
 from vo_lib.front_end.alignment import track_warped
-from vo_lib.front_end.surface import fit_surface, motion_warp, right_slope, stereo_warp
+from vo_lib.front_end.surface import coarse_disparity, fit_surface, motion_warp, right_slope, stereo_warp
 
 CAMERA = StereoCamera(f=700.0, cx=300.0, cy=100.0, baseline=0.5, width=600, height=200)
 R = rotation_from_vector(np.array([0.01, 0.03, -0.02]))
@@ -119,3 +123,13 @@ def test_more_features_than_tiles_and_none_at_all() -> None:
     empty, none = track_warped(image, image, uv[:0], uv[:0], A[:0], 11)
     assert empty.shape == (0, 2)
     assert len(none) == len(difference[:0])
+
+
+def test_coarse_disparity_is_near_on_every_band(bands: Path) -> None:
+    left, right = open_sequence(bands).stereo(0)
+    rows = (np.arange(len(BANDS)) + 0.5) * HEIGHT / len(BANDS)
+    found = coarse_disparity(left, right, 64)[(rows / 2).astype(int), 30:220]
+    assert found.shape == (len(BANDS), 190)
+    near = np.abs(found - np.array(BANDS)[:, None]) < 2
+    assert near[found > 0].mean() > 0.8
+    assert (found > 0).mean() > 0.7

@@ -5,11 +5,8 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +15,6 @@ import pytest
 from conftest import write_bands
 
 from vo_lib import DataError, Sequence, open_sequence, preset, run
-from vo_lib.commands.cli import main
 from vo_lib.config import Config
 from vo_lib.core import settings
 from vo_lib.core.files import write_text_atomic
@@ -26,7 +22,6 @@ from vo_lib.runs.results import is_finished, read_run, write_run
 from vo_lib.runs.run_once import only_process, run_once
 
 FRAMES = 14
-COMMAND = "import sys; from vo_lib.commands.cli import main; sys.exit(main())"
 
 
 class Stopped(Exception):
@@ -288,49 +283,3 @@ def test_one_process_at_a_time_and_the_lock_of_a_killed_one_is_gone(sequence: Se
     run_once(folder, sequence, small(), "m")
     with only_process(folder), pytest.raises(DataError, match="another process"), only_process(folder):
         pass
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize("cached", [False, True])
-def test_kill_9_at_any_moment_costs_time_and_no_byte(
-    tmp_path: Path, cached: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bands = write_bands(tmp_path / "bands", frames=60)
-    out, cache = tmp_path / "out", tmp_path / "cache"
-    words = ["run", str(bands), "--method", "solution_selection", "--out", str(out), "--features.cell", "20"]
-    words += ["--selection.sets", "20", *(["--cache", str(cache)] if cached else [])]
-    # In the middle of the run, and while its files are written.
-    for name in ("000000.npz" if cached else ".lock", "config.json"):
-        command = [sys.executable, "-c", COMMAND, *words]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        while not any(tmp_path.rglob(name)) and process.poll() is None:
-            time.sleep(0.0002)
-        process.send_signal(signal.SIGKILL)
-        assert process.wait() == -signal.SIGKILL, "the run ended before it could be killed"
-    assert main(words) == 0
-    config = settings.replace(preset("solution_selection"), "features.cell", 20)
-    config = settings.replace(config, "selection.sets", 20)
-    whole = whole_run(open_sequence(bands), tmp_path / "whole", config)
-    assert (out / "poses.txt").read_bytes() == (whole / "poses.txt").read_bytes()
-    assert log_of(out) == log_of(whole)
-    capsys.readouterr()
-    assert main(words) == 0
-    assert "finished before" in capsys.readouterr().out
-
-
-@pytest.mark.skipif(os.name != "posix", reason="file size limits of POSIX")
-def test_a_full_disk_is_one_line_and_the_run_can_be_done_again(tmp_path: Path) -> None:
-    bands = write_bands(tmp_path / "bands", frames=40)
-    out = tmp_path / "out"
-    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000)); "
-    options = ["run", str(bands), "--method", "mesvo_f", "--features.cell", "24", "--out", str(out)]
-    done = subprocess.run(
-        [sys.executable, "-c", limit + COMMAND, *options], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert done.stderr.splitlines()[-1].startswith(f"vo: error: {out / 'poses.txt'}: cannot be written: ")
-    assert not is_finished(out)
-    assert main(options) == 0
-    config = settings.replace(preset("mesvo_f"), "features.cell", 24)
-    whole = whole_run(open_sequence(bands), tmp_path / "whole", config)
-    assert (out / "poses.txt").read_bytes() == (whole / "poses.txt").read_bytes()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
-import pytest
 from threadpoolctl import threadpool_limits
 
 from vo_lib import Sequence, open_sequence, preset, run
@@ -25,10 +24,9 @@ def poses_with(threads: int, sequence: Sequence, cell: int) -> str:
         cv2.setNumThreads(before)
 
 
-@pytest.mark.parametrize("threads", [2, 4])
-def test_any_number_of_threads_gives_the_same_bytes(bands: Path, threads: int) -> None:
+def test_any_number_of_threads_gives_the_same_bytes(bands: Path) -> None:
     sequence = open_sequence(bands)
-    assert poses_with(threads, sequence, 10) == poses_with(1, sequence, 10)
+    assert poses_with(4, sequence, 10) == poses_with(1, sequence, 10)
 
 
 def test_on_real_images_too(clips: Path) -> None:

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .render import Renderer
-from .scenes import SCENES, SceneConfig
-from .sensor import photograph
-from .truth_files import visible_boxes
-from .world import make_world
+from vo_lib.synthetic.render import Renderer
+from vo_lib.synthetic.scenes import SCENES, SceneConfig
+from vo_lib.synthetic.sensor import photograph
+from vo_lib.synthetic.truth_files import visible_boxes
+from vo_lib.synthetic.world import make_world
 
 Picture = NDArray[np.uint8]
 WIDTH, COLUMNS = 620, 2  # pixels of one picture, and pictures side by side

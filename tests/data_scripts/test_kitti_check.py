@@ -8,16 +8,15 @@ from pathlib import Path
 import pytest
 from conftest import write_bands
 
-from vo_lib.core.errors import DataError
-from vo_lib.data import kitti_check
-from vo_lib.data.kitti_check import (
-    EXPECTED_FRAMES,
+from data_scripts.fetch import kitti_check
+from data_scripts.fetch.kitti_check import (
     SequenceReport,
     check_tree,
-    count_pairs,
     in_ranges,
     parse_numbers,
 )
+from vo_lib.core.errors import DataError
+from vo_lib.data.kitti import EXPECTED_FRAMES, count_pairs
 
 FRAMES = 6
 

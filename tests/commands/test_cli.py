@@ -152,30 +152,6 @@ def test_bad_input_is_one_line_and_code_2_and_leaves_nothing(
     assert not out.exists()
 
 
-def test_an_image_that_fails_in_the_middle_leaves_an_earlier_result_as_it_was(
-    bands: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = bands.parent / "out"
-    assert main(["run", str(bands), "--out", str(out), *SMALL]) == 0
-    before = {p.name: p.read_bytes() for p in out.iterdir()}
-    capsys.readouterr()
-    damaged = bands / "image_0" / "000004.png"
-    damaged.write_bytes(damaged.read_bytes()[:500])
-    assert main(["run", str(bands), "--out", str(out), *SMALL]) == 2
-    assert "the folder holds another run: other images" in capsys.readouterr().err.splitlines()[-1]
-    assert main(["run", str(bands), "--out", str(out), *SMALL, "--fresh"]) == 2
-    error = capsys.readouterr().err.splitlines()[-1]
-    assert "000004.png: the image is truncated" in error
-    assert {p.name: p.read_bytes() for p in out.iterdir()} == before
-
-
-def test_an_image_that_fails_leaves_no_new_folder(bands: Path) -> None:
-    damaged = bands / "image_0" / "000004.png"
-    damaged.write_bytes(b"")
-    assert main(["run", str(bands), "--out", str(bands.parent / "deep" / "out"), *SMALL]) == 2
-    assert not (bands.parent / "deep").exists()
-
-
 def test_a_place_that_cannot_be_written_is_said_before_the_work(
     bands: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -284,14 +260,6 @@ def test_two_opencv_packages_are_a_problem(monkeypatch: pytest.MonkeyPatch) -> N
     assert [f.what for f in broken] == ["one OpenCV only"]
     assert "pip uninstall" in broken[0].remedy
     assert main(["check"]) == 1
-
-
-@pytest.mark.parametrize("words", [["--help"], ["run", "--help"], ["evaluate", "--help"]])
-def test_help_is_printed(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(words)
-    assert stop.value.code == 0
-    assert "vo" in capsys.readouterr().out
 
 
 def test_every_threshold_is_an_option(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -12,18 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import DataError
-from ..core.poses import read_kitti_poses
-from ..core.types import Progress
-from .kitti import read_calibration, read_image, read_times
-from .sequence import parse_sequences
+from vo_lib.core.errors import DataError
+from vo_lib.core.poses import read_kitti_poses
+from vo_lib.core.types import Progress
+from vo_lib.data.kitti import EXPECTED_FRAMES, numbered, read_calibration, read_image, read_times
+from vo_lib.data.sequence import parse_sequences
 
-# Stereo pairs of each sequence of the benchmark; of 00-10 also the rows of its pose file.
-_FRAMES = (
-    *(4541, 1101, 4661, 801, 271, 2761, 1101, 1101, 4071, 1591, 1201),
-    *(921, 1061, 3281, 631, 1901, 1731, 491, 1801, 4981, 831, 2721),
-)
-EXPECTED_FRAMES = {f"{number:02d}": frames for number, frames in enumerate(_FRAMES)}
 LAST_WITH_POSES = "10"
 PNG_START = b"\x89PNG\r\n\x1a\n"
 
@@ -89,7 +82,7 @@ def check_tree(
     if names is None:
         names = sorted(p.name for p in (root / "sequences").iterdir() if p.is_dir())
     folders = [root / "sequences" / name for name in names]
-    found = [{side: _numbered(folder / side) for side in _sides(folder)} for folder in folders]
+    found = [{side: numbered(folder / side) for side in _sides(folder)} for folder in folders]
     total = sum(len(images) for sides in found for images in sides.values())
     done = 0
 
@@ -105,23 +98,9 @@ def check_tree(
     ]
 
 
-def count_pairs(folder: Path) -> int:
-    """Stereo pairs of a sequence's folder, by their file names only."""
-    return len(_numbered(folder / "image_0").keys() & _numbered(folder / "image_1").keys())
-
-
 def _sides(folder: Path) -> list[str]:
     colour = [side for side in ("image_2", "image_3") if (folder / side).is_dir()]
     return ["image_0", "image_1", *(["image_2", "image_3"] if colour else [])]
-
-
-def _numbered(folder: Path) -> dict[int, str]:
-    """File names of a folder's images by their numbers."""
-    try:
-        names = os.listdir(folder)
-    except OSError:
-        return {}
-    return {int(name[:-4]): name for name in sorted(names) if re.fullmatch(r"\d+\.png", name)}
 
 
 def _check_sequence(

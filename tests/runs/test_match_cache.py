@@ -154,12 +154,3 @@ def test_numbers_are_kept_exactly_and_small_where_nothing_is_lost() -> None:
         back = unpack(pack([given, empty_matches(), given]))
         assert all_bytes(back) == all_bytes([given, empty_matches(), given])
     assert len(pack([matches(single, whole)])) < 0.7 * len(pack([matches(uv, whole)]))
-
-
-def test_matches_of_a_real_clip_are_kept_exactly(clips: Path, tmp_path: Path) -> None:
-    sequence = open_sequence(clips / "sequences" / "00").part(0, 8)
-    config = preset("solution_selection")
-    found = matches_of(FoundMatches(sequence, config.features, config.matching))
-    for _ in range(2):
-        kept = CachedMatches(sequence, config.features, config.matching, tmp_path)
-        assert all_bytes(matches_of(kept)) == all_bytes(found)
