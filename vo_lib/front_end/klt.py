@@ -60,14 +60,6 @@ class PreparedPair:
         return self.left, self.right
 
 
-def prepare_pair(
-    pair: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
-) -> PreparedPair:
-    """Corners and coarse disparity of a stereo pair."""
-    disparity = coarse_disparity(*pair, matching.max_disparity)
-    return PreparedPair(*pair, *detect_corners(corner_strength(pair[0]), features), disparity)
-
-
 class LoopMatcher:
     """Corners followed round the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
 
@@ -81,12 +73,13 @@ class LoopMatcher:
         self.features = features
         self.config = matching
         self._previous: tuple[PreparedPair, _Features] | None = None
-        self._motion: tuple[Array, Array] | None = None
+        self._motion: RigidMotion | None = None
         self._next_id = 0
 
     def prepare(self, pair: tuple[Image, Image]) -> PreparedPair:
         """Corners and coarse disparity of a stereo pair."""
-        return prepare_pair(pair, self.features, self.config)
+        corners = detect_corners(corner_strength(pair[0]), self.features)
+        return PreparedPair(*pair, *corners, coarse_disparity(*pair, self.config.max_disparity))
 
     def step(self, pair: PreparedPair) -> StereoMatches:
         """Matches of the pair before with this one; empty for the first pair."""
