@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vo_lib.core.boxes import Boxes, area, common_area, overlap
-from vo_lib.core.types import Array
+from vo_lib.core.types import Array, Mask, Whole
 
 RECALLS = np.linspace(0.0, 1.0, 101)  # where the precision is read, as COCO's evaluation does
 
@@ -24,9 +23,9 @@ class Judged:
     """
 
     score: Array
-    right: NDArray[np.bool_]
-    class_id: NDArray[np.int64]
-    wanted: NDArray[np.int64]
+    right: Mask
+    class_id: Whole
+    wanted: Whole
 
 
 def judge(found: Boxes, truth: Boxes, regions: Array, min_height: float = 0.0, least: float = 0.5) -> Judged:

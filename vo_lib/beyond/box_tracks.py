@@ -6,13 +6,12 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.boxes import Boxes, overlap
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
 from ..core.rows import Rows, joined
-from ..core.types import Array, Mask
+from ..core.types import Array, Mask, Whole
 from ..method.boxes import inside, vehicles
 from .config import FilterConfig, MovingConfig
 from .moving import (
@@ -47,8 +46,8 @@ class Tracks(Rows):
     xyxy: Array
     information: Array
     vector: Array
-    state: NDArray[np.int64]
-    missed: NDArray[np.int64]
+    state: Whole
+    missed: Whole
 
 
 def new_tracks(xyxy: Array) -> Tracks:
@@ -58,7 +57,7 @@ def new_tracks(xyxy: Array) -> Tracks:
     return Tracks(xyxy, np.zeros((m, 3, 3)), np.zeros((m, 3)), zero + UNKNOWN, zero)
 
 
-def pair_up(iou: Array, least: float) -> NDArray[np.int64]:
+def pair_up(iou: Array, least: float) -> Whole:
     """Row for each column (K,) by descending overlap, each row once; -1 where none of `least` is left."""
     row_of = np.full(iou.shape[1], -1)
     left = iou.copy()
@@ -115,11 +114,11 @@ class Judgement:
     """
 
     boxes: Boxes
-    state: NDArray[np.int64]
+    state: Whole
     step: Array
-    matches: NDArray[np.int64]
+    matches: Whole
     before: Array
-    state_before: NDArray[np.int64]
+    state_before: Whole
     few_background: bool
     agrees: Mask
 

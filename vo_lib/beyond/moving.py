@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
@@ -18,7 +17,7 @@ from ..core.geometry import rigid
 from ..core.matches import StereoMatches
 from ..core.reprojection import fit_motion
 from ..core.rows import Rows
-from ..core.types import Array, Mask
+from ..core.types import Array, Mask, Whole
 from ..method.boxes import inside
 from ..method.buckets import select_by_bucket
 from ..method.config import BucketConfig
@@ -98,9 +97,7 @@ def _point_covariance(camera: StereoCamera, X: Array) -> Array:
     return D @ np.swapaxes(D, 1, 2)
 
 
-def owner_of(
-    camera: StereoCamera, left: Array, right: Array, boxes: Boxes, config: FilterConfig
-) -> NDArray[np.int64]:
+def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes, config: FilterConfig) -> Whole:
     """Box that each feature (N, 2), (N, 2) may lie on, -1 for none; of several the one in front.
 
     The one in front is the lowest in the image. A feature so far away that a vehicle there would be taller
@@ -130,7 +127,7 @@ class BoxSteps:
 
     step: Array
     information: Array
-    matches: NDArray[np.int64]
+    matches: Whole
 
 
 def no_steps(number: int) -> BoxSteps:
@@ -144,9 +141,7 @@ def background_noise(squared_error: Array, outside: Mask, config: MovingConfig) 
     return max(config.noise**2, float(np.median(background)) / MEDIAN_CHI2 if len(background) else 0.0)
 
 
-def box_steps(
-    points: PointSteps, owner: NDArray[np.int64], number: int, noise: float, config: MovingConfig
-) -> BoxSteps:
+def box_steps(points: PointSteps, owner: Whole, number: int, noise: float, config: MovingConfig) -> BoxSteps:
     """One step for each of `number` boxes from the features it owns (owner (N,), -1: none).
 
     `noise` is the variance of a match, pixels², as `background_noise` finds it.
@@ -174,7 +169,7 @@ def box_steps(
 
 
 def _fit(
-    points: PointSteps, member: Array, owner: NDArray[np.int64], noise: float, weight: Array
+    points: PointSteps, member: Array, owner: Whole, noise: float, weight: Array
 ) -> tuple[Array, Array, Array]:
     """Robust means of each box from several starts, with Cauchy weights.
 

@@ -8,11 +8,10 @@ vector of the previous frame. The error over all features, our reading, always h
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.geometry import NORMAL, essential_from_motion
 from ..core.sampson import MatchTerms, candidate_terms, match_terms, squared_distances
-from ..core.types import Array
+from ..core.types import Array, Index, Mask
 from ..method.selection import nearest_to_prior, resolve_by_depth, truncated_errors
 from .config import SelectionConfig
 from .refinement import refine
@@ -20,9 +19,7 @@ from .refinement import refine
 COARSE = 3  # iterations of the first refinement
 
 
-def sample_sets(
-    rng: np.random.Generator, number: int, sets: int, spread_by: Array | None = None
-) -> NDArray[np.intp]:
+def sample_sets(rng: np.random.Generator, number: int, sets: int, spread_by: Array | None = None) -> Index:
     """Five different indices below `number` for each set, (sets, 5).
 
     Cut from random permutations, so that every feature is used equally often. With `spread_by` (number,)
@@ -43,7 +40,7 @@ def sample_sets(
 
 def choose(
     E: Array,
-    set_index: NDArray[np.intp],
+    set_index: Index,
     x_p: Array,
     x_c: Array,
     e_prev: Array | None,
@@ -75,7 +72,7 @@ def choose(
 
 def motion_of_winner(
     E: Array, x_p: Array, x_c: Array, X_p: Array, config: SelectionConfig, focal: float
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+) -> tuple[Array, Array, Array, Mask]:
     """Rotation, unit translation, essential matrix (3, 3) and inliers (N,) of the winner E (3, 3).
 
     `literal` leaves E as it is, `refined` improves it on its inliers.

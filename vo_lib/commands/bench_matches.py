@@ -7,10 +7,10 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..config import Config
 from ..core.matches import StereoMatches
+from ..core.types import Array, Mask
 from ..data.sequence import Sequence
 from ..method.boxes import in_boxes
 from ..synthetic import open_truth
@@ -51,11 +51,11 @@ def feature_errors(
         return None
     truth = open_truth(sequence.folder)
     chosen = np.unique(np.linspace(1, len(sequence) - 1, min(FEATURE_FRAMES, len(sequence) - 1)).astype(int))
-    inside: list[NDArray[np.bool_]] = []
-    right: list[NDArray[np.bool_]] = []
-    beside: list[NDArray[np.bool_]] = []
-    known: list[NDArray[np.bool_]] = []
-    error: list[NDArray[np.float64]] = []
+    inside: list[Mask] = []
+    right: list[Mask] = []
+    beside: list[Mask] = []
+    known: list[Mask] = []
+    error: list[Array] = []
     for i in chosen.tolist():
         before, now = int(sequence.frames[i - 1]), int(sequence.frames[i])
         m = matches[i]
@@ -75,7 +75,7 @@ def feature_errors(
     }
 
 
-def _is_right_beside(truth: Truth, m: StereoMatches, before: int, now: int) -> NDArray[np.bool_]:
+def _is_right_beside(truth: Truth, m: StereoMatches, before: int, now: int) -> Mask:
     """Whether matches (N,) are right as their own point's or as one's up to BESIDE pixels beside."""
     found = np.zeros(len(m), np.bool_)
     for step in itertools.product(range(-BESIDE, BESIDE + 1), repeat=2):
@@ -92,10 +92,10 @@ def _is_right_beside(truth: Truth, m: StereoMatches, before: int, now: int) -> N
 
 
 def _feature_errors(
-    right: NDArray[np.bool_],
-    beside: NDArray[np.bool_],
-    known: NDArray[np.bool_],
-    error: NDArray[np.float64],
+    right: Mask,
+    beside: Mask,
+    known: Mask,
+    error: Array,
 ) -> FeatureErrors:
     if not len(right):
         return FeatureErrors(0, None, None, None, None, None)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from .types import Array
+from .types import Array, Index
 
 Floats = NDArray[np.floating]
 
@@ -35,7 +35,7 @@ class MatchTerms(NamedTuple):
         """The homogeneous points p and c, (3, N) each."""
         return np.asarray(self.outer[6:9]), np.asarray(self.outer[[2, 5, 8]])
 
-    def take(self, index: NDArray[np.intp]) -> MatchTerms:
+    def take(self, index: Index) -> MatchTerms:
         """Those of some matches."""
         return MatchTerms(self.outer.take(index, axis=1), self.squares.take(index, axis=1))
 

@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.boxes import Boxes, no_boxes
 from ..core.camera import StereoCamera
 from ..core.errors import DataError
 from ..core.matches import StereoMatches
 from ..core.poses import read_kitti_poses
-from ..core.types import Array, Image, Progress
+from ..core.types import Array, Image, Mask, Progress
 from ..synthetic import SCENES, ensure_scene, open_truth
 from .kitti import list_frames, read_calibration, read_image, read_times
 from .labels import read_labels
@@ -83,7 +82,7 @@ class Sequence:
         """What decides the boxes where they may not all be written yet; None: the label files as they are."""
         return None
 
-    def on_moving(self, index: int, matches: StereoMatches) -> NDArray[np.bool_]:
+    def on_moving(self, index: int, matches: StereoMatches) -> Mask:
         """Which matches (N,) of a drawn frame with the one before are on things that move, shadows too.
 
         Raises `DataError` where the sequence is not drawn: nothing but a drawing knows this.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import DataError
 from ..core.rows import Rows, joined
-from ..core.types import Array
+from ..core.types import Array, Index
 from .ate_rpe import (
     AbsoluteError,
     Alignment,
@@ -50,8 +50,8 @@ class KittiErrors(Rows):
     speed : (S,) mean speed, m/s.
     """
 
-    first: NDArray[np.intp]
-    last: NDArray[np.intp]
+    first: Index
+    last: Index
     length: Array
     t_err: Array
     r_err: Array

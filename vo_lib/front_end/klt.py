@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches, empty_matches
 from ..core.reprojection import GOOD_ENOUGH, fit_motion
 from ..core.rows import Rows, joined
-from ..core.types import Array, Image
+from ..core.types import Array, Image, Mask, Whole
 from ..method.buckets import select_by_bucket
 from ..method.config import BucketConfig
 from ..method.matching import is_stereo
@@ -32,9 +31,9 @@ class _Features(Rows):
     left: Array
     right: Array
     slope: Array
-    age: NDArray[np.int64]
+    age: Whole
     strength: Array
-    id: NDArray[np.int64]
+    id: Whole
 
 
 @dataclass(frozen=True)
@@ -180,9 +179,7 @@ class LoopMatcher:
         new = _Features(uv[ok], found[ok], slope[ok], np.ones(number, np.int64), strength[ok], ids)
         return joined([known, new])
 
-    def _track(
-        self, image: Image, target: Image, uv: Array, guess: Array, levels: int
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def _track(self, image: Image, target: Image, uv: Array, guess: Array, levels: int) -> tuple[Array, Mask]:
         if len(uv) == 0:
             return np.zeros((0, 2)), np.zeros(0, np.bool_)
         moved, status, difference = cv2.calcOpticalFlowPyrLK(
@@ -200,7 +197,7 @@ class LoopMatcher:
         found = np.asarray(moved, np.float64).reshape(-1, 2)
         return found, ok & self._inside(found, target)
 
-    def _inside(self, uv: Array, image: Image) -> NDArray[np.bool_]:
+    def _inside(self, uv: Array, image: Image) -> Mask:
         # NaN (a point behind the camera) compares false.
         inside = (uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))
         return np.asarray(inside.all(axis=1))

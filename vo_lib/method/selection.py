@@ -1,8 +1,8 @@
 """Chapter 3: one essential matrix out of many, and its rotation (paper, section 2.2).
 
 Of the candidates of each five-point set the k nearest to the previous frame's essential vector are kept; the
-one with the smallest error wins. That the error is taken over all matches is our reading, and so is one
-previous vector where the text speaks of two frames. Without the prior this is consensus.
+one with the smallest error wins. Two things are our reading: the error is taken over all matches, and one
+previous vector stands where the text speaks of two frames. Without the prior this is consensus.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..core.types import Array, Index, Mask
 
 def draw_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
     """Five different indices below `number` for each set, all equally likely, (sets, 5)."""
-    # A part of a random order of all of them is a random choice.
+    # The first five of a random order are a random choice.
     return np.argpartition(rng.random((sets, number)), 4, axis=1)[:, :5]
 
 

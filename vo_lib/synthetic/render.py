@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..core.camera import StereoCamera
 from ..core.geometry import inverse, transform
 from ..core.rows import joined
-from ..core.types import Array
+from ..core.types import Array, Mask
 from .antialias import soften_edges
 from .mesh import Faces
 from .world import World
@@ -116,7 +116,7 @@ class Renderer:
         order = order[corners[order, :, 2].max(axis=1) > NEAR]
         return faces[order], corners[order]
 
-    def _in_pyramid(self, middle: Array, radius: Array) -> NDArray[np.bool_]:
+    def _in_pyramid(self, middle: Array, radius: Array) -> Mask:
         """Whether balls (N, 3), camera frame, may reach into the pyramid that the picture covers."""
         camera = self.camera
         x, y, z = middle.T

@@ -19,7 +19,7 @@ LONGEST = 24.0  # px; longer lines of motion blur are cut
 SHIFTS = 256  # places along each side where a picture's noise may begin
 
 
-def exposures(config: SceneConfig, times: NDArray[np.float64]) -> NDArray[np.float64]:
+def exposures(config: SceneConfig, times: Array) -> Array:
     """Exposure (N,) of each frame: it wanders by the share the settings give."""
     rng = np.random.default_rng([config.seed, 7])
     wave = smooth_wave(times, rng, 4.0, 15.0)
