@@ -11,19 +11,16 @@ import pytest
 
 from vo_lib.core.errors import DataError
 from vo_lib.core.types import Image
-from vo_lib.data.sequence import open_sequence
+from vo_lib.data.sequence import Sequence, open_sequence
 from vo_lib.data.stereo_check import PairStatistics, complaints, measure_pairs
-from vo_lib.synthetic import ensure_scene, scene_config
 
 Pair = tuple[Image, Image]
 
 
 @pytest.fixture(scope="module")
-def drawn(tmp_path_factory: pytest.TempPathFactory) -> list[Pair]:
+def drawn(street: Sequence) -> list[Pair]:
     """A pair of a drawn street."""
-    config = scene_config("parked", length=2.0)
-    sequence = open_sequence(ensure_scene(config, tmp_path_factory.mktemp("scenes"), jobs=1))
-    return [sequence.stereo(0)]
+    return [street.stereo(0)]
 
 
 @pytest.fixture(scope="module", params=["drawn", "00", "01", "drive_0005"])
