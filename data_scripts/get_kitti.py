@@ -33,7 +33,7 @@ from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
 from vo_lib.data.kitti import EXPECTED_FRAMES
-from vo_lib.data.places import kitti_root
+from vo_lib.data.sequence import kitti_root
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

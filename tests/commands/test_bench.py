@@ -99,18 +99,6 @@ def test_the_cost_of_a_detector_is_measured_on_request(
     assert "whole run with street.onnx" in capsys.readouterr().out
 
 
-def test_bad_input_is_one_line(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for options, words in (
-        (["--frames", "x"], "--frames 'x'"),
-        (["--method", "x"], "unknown method"),
-        (["--detector", "x"], "no detector is called 'x'"),
-    ):
-        assert main(["bench", "--sequence", str(bands), *options]) == 2
-        error = capsys.readouterr().err
-        assert words in error
-        assert len(error.splitlines()) == 1
-
-
 def test_the_default_is_the_first_kitti_sequence_or_a_drawn_scene(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -80,7 +80,6 @@ def test_vo_boxes_without_labels_has_nothing_to_judge(
 ) -> None:
     assert main(["boxes", str(bands)]) == 0
     assert "parked" not in capsys.readouterr().out
-    assert main(["boxes", str(bands), "--frames", "a:b"]) == 2
 
 
 def test_results_are_measured_by_one_command_with_other_seeds_to_check_them(

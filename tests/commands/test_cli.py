@@ -116,42 +116,6 @@ def read_log(out: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
-BAD_RUNS = {
-    "missing folder": (["nowhere"], "nowhere: the folder is missing"),
-    "unknown method": (["BANDS", "--method", "feature_selecton"], "did you mean feature_selection"),
-    "frames outside": (["BANDS", "--frames", "3:9"], "0:6"),
-    "frames text": (["BANDS", "--frames", "three"], "expected A:B"),
-    "labels missing": (["BANDS", "--labels", "nowhere"], "nowhere: the label folder is missing"),
-    "threshold range": (["BANDS", "--selection.sets", "0"], "selection.sets: 0 is not a whole number from 1"),
-    "threshold text": (["BANDS", "--selection.prior", "maybe"], "selection.prior: 'maybe' is not on or off"),
-    "unknown option": (["BANDS", "--selection.sats", "1"], "unrecognized arguments"),
-    "seed": (["BANDS", "--seed", "-1"], "seed: -1 is not"),
-    "detector range": (
-        ["BANDS", "--detector", "street", "--detector.score", "2"],
-        "detector.score: 2.0 is not",
-    ),
-    "long name": (["x" * 300], "File name too long"),
-}
-
-
-@pytest.mark.parametrize("case", BAD_RUNS)
-def test_bad_input_is_one_line_and_code_2_and_leaves_nothing(
-    bands: Path, capsys: pytest.CaptureFixture[str], case: str
-) -> None:
-    words, expected = BAD_RUNS[case]
-    out = bands.parent / "out"
-    arguments = ["run", "--out", str(out), *(str(bands) if w == "BANDS" else w for w in words)]
-    try:
-        code = main(arguments)
-    except SystemExit as stop:
-        code = int(str(stop.code))
-    error = capsys.readouterr().err
-    assert code == 2
-    assert expected in error
-    assert len(error.splitlines()) == 1
-    assert not out.exists()
-
-
 def test_a_place_that_cannot_be_written_is_said_before_the_work(
     bands: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -183,29 +147,6 @@ def test_evaluate_prints_a_table_and_json(tmp_path: Path, capsys: pytest.Capture
     two = ["--truth", pair[1], pair[1], "--estimate", pair[3], pair[1]]
     assert main(["evaluate", *two, "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["sequences"]) == 2
-
-
-def test_evaluate_names_file_and_row_of_what_is_wrong(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    good = "1 0 0 0 0 1 0 0 0 0 1 0\n"
-    (tmp_path / "good.txt").write_text(good * 5, encoding="utf-8")
-    for text, words in (
-        (good * 4, "has 4 rows"),
-        (good * 2 + good.replace("1 0 0 0 ", "1 0 0 nan ", 1) + good * 2, "line 3"),
-        (good * 3 + "1 2 3\n" + good, "line 4"),
-    ):
-        (tmp_path / "bad.txt").write_text(text, encoding="utf-8")
-        pair = ["--truth", str(tmp_path / "good.txt"), "--estimate", str(tmp_path / "bad.txt")]
-        assert main(["evaluate", *pair]) == 2
-        error = capsys.readouterr().err
-        assert "bad.txt" in error
-        assert words in error
-        assert len(error.splitlines()) == 1
-    for options in (["--lengths", "20;50"], ["--lengths", "-5"], ["--step", "0"], ["--step", "x"]):
-        both = ["--truth", str(tmp_path / "good.txt"), "--estimate", str(tmp_path / "good.txt")]
-        assert main(["evaluate", *both, *options]) == 2
-        assert options[0].strip("-") in capsys.readouterr().err
 
 
 def test_a_run_without_matches_says_what_is_wrong_with_the_images(

@@ -54,12 +54,6 @@ def test_missing_notebooks_are_one_clear_line(
     assert len(error.splitlines()) == 1
 
 
-@pytest.mark.parametrize("port", ["0", "65536", "x", "-1"])
-def test_a_port_that_is_none_is_refused(port: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["lab", "--no-browser", f"--port={port}"]) == 2
-    assert "--port" in capsys.readouterr().err
-
-
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_who_ends_the_command_ends_the_server() -> None:
     server = "['sh', '-c', 'echo begun; exec sleep 60']"

@@ -103,11 +103,3 @@ def test_the_command_prints_a_table_or_json(capsys: pytest.CaptureFixture[str]) 
     assert table.keys() == scenes().keys()
     assert table["clean"].keys() == selections().keys()
     assert all(0 <= cell["bad_share"] <= 1 for row in table.values() for cell in row.values())
-
-
-def test_bad_options_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["lesson", "translation", "--seeds", "0"]) == 2
-    assert "--seeds '0'" in capsys.readouterr().err
-    # One frame has no motion in three frames.
-    assert main(["lesson", "translation", "--frames", "1"]) == 2
-    assert "--frames '1': expected a whole number of 2" in capsys.readouterr().err

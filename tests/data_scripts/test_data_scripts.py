@@ -144,34 +144,6 @@ def test_from_folder_checks_the_pair_and_writes_a_sequence(
     assert "not empty" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ([], "say where the images are"),
-        (["--left", "L", "--video", "v.mp4"], "say where the images are"),
-        (["--left", "L"], "--right is missing"),
-        (["--left", "L", "--right", "R"], "the folder is missing"),
-        (["--left", "BANDS", "--right", "BANDS"], "say the calibration"),
-        (["--left", "BANDS", "--right", "BANDS", "--focal", "1", "--calibration", "x"], "give either"),
-        (["--left", "BANDS", "--right", "BANDS", "--calibration", "x.yml"], "x.yml: the file is missing"),
-        (["--raw", "BANDS"], "is no raw drive"),
-        (["--video", "v.mp4", "--fps", "0"], "--fps 0"),
-        (["--video", "v.mp4"], "v.mp4: the file is missing"),
-    ],
-)
-def test_from_folder_says_what_is_wrong_in_one_line(
-    words: list[str], expected: str, bands: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = bands.parent / "out"
-    given = [str(bands / "image_0") if word == "BANDS" else word for word in words]
-    assert load("from_folder")([*given, "--out", str(out)]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("vo data from_folder: error: ")
-    assert expected in error
-    assert len(error.splitlines()) == 1
-    assert not out.exists()
-
-
 def test_from_folder_takes_real_pairs(
     clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

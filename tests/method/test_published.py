@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vo_lib.commands.cli import main
 from vo_lib.config import PUBLISHED, change, preset
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.camera import StereoCamera
@@ -163,28 +162,6 @@ def test_a_third_of_wrong_depths_does_not_pull_the_translation() -> None:
     assert solved is not None
     assert not solved[1][wrong].any()
     assert np.linalg.norm(solved[0] - T_CP[:3, 3]) < 0.02
-
-
-OWN = {
-    "calibration": ["--calibration.estimate", "off"],
-    "refinement": ["--selection.refine_scale", "2"],
-    "mode": ["--selection.mode", "literal"],
-    "front end": ["--matching.front_end", "klt"],
-    "rule": ["--filter.rule", "moving"],
-    "method": ["--method", "moving_selection"],
-}
-
-
-@pytest.mark.parametrize("case", OWN)
-def test_what_is_the_kits_own_is_refused_in_one_line(
-    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
-) -> None:
-    words = ["run", str(bands), "--variant", "published", "--out", str(tmp_path / "out"), *OWN[case]]
-    assert main(words) == 2
-    error = capsys.readouterr().err
-    assert "the kit's own" in error
-    assert len(error.splitlines()) == 1
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_preset_of_either_variant_takes_a_seed_and_an_unknown_one_is_named() -> None:

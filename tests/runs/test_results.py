@@ -6,15 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import write_bands
 
 from vo_lib import DataError, Run, Sequence, open_sequence, preset, run
 from vo_lib.core import settings
 from vo_lib.runs.results import read_run, run_folder, timing, write_run
 
 
-@pytest.fixture
-def result(bands: Path) -> Run:
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A run over six frames."""
+    bands = write_bands(tmp_path_factory.mktemp("results") / "bands")
     return run(open_sequence(bands), settings.replace(preset("mesvo_f"), "features.cell", 10))
 
 

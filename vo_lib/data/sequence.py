@@ -29,6 +29,7 @@ Prepared = TypeVar("Prepared")
 
 SYNTHETIC = "synthetic/"
 KITTI = "kitti/"
+PROJECT = Path(__file__).resolve().parents[2]
 SMALLEST = 32  # pixels of an image's side: OpenCV's windows need some
 
 
@@ -130,11 +131,7 @@ def stereo_ahead(
 
 def kitti_roots() -> list[Path]:
     """Where KITTI is looked for: KITTI_ROOT, then data/kitti here and beside the package."""
-    places = [
-        os.environ.get("KITTI_ROOT", ""),
-        "data/kitti",
-        str(Path(__file__).parents[2] / "data" / "kitti"),
-    ]
+    places = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
     roots: list[Path] = []
     for place in places:
         # The archives unpack to a folder `dataset`; both it and its parent are accepted.
@@ -142,6 +139,20 @@ def kitti_roots() -> list[Path]:
             if (root / "sequences").is_dir() and root.resolve() not in roots:
                 roots.append(root.resolve())
     return roots
+
+
+def kitti_root() -> Path:
+    """The KITTI folder that the kit uses: the first one found, else where one would be made.
+
+    That is KITTI_ROOT where it is set, else data/kitti of the project (of the current folder where the
+    package is installed without its project).
+    """
+    for root in kitti_roots():
+        return root
+    named = os.environ.get("KITTI_ROOT", "")
+    if named:
+        return Path(named)
+    return (PROJECT if (PROJECT / "pyproject.toml").is_file() else Path()) / "data" / "kitti"
 
 
 def available() -> dict[str, Path | None]:
