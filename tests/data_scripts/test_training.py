@@ -20,7 +20,7 @@ from data_scripts.training.dataset import DetectionSet, Example, open_set
 from data_scripts.training.evaluated import ODOMETRY_DRIVES, evaluated_sequence, refuse_evaluated
 from data_scripts.training.mean_ap import average_precision, judge, recall_precision
 from data_scripts.training.street_set import Street, draw_street, random_scene, streets
-from vo_lib.core.boxes import Boxes, no_boxes, overlap
+from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels
 from vo_lib.detection.yolo import YoloDetector
@@ -80,12 +80,6 @@ def test_an_evaluated_picture_is_the_whole_image() -> None:
     assert target.image.shape == (64, 192)
     assert (target.image[y0 + 1 : y1 - 1, x0 + 1 : x1 - 1] > 200).all()
     assert target.image[:, x1 + 2 :].max(initial=0) < 200
-
-
-def test_iou_of_known_boxes() -> None:
-    others = np.array([[0, 0, 10, 10], [5, 0, 15, 10], [20, 0, 30, 10.0]])
-    found = overlap(np.array([[0, 0, 10, 10.0]]), others)
-    assert found == pytest.approx(np.array([[1.0, 1 / 3, 0.0]]))
 
 
 def test_a_second_detection_of_one_vehicle_is_wrong() -> None:
