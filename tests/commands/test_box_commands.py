@@ -22,10 +22,10 @@ measure_results = load("measure_results")
 
 @pytest.fixture
 def labelled(tmp_path: Path) -> Path:
-    """Forty-three frames of standing bands, 21 m, with a box in each that holds only what stands."""
-    folder = write_bands(tmp_path / "bands", 43)
+    """Thirteen frames of standing bands, 6 m, with a box in each that holds only what stands."""
+    folder = write_bands(tmp_path / "bands", 13)
     (folder / "labels").mkdir()
-    for frame in range(43):
+    for frame in range(13):
         (folder / "labels" / f"{frame:06d}.txt").write_text("7 0.25 0.8 0.3 0.3 0.75\n", encoding="utf-8")
     return folder
 
