@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from beyond.faulty_camera import CAMERA, KITTI, Faults, drive
+from faulty_camera import CAMERA, KITTI, Faults, drive
 
 from vo_lib import open_sequence, preset, run
 from vo_lib.beyond.stereo_field import (

@@ -21,6 +21,7 @@ from ..core.types import Array, Index, Mask
 from ..method.odometry import Odometry, Rotation, median_flow
 from .box_filter import BoxFilter, Filtered
 from .stereo_field import StereoField
+from .calibration import Calibration
 from .config import Config
 from .lens import Lens
 from .selection import choose, motion_of_winner, sample_sets
@@ -41,14 +42,24 @@ class Learning(Odometry):
 
     config: Config
 
-    def __init__(self, camera: StereoCamera, config: Config):
+    def __init__(self, camera: StereoCamera, config: Config, known: Calibration | None = None):
         super().__init__(camera, config)
         self.config = config
         self.filtered: Filtered | None = None
         self.lens = Lens(camera, config.calibration)
         self.field = StereoField(camera, config.calibration)
+        if known is not None:
+            known.check(camera)
+            self.field.know(known.estimate, known.covariance_on_another_drive())
+            self.lens.know(known.lens_information, known.lens_vector)
         self._on_moving: Mask | None = None
         self._filter = BoxFilter(camera, config.filter)
+
+    @property
+    def calibration(self) -> Calibration:
+        """What is known of the cameras' errors now."""
+        field, lens = self.field, self.lens
+        return Calibration(self.camera, field.estimate, field.covariance, lens.information, lens.vector)
 
     def start(self, boxes: Boxes) -> None:
         """The first frame: nothing but its boxes is needed."""
@@ -71,11 +82,6 @@ class Learning(Odometry):
         """The matches that the kit's box rule leaves."""
         self.filtered = self._filter.step(matches, boxes, self._on_moving)
         return matches[self.filtered.keep]
-
-    def motion(self, matches: StereoMatches) -> FrameResult | None:
-        """As the paper's, with what is known of the disparities after it."""
-        motion = super().motion(matches)
-        return None if motion is None else replace(motion, offset=float(self.field.coefficients[0]))
 
 
 class KitOdometry(Learning):
@@ -114,7 +120,8 @@ class KitOdometry(Learning):
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
         """The winner refined on its inliers."""
-        x_p, x_c, X_p = self.points(matches)
+        x_p, x_c = self.points(matches)
+        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
         R, self._direction, E, inliers = motion_of_winner(
             E, x_p, x_c, X_p, self.config.selection, self.camera.f
         )
@@ -129,7 +136,7 @@ class KitOdometry(Learning):
             return None
         if not self.config.calibration.estimate:
             return solved[0]
-        x_p, x_c, _ = self.points(matches)
+        x_p, x_c = self.points(matches)
         self.lens.update(x_p, x_c, R_cp, self._direction)
         corrected = self.field.update(matches, R_cp, solved[0])
         again = None if corrected is None else solve_translation(self.camera, corrected, R_cp, config)
@@ -148,7 +155,7 @@ class KitViso2(Learning, Viso2):
             return found
         R_cp, t_cp, inliers = found
         if median_flow(matches) >= self.config.selection.standstill_flow and np.any(t_cp):
-            x_p, x_c, _ = self.points(matches[inliers])
+            x_p, x_c = self.points(matches[inliers])
             self.lens.update(x_p, x_c, R_cp, t_cp / np.linalg.norm(t_cp))
         corrected = self.field.update(matches, R_cp, t_cp)
         if corrected is not None:

@@ -1,12 +1,12 @@
 """Chapter 4, beyond the paper: what the rectification left between the two cameras, learnt from the images.
 
-In a rectified pair both images of a point lie on one row, and the columns differ by f b / Z. In a real pair both
-are off by a smooth field over the image, of some tenths of a pixel: far points seem too far, or too near, and
-the steps come out too long, on the KITTI highway by 6 %. The field is a polynomial for the disparities and one
-for the rows, in the normalised left position x, y.
+In a rectified pair both images of a point lie on one row, and the columns differ by f b / Z. In a real pair
+both are off by a smooth field over the image, of some tenths of a pixel: far points seem too far, or too near,
+and the steps come out too long, on the KITTI highway by 6 %. The field is a polynomial for the disparities and
+one for the rows, in the normalised left position x, y.
 
-The two belong together, for each fault of a rig has a shape in both (`FAULTS`). Stereo matches show the rows at
-once, and with them roll and focal length, which a moving camera cannot tell from a longer step. The rest is
+The two belong together, for each fault of a rig has a shape in both (`FAULTS`). Stereo matches show the rows
+at once, and with them roll and focal length, which a moving camera cannot tell from a longer step. The rest is
 learnt from the motion: disparities must agree with parallax. One frame knows little of that; a Kalman filter
 carries the coefficients along. Too few terms are worse than none: what they cannot hold ends up in the
 constant, which decides the length of the steps.
@@ -33,9 +33,9 @@ EXPONENTS = {
 COLUMNS = ("1", "x", "y", "x²", "xy", "y²", "x³", "x²y", "x⁴")
 ROWS = ("1", "x", "y", "x²", "xy", "y²")
 N = len(COLUMNS)
-# What may be wrong with one camera against the other: its shape in the columns, in the rows, and how large it may
-# be, pixels (standard deviation before the first frame). To first order a yaw is a shift along the rows and a
-# tilt about the vertical; decentering is a tilt of three times its size and what is left here.
+# What may be wrong with one camera against the other: its shape in the columns, in the rows, and how large it
+# may be, pixels (standard deviation before the first frame). To first order a yaw is a shift along the rows
+# and a tilt about the vertical; decentering is a tilt of three times its size and what is left here.
 FAULTS: dict[str, tuple[Shape, Shape, float]] = {
     "shift along the rows": ({"1": 1}, {}, 1.5),
     "shift across the rows": ({}, {"1": 1}, 3.0),
@@ -73,21 +73,20 @@ class StereoField:
     ----------
     estimate : (15,) coefficients, pixels, of `COLUMNS` for the disparities, then of `ROWS`.
     covariance : (15, 15) of the estimate.
-    coefficients : (15,) those in use, the estimate shrunk as a whole towards none: the part of its squared size
-        that its covariance explains is taken for noise (James and Stein 1961, positive part).
+    coefficients : (15,) those in use, the estimate shrunk as a whole: the part of its squared size that its
+        covariance explains is taken for noise (James and Stein 1961, positive part).
     """
 
     def __init__(self, camera: StereoCamera, config: CalibrationConfig):
         self.camera = camera
         self.config = config
         self.covariance = self._prior = prior_covariance()
-        self._learn(np.zeros(N + len(ROWS)), self.covariance)
+        self.know(np.zeros(N + len(ROWS)), self.covariance)
 
     def at(self, left: Array, coefficients: Array | None = None) -> Array:
         """Errors (2, N) of disparity and row, pixels, of features at left pixels (N, 2)."""
         c = self.coefficients if coefficients is None else coefficients
-        x, y = self.camera.normalise(left).T
-        return np.stack([c[:N] @ powers(COLUMNS, x, y), c[N:] @ powers(ROWS, x, y)])
+        return field_at(c, *self.camera.normalise(left).T)
 
     def correct(self, matches: StereoMatches, coefficients: Array | None = None) -> StereoMatches:
         """Matches without these errors: the right positions move. Which image is at fault cannot be told."""
@@ -111,8 +110,8 @@ class StereoField:
             weighted = A / (1.0 + (residual / self.config.row_scale) ** 2)
             weighted /= noise * self.config.noise_inflation**2
             information = known + weighted @ A.T
-            estimate = np.linalg.solve(information, start + weighted @ difference)
-        self._learn(estimate, np.linalg.inv(information))
+            estimate = np.asarray(np.linalg.solve(information, start + weighted @ difference))
+        self.know(estimate, np.asarray(np.linalg.inv(information)))
 
     def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> StereoMatches | None:
         """Learn from a frame's corrected matches and its motion.
@@ -129,17 +128,24 @@ class StereoField:
         vector[:N] = (found[1] - found[0] @ (self.estimate - in_use)[:N]) / self.config.noise_inflation**2
         change = np.linalg.solve(information, vector)
         change *= min(1.0, FARTHEST / max(float(np.sqrt(change @ known @ change)), 1e-12))
-        self._learn(self.estimate + change, np.linalg.inv(information))
+        self.know(self.estimate + change, np.linalg.inv(information))
         more = self.coefficients - in_use
         more[N:] = 0.0  # of the rows only their own measurements count in this frame
         if float(np.sqrt(np.mean(self.at(matches.cur_left, more) ** 2))) < self.config.least_change:
             return None
         return self.correct(matches, more)
 
-    def _learn(self, estimate: Array, covariance: Array) -> None:
+    def know(self, estimate: Array, covariance: Array) -> None:
+        """From now on this is known: an estimate (15,) and its covariance (15, 15)."""
         self.estimate, self.covariance = estimate, covariance
         squared = float(estimate @ np.linalg.solve(covariance, estimate))
         self.coefficients = estimate * max(0.0, 1.0 - len(estimate) / max(squared, 1e-12))
+
+
+def field_at(coefficients: Array, x: Array, y: Array) -> Array:
+    """Errors (2, N) of disparity and row, pixels, at normalised left positions x, y (N,)."""
+    disparity = coefficients[:N] @ powers(COLUMNS, x, y)
+    return np.stack([disparity, coefficients[N:] @ powers(ROWS, x, y)])
 
 
 def powers(terms: tuple[str, ...], x: Array, y: Array) -> Array:

@@ -5,10 +5,38 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence as Items
 
-from . import bench, boxes, compare, data, demo, environment, evaluate, lab, lesson, reproduce, run, sweep
+from . import (
+    bench,
+    boxes,
+    calibrate,
+    compare,
+    data,
+    demo,
+    environment,
+    evaluate,
+    lab,
+    lesson,
+    reproduce,
+    run,
+    sweep,
+)
 from .script import OneLineParser, guarded
 
-COMMANDS = (demo, run, reproduce, sweep, compare, evaluate, boxes, environment, data, lab, bench, lesson)
+COMMANDS = (
+    demo,
+    run,
+    reproduce,
+    sweep,
+    compare,
+    evaluate,
+    calibrate,
+    boxes,
+    environment,
+    data,
+    lab,
+    bench,
+    lesson,
+)
 
 
 def main(arguments: Items[str] | None = None) -> int:

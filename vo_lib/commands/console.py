@@ -89,12 +89,9 @@ def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Pa
     rows.append(["features removed by boxes", f"{removed} ({100 * result.removed_share:.1f} %{boxes})"])
     for flag in sorted({flag for m in result.motions for flag in m.flags}):
         rows.append([f"frames flagged {flag}", str(sum(flag in m.flags for m in result.motions))])
-    config = result.config
-    if isinstance(config, Config) and config.calibration.estimate and result.motions:
-        offset = next((m.offset for m in reversed(result.motions) if np.isfinite(m.offset)), 0.0)
-        u, v = result.motions[-1].centre
-        found = f"principal point {u:+.1f}, {v:+.1f} px; disparities {offset:+.2f} px"
-        rows.append(["learnt of the calibration", found])
+    if isinstance(result.config, Config) and result.calibration is not None:
+        said = result.calibration.in_words(result.config.calibration)
+        rows.append(["errors of the calibration", said.replace("; ", "\n")])
     rows.append(["time a frame", f"{result.ms_per_frame:.1f} ms"])
     title = f"{result.sequence.name}, {method}, {len(result.poses)} frames"
     show_table(title, ["quantity", "value"], rows)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..beyond.calibration import read_calibration
 from ..config import METHODS, Config, DetectorConfig, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
@@ -19,7 +21,7 @@ from ..runs.match_cache import match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
 from ..tables.plots import png, trajectory_figure
-from .common import add_variant, open_with_bar, parse_frames
+from .common import add_part, add_variant, open_part
 from .console import reporting, say, show_run
 from .setting_options import add_option, given
 
@@ -42,13 +44,19 @@ def add(commands: Any) -> None:
         metavar="DIR",
         help="folder for poses, log, errors, picture; a run finished there is read back",
     )
-    parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
-    parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
+    add_part(parser)
     parser.add_argument(
         "--detector",
         metavar="MODEL",
         help="find the vehicles: street (shipped, for drawn streets), a fetched model or an ONNX file; "
         "the boxes are kept in the cache folder",
+    )
+    parser.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help="start from a calibration.json of `vo run` or `vo calibrate`; it is held with "
+        "--calibration.estimate off",
     )
     parser.add_argument("--provider", default="cpu", metavar="P", help="cpu or cuda; default cpu")
     text = (
@@ -90,9 +98,13 @@ def _run(options: argparse.Namespace) -> int:
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
     cache = Path(options.cache) if options.cache else None
-    sequence = open_with_bar(options.sequence, cache, options.labels)
-    if options.frames is not None:
-        sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
+    sequence = open_part(options, cache)
+    if options.calibration is not None:
+        if config.variant == "published":
+            raise DataError("--calibration is the kit's own: the paper as published takes calib.txt as it is")
+        known = read_calibration(options.calibration)
+        known.check(sequence.camera)
+        sequence = replace(sequence, calibration=known)
     label = f"{sequence.name}, {options.method}" + (", published" if config.variant == "published" else "")
     with run_folder(options.out) as folder, _with_boxes(sequence, options, cache) as sequence:
         with reporting(label) as report:

@@ -17,8 +17,6 @@ class FrameResult:
     T_cp : (4, 4) motion from the previous to the current left camera, metres.
     matches : matches found; removed : matches removed by boxes; used : left after bucketing.
     inliers : matches in use that agree with the epipolar geometry.
-    offset : disparity offset known after the frame, pixels; NaN where none is learnt.
-    centre : principal point known after the frame, pixels from its nominal place along u and v.
     prior_angle : angle to the previous essential vector, degrees; NaN without one.
     flags : words such as "standstill"; empty when nothing was unusual.
     ms : milliseconds of each stage.
@@ -29,8 +27,6 @@ class FrameResult:
     removed: int = 0
     used: int = 0
     inliers: int = 0
-    offset: float = float("nan")
-    centre: tuple[float, float] = (0.0, 0.0)
     prior_angle: float = float("nan")
     flags: tuple[str, ...] = ()
     ms: dict[str, float] = field(default_factory=dict)

@@ -94,6 +94,13 @@ def labels_digest(sequence: Sequence) -> str:
     return digest.hexdigest()[:DIGITS]
 
 
+def calibration_digest(sequence: Sequence) -> str | None:
+    """Digest of what a run starts with besides calib.txt; None where it starts with nothing."""
+    if sequence.calibration is None:
+        return None
+    return hashlib.sha256(sequence.calibration.to_json().encode()).hexdigest()[:DIGITS]
+
+
 @functools.cache
 def code_digest() -> str:
     """Digest of all code that can decide a pose: any change of it makes results another's."""
@@ -123,6 +130,7 @@ def run_identity(sequence: Sequence, config: Any, method: str) -> dict[str, Any]
         "frames": [sequence.frames[0], sequence.frames[-1]],
         "settings": settings,
         "camera": to_dict(sequence.camera),
+        "calibration": calibration_digest(sequence),
         "images": images_digest(sequence),
         "labels": boxes,
         "made_with": versions() | {"code": code_digest()},

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from ..beyond.calibration import read_calibration
 from ..config import config_class
 from ..core import settings
 from ..core.errors import DataError
-from ..core.files import read_text, write_bytes_atomic, write_text_atomic
+from ..core.files import csv_text, read_text, write_bytes_atomic, write_text_atomic
 from ..core.frame import FrameResult
 from ..core.geometry import inverse
 from ..core.poses import format_kitti_poses, format_tum, read_kitti_poses
@@ -37,6 +38,7 @@ CONFIG = "config.json"
 LOG = "frames.csv"
 METRICS = "metrics.json"
 POSES = "poses.txt"
+CALIBRATION = "calibration.json"
 UNFINISHED = "unfinished"
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
@@ -98,6 +100,8 @@ def write_run(
     write_text_atomic(folder / POSES, format_kitti_poses(result.poses))
     write_text_atomic(folder / "poses_tum.txt", format_tum(sequence.times, result.poses))
     write_text_atomic(folder / LOG, frames_csv(sequence.frames[1:], result.motions))
+    if result.calibration is not None:
+        write_text_atomic(folder / CALIBRATION, result.calibration.to_json())
     _write_metrics(folder, errors)
     config = config | {"timing": timing(result), "surroundings": surroundings()}
     write_text_atomic(folder / CONFIG, _json(config))
@@ -191,7 +195,8 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
         motions = [_read_motion(row, T) for row, T in zip(rows, T_cp, strict=True)]
     except (KeyError, ValueError, TypeError, AttributeError):
         raise DataError("expected the columns of a per-frame log, as `vo run` writes it", path) from None
-    return Run(sequence, config, poses, motions)
+    kept = folder / CALIBRATION
+    return Run(sequence, config, poses, motions, read_calibration(kept) if kept.exists() else None)
 
 
 def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
@@ -202,8 +207,6 @@ def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
         removed=int(row["removed_by_boxes"]),
         used=int(row["used"]),
         inliers=int(row["inliers"]),
-        offset=float(row["disparity_offset_px"] or "nan"),
-        centre=(float(row.get("centre_u_px") or 0.0), float(row.get("centre_v_px") or 0.0)),
         prior_angle=float(row["prior_angle_deg"] or "nan"),
         flags=tuple(row["flags"].split()),
         ms={stage: float(row[f"{stage}_ms"]) for stage in STAGES if row.get(f"{stage}_ms")},
@@ -212,20 +215,16 @@ def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
 
 def frames_csv(frames: tuple[str, ...], motions: list[FrameResult]) -> str:
     """The per-frame log as CSV: one row for the motion into each frame but the first."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    counts = ["frame", "matches", "removed_by_boxes", "used", "inliers", "prior_angle_deg"]
-    counts += ["step_m", "disparity_offset_px", "centre_u_px", "centre_v_px", "flags"]
-    writer.writerow(counts + [f"{stage}_ms" for stage in STAGES])
+    heading = ["frame", "matches", "removed_by_boxes", "used", "inliers", "prior_angle_deg"]
+    heading += ["step_m", "flags"]
+    rows: list[list[object]] = [[*heading, *(f"{stage}_ms" for stage in STAGES)]]
     for frame, motion in zip(frames, motions, strict=True):
-        angle, offset = ("" if math.isnan(x) else f"{x:.4f}" for x in (motion.prior_angle, motion.offset))
+        angle = "" if math.isnan(motion.prior_angle) else f"{motion.prior_angle:.4f}"
         step = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}"
-        writer.writerow(
-            [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step]
-            + [offset, *(f"{x + 0.0:.3f}" for x in motion.centre), " ".join(motion.flags)]
-            + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES]
-        )
-    return buffer.getvalue()
+        row = [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step]
+        row += [" ".join(motion.flags)]
+        rows.append(row + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES])
+    return csv_text(rows)
 
 
 def _json(data: dict[str, Any]) -> str:

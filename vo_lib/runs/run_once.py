@@ -131,7 +131,9 @@ def _differences(there: dict[str, Any], wanted: dict[str, Any]) -> Iterator[str]
         old, new = (f"{d.get('sequence')} {'-'.join(map(str, d.get('frames', [])))}" for d in (there, wanted))
         yield "other images" if old == new else f"it has {old} and this is {new}"
     elif there.get("camera") != wanted["camera"]:
-        yield "another calibration"
+        yield "another calib.txt"
+    if there.get("calibration") != wanted["calibration"]:
+        yield "it started from another calibration"
     labels = {there.get("labels"), wanted["labels"]}
     if len(labels - {NOT_USED}) > 1:
         yield "other labels"

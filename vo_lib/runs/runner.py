@@ -13,6 +13,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from ..baseline.viso2 import Viso2
+from ..beyond.calibration import Calibration
 from ..beyond.odometry import KitOdometry, KitViso2, Learning
 from ..config import Config, PublishedConfig
 from ..core.boxes import Boxes
@@ -39,12 +40,14 @@ class Run:
     sequence : what was run; config : how.
     poses : (N, 4, 4) T_w_c of the left camera, first one the identity, metres.
     motions : (N - 1) motions, from each frame to the next.
+    calibration : what was known of the cameras' errors at the end; None as published.
     """
 
     sequence: Sequence
     config: PublishedConfig
     poses: Array
     motions: list[FrameResult]
+    calibration: Calibration | None = None
 
     @property
     def ms_per_frame(self) -> float:
@@ -63,7 +66,7 @@ class MethodRun:
     def __init__(self, sequence: Sequence, config: PublishedConfig):
         self.sequence = sequence
         self.config = config
-        self.odometry = make_odometry(sequence.camera, config)
+        self.odometry = make_odometry(sequence.camera, config, sequence.calibration)
         self.motions: list[FrameResult] = []
         self._poses = [np.eye(4)]
 
@@ -86,22 +89,30 @@ class MethodRun:
 
     def result(self) -> Run:
         """The run, once all frames were taken in."""
-        return Run(self.sequence, self.config, np.array(self._poses), self.motions)
+        learnt = self.odometry.calibration if isinstance(self.odometry, Learning) else None
+        return Run(self.sequence, self.config, np.array(self._poses), self.motions, learnt)
 
 
 @overload
-def make_odometry(camera: StereoCamera, config: Config) -> Learning: ...
+def make_odometry(camera: StereoCamera, config: Config, known: Calibration | None = None) -> Learning: ...
 
 
 @overload
-def make_odometry(camera: StereoCamera, config: PublishedConfig) -> Odometry: ...
+def make_odometry(
+    camera: StereoCamera, config: PublishedConfig, known: Calibration | None = None
+) -> Odometry: ...
 
 
-def make_odometry(camera: StereoCamera, config: PublishedConfig) -> Odometry:
-    """The odometry that a configuration is of: the kit's, the paper's, or VISO2."""
+def make_odometry(
+    camera: StereoCamera, config: PublishedConfig, known: Calibration | None = None
+) -> Odometry:
+    """The odometry that a configuration is of: the kit's, the paper's, or VISO2.
+
+    known : what the kit's begin with; `DataError` where it is of another camera.
+    """
     viso2 = config.estimator == "reprojection"
     if isinstance(config, Config):
-        return KitViso2(camera, config) if viso2 else KitOdometry(camera, config)
+        return KitViso2(camera, config, known) if viso2 else KitOdometry(camera, config, known)
     return Viso2(camera, config) if viso2 else Odometry(camera, config)
 
 

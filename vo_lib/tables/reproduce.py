@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from ..beyond.calibration import Calibration
 from ..config import preset
 from ..core.errors import DataError
 from ..core.types import Array
@@ -31,6 +32,7 @@ class Reproduction:
     missing : KITTI sequences asked for that are not here.
     failed : (job, cause) of runs that gave nothing, in words.
     seeds : how many were asked for.
+    calibrations : what the kit's way learnt on each sequence, with the first method and seed.
     """
 
     entries: list[Entry]
@@ -38,6 +40,7 @@ class Reproduction:
     missing: list[str]
     failed: list[tuple[str, str]]
     seeds: int
+    calibrations: dict[str, Calibration] = field(default_factory=dict)
 
     @property
     def problems(self) -> list[str]:
@@ -115,6 +118,8 @@ def collect(
                 runs.append(read_run(job.folder, job.sequence))
             except DataError as error:
                 table.failed.append((job.name, str(error)))
+        if runs and runs[0].calibration is not None:
+            table.calibrations.setdefault(name, runs[0].calibration)
         if runs and runs[0].sequence.truth is None:
             table.poses.setdefault((variant, name), {})[method] = runs[0].poses
         elif runs:

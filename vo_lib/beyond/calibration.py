@@ -1,0 +1,149 @@
+"""What was learnt of a rig's errors, to be kept in a file, said in words, and used again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.camera import StereoCamera
+from ..core.errors import DataError
+from ..core.files import read_text
+from ..core.settings import to_dict
+from ..core.types import Array
+from .config import CalibrationConfig
+from .lens import Lens
+from .stereo_field import COLUMNS, FAULTS, ROWS, StereoField, field_at
+
+SIZE = len(COLUMNS) + len(ROWS)
+ALIKE = 0.01  # share by which focal length and baseline of a camera that is the same may differ
+NOTHING = 0.05  # pixels; a smaller error is not worth a word
+EDGE = 0.08  # share of the image at each side that is left out where an error is said in words
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The errors of one stereo camera, as known after a drive.
+
+    Attributes
+    ----------
+    camera : whose errors these are.
+    estimate, covariance : (15,) and (15, 15) of the stereo field.
+    lens_information, lens_vector : (3, 3) and (3,) of the lens.
+    """
+
+    camera: StereoCamera
+    estimate: Array
+    covariance: Array
+    lens_information: Array
+    lens_vector: Array
+
+    def covariance_on_another_drive(self) -> Array:
+        """Covariance where another drive begins: a jolt shifts disparities, by a pixel between two of one day."""
+        covariance = self.covariance.copy()
+        covariance[0, 0] += FAULTS["shift along the rows"][2] ** 2
+        return covariance
+
+    def check(self, camera: StereoCamera) -> None:
+        """`DataError` unless this was learnt with a camera like the one given."""
+        for name in ("f", "baseline"):
+            mine, other = getattr(self.camera, name), getattr(camera, name)
+            if abs(mine - other) > ALIKE * other:
+                raise DataError(
+                    f"the calibration is of another camera: {name} is {mine:g} there, {other:g} here"
+                )
+
+    def in_use(self, config: CalibrationConfig) -> tuple[Array, Array]:
+        """The coefficients of the field that correct the matches, (15,), and p1, p2 of the lens, (2,), pixels."""
+        field, lens = StereoField(self.camera, config), Lens(self.camera, config)
+        field.know(self.estimate, self.covariance)
+        lens.know(self.lens_information, self.lens_vector)
+        return field.coefficients, lens.pixels
+
+    def in_words(self, config: CalibrationConfig) -> str:
+        """What these errors do in the image; errors too uncertain to be corrected are left out."""
+        return in_words(*self.in_use(config), self.camera)
+
+    def to_json(self) -> str:
+        """The file's text; numbers are exact."""
+        names = [f"disparity {term}" for term in COLUMNS] + [f"row {term}" for term in ROWS]
+        data = {
+            "camera": to_dict(self.camera),
+            "unit": "px, in normalised left positions x, y; left less right",
+            "field": dict(zip(names, self.estimate.tolist(), strict=True)),
+            "field_covariance": self.covariance.tolist(),
+            "lens_information": self.lens_information.tolist(),
+            "lens_vector": self.lens_vector.tolist(),
+        }
+        return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def read_calibration(path: Path) -> Calibration:
+    """A calibration from its file; `DataError` where it is not as the kit writes it."""
+    text = read_text(path)
+    try:
+        data = json.loads(text)
+        numbers: dict[str, Any] = {name: _number(value) for name, value in data["camera"].items()}
+        return Calibration(
+            StereoCamera(**numbers),
+            _array(list(data["field"].values()), SIZE),
+            _covariance(data["field_covariance"], SIZE),
+            _covariance(data["lens_information"], 3),
+            _array(data["lens_vector"], 3),
+        )
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise DataError(
+            "expected a calibration.json, as `vo run` and `vo calibrate` write it", path
+        ) from None
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+        raise ValueError
+    return value
+
+
+def _array(values: Any, *shape: int) -> Array:
+    array = np.array(values, np.float64)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError
+    return array
+
+
+def _covariance(values: Any, size: int) -> Array:
+    """A symmetric positive definite matrix."""
+    array = _array(values, size, size)
+    if np.abs(array - array.T).max() > 1e-9 * np.abs(array).max() or np.linalg.eigvalsh(array)[0] <= 0:
+        raise ValueError
+    return array
+
+
+def in_words(coefficients: Array, lens: Array, camera: StereoCamera) -> str:
+    """What a field's coefficients (15,) and a lens's p1 and p2 (2,), pixels, do in the image."""
+    width, height = camera.width or 2 * camera.cx, camera.height or 2 * camera.cy
+    u, v = (np.linspace(EDGE, 1.0 - EDGE, 9) * size for size in (width, height))
+    grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    disparity, row = field_at(coefficients, *camera.normalise(grid).T)
+    worst, worst_row = (int(np.argmax(np.abs(error))) for error in (disparity, row))
+    said = []
+    if abs(disparity[worst]) >= NOTHING:
+        size = "large" if disparity[worst] > 0 else "small"
+        place = _place(grid[worst], width, height)
+        said.append(f"disparities are up to {abs(disparity[worst]):.1f} px too {size} {place}")
+    if abs(row[worst_row]) >= NOTHING:
+        place = _place(grid[worst_row], width, height)
+        said.append(f"rows differ by up to {abs(row[worst_row]):.1f} px {place}")
+    if lens.any():
+        said.append(f"the lens is decentered, p1 {-lens[0]:+.1f} px and p2 {-lens[1]:+.1f} px")
+    return "; ".join(said) or "nothing that needs correction"
+
+
+def _place(uv: Array, width: float, height: float) -> str:
+    side, end = abs(uv[0] / width - 0.5) > 0.25, abs(uv[1] / height - 0.5) > 0.25
+    above = "at the top" if uv[1] < 0.5 * height else "at the bottom"
+    return {(True, True): "in the corners", (True, False): "at the sides", (False, True): above}.get(
+        (side, end), "in the middle"
+    )

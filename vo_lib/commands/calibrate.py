@@ -1,0 +1,54 @@
+"""`vo calibrate`."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..config import Config, preset
+from ..core.errors import DataError
+from ..core.files import write_bytes_atomic, write_text_atomic
+from ..runs.runner import run
+from ..tables.field_figure import field_figure
+from ..tables.plots import png
+from .common import add_cache, add_sequence, open_with_bar
+from .console import reporting, say
+
+
+def add(commands: Any) -> None:
+    """Declare `vo calibrate`."""
+    parser = commands.add_parser(
+        "calibrate",
+        help="learn what calib.txt leaves of a camera's errors from its drives",
+        epilog="example: vo calibrate kitti/00 kitti/01 --out calibration.json, "
+        "then vo run kitti/02 --calibration calibration.json --out runs/02",
+    )
+    add_sequence(parser, "sequences", "sequences of one stereo camera, as `vo run` takes them", nargs="+")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="a file, ending in .json")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="a picture (.png) of the errors")
+    add_cache(parser)
+    parser.set_defaults(command=_calibrate)
+
+
+def _calibrate(options: argparse.Namespace) -> int:
+    for path, ending in ((options.out, ".json"), (options.picture, ".png")):
+        if path is not None and (path.suffix != ending or not path.parent.is_dir()):
+            raise DataError(f"expected a name ending in {ending}, in a folder that exists", path)
+    config = preset("solution_selection")
+    assert isinstance(config, Config)
+    known = None
+    for name in options.sequences:
+        sequence = replace(open_with_bar(name, options.cache), calibration=known)
+        with reporting(sequence.name) as report:
+            known = run(sequence, config, report).calibration
+        assert known is not None
+        say(f"after {sequence.name}: {known.in_words(config.calibration)}")
+    assert known is not None
+    write_text_atomic(options.out, known.to_json())
+    if options.picture is not None:
+        coefficients, _ = known.in_use(config.calibration)
+        write_bytes_atomic(options.picture, png(field_figure(coefficients, known.camera)))
+    say(f"written to {options.out}")
+    return 0

@@ -1,0 +1,46 @@
+"""The picture of a stereo field: by how much disparities and rows are off, all over the image."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..beyond.stereo_field import field_at
+from ..core.camera import StereoCamera
+from ..core.types import Array
+
+LEAST = 0.2  # pixels; the colours span at least this to both sides
+
+
+def field_figure(coefficients: Array, camera: StereoCamera, title: str = "") -> Figure:
+    """Errors of disparities and of rows over the left image, pixels; coefficients (15,) as `StereoField` has.
+
+    White is right, blue too small, red too large; lines are 0.2 px apart.
+    """
+    width, height = camera.width or 2 * camera.cx, camera.height or 2 * camera.cy
+    u, v = np.linspace(0, width - 1, 120), np.linspace(0, height - 1, 40)
+    grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    errors = field_at(coefficients, *camera.normalise(grid).T).reshape(2, len(v), len(u))
+    limit = max(LEAST, float(np.abs(errors).max()))
+    made = Figure(figsize=(11.0, 2.3), layout="constrained")
+    axes = made.subplots(1, 2, sharey=True)
+    for axis, error, name in zip(axes, errors, ("disparity", "row"), strict=True):
+        image = axis.imshow(
+            error,
+            extent=(0, width, height, 0),
+            cmap="RdBu_r",
+            vmin=-limit,
+            vmax=limit,
+            interpolation="bilinear",
+        )
+        step = 0.2 if limit < 2.0 else 0.5
+        levels = np.arange(-np.ceil(limit / step), np.ceil(limit / step) + 1) * step
+        lines = axis.contour(u, v, error, levels=levels, colors="#333", linewidths=0.6)
+        axis.clabel(lines, fontsize=7, fmt="%.1f")
+        axis.set_title(f"{name}, left less right [px]", fontsize=10)
+        axis.set_xlabel("u [px]")
+    axes[0].set_ylabel("v [px]")
+    made.colorbar(image, ax=axes, shrink=0.9, label="px")
+    if title:
+        made.suptitle(title, fontsize=11)
+    return made
