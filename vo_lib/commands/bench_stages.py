@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from ..config import Config, DetectorConfig
@@ -20,8 +19,10 @@ from ..core.matches import StereoMatches
 from ..core.types import Progress
 from ..data.sequence import Sequence
 from ..detection.yolo import YoloDetector
+from ..runs.identity import surroundings, versions
 from ..runs.match_cache import CHUNK, pack, unpack
-from ..runs.runner import FoundMatches, Run, TimedMatches, run_methods
+from ..runs.results import timing
+from ..runs.runner import FoundMatches, TimedMatches, run_methods
 from .bench_detector import ALONE, DetectorBench, time_detector
 from .bench_matches import FeatureErrors, feature_errors
 from .bench_solver import Precision, microseconds_a_set, precision
@@ -126,7 +127,7 @@ def run_bench(
     return Bench(
         machine,
         what,
-        stage_means(result),
+        timing(result)["ms_per_frame_of"],
         1e3 * whole / len(sequence),
         1e3 * min(back_end) / len(sequence),
         memory,
@@ -161,23 +162,15 @@ def _read(packed: list[bytes]) -> Iterator[TimedMatches]:
         )
 
 
-def stage_means(result: Run) -> dict[str, float]:
-    """Mean milliseconds a frame of each stage, in the order in which they come."""
-    names = dict.fromkeys(name for motion in result.motions for name in motion.ms)
-    return {n: float(np.mean([motion.ms.get(n, 0.0) for motion in result.motions])) for n in names}
-
-
 def describe_machine() -> dict[str, Any]:
-    """Processor, cores that may be used, load, system and versions."""
+    """Processor, cores that may be used, load, system, commit and versions."""
     affinity = getattr(os, "sched_getaffinity", None)
     return {
         "processor": processor_name(),
         "cores": len(affinity(0)) if affinity is not None else os.cpu_count(),
         "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
-        "system": f"{platform.system()} {platform.machine()}",
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "opencv": cv2.__version__,
+        **surroundings(),
+        **versions(),
     }
 
 
