@@ -14,7 +14,7 @@ import joblib
 import pytest
 
 from vo_lib import DataError
-from vo_lib.runs.parallel import KILLED, Done, parallel
+from vo_lib.runs.parallel import KILLED, parallel
 
 
 def write(item: tuple[Path, str]) -> None:
@@ -30,14 +30,10 @@ def write(item: tuple[Path, str]) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def causes(done: list[Done]) -> list[str | None]:
-    return [end.error for end in done]
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_task_that_fails_says_why_and_the_others_finish(tmp_path: Path, workers: int) -> None:
     names = ["a", "bad input", "b", "bug", "c"]
-    done = causes(parallel(write, [(tmp_path, name) for name in names], workers))
+    done = parallel(write, [(tmp_path, name) for name in names], workers)
     assert [cause is None for cause in done] == [True, False, True, False, True]
     assert done[1] == f"{tmp_path}, line 3: the image is black"
     assert str(done[3]).startswith("ZeroDivisionError: one by none (test_parallel.py, line ")
@@ -50,7 +46,7 @@ def test_a_killed_process_is_the_end_of_its_own_task_only(tmp_path: Path, known:
     names = ["a", "dies", "b", "c", "dies too", "d"]
     items = [(tmp_path, name) for name in names]
     done = parallel(write, items, 2, begun=lambda item: known and item[1].startswith("dies"))
-    assert causes(done) == [None, KILLED, None, None, KILLED, None]
+    assert done == [None, KILLED, None, None, KILLED, None]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
 
 
@@ -69,7 +65,7 @@ def test_no_more_processes_start_than_there_are_tasks(
         return config(*names, **settings)
 
     monkeypatch.setattr(joblib, "parallel_config", watched)
-    assert causes(parallel(write, [(tmp_path, "a"), (tmp_path, "b")], 1000)) == [None, None]
+    assert parallel(write, [(tmp_path, "a"), (tmp_path, "b")], 1000) == [None, None]
     assert asked == [2]
 
 

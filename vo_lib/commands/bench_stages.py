@@ -1,17 +1,17 @@
-"""What a machine needs for the method: time of every stage, memory, and how good the matches are."""
+"""What a machine needs for the method: time of every stage, memory, the cost of a detector."""
 
 from __future__ import annotations
 
 import os
 import platform
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from ..config import Config, DetectorConfig
@@ -19,14 +19,17 @@ from ..core.frame import Clock
 from ..core.matches import StereoMatches
 from ..core.types import Progress
 from ..data.sequence import Sequence
+from ..detection.label_cache import detected_sequence
 from ..detection.yolo import YoloDetector
+from ..runs.identity import surroundings, versions
 from ..runs.match_cache import CHUNK, pack, unpack
-from ..runs.runner import FoundMatches, Run, TimedMatches, run_methods
-from .bench_detector import ALONE, DetectorBench, time_detector
+from ..runs.results import timing
+from ..runs.runner import FoundMatches, TimedMatches, run_methods
 from .bench_matches import FeatureErrors, feature_errors
 from .bench_solver import Precision, microseconds_a_set, precision
 
 BACK_END_RUNS = 3
+ALONE = 60  # images, from the first, of which a detector is timed alone
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,25 @@ class Effort:
     repeats: int = 40
     problems: int = 20000
     problems_of_others: int = 2000
+
+
+@dataclass(frozen=True)
+class DetectorBench:
+    """Times of the wall clock with one detector.
+
+    Attributes
+    ----------
+    model : its file's name; threads : of the network; width_px, height_px : of its images.
+    alone_ms_an_image : from the decoded image to the boxes, nothing else running.
+    whole_run_ms_a_frame : every frame detected, the model's loading included.
+    """
+
+    model: str
+    threads: int
+    width_px: int
+    height_px: int
+    alone_ms_an_image: float
+    whole_run_ms_a_frame: float
 
 
 @dataclass(frozen=True)
@@ -126,7 +148,7 @@ def run_bench(
     return Bench(
         machine,
         what,
-        stage_means(result),
+        timing(result)["ms_per_frame_of"],
         1e3 * whole / len(sequence),
         1e3 * min(back_end) / len(sequence),
         memory,
@@ -135,6 +157,28 @@ def run_bench(
         feature_errors(sequence, found.matches, config),
         cost,
     )
+
+
+def time_detector(
+    sequence: Sequence, detector: YoloDetector, config: Config, advance: Callable[[], None]
+) -> DetectorBench:
+    """Time the detector alone, then a whole run of `config`; `advance` is called after each image."""
+    count = min(ALONE, len(sequence))
+    alone = 0.0
+    for i in range(count):
+        left, _ = sequence.stereo(i)
+        start = time.perf_counter()
+        detector.detect(left)
+        alone += time.perf_counter() - start
+        advance()
+    with tempfile.TemporaryDirectory() as cache:  # none of the boxes is there yet
+        start = time.perf_counter()
+        with detected_sequence(sequence, detector.path, detector.config, cache=Path(cache)) as detected:
+            run_methods(detected, {"": config}, lambda *_: advance())
+        whole = time.perf_counter() - start
+    size = detector.input_size(sequence.camera.width, sequence.camera.height)
+    threads = detector.config.threads
+    return DetectorBench(detector.path.name, threads, *size, 1e3 * alone / count, 1e3 * whole / len(sequence))
 
 
 class _Recorded:
@@ -161,23 +205,15 @@ def _read(packed: list[bytes]) -> Iterator[TimedMatches]:
         )
 
 
-def stage_means(result: Run) -> dict[str, float]:
-    """Mean milliseconds a frame of each stage, in the order in which they come."""
-    names = dict.fromkeys(name for motion in result.motions for name in motion.ms)
-    return {n: float(np.mean([motion.ms.get(n, 0.0) for motion in result.motions])) for n in names}
-
-
 def describe_machine() -> dict[str, Any]:
-    """Processor, cores that may be used, load, system and versions."""
+    """Processor, cores that may be used, load, system, commit and versions."""
     affinity = getattr(os, "sched_getaffinity", None)
     return {
         "processor": processor_name(),
         "cores": len(affinity(0)) if affinity is not None else os.cpu_count(),
         "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
-        "system": f"{platform.system()} {platform.machine()}",
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "opencv": cv2.__version__,
+        **surroundings(),
+        **versions(),
     }
 
 

@@ -47,17 +47,10 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job.
-
-    Attributes
-    ----------
-    error : the cause in one line, or None when the run folder is complete.
-    seconds : wall time spent on it now; near 0 when the folder was complete before.
-    """
+    """What became of a job: the cause of its failure in one line, or None when the run folder is complete."""
 
     job: Job
     error: str | None
-    seconds: float
 
 
 def run_jobs(
@@ -103,13 +96,12 @@ def run_jobs(
     needed = {_front_end(job): job for job in left}
     with _counting(left, list(needed.values()), cache, progress):
         filled = parallel(partial(_fill, cache=cache), list(needed.values()), workers, scheduler)
-        broken = {name: done for name, done in zip(needed, filled, strict=True) if done.error}
+        broken = {name: error for name, error in zip(needed, filled, strict=True) if error}
         ready = [job for job in jobs if _front_end(job) not in broken or is_finished(job.folder)]
         run = partial(_run, cache=cache, fresh=fresh)
         ended = parallel(run, ready, workers, scheduler, begun=_is_begun)
-    done = {job.folder: end for job, end in zip(ready, ended, strict=True)}
-    everything = [(job, done.get(job.folder) or broken[_front_end(job)]) for job in jobs]
-    return [Outcome(job, end.error, end.seconds) for job, end in everything]
+    done = {job.folder: error for job, error in zip(ready, ended, strict=True)}
+    return [Outcome(job, done.get(job.folder, broken.get(_front_end(job)))) for job in jobs]
 
 
 def _front_end(job: Job) -> Hashable:

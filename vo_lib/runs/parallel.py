@@ -10,7 +10,6 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,22 +27,16 @@ WATCH = 0.5  # seconds between two looks at whether the first process is there
 CONNECT = 10.0  # seconds to wait for a scheduler
 
 
-@dataclass(frozen=True)
-class Done:
-    """What became of a task: the cause of its failure in one line, or None; and the seconds it took."""
-
-    error: str | None
-    seconds: float
-
-
 def parallel(
     function: Callable[[Item], None],
     items: list[Item],
     workers: int = 1,
     scheduler: str | None = None,
     begun: Callable[[Item], bool] = lambda item: True,
-) -> list[Done]:
-    """Call `function` for each item, in several processes; returns what became of each, in order.
+) -> list[str | None]:
+    """Call `function` for each item, in several processes.
+
+    Returns for each, in order, the cause of its failure in one line, or None.
 
     When a process is killed, its pool is lost. The tasks that were begun then are done again alone, one at a
     time: the one at fault shows itself. The others go on in a new pool.
@@ -68,7 +61,7 @@ def parallel(
     workers = max(min(workers, len(items)), 2)
     threads = max(1, (os.cpu_count() or 1) // workers)
     tasks = [(index, function, item, threads) for index, item in enumerate(items)]
-    done: dict[int, Done] = {}
+    done: dict[int, str | None] = {}
     with _backend(workers, scheduler) as killed:
         while len(done) < len(tasks):
             left = [task for task in tasks if task[0] not in done]
@@ -80,23 +73,23 @@ def parallel(
                     try:
                         _pool([task], done)
                     except killed:
-                        done[task[0]] = Done(KILLED, 0.0)
+                        done[task[0]] = KILLED
     return [done[index] for index in range(len(tasks))]
 
 
-def _pool(tasks: list[Task], done: dict[int, Done]) -> None:
+def _pool(tasks: list[Task], done: dict[int, str | None]) -> None:
     """Do tasks with joblib's present backend; each is noted in `done` as it ends."""
     run = joblib.Parallel(batch_size=1, max_nbytes=None, return_as="generator_unordered")
     with closing(run(joblib.delayed(_attempt)(task) for task in tasks)) as ended:
         done.update(ended)
 
 
-def _attempt(task: Task) -> tuple[int, Done]:
+def _attempt(task: Task) -> tuple[int, str | None]:
     """Do one task; an exception becomes one line that says where it came from."""
     index, function, item, threads = task
     if threads:
         cv2.setNumThreads(threads)
-    start, error = time.perf_counter(), None
+    error = None
     try:
         function(item)
     except DataError as wrong:
@@ -105,7 +98,7 @@ def _attempt(task: Task) -> tuple[int, Done]:
         place = traceback.extract_tb(wrong.__traceback__)[-1]
         text = " ".join(str(wrong).split())
         error = f"{type(wrong).__name__}: {text} ({Path(place.filename).name}, line {place.lineno})"
-    return index, Done(error, time.perf_counter() - start)
+    return index, error
 
 
 def _set_up_worker() -> None:

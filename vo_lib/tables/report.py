@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import base64
-import platform
 from dataclasses import dataclass, field
-from importlib import metadata
 
-import cv2
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ..core.types import Array
+from ..runs.identity import surroundings, versions
 
 NONE = "–"  # where there is no number
 
@@ -73,11 +71,9 @@ class Picture:
 
 def provenance() -> list[str]:
     """What a figure was made with: kit, Python, libraries, machine."""
-    return [
-        f"stereo-vo-kit {metadata.version('stereo-vo-kit')}, Python {platform.python_version()}, "
-        f"numpy {np.__version__}, OpenCV {cv2.__version__}",
-        f"{platform.system()} {platform.machine()}",
-    ]
+    used, around = versions(), surroundings()
+    libraries = f"numpy {used['numpy']}, OpenCV {used['opencv']}"
+    return [f"stereo-vo-kit {used['kit']}, Python {around['python']}, {libraries}", str(around["system"])]
 
 
 def render_report(
