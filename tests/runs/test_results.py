@@ -39,9 +39,7 @@ def test_a_run_is_read_back_to_the_digits_written(result: Run, sequence: Sequenc
             other.inliers,
             other.flags,
         )
-        np.testing.assert_allclose(
-            one.prior_angle, other.prior_angle, atol=1e-4
-        )
+        np.testing.assert_allclose(one.prior_angle, other.prior_angle, atol=1e-4)
     assert back.ms_per_frame == pytest.approx(result.ms_per_frame, abs=0.05)
 
 

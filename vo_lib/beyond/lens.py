@@ -4,9 +4,9 @@ A lens whose elements are not quite in line moves points by Brown's decentering 
 
     (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y),
 
-and that bends epipolar lines. On sequences 00 and 01 of KITTI, of one recording day, both are about a pixel (in
-units of the focal length); without them RE over 100 m of 00 is 0.94 deg, with them 1.56. Other errors are left
-alone. A shift of the principal point fits worse, and where it is learnt from a decentered lens it does harm. A
+and that bends epipolar lines. On sequences 00 and 01 of KITTI, of one recording day, both are about a pixel
+(in units of the focal length); without them RE over 100 m of 00 is 0.94 deg, with them 1.56. Other errors are
+left alone. A shift of the principal point fits worse, and where it is learnt from a decentered lens it does harm. A
 radial term is found by this method on drawn scenes too, which have none: driving straight on, it looks like
 depth. The numbers are in `notebooks/appendix_calibration.ipynb`.
 
@@ -14,8 +14,8 @@ Each frame gives normal equations for p1 and p2, the motion eliminated; they are
 flow that is too long along u and too short along v, by (2x, y) times the same in all frames: matching leaves
 some hundredths of a pixel of it.
 
-Noisy terms do harm where a lens is good. So each is shrunk as empirical Bayes asks: the part of its square that
-its own variance explains is taken for noise (James and Stein 1961, positive part).
+Noisy terms do harm where a lens is good. So each is shrunk as empirical Bayes asks: the part of its square
+that its own variance explains is taken for noise (James and Stein 1961, positive part).
 """
 
 from __future__ import annotations

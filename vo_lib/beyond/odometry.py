@@ -20,11 +20,11 @@ from ..core.reprojection import fit_motion
 from ..core.types import Array, Index, Mask
 from ..method.odometry import Odometry, Rotation, median_flow
 from .box_filter import BoxFilter, Filtered
-from .stereo_field import StereoField
 from .calibration import Calibration
 from .config import Config
 from .lens import Lens
 from .selection import choose, motion_of_winner, sample_sets
+from .stereo_field import StereoField
 from .translation import solve_translation
 
 

@@ -1,14 +1,14 @@
 """Chapter 4, beyond the paper: what the rectification left between the two cameras, learnt from the images.
 
 In a rectified pair both images of a point lie on one row, and the columns differ by f b / Z. In a real pair
-both are off by a smooth field over the image, of some tenths of a pixel: far points seem too far, or too near,
-and the steps come out too long, on the KITTI highway by 6 %. The field is a polynomial for the disparities and
+both are off by a smooth field over the image, of some tenths of a pixel: far points seem too far, or near,
+and steps come out too long, on the KITTI highway by 6 %. The field is a polynomial for the disparities and
 one for the rows, in the normalised left position x, y.
 
 The two belong together, for each fault of a rig has a shape in both (`FAULTS`). Stereo matches show the rows
-at once, and with them roll and focal length, which a moving camera cannot tell from a longer step. The rest is
-learnt from the motion: disparities must agree with parallax. One frame knows little of that; a Kalman filter
-carries the coefficients along. Too few terms are worse than none: what they cannot hold ends up in the
+at once, and with them roll and focal length, which a moving camera cannot tell from a longer step. The rest
+is learnt from the motion: disparities must agree with parallax. One frame knows little of that; a Kalman
+filter carries the coefficients along. Too few terms are worse than none: what they cannot hold ends up in the
 constant, which decides the length of the steps.
 """
 
