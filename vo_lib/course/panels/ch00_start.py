@@ -26,14 +26,15 @@ from ...method.boxes import in_boxes
 from ...method.five_point import five_point
 from ...runs.runner import Run
 from ...tables.plots import draw_trajectory, match_image
+from ..drawing import BAD, DARK, GOOD, PALE, WIDTH, bgr, caption, figure, finish, photo, say, stack
+from ..frames import Memory, frame_matches, frame_points, stereo, truth
 from .base import Drawing, Panel, State
 from .ch02_figures import polynomial_chart, polynomial_of
 from .ch02_five_point import reference_rotation
 from .ch03_figures import field_figure
 from .ch03_selection import field_of, previous_vector
 from .controls import Control
-from .data import Memory, frame_matches, frame_points, stereo, truth
-from .style import BAD, DARK, GOOD, PALE, WIDTH, Fact, bgr, caption, figure, finish, photo, say, stack
+from .facts import Fact
 
 _disparities: Memory[CoarseDisparity] = Memory(8)
 HALF = WIDTH // 2

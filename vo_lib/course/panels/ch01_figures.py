@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 from ...core.matches import StereoMatches
 from ...core.types import Array, Image
 from ...data.sequence import Sequence
-from .ch01_trace import KEPT, LOST, REASONS, Trace
-from .ch02_figures import draw_dot, draw_flow
-from .data import stereo
-from .style import (
+from ..drawing import (
     BAD,
     COARSE,
     CYCLE,
@@ -36,6 +33,9 @@ from .style import (
     photo,
     room,
 )
+from ..frames import stereo
+from .ch01_trace import KEPT, LOST, REASONS, Trace
+from .ch02_figures import draw_dot, draw_flow
 
 HALF = WIDTH // 2
 SURPLUS = "bucket is full"

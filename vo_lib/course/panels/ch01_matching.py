@@ -17,12 +17,13 @@ from ...core.types import Array
 from ...data.sequence import Sequence
 from ...method.buckets import select_by_bucket
 from ...synthetic import Truth
+from ..drawing import figure, stack
+from ..frames import Memory, stereo, truth
 from .base import Drawing, Panel, State
 from .ch01_figures import CHOSEN, SURPLUS, depths_chart, errors_chart, fates, fates_chart, fates_picture
 from .ch01_trace import LOST, Trace, trace
 from .controls import Control
-from .data import Memory, stereo, truth
-from .style import Fact, figure, stack
+from .facts import Fact
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 PAUSE = 0.3  # seconds without a change, after which what may come next is traced

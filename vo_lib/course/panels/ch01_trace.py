@@ -21,7 +21,7 @@ from ...front_end.front_end import make_front_end
 from ...front_end.klt import PreparedPair
 from ...front_end.surface import CoarseDisparity, coarse_disparity
 from ...runs.runner import one_blas_thread
-from .data import WARM_UP, Memory, stereo
+from ..frames import WARM_UP, Memory, stereo
 
 # The settings of each check, and what happens to a match that fails it.
 CHECKS: tuple[tuple[str, tuple[str, ...]], ...] = (

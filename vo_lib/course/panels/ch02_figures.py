@@ -15,7 +15,7 @@ from ...core.geometry import decompose_essential
 from ...core.real_roots import DEGREE, real_roots
 from ...core.types import Array, Image
 from ...method.five_point import cubic_constraints, determinant, eliminate, epipolar_rows, null_space
-from .style import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr, figure, finish, log_axis, photo, room
+from ..drawing import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr, figure, finish, log_axis, photo, room
 
 # Of the polynomial's largest value: smaller values are shown as they are, larger compressed.
 COMPRESSED = 1e-3

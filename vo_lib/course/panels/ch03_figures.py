@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ...core.types import Array
-from .style import BAD, DARK, GOOD, PALE, figure, finish, log_axis
+from ..drawing import BAD, DARK, GOOD, PALE, figure, finish, log_axis
 
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
 

@@ -25,13 +25,14 @@ from ...core.types import Array, Image, Progress
 from ...data.sequence import Sequence
 from ...method.five_point import Candidates, five_point
 from ...method.selection import nearest_to_prior, truncated_errors
+from ..drawing import BAD, FIFTH, GOOD, WIDTH, bgr, caption, photo, stack
+from ..frames import Memory, Points, frame_points, stereo
 from .base import Drawing, Panel, State
 from .ch02_figures import draw_flow
 from .ch02_five_point import reference_rotation, rotation_errors
 from .ch03_figures import Field, errors_figure, field_figure
 from .controls import Control
-from .data import Memory, Points, frame_points, stereo
-from .style import BAD, FIFTH, GOOD, WIDTH, Fact, bgr, caption, photo, stack
+from .facts import Fact
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 260
 FRAMES = 30  # of the long job

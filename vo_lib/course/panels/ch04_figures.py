@@ -10,8 +10,7 @@ from matplotlib.patches import Ellipse
 
 from ...core.matches import StereoMatches
 from ...core.types import Array, Image
-from .ch02_figures import draw_flow
-from .style import (
+from ..drawing import (
     BAD,
     COARSE,
     DARK,
@@ -27,6 +26,7 @@ from .style import (
     photo,
     room,
 )
+from .ch02_figures import draw_flow
 
 DEPTHS = 2.0, 200.0  # metres shown
 LEAST, MOST = 0.01, 100.0  # pixels shown of a residual

@@ -15,9 +15,7 @@ from ...core.types import Array, Image
 from ...detection.yolo import Candidates
 from ...detection.yolo_layout import STRIDES, Letterbox, place
 from ...tables.plots import match_image
-from .ch02_figures import draw_flow
-from .ch04_figures import mark_reference, millimetres_from_above
-from .style import (
+from ..drawing import (
     BAD,
     COARSE,
     CYCLE,
@@ -35,6 +33,8 @@ from .style import (
     photo,
     room,
 )
+from .ch02_figures import draw_flow
+from .ch04_figures import mark_reference, millimetres_from_above
 
 MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST = 0.05  # mm shown of an error

@@ -20,12 +20,13 @@ from ...detection.yolo import Candidates, YoloDetector, find_model
 from ...detection.yolo_layout import STRIDES, Float32
 from ...method.boxes import vehicles
 from ...runs.runner import make_odometry
+from ..drawing import WIDTH, caption, figure, photo, raster, stack
+from ..frames import Memory, frame_matches, stereo, true_motion, truth
 from .base import Drawing, Panel, State
 from .ch04_figures import MILLI
 from .ch05_figures import candidates_picture, errors_chart, filter_picture, rules_figure
 from .controls import Control
-from .data import Memory, frame_matches, stereo, true_motion, truth
-from .style import WIDTH, Fact, caption, figure, photo, raster, stack
+from .facts import Fact
 
 PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
 HISTORY = 4  # frames before the one shown from which the rule `moving` knows its boxes

@@ -1,4 +1,4 @@
-"""Earlier stages, kept: sequences, prepared pairs and matches that panels ask for again and again."""
+"""Earlier stages of a frame, kept: what notebooks and panels ask for again and again."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ import ipywidgets as widgets
 import numpy as np
 from IPython.display import display
 
-from ...config import Config
-from ...core.errors import DataError
-from ...core.geometry import inverse
-from ...core.matches import StereoMatches
-from ...core.types import Array, Image, Progress
-from ...data.sequence import Sequence, open_sequence
-from ...front_end.front_end import make_front_end
-from ...method.buckets import select_by_bucket
-from ...runs.runner import one_blas_thread
-from ...synthetic import Truth, open_truth
+from ..config import Config
+from ..core.errors import DataError
+from ..core.geometry import inverse
+from ..core.matches import StereoMatches
+from ..core.types import Array, Image, Progress
+from ..data.sequence import Sequence, open_sequence
+from ..front_end.front_end import make_front_end
+from ..method.buckets import select_by_bucket
+from ..runs.runner import one_blas_thread
+from ..synthetic import Truth, open_truth
 
 DEFAULT = "synthetic/traffic"
 WARM_UP = 1  # pairs before the two asked for: they give the front end a motion to predict from
@@ -73,9 +73,9 @@ def is_open(name: str) -> bool:
     return name in _sequences
 
 
-def keep(sequence: Sequence) -> None:
-    """Remember a sequence that was opened elsewhere."""
-    _sequences.get(sequence.name, lambda: sequence)
+def keep(sequence: Sequence) -> str:
+    """Remember a sequence that was opened elsewhere; gives its name."""
+    return _sequences.get(sequence.name, lambda: sequence).name
 
 
 def opened(name: str, progress: Progress | None = None) -> Sequence:
