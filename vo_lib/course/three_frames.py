@@ -54,9 +54,9 @@ def solve_three_frames(
     # The pair c of a feature that is in all three: P_c = R_cp (R_earlier Q + t_ab) + t_bc.
     rows = B_bc[j, 4:]
     A[i, 8:], B[i, 8:, :3], B[i, 8:, 3:], c[i, 8:] = rows @ R_cp @ R_earlier, rows @ R_cp, rows, c_bc[j, 4:]
-    A, B, c = (np.delete(each, n + j, axis=0) for each in (A, B, c))
-    projector = np.eye(12) - A @ np.linalg.pinv(A)
-    M, d = projector @ B, projector @ c[..., None]
+    own = np.delete(np.arange(both), n + j)
+    projector = np.eye(12) - A[own] @ np.linalg.pinv(A[own])
+    M, d = projector @ B[own], projector @ c[own, :, None]
     t = np.concatenate([first[0], second[0]])[:, None]
     for _ in range(config.iterations):
         squared = np.sum((d - M @ t) ** 2, axis=(1, 2))
@@ -68,7 +68,7 @@ def solve_three_frames(
 def _weighted_rows(
     camera: StereoCamera, matches: StereoMatches, R: Array, t: Array
 ) -> tuple[Array, Array, Array]:
-    """The rows of equation (3), A (N, 8, 3), B (N, 8, 3), c (N, 8), by the depth of each point in its pair."""
+    """A (N, 8, 3), B (N, 8, 3), c (N, 8) of equation (3), rows divided by the depth of the point in the pair."""
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     depths = np.maximum(np.stack([X_p[:, 2], (X_p @ R.T + t)[:, 2]]), NEAREST)
     depth = np.repeat(depths, 4, axis=0).T
