@@ -68,7 +68,7 @@ def solve_three_frames(
 def _weighted_rows(
     camera: StereoCamera, matches: StereoMatches, R: Array, t: Array
 ) -> tuple[Array, Array, Array]:
-    """A (N, 8, 3), B (N, 8, 3), c (N, 8) of equation (3), rows divided by the depth of the point in the pair."""
+    """A and B (N, 8, 3), c (N, 8) of equation (3), rows divided by the depth of the point in the pair."""
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     depths = np.maximum(np.stack([X_p[:, 2], (X_p @ R.T + t)[:, 2]]), NEAREST)
     depth = np.repeat(depths, 4, axis=0).T

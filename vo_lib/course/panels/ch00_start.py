@@ -27,7 +27,7 @@ from ...method.five_point import five_point
 from ...runs.runner import Run
 from ...tables.plots import draw_trajectory, match_image
 from ..drawing import BAD, DARK, GOOD, PALE, WIDTH, bgr, caption, figure, finish, photo, say, stack
-from ..frames import Memory, frame_matches, frame_points, stereo, truth
+from ..frames import Memory, frame_matches, frame_points, key_of, stereo, truth
 from .base import Drawing, Panel, State
 from .ch02_figures import polynomial_chart, polynomial_of
 from .ch02_five_point import reference_rotation
@@ -54,7 +54,7 @@ class PointView(Checked):
 def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDisparity:
     """Disparity (H/2, W/2) of a frame by block matching, pixels of the full image; negative where none."""
     pair = stereo(sequence, frame)
-    return _disparities.get((sequence.folder, frame, largest), lambda: coarse_disparity(*pair, largest))
+    return _disparities.get((*key_of(sequence, frame), largest), lambda: coarse_disparity(*pair, largest))
 
 
 def disparity_picture(disparity: CoarseDisparity, largest: int) -> Image:

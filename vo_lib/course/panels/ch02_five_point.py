@@ -19,7 +19,7 @@ from ...data.sequence import Sequence
 from ...method.five_point import Candidates, five_point
 from ...method.selection import resolve_by_depth, truncated_errors
 from ..drawing import BAD, CYCLE, PALE, THIRD, WIDTH, caption, figure, photo, stack
-from ..frames import Memory, Points, frame_points, stereo
+from ..frames import Memory, Points, frame_points, key_of, stereo
 from .base import Drawing, Panel, State
 from .ch02_figures import (
     draw_dot,
@@ -77,7 +77,7 @@ def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
         R, t = resolve_by_depth(best, points.x_p, points.x_c, points.X_p)
         return refine(R, t, match_terms(points.x_p, points.x_c), threshold / 2)[0]
 
-    return _rotations.get((sequence.folder, frame, len(points.x_p)), estimate)
+    return _rotations.get((*key_of(sequence, frame), len(points.x_p)), estimate)
 
 
 def with_noise(points: Points, noise: float, focal: float) -> Points:
@@ -141,7 +141,7 @@ class FivePointPanel(Panel):
         image_errors = truncated_errors(E, points.x_p, points.x_c, THRESHOLD / camera.f)
         order = np.argsort(image_errors)
         shown = order[min(view.candidate, len(order)) - 1]
-        key = (sequence.folder, frame, view.noise)
+        key = (*key_of(sequence, frame), view.noise)
         spread = _errors.get((*key, view.sets), lambda: set_errors(points, R_true, view.sets, camera.f))
         match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
         picture = self._picture(state, points, chosen, match, E[shown])

@@ -26,7 +26,7 @@ from ...data.sequence import Sequence
 from ...method.five_point import Candidates, five_point
 from ...method.selection import nearest_to_prior, truncated_errors
 from ..drawing import BAD, FIFTH, GOOD, WIDTH, bgr, caption, photo, stack
-from ..frames import Memory, Points, frame_points, stereo
+from ..frames import Memory, Points, frame_points, key_of, stereo
 from .base import Drawing, Panel, State
 from .ch02_figures import draw_flow
 from .ch02_five_point import reference_rotation, rotation_errors
@@ -109,7 +109,7 @@ def previous_vector(sequence: Sequence, frame: int, config: Config) -> Array | N
         )[2]
         return essential_vector(best)
 
-    key = (sequence.folder, frame - 1, config.features, config.matching, config.buckets)
+    key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets)
     return _priors.get(key, estimate)
 
 
@@ -167,7 +167,7 @@ class SelectionPanel(Panel):
         points, touched = disturbed(
             clean, motion_or_guess(sequence, frame, clean), sequence.camera, state.view
         )
-        key = (sequence.folder, frame, selection.sets, state.view)
+        key = (*key_of(sequence, frame), selection.sets, state.view)
         found = _candidates.get(key, lambda: _solve(points, selection.sets, state.view.draw))
         e_prev = previous_vector(sequence, frame, state.config)
         field = field_of(found, points, e_prev, R_true, selection, sequence.camera.f)
