@@ -13,7 +13,7 @@ from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import FilterConfig, TranslationConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.matches import StereoMatches
-from vo_lib.course.exercises import Exercise, Verdict, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07
+from vo_lib.course.exercises import Exercise, Verdict, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch08
 from vo_lib.course.exercises.checker import WORDS
 from vo_lib.course.exercises.results import NOT_YET_CLASS
 from vo_lib.course.made_up import block_tour, made_up
@@ -21,7 +21,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.method.translation import feature_rows
 
-CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07)
+CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch08)
 TABLES = {
     f"ch0{number}.{name}": exercise
     for number, chapter in enumerate(CHAPTERS)
@@ -40,10 +40,13 @@ def tour(truth: Any) -> Sequence:
     return Sequence("tour", Path("tour"), (), ch00.CAMERA, np.zeros(0), truth, None)
 
 
+BEND = block_tour(1)[150:260]
 # What a check is given beside the answer.
 GIVEN: dict[str, tuple[Any, ...]] = {
     "ch00.disparity_at_20_m": (ch00.CAMERA,),
     "ch00.path_length": (tour(block_tour(1)[:500]),),
+    "ch08.drift": (made_up(BEND, 2.0, 3.0, 20.0), tour(BEND)),
+    "ch08.te_and_re": (made_up(BEND, 2.0, 3.0, 20.0), tour(BEND)),
 }
 
 

@@ -38,7 +38,7 @@ def poses(motions: list[Array], append: Callable[[Array, Array], Array]) -> list
     return path
 
 
-def way(sequence: Sequence, every: bool) -> float:
+def way(sequence: Sequence, every: bool = True) -> float:
     """Metres along the true path, or straight from its start to its end."""
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no truth; take a drawn sequence")

@@ -57,6 +57,19 @@ def singular(E: Array) -> bool:
     return abs(float(np.linalg.det(E))) < 1e-9
 
 
+def solutions(x_p: Array, x_c: Array) -> Array:
+    """All essential matrices (M, 3, 3) through five matches, (5, 2) each."""
+    return five_point(x_p[None], x_c[None]).E
+
+
+def in_line(E: Array) -> Array:
+    """Matrices as unit vectors (M, 9) in an order and with signs of their own, to be compared."""
+    e = np.asarray(E, np.float64).reshape(-1, 9)
+    e = e / np.linalg.norm(e, axis=1, keepdims=True)
+    e = e * np.sign(e[np.arange(len(e)), np.abs(e).argmax(axis=1)])[:, None]
+    return np.asarray(e[np.lexsort(np.round(e, 3).T)])
+
+
 @functools.cache
 def most_frequent() -> int:
     """The number of real solutions that most of 2000 sets have."""
@@ -107,6 +120,10 @@ essential_constraints = Exercise(
     essentials,
     also=(lambda E: ten(E, times=2.0),),
     form=lambda values: np.sort(np.abs(values)),
+)
+
+solve_five = Exercise(
+    "ch02.solve_five", solutions, lambda: [five_matches(seed) for seed in range(8)], form=in_line, atol=1e-4
 )
 
 most_frequent_count = Exercise("ch02.most_frequent_count", most_frequent)

@@ -121,6 +121,12 @@ class Exercise:
         except Exception as error:
             return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
 
+    def passes(self, answer: Any) -> bool:
+        """Whether a function gives the right results; nothing is told or kept."""
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            return self.cases is not None and self._judge(answer, self.cases()).passed
+
     def _judge_facts(self, answer: Any) -> Verdict:
         """The first mistake that the facts of a panel show; an unknown fact is NaN."""
         if not isinstance(answer, Mapping):

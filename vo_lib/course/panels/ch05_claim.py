@@ -13,7 +13,7 @@ from ...data.sequence import Sequence
 from ...evaluation.ate_rpe import relative_error
 from ..drawing import BAD, DARK, GOOD, THIRD, figure, finish, room
 
-COLOURS = (BAD, GOOD, THIRD)
+LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width: all are seen where they coincide
 
 
 def true_path(sequence: Sequence) -> Array:
@@ -45,11 +45,11 @@ def claim_figure(sequence: Sequence, runs: Mapping[str, Array], height: int = 25
     true = true_path(sequence)
     frames = int(sequence.frames[0]) + np.arange(1, len(true))
     path.plot(true[:, 0], true[:, 2], color=DARK, linewidth=3, label="truth")
-    for (name, poses), colour in zip(runs.items(), COLOURS, strict=False):
+    for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
         turn, step = step_errors(sequence, poses)
-        turns.plot(frames, turn, color=colour, linewidth=1.5, label=name)
-        lengths.plot(frames, step, color=colour, linewidth=1.5)
-        path.plot(poses[:, 0, 3], poses[:, 2, 3], color=colour, linewidth=1.5)
+        turns.plot(frames, turn, color=colour, linewidth=width, label=name)
+        lengths.plot(frames, step, color=colour, linewidth=width)
+        path.plot(poses[:, 0, 3], poses[:, 2, 3], color=colour, linewidth=width)
     for axis in (turns, lengths):
         highest = max(float(np.max(line.get_ydata())) for line in axis.get_lines())
         axis.set_ylim(0, room(1.35 * highest))  # the legend stands above the lines
