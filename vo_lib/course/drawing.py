@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
+import textwrap
 import threading
 from collections.abc import Hashable, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
+from IPython.display import Code
 from IPython.display import Image as Shown
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -191,6 +194,16 @@ def show(*parts: Image | Figure) -> Shown:
     """Pictures and figures in a notebook cell, below each other."""
     png = bytes(cv2.imencode(".png", _joined(parts), PNG)[1])
     return Shown(data=png, width=WIDTH)  # type: ignore[no-untyped-call]
+
+
+def show_source(*things: Any) -> Code:
+    """The source of functions, methods or classes, each below the name of its file."""
+    texts = []
+    for thing in things:
+        file = str(inspect.getsourcefile(thing)).replace("\\", "/")
+        source = textwrap.dedent(inspect.getsource(thing))
+        texts.append(f"# vo_lib/{file.rpartition('/vo_lib/')[2]}\n{source}")
+    return Code("\n\n".join(texts), language="python")  # type: ignore[no-untyped-call]
 
 
 def _joined(parts: Sequence[Image | Figure]) -> Image:

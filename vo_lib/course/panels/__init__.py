@@ -5,7 +5,7 @@ takes over a second. Frames and their matches come from `..frames`, the look of 
 `PANELS` lists every panel class: the tests drive each of them through all its controls.
 """
 
-from ..drawing import figure, finish, show, stack
+from ..drawing import figure, finish, show, show_source, stack
 from ..frames import frame_matches, frame_points, load, stereo, truth
 from .base import Drawing, Panel, State
 from .ch00_start import StartPanel
@@ -54,6 +54,7 @@ __all__ = [
     "frame_points",
     "load",
     "show",
+    "show_source",
     "stack",
     "stereo",
     "truth",

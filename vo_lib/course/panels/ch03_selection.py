@@ -36,6 +36,7 @@ from .facts import Fact
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 260
 FRAMES = 30  # of the long job
+WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m
 # How the thing moves from frame to frame that the matches are put on: a bus that turns into our street.
 STEP, TURN = np.array([0.5, 0.0, 0.3]), rotation_from_vector(np.radians([0.0, 2.0, 0.0]))
 
@@ -47,6 +48,7 @@ class SelectionView(Checked):
     moving: float = setting(0.0, "share of the matches put on one thing that moves", low=0, high=0.9)
     wrong: float = setting(0.0, "share of the matches that end at a wrong place", low=0, high=0.9)
     draw: int = setting(0, "draws other sets, and other matches to disturb", low=0, high=999)
+    plane: bool = setting(False, "all points on one slanting wall, which fills the view")
 
 
 _candidates: Memory[Candidates] = Memory(12)
@@ -61,6 +63,11 @@ def disturbed(
     The moving ones are those furthest left and turn about their middle; a wrong one ends 4 to 40 px away.
     """
     rng, count = np.random.default_rng([4, view.draw]), len(points.x_p)
+    if view.plane:
+        rays = np.concatenate([points.x_p, np.ones((count, 1))], axis=1)
+        X_p = rays * (12.0 / np.maximum(rays @ WALL, 0.1))[:, None]
+        seen = _view(transform(T_cp, X_p)) + rng.normal(0.0, 0.3 / camera.f, (count, 2))
+        points = replace(points, X_p=X_p, x_c=seen)
     moving, wrong = round(view.moving * count), round(view.wrong * count)
     order = np.argsort(points.x_p[:, 0])
     order[moving:] = rng.permutation(order[moving:])
@@ -158,6 +165,7 @@ class SelectionPanel(Panel):
         Control("selection.mode", "winner"),
         Control("selection.prior", "use the previous essential vector"),
         Control("view.draw", "draw again", button=True),
+        Control("view.plane", "one plane"),
     )
 
     def draw(self, state: State) -> Drawing:

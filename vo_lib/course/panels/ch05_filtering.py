@@ -206,6 +206,10 @@ class FilteringPanel(Panel):
                 f"The translation is {sizes[0]:.1f} mm from the truth with all features, "
                 f"{sizes[1]:.1f} mm with those kept."
             )
+        if judged is not None and removed:
+            sentence += " Orange in a parked box (dashed): features that do not agree with the background."
+        if state.view.model.strip() == "street" and truth(sequence) is None:
+            sentence += " Mind: `street` knows drawn streets only; on real images it finds little."
         if "filter_off" in result.flags:
             sentence += " Too few features would be left, so the filter is off in this frame."
         facts = [

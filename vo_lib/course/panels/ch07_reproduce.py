@@ -173,6 +173,11 @@ def _gain(entries: list[Entry]) -> str:
     if not set(GAIN) <= set(by_name) or by_name[GAIN[0]].seeds != by_name[GAIN[1]].seeds:
         return ""
     change = by_name[GAIN[1]].te - by_name[GAIN[0]].te
+    if not change.any():
+        return (
+            f"{by_name[GAIN[0]].sequence}: no boxes, nothing removed. Write labels first: "
+            "`vo data write_labels` with a detector (chapter 5)."
+        )
     if not np.isfinite(change).all():
         return ""
     return (
