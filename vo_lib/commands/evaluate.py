@@ -11,7 +11,7 @@ from ..core.errors import DataError
 from ..core.poses import read_kitti_pair, read_tum_pair
 from ..evaluation.ate_rpe import Alignment
 from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, Evaluation, evaluate
-from ..tables.table1 import number
+from ..tables.report import number
 from .common import parse_lengths, parse_whole
 from .console import say, show_table
 

@@ -19,7 +19,7 @@ from ..runs.match_cache import match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
 from ..tables.plots import png, trajectory_figure
-from .common import add_variant, open_with_bar, parse_frames
+from .common import add_part, add_variant, open_part
 from .console import reporting, say, show_run
 from .setting_options import add_option, given
 
@@ -42,8 +42,7 @@ def add(commands: Any) -> None:
         metavar="DIR",
         help="folder for poses, log, errors, picture; a run finished there is read back",
     )
-    parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
-    parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
+    add_part(parser)
     parser.add_argument(
         "--detector",
         metavar="MODEL",
@@ -90,9 +89,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
     cache = Path(options.cache) if options.cache else None
-    sequence = open_with_bar(options.sequence, cache, options.labels)
-    if options.frames is not None:
-        sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
+    sequence = open_part(options, cache)
     label = f"{sequence.name}, {options.method}" + (", published" if config.variant == "published" else "")
     with run_folder(options.out) as folder, _with_boxes(sequence, options, cache) as sequence:
         with reporting(label) as report:
