@@ -140,7 +140,7 @@ def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], hei
                 "width": 0.006,
             }
             axis.quiver(*points.T, *arrows, color=colour, **look)
-        axis.set(xlim=(-1.1, 1.1), ylim=(0.4, -0.4), xticks=[], yticks=[], aspect="equal")
+        axis.set(xlim=(-1.1, 1.1), ylim=(0.46, -0.46), xticks=[], yticks=[], aspect="equal")
         axis.set_title(title, fontsize=8, loc="left")
     return made
 
