@@ -1,7 +1,7 @@
 """A stereo camera with known faults, written from the pinhole equations alone.
 
-Nothing of the library makes these matches: a point (X, Y, Z) is seen at u = f X / Z + cx, v = f Y / Z + cy, its
-disparity is f b / Z, and the faults are added to that.
+Nothing of the library makes these matches: a point (X, Y, Z) is seen at u = f X / Z + cx, v = f Y / Z + cy,
+its disparity is f b / Z, and the faults are added to that.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def none(x: Array, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Faults:
-    """Disparities and rows too large by fields of (x, y), pixels; both images decentered by p1, p2, pixels."""
+    """Disparities and rows too large by fields of (x, y), both images decentered by p1, p2; pixels."""
 
     disparities: Field = none
     rows: Field = none

@@ -1,4 +1,4 @@
-"""The field of disparity and row errors is found where there is one, and none is invented where there is none."""
+"""The field of disparity and row errors is found where there is one, and none is invented elsewhere."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class Calibration:
     lens_vector: Array
 
     def covariance_on_another_drive(self) -> Array:
-        """Covariance where another drive begins: a jolt shifts disparities, by a pixel between two of one day."""
+        """Covariance where another drive begins: disparities shift, by a pixel between two of one day."""
         covariance = self.covariance.copy()
         covariance[0, 0] += FAULTS["shift along the rows"][2] ** 2
         return covariance
@@ -57,7 +57,7 @@ class Calibration:
                 )
 
     def in_use(self, config: CalibrationConfig) -> tuple[Array, Array]:
-        """The coefficients of the field that correct the matches, (15,), and p1, p2 of the lens, (2,), pixels."""
+        """The field's coefficients (15,) and the lens's p1, p2 (2,) that correct matches, pixels."""
         field, lens = StereoField(self.camera, config), Lens(self.camera, config)
         field.know(self.estimate, self.covariance)
         lens.know(self.lens_information, self.lens_vector)

@@ -159,10 +159,10 @@ class CalibrationConfig(Checked):
         high=100,
     )
     lens_noise_inflation: float = setting(
-        1.5, "the lens is learnt as if frames scattered this much more than noise", low=1, high=1000
+        3.0, "the lens is learnt as if frames scattered this much more than noise", low=1, high=1000
     )
     lens_floor: float = setting(
-        0.3,
+        0.5,
         "standard deviation of what is learnt of the lens that no number of frames mends",
         unit="px",
         low=0,
