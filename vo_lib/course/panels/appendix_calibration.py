@@ -82,6 +82,12 @@ def learn(
     return field, {name: np.array(values) for name, values in shares.items()}
 
 
+def too_long(shares: Array) -> float:
+    """By how much the last `LAST` steps are too long on average, %; NaN where the camera rests."""
+    known = shares[np.isfinite(shares)][-LAST:]
+    return 100.0 * float(np.mean(known) - 1.0) if len(known) else np.nan
+
+
 def lens_shapes(points: Array) -> Array:
     """How p1, p2, k1 and the principal point along u and v move normalised points (N, 2): (5, 2, N)."""
     x, one = points.T, np.ones(len(points))
@@ -179,10 +185,7 @@ class CalibrationPanel(Panel):
         maps = field_maps(image, camera, {"the rig's": true, "learnt": found})
         left = np.abs(field_at(true - found, *image_grid(camera).T)).max(axis=1)
         facts = (
-            *(
-                Fact(f"steps too long, {name}", 100.0 * float(np.nanmean(share[-LAST:]) - 1.0), "%", 2)
-                for name, share in lengths.items()
-            ),
+            *(Fact(f"steps too long, {name}", too_long(share), "%", 2) for name, share in lengths.items()),
             Fact("disparities still wrong by up to", float(left[0]), "px", 2),
             Fact("rows still wrong by up to", float(left[1]), "px", 2),
         )

@@ -170,5 +170,7 @@ def lengths_figure(lengths: dict[str, Array], height: int = 200) -> Figure:
     axis.axhline(1.0, color=DARK, linewidth=1, linestyle=":")
     for (name, values), colour in zip(lengths.items(), (BAD, GOOD, FIFTH), strict=False):
         axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=1.5, label=name)
+    half = room(float(np.nanmax(np.abs(np.concatenate([*lengths.values()]) - 1.0), initial=0.0)), least=0.01)
+    axis.set_ylim(1.0 - half, 1.0 + half)
     finish(axis, "length of the step, as a share of the true one", "frame")
     return made
