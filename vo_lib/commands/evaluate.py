@@ -10,7 +10,8 @@ from typing import Any
 from ..core.errors import DataError
 from ..core.poses import read_kitti_pair, read_tum_pair
 from ..evaluation.ate_rpe import Alignment
-from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, Evaluation, evaluate
+from ..evaluation.axes import LARGEST, TurnedErrors, fit_axes
+from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, Evaluation, evaluate, pooled
 from ..tables.table1 import number
 from .common import parse_lengths, parse_whole
 from .console import say, show_table
@@ -41,6 +42,12 @@ def add(commands: Any) -> None:
         help="what may be moved before ATE is taken; default se3",
     )
     parser.add_argument("--delta", metavar="N", default="1", help="frames that RPE is taken over; default 1")
+    parser.add_argument(
+        "--axes",
+        action="store_true",
+        help="TE and RE also with the one pitch and yaw of a sequence, between the camera's axes and the "
+        f"truth's, that make TE smallest (at most {LARGEST:g}° each; not KITTI's measure)",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(command=_evaluate)
 
@@ -62,10 +69,17 @@ def _evaluate(options: argparse.Namespace) -> int:
     ]
     delta = parse_whole("--delta", options.delta)
     result = evaluate(pairs, lengths, step, Alignment(options.alignment), delta)
+    turned = (
+        [fit_axes(truth, estimate, lengths, step) for _, truth, estimate in pairs] if options.axes else []
+    )
+    data = result.to_dict()
+    for sequence, axes in zip(data["sequences"], turned, strict=False):
+        sequence["axes"] = axes.to_dict()
     if options.json:
-        print(json.dumps(result.to_dict(), indent=2, allow_nan=False))
+        print(json.dumps(data, indent=2, allow_nan=False))
     else:
         _show(result)
+        _show_axes(result, turned)
     return 0
 
 
@@ -95,6 +109,26 @@ def _show(result: Evaluation) -> None:
     show_table("ATE and RPE, root mean squares", ["sequence", "ATE m", "RPE m", "RPE deg"], rows)
     alignment, delta = result.sequences[0].ate.alignment, result.sequences[0].rpe.delta
     say(f"ATE {alignment.words}; RPE from frame to frame + {delta}, which needs no alignment")
+
+
+def _show_axes(result: Evaluation, turned: list[TurnedErrors]) -> None:
+    if not turned:
+        return
+    rows = [
+        [
+            s.name,
+            f"{t.pitch:+.2f}",
+            f"{t.yaw:+.2f}",
+            _pair(s.kitti.te, s.kitti.re),
+            _pair(t.kitti.te, t.kitti.re),
+        ]
+        for s, t in zip(result.sequences, turned, strict=True)
+    ]
+    measured, best = result.pooled, pooled(t.kitti for t in turned)
+    rows.append(["pooled", "", "", _pair(measured.te, measured.re), _pair(best.te, best.re)])
+    columns = ["sequence", "pitch °", "yaw °", "TE / RE measured", "TE / RE turned"]
+    show_table("the estimate's axes turned by one pitch and yaw", columns, rows)
+    say("the angles that make TE smallest: a look at the truth, not KITTI's measure")
 
 
 def _pair(te: float | None, re: float | None) -> str:
