@@ -68,7 +68,7 @@ def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: di
 
 
 def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None:
-    """Distance from the truth along the true path, metres both, first poses made equal.
+    """Distance of estimates from the truth, which is moved to the origin, along the true path, metres both.
 
     Paths that coincide from above still differ here.
     """
@@ -89,8 +89,13 @@ def trajectory_figure(title: str, truth: Array | None, estimates: dict[str, Arra
     return trajectories_figure({title: (truth, estimates)})
 
 
-def trajectories_figure(panels: Mapping[str, tuple[Array | None, dict[str, Array]]]) -> Figure:
-    """Sequences by title, truth and named estimates: a row each, from above and, with truth, the drift."""
+def trajectories_figure(
+    panels: Mapping[str, tuple[Array | None, dict[str, Array]]], words: Mapping[str, str] | None = None
+) -> Figure:
+    """Sequences by title, truth and named estimates: a row each, from above and, with truth, the drift.
+
+    `words` : what the legend says in place of an estimate's name; then each has a line of its own.
+    """
     rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
     figure = Figure(figsize=(width * columns, (height - 1.0) * rows + 1.0), dpi=160, layout="constrained")
@@ -102,7 +107,8 @@ def trajectories_figure(panels: Mapping[str, tuple[Array | None, dict[str, Array
         labels |= {name: line for name, line in lines.items() if not name.startswith("_")}
         if truth is not None:
             draw_drift(figure.add_subplot(rows, columns, row * columns + 2), truth, estimates)
-    figure.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=2 * columns)
+    texts = [(words or {}).get(name, name) for name in labels]
+    figure.legend(labels.values(), texts, loc="outside lower center", ncols=1 if words else 2 * columns)
     return figure
 
 
@@ -124,6 +130,7 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, Curve]) -> Fig
             "markersize": 3 + widths[number],
             "linewidth": widths[number],
             "markerfacecolor": "none",
+            "clip_on": False,  # a marker on the edge is seen whole
             "label": name,
         }
         at, te, re = np.reshape(np.asarray(points, np.float64), (-1, 3)).T
