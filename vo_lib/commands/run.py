@@ -15,9 +15,10 @@ from ..core.files import write_bytes_atomic
 from ..data.sequence import Sequence
 from ..data.stereo_check import doubts
 from ..detection.label_cache import detected_sequence
-from ..runs.match_cache import match_folder
+from ..runs.match_cache import CachedMatches, match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
+from ..tables.film import Film, require_film, shown_frames
 from ..tables.plots import png, trajectory_figure
 from .common import add_variant, open_with_bar, parse_frames
 from .console import reporting, say, show_run
@@ -56,6 +57,12 @@ def add(commands: Any) -> None:
         "are drawn are kept there too"
     )
     parser.add_argument("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
+    parser.add_argument(
+        "--video",
+        type=Path,
+        metavar="FILE",
+        help="a film (.mp4, .avi): features, boxes, path and errors; goes through the frames once more",
+    )
     parser.add_argument("--fresh", action="store_true", help="start anew whatever the folder holds")
     add_settings(parser)
     parser.set_defaults(command=_run)
@@ -89,6 +96,8 @@ def _run(options: argparse.Namespace) -> int:
     config = config_from_options(options)
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
+    if options.video is not None:
+        require_film(options.video)
     cache = Path(options.cache) if options.cache else None
     sequence = open_with_bar(options.sequence, cache, options.labels)
     if options.frames is not None:
@@ -108,7 +117,17 @@ def _run(options: argparse.Namespace) -> int:
             )
         picture = trajectory_figure(label, sequence.truth, {options.method: result.poses})
         write_bytes_atomic(folder / "trajectory.png", png(picture))
+        if options.video is not None:
+            matches = None
+            if options.cache is not None:
+                matches = CachedMatches(sequence, config.features, config.matching, cache)
+            with Film(options.video, result, label) as film, reporting("film") as report:
+                for shown in shown_frames(result, matches):
+                    film.add(shown)
+                    report(shown.index + 1, len(sequence))
     show_run(result, options.method, evaluate_run(result), folder)
+    if options.video is not None:
+        say(f"film: {options.video}")
     for sentence in doubts(sequence, (motion.matches for motion in result.motions)):
         say(f"warning: {sentence}")
     if done_before:

@@ -182,6 +182,8 @@ def heat_map_figure(
 
 # Features in BGR: kept in blue, removed in orange; boxes in white.
 KEPT, REMOVED, BOX = (178, 114, 0), (0, 94, 213), (255, 255, 255)
+# Kept features from new to old, from blue to green, where their age is shown.
+AGE_COLOURS = [(255 - 13 * n, 90 + 11 * n, 12 * n // 2) for n in range(16)]
 
 
 def match_image(
@@ -191,12 +193,13 @@ def match_image(
     boxes: Boxes,
     state: NDArray[np.int64] | None = None,
     words: Sequence[str] = (),
+    by_age: bool = False,
 ) -> Image:
     """The current left image (H, W), each match a line from its previous place to a dot; BGR (H, W, 3).
 
-    Kept matches are blue, those removed by boxes orange. With the boxes' `state` (K,), as `box_tracks` has
-    it, boxes that move have a thick whole line, parked ones a dashed one, unknown ones dots. `words` are
-    written above the boxes.
+    Kept matches are blue (`by_age`: greener the older), those removed by boxes orange. With the boxes'
+    `state` (K,), as `box_tracks` has it, boxes that move have a thick whole line, parked ones a dashed one,
+    unknown ones dots. `words` are written above the boxes.
     """
     picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), np.uint8)
     states = [MOVING] * len(boxes) if state is None else state.tolist()
@@ -210,8 +213,9 @@ def match_image(
                 )
     # Sub-pixel drawing: OpenCV takes fixed-point coordinates with four binary digits.
     ends = np.rint(np.stack([matches.prev_left, matches.cur_left], axis=1) * 16).astype(int)
-    for (start, end), keep in zip(ends.tolist(), kept.tolist(), strict=True):
-        colour = KEPT if keep else REMOVED
+    ages = np.clip(matches.age, 1, len(AGE_COLOURS)).tolist()
+    for (start, end), keep, age in zip(ends.tolist(), kept.tolist(), ages, strict=True):
+        colour = (AGE_COLOURS[age - 1] if by_age else KEPT) if keep else REMOVED
         cv2.line(picture, start, end, colour, 1, cv2.LINE_AA, shift=4)
         cv2.circle(picture, end, 2 * 16, colour, -1, cv2.LINE_AA, shift=4)
     return np.asarray(picture, np.uint8)
