@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import re
 from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from conftest import BANDS, BASELINE, FOCAL
 
 from vo_lib import preset, run
 from vo_lib.commands.cli import main
@@ -67,10 +70,31 @@ def test_a_film_that_cannot_be_is_said_before_the_run(
     bands: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = bands.parent / "out"
-    for name, expected in (("film.gif", "ending in .mp4 or .avi"), ("no/film.mp4", "folder is missing")):
-        assert main(["run", str(bands), "--out", str(out), "--video", str(bands.parent / name)]) == 2
+    for option, name, expected in (
+        ("--video", "film.gif", "ending in .mp4 or .avi"),
+        ("--video", "no/film.mp4", "folder is missing"),
+        ("--view", "view.txt", "ending in .html"),
+    ):
+        assert main(["run", str(bands), "--out", str(out), option, str(bands.parent / name)]) == 2
         assert expected in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_the_view_has_the_points_at_their_depths_and_needs_nothing_else(bands: Path) -> None:
+    page = bands.parent / "view.html"
+    assert main(["run", str(bands), "--out", str(bands.parent / "out"), *SMALL, "--view", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "http" not in text
+    numbers = re.search(r"const points = (\[.*?\]), grey = (\[.*?\]), lines = (\[.*\]);", text)
+    assert numbers is not None
+    points, grey, lines = (json.loads(part) for part in numbers.groups())
+    depth = np.reshape(points, (-1, 3))[:, 2] / 10  # written in decimetres
+    assert len(depth) == len(grey) > 50
+    # Bands farther than 50 baselines of 0.5 m are left out.
+    bands_at = np.array([FOCAL * BASELINE / d for d in BANDS if FOCAL / d < 50])
+    assert np.median(np.abs(depth[:, None] - bands_at).min(axis=1)) < 0.2
+    assert [colour for colour, _ in lines] == ["#f03c3c", "#50bef0"]
+    np.testing.assert_allclose(lines[0][1][-1], [2.5, 0.0, 0.0])
 
 
 def test_a_film_that_fails_leaves_nothing(bands: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,10 @@ from ..detection.label_cache import detected_sequence
 from ..runs.match_cache import CachedMatches, match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
+from ..runs.runner import Run
 from ..tables.film import Film, require_film, shown_frames
 from ..tables.plots import png, trajectory_figure
+from ..tables.view import View
 from .common import add_variant, open_with_bar, parse_frames
 from .console import reporting, say, show_run
 from .setting_options import add_option, given
@@ -63,6 +65,12 @@ def add(commands: Any) -> None:
         metavar="FILE",
         help="a film (.mp4, .avi): features, boxes, path and errors; goes through the frames once more",
     )
+    parser.add_argument(
+        "--view",
+        type=Path,
+        metavar="FILE",
+        help="a page (.html) that shows path and points in three dimensions",
+    )
     parser.add_argument("--fresh", action="store_true", help="start anew whatever the folder holds")
     add_settings(parser)
     parser.set_defaults(command=_run)
@@ -98,6 +106,8 @@ def _run(options: argparse.Namespace) -> int:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
     if options.video is not None:
         require_film(options.video)
+    if options.view is not None and options.view.suffix != ".html":
+        raise DataError("expected a page's name, ending in .html", options.view)
     cache = Path(options.cache) if options.cache else None
     sequence = open_with_bar(options.sequence, cache, options.labels)
     if options.frames is not None:
@@ -117,22 +127,35 @@ def _run(options: argparse.Namespace) -> int:
             )
         picture = trajectory_figure(label, sequence.truth, {options.method: result.poses})
         write_bytes_atomic(folder / "trajectory.png", png(picture))
-        if options.video is not None:
-            matches = None
-            if options.cache is not None:
-                matches = CachedMatches(sequence, config.features, config.matching, cache)
-            with Film(options.video, result, label) as film, reporting("film") as report:
-                for shown in shown_frames(result, matches):
-                    film.add(shown)
-                    report(shown.index + 1, len(sequence))
+        if options.video is not None or options.view is not None:
+            _draw_frames(result, label, options, cache)
     show_run(result, options.method, evaluate_run(result), folder)
-    if options.video is not None:
-        say(f"film: {options.video}")
+    for kind, path in (("film", options.video), ("view", options.view)):
+        if path is not None:
+            say(f"{kind}: {path}")
     for sentence in doubts(sequence, (motion.matches for motion in result.motions)):
         say(f"warning: {sentence}")
     if done_before:
         say("this run was finished before; --fresh does it again")
     return 0
+
+
+def _draw_frames(result: Run, label: str, options: argparse.Namespace, cache: Path | None) -> None:
+    """Go through the frames of the run once more, for a film of them and the page in three dimensions."""
+    matches = None
+    if options.cache is not None:
+        matches = CachedMatches(result.sequence, result.config.features, result.config.matching, cache)
+    view = View(result, label)
+    with reporting("drawing frames") as report, ExitStack() as stack:
+        film = None if options.video is None else stack.enter_context(Film(options.video, result, label))
+        for shown in shown_frames(result, matches):
+            if film is not None:
+                film.add(shown)
+            if options.view is not None:
+                view.add(shown)
+            report(shown.index + 1, len(result.sequence))
+    if options.view is not None:
+        view.write(options.view)
 
 
 @contextmanager
