@@ -28,6 +28,7 @@ from data_scripts.fetch.stereo_import import look, require_new, rig_of, write_se
 from data_scripts.fetch.stereo_sources import FolderSource, Source, VideoSource, pair_folders
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
+from vo_lib.commands.script import typed
 from vo_lib.core.errors import DataError
 from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Array
@@ -118,7 +119,7 @@ def run(options: argparse.Namespace) -> int:
     say(
         f"{count} pairs of {camera.width}×{camera.height}, f {camera.f:.1f} px, centre {camera.cx:.1f},"
         f"{camera.cy:.1f}, baseline {camera.baseline:.3f} m, {'no' if poses is None else 'with'} true poses",
-        f"next: vo run {options.out} --out runs/{options.out.name}",
+        "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}"),
     )
     return 0
 

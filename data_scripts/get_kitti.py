@@ -30,6 +30,7 @@ from data_scripts.fetch.kitti_archive import (
 from data_scripts.fetch.zip_archives import Archives
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
+from vo_lib.commands.script import typed
 from vo_lib.core.errors import DataError
 from vo_lib.data.kitti_check import EXPECTED_FRAMES, parse_numbers
 from vo_lib.data.places import kitti_root
@@ -99,7 +100,7 @@ def take(
             return 1
         with reporting("unpacking" if options.from_zip else "fetching", in_bytes=True) as report:
             fetch(archives, todo, root, options.jobs, report)
-    say(f"done. Check it: vo data check_kitti --root {root}")
+    say("done. Check it: " + typed(f"vo data check_kitti --root {root}"))
     return 0
 
 

@@ -53,7 +53,8 @@ def say(*lines: str) -> None:
 
 def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: bool = True) -> None:
     """A table: the first column names the row; numbers stand to the right."""
-    say(title)  # above the table, not within: a narrow one would break it
+    if title:
+        say(title)  # above the table, not within: a narrow one would break it
     table, console = Table(), Console()
     longest = max((len(row[0]) for row in rows), default=0)
     table.add_column(columns[0], overflow="fold", no_wrap=longest <= console.width // 2)

@@ -9,6 +9,14 @@ from ..runs.results import run_folder
 from ..tables.demo import SCENE, run_demo
 from .common import BOTH, add_cache, add_variant, chosen_variants, open_with_bar
 from .console import reporting, say, show_report_table
+from .script import typed
+
+NEXT = {
+    "vo list": "the other scenes and any KITTI sequences found",
+    "vo run synthetic/jam --out runs/jam": "one method on another scene",
+    "vo run PATH --out runs/mine": "a KITTI-layout folder of your own",
+    "vo check": "what is missing for KITTI, and how to get it",
+}
 
 
 def add(commands: Any) -> None:
@@ -27,11 +35,10 @@ def _demo(options: argparse.Namespace) -> int:
             tables = run_demo(sequence, folder, chosen_variants(options.variant), report)
     for table in tables:
         show_report_table(table)
+    commands = {typed(command): text for command, text in NEXT.items()}
+    width = max(map(len, commands)) + 4
     say(
         f"Look at {folder / 'report.html'} in a browser. What next:",
-        "  vo list                                    the other scenes and any KITTI sequences found",
-        "  vo run synthetic/jam --out runs/jam        one method on another scene",
-        "  vo run PATH --out runs/mine                a KITTI-layout folder of your own",
-        "  vo check                                   what is missing for KITTI, and how to get it",
+        *(f"  {command:<{width}}{text}" for command, text in commands.items()),
     )
     return 0

@@ -16,6 +16,7 @@ from ..data.places import detector_folder, kitti_root
 from ..data.sequence import available, kitti_roots
 from ..detection.detectors import known
 from .console import say, show_table
+from .script import typed
 
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "matplotlib", "jupyterlab", "ipywidgets")
 OPENCV_NAMES = (
@@ -73,6 +74,11 @@ def _check(options: argparse.Namespace) -> int:
     return 1 if any(finding.state == "problem" for finding in findings) else 0
 
 
+def version() -> str:
+    """The kit's version."""
+    return installed_version("stereo-vo-kit") or "of a folder that is not installed"
+
+
 def check() -> list[Finding]:
     """All findings, problems and notes included, in a fixed order."""
     findings = [_python()]
@@ -118,7 +124,7 @@ def _opencv() -> Finding:
 
 
 def data_steps() -> list[tuple[str, str]]:
-    """How one comes to data, step by step: a command that works anywhere, and what it does."""
+    """How one comes to data, step by step: a command, and what it does."""
     return [
         (
             "vo data get_kitti --sequences 07,04",
@@ -138,7 +144,7 @@ def data_steps() -> list[tuple[str, str]]:
 def _steps(*scripts: str) -> str:
     """The steps of some scripts, a line each."""
     steps = [step for step in data_steps() if step[0].split()[2] in scripts]
-    return "".join(f"\n  {command}\n      {text}" for command, text in steps)
+    return "".join(f"\n  {typed(command)}\n      {text}" for command, text in steps)
 
 
 def _kitti() -> Finding:

@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..config import METHODS, Config, DetectorConfig, PublishedConfig, change, preset
+from ..config import Config, DetectorConfig, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
 from ..core.files import write_bytes_atomic
@@ -22,7 +22,7 @@ from ..runs.runner import Run
 from ..tables.film import Film, require_film, shown_frames
 from ..tables.plots import png, trajectory_figure
 from ..tables.view import View
-from .common import add_variant, open_with_bar, parse_frames
+from .common import add_method, add_sequence, add_variant, open_with_bar, parse_frames
 from .console import reporting, say, show_run
 from .setting_options import add_option, given
 
@@ -34,10 +34,11 @@ def add(commands: Any) -> None:
     parser = commands.add_parser(
         "run",
         help="one run over one sequence",
-        epilog="example: vo run kitti/07 --method feature_selection --out runs/07 --selection.sets 100",
+        epilog="example: vo run kitti/07 --method feature_selection --out runs/07 --selection.sets 100. "
+        "--help-settings lists the thresholds.",
     )
-    parser.add_argument("sequence", help="a KITTI-layout folder, or a name from `vo list` such as kitti/07")
-    parser.add_argument("--method", default="feature_selection", help=f"one of {', '.join(METHODS)}")
+    add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list` such as kitti/07")
+    add_method(parser)
     add_variant(parser, "kit")
     parser.add_argument(
         "--out",
@@ -72,18 +73,41 @@ def add(commands: Any) -> None:
         help="a page (.html) that shows path and points in three dimensions",
     )
     parser.add_argument("--fresh", action="store_true", help="start anew whatever the folder holds")
-    add_settings(parser)
+    parser.add_argument(
+        "--help-settings",
+        action=SettingsHelp,
+        nargs="?",
+        choices=list(dict.fromkeys(map(section, every_setting()))),
+        help="the thresholds, which are options too: all of them, or those of a GROUP",
+        metavar="GROUP",
+    )
+    for item in every_setting():  # not in the short help
+        add_option(parser, item, item.name, shown=False)
     parser.set_defaults(command=_run)
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
-    """An option for every declared setting, in a group for each section."""
-    group = None
-    for item in (*settings.declared(Config), *settings.declared(DetectorConfig, DETECTOR)):
-        section = item.name.partition(".")[0] if "." in item.name else "run"
-        if group is None or group.title != section:
-            group = parser.add_argument_group(section)
-        add_option(group, item, item.name)
+def every_setting() -> list[settings.Setting]:
+    """The method's thresholds, then the detector's."""
+    return [*settings.declared(Config), *settings.declared(DetectorConfig, DETECTOR)]
+
+
+def section(item: settings.Setting) -> str:
+    """The group of a setting."""
+    return item.name.partition(".")[0] if "." in item.name else "run"
+
+
+class SettingsHelp(argparse.Action):
+    """Print the thresholds with their ranges and defaults, a group for each section, and end."""
+
+    def __call__(self, parser: argparse.ArgumentParser, space: Any, chosen: Any, option: Any = None) -> None:
+        """Of the section chosen, or of all."""
+        page = argparse.ArgumentParser(prog=parser.prog, usage="vo run … [--SETTING X …]", add_help=False)
+        groups = {section(item): page.add_argument_group(section(item)) for item in every_setting()}
+        for item in every_setting():
+            if chosen in (None, section(item)):
+                add_option(groups[section(item)], item, item.name)
+        page.print_help()
+        parser.exit()
 
 
 def config_from_options(options: argparse.Namespace) -> PublishedConfig:

@@ -87,8 +87,23 @@ def parallel(
 def _pool(tasks: list[Task], done: dict[int, Done]) -> None:
     """Do tasks with joblib's present backend; each is noted in `done` as it ends."""
     run = joblib.Parallel(batch_size=1, max_nbytes=None, return_as="generator_unordered")
-    with closing(run(joblib.delayed(_attempt)(task) for task in tasks)) as ended:
+    with _interrupts_held_back():
+        running = run(joblib.delayed(_attempt)(task) for task in tasks)
+    with closing(running) as ended:
         done.update(ended)
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """A context that Ctrl-C does not reach, nor the processes started in it, before they ignore it."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _attempt(task: Task) -> tuple[int, Done]:
