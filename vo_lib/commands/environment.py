@@ -16,7 +16,7 @@ from ..data.places import detector_folder, kitti_root
 from ..data.sequence import available, kitti_roots
 from ..detection.detectors import known
 from .console import say, show_table
-from .script import typed
+from .script import install, typed
 
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "matplotlib", "jupyterlab", "ipywidgets")
 OPENCV_NAMES = (
@@ -25,7 +25,7 @@ OPENCV_NAMES = (
     "opencv-contrib-python",
     "opencv-contrib-python-headless",
 )
-OLDEST_PYTHON = (3, 10)
+OLDEST_PYTHON = (3, 11)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def check() -> list[Finding]:
 def _python() -> Finding:
     found = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     if sys.version_info[:2] < OLDEST_PYTHON:
-        return Finding("Python", "problem", found, "install Python 3.10 or newer")
+        return Finding("Python", "problem", found, "install Python 3.11 or newer")
     return Finding("Python", "ok", found)
 
 
@@ -107,19 +107,19 @@ def installed_version(name: str) -> str | None:
 def _package(name: str) -> Finding:
     version = installed_version(name)
     if version is None:
-        return Finding(name, "problem", "not installed", "pip install -r environment.txt")
+        return Finding(name, "problem", "not installed", install())
     return Finding(name, "ok", version)
 
 
 def _opencv() -> Finding:
     present = [name for name in OPENCV_NAMES if installed_version(name) is not None]
     if len(present) > 1:
-        remedy = f"pip uninstall -y {' '.join(present)}, then pip install -r environment.txt"
+        remedy = f"pip uninstall -y {' '.join(present)}, then {install()}"
         return Finding("one OpenCV only", "problem", " and ".join(present) + " share one folder", remedy)
     try:
         import cv2
     except ImportError as error:
-        return Finding("one OpenCV only", "problem", str(error), "pip install -r environment.txt")
+        return Finding("one OpenCV only", "problem", str(error), install())
     return Finding("one OpenCV only", "ok", f"cv2 {cv2.__version__}")
 
 

@@ -33,6 +33,14 @@ def typed(command: str) -> str:
     return shlex.quote(str(program)) + command.removeprefix("vo")
 
 
+def install(extra: str = "") -> str:
+    """The command that installs what the kit needs, or an extra: from its folder, or by name."""
+    words = f"[{extra}]" if extra else ""
+    if not (Path(__file__).resolve().parents[2] / "environment.txt").exists():
+        return f'pip install "stereo-vo-kit{words}"'
+    return f'pip install ".{words}"' if extra else "pip install -r environment.txt"
+
+
 class Ended(KeyboardInterrupt):
     """SIGTERM: another program asks this one to end. It stops as for Ctrl-C, with all its processes."""
 
