@@ -11,11 +11,13 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, TypeVar
 
 import cv2
 import joblib
+from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from ..core.errors import DataError
@@ -24,6 +26,7 @@ Item = TypeVar("Item")
 Task = tuple[int, Callable[[Any], None], Any, int]
 
 KILLED = "its process was killed, perhaps for too much memory"
+HOLDS_BACK = hasattr(signal, "pthread_sigmask")  # not Windows
 WATCH = 0.5  # seconds between two looks at whether the first process is there
 CONNECT = 10.0  # seconds to wait for a scheduler
 
@@ -96,7 +99,7 @@ def _pool(tasks: list[Task], done: dict[int, Done]) -> None:
 @contextmanager
 def _interrupts_held_back() -> Iterator[None]:
     """A context that Ctrl-C does not reach, nor the processes started in it, before they ignore it."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+    if not HOLDS_BACK:
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -142,6 +145,8 @@ def _end_with(parent: int) -> None:
 def _backend(workers: int, scheduler: str | None) -> Iterator[type[Exception]]:
     """Joblib set up for local processes or a Dask cluster; yields the exception that means a killed task."""
     if scheduler is None:
+        for tracker in (loky_tracker, resource_tracker) if HOLDS_BACK else ():
+            tracker.ensure_running()  # started later, it would let through interrupts that are held back
         with joblib.parallel_config("loky", n_jobs=workers, initializer=_set_up_worker):
             yield BrokenProcessPool
         return
