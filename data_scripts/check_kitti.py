@@ -18,12 +18,12 @@ from rich.console import Console
 from rich.text import Text
 from rich.tree import Tree
 
+from data_scripts.fetch.kitti_check import SequenceReport, check_tree, parse_numbers
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.commands.script import typed
 from vo_lib.core.errors import DataError
-from vo_lib.data.kitti_check import SequenceReport, check_tree, parse_numbers
-from vo_lib.data.places import kitti_root
+from vo_lib.data.sequence import kitti_root
 
 PROBLEMS_SHOWN = 8  # of a sequence
 

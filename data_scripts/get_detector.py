@@ -18,8 +18,7 @@ from data_scripts.fetch.download import confirm, in_words
 from vo_lib.commands.console import reporting, say, show_table
 from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
-from vo_lib.data.places import detector_folder
-from vo_lib.detection.detectors import FETCHABLE, known
+from vo_lib.detection.detectors import FETCHABLE, detector_folder, known
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -27,13 +27,14 @@ from data_scripts.fetch.kitti_archive import (
     link_tree,
     plan,
 )
+from data_scripts.fetch.kitti_check import parse_numbers
 from data_scripts.fetch.zip_archives import Archives
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.commands.script import typed
 from vo_lib.core.errors import DataError
-from vo_lib.data.kitti_check import EXPECTED_FRAMES, parse_numbers
-from vo_lib.data.places import kitti_root
+from vo_lib.data.kitti import EXPECTED_FRAMES
+from vo_lib.data.sequence import kitti_root
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -35,9 +35,9 @@ from vo_lib.runs.results import read_run, run_folder
 from vo_lib.runs.runner import Run
 from vo_lib.synthetic import SCENES
 from vo_lib.tables.entries import measure_runs
-from vo_lib.tables.report import ReportTable, provenance
+from vo_lib.tables.report import ReportTable, markdown, provenance
 from vo_lib.tables.reproduce import slug
-from vo_lib.tables.table1 import VARIANT_WORDS, markdown
+from vo_lib.tables.table1 import VARIANT_WORDS
 
 SEEDS, CHECKED = range(5), range(5, 10)
 RULES = ("none", "all", "moving", "truth")

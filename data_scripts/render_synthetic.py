@@ -14,13 +14,14 @@ from pathlib import Path
 
 import cv2
 
+from data_scripts._contact_sheet import contact_sheet
 from vo_lib.commands.common import add_cache, parse_whole
 from vo_lib.commands.console import reporting
 from vo_lib.commands.data import run_script
 from vo_lib.commands.setting_options import add_settings, given
 from vo_lib.core.errors import DataError
 from vo_lib.core.settings import declared
-from vo_lib.synthetic import SCENES, SceneConfig, contact_sheet, ensure_scene, scene_config
+from vo_lib.synthetic import SCENES, SceneConfig, ensure_scene, scene_config
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -3,24 +3,22 @@
     python tests/compare_paths.py write FILE [SEQUENCE ...]     before: one line for each run
     python tests/compare_paths.py compare FILE [SEQUENCE ...]   after: says which lines differ; 1 if any does
 
-A run is a sequence, a front end, a variant where `preset` knows variants, a mode and a method; its digest is
-the SHA-256 of its poses as KITTI writes them. Without sequences: synthetic/traffic and synthetic/jam, and
+A run is a sequence, a front end, a mode and a method, or a published method; its digest is the SHA-256 of its
+poses as KITTI writes them. Without sequences: synthetic/traffic and synthetic/jam, and
 kitti/00 where there is one (KITTI_ROOT). `compare` looks at the sequences it is given, or all of FILE.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-import inspect
+import itertools
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from vo_lib import config as settings
 from vo_lib import open_sequence, preset
-from vo_lib.config import METHODS, Config
+from vo_lib.config import METHODS, PUBLISHED, PublishedConfig, change
 from vo_lib.core.poses import format_kitti_poses
 from vo_lib.data.sequence import available
 from vo_lib.runs.runner import run_methods
@@ -31,33 +29,20 @@ SEQUENCES = ("synthetic/traffic", "synthetic/jam")
 WHERE_FOUND = "kitti/00"
 
 
-def variants() -> dict[str, dict[str, Any]]:
-    """Words for `preset` by the name of the variant; what it gives unasked is "-", so that old lines stay."""
-    found: dict[str, dict[str, Any]] = {"-": {}}
-    taken = inspect.signature(preset).parameters.get("variant")
-    if taken is not None:
-        names = getattr(settings, "VARIANTS", None) or ("kit", "published")
-        found |= {name: {"variant": name} for name in names if name != taken.default}
-    return found
-
-
-def configs() -> Iterator[tuple[str, Config]]:
-    """Every name and configuration."""
-    for front_end in FRONT_ENDS:
-        for variant, more in variants().items():
-            for mode in MODES:
-                for method in METHODS:
-                    made = preset(method, mode=mode, **more)
-                    matching = dataclasses.replace(made.matching, front_end=front_end)
-                    words = [front_end, variant, mode, method]
-                    yield " ".join(words), dataclasses.replace(made, matching=matching)
+def configs() -> Iterator[tuple[str, PublishedConfig]]:
+    """Every name and configuration: the kit's with each front end and mode, the published ones as such."""
+    for front_end, mode, method in itertools.product(FRONT_ENDS, MODES, METHODS):
+        made = change(preset(method, mode=mode), "matching.front_end", front_end)
+        yield f"{front_end} - {mode} {method}", made
+    for method, published in PUBLISHED.items():
+        yield f"published {method}", published
 
 
 def digests(sequence: str) -> dict[str, str]:
     """Digest of the path of each run over a sequence, by "sequence front_end variant mode method"."""
     opened = open_sequence(sequence)
     # Runs with the same front end share its matches, which take most of the time.
-    groups: dict[Any, dict[str, Config]] = {}
+    groups: dict[Any, dict[str, PublishedConfig]] = {}
     for name, made in configs():
         groups.setdefault((made.features, made.matching), {})[name] = made
     found = {}

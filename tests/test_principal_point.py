@@ -15,8 +15,8 @@ from vo_lib.config import CalibrationConfig
 from vo_lib.core import settings
 from vo_lib.core.boxes import no_boxes
 from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import essential_from_motion, inverse, rotation_angle, sampson_distance
-from vo_lib.core.sampson import match_terms
+from vo_lib.core.geometry import essential_from_motion, inverse, rotation_angle
+from vo_lib.core.sampson import match_terms, sampson_distance
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors

@@ -9,8 +9,7 @@ from pathlib import Path
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import file_sha256, write_bytes_atomic, write_text_atomic
 from vo_lib.core.types import Progress
-from vo_lib.data.places import detector_folder
-from vo_lib.detection.detectors import FETCHABLE, REGISTRY, Detector, registered
+from vo_lib.detection.detectors import FETCHABLE, REGISTRY, Detector, detector_folder, registered
 
 from .download import download, require_space
 

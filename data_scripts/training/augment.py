@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vo_lib.core.boxes import Boxes
-from vo_lib.core.types import Array, Image
+from vo_lib.core.types import Array, Image, Whole
 from vo_lib.detection.yolo_layout import PAD, fit_size, letterbox, place
 
 from .config import TrainingConfig
@@ -37,7 +36,7 @@ class Target:
 
     image: Image
     corners: Array
-    class_id: NDArray[np.int64]
+    class_id: Whole
     ignored: Array
 
 

@@ -13,12 +13,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_text, write_text_atomic
-from vo_lib.core.types import Progress
+from vo_lib.core.types import Progress, Whole
 from vo_lib.data.labels import write_labels
 
 from .evaluated import DRIVE, WHY, evaluated_sequence
@@ -219,7 +218,7 @@ def _link(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def boxes_by_class(found: list[Labelled]) -> NDArray[np.int64]:
+def boxes_by_class(found: list[Labelled]) -> Whole:
     """How many boxes each class has."""
     kinds = np.concatenate([one.boxes.class_id for one in found]) if found else np.zeros(0, np.int64)
     return np.bincount(kinds, minlength=len(NAMES)).astype(np.int64)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vo_lib.core.boxes import Boxes
-from vo_lib.core.types import Array
+from vo_lib.core.boxes import Boxes, area, common_area, overlap
+from vo_lib.core.types import Array, Mask, Whole
 
 RECALLS = np.linspace(0.0, 1.0, 101)  # where the precision is read, as COCO's evaluation does
 
@@ -24,24 +23,9 @@ class Judged:
     """
 
     score: Array
-    right: NDArray[np.bool_]
-    class_id: NDArray[np.int64]
-    wanted: NDArray[np.int64]
-
-
-def iou(a: Array, b: Array) -> Array:
-    """Overlap (K, M) of boxes (K, 4) and (M, 4), corners."""
-    low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
-    both = np.clip(high - low, 0.0, None).prod(axis=2)
-    area = [(x[:, 2:] - x[:, :2]).prod(axis=1) for x in (a, b)]
-    return np.asarray(both / np.maximum(area[0][:, None] + area[1][None] - both, 1e-12))
-
-
-def covered(a: Array, b: Array) -> Array:
-    """Share of each box (K, 4) that lies in each region (M, 4): (K, M)."""
-    low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
-    both = np.clip(high - low, 0.0, None).prod(axis=2)
-    return np.asarray(both / np.maximum((a[:, 2:] - a[:, :2]).prod(axis=1), 1e-12)[:, None])
+    right: Mask
+    class_id: Whole
+    wanted: Whole
 
 
 def judge(found: Boxes, truth: Boxes, regions: Array, min_height: float = 0.0, least: float = 0.5) -> Judged:
@@ -54,16 +38,16 @@ def judge(found: Boxes, truth: Boxes, regions: Array, min_height: float = 0.0, l
     order = np.argsort(-found.score, kind="stable")
     boxes, kinds = found.xyxy[order], found.class_id[order]
     tall = truth.xyxy[:, 3] - truth.xyxy[:, 1] >= min_height
-    overlap = np.where(kinds[:, None] == truth.class_id[None], iou(boxes, truth.xyxy), 0.0)
+    shared = np.where(kinds[:, None] == truth.class_id[None], overlap(boxes, truth.xyxy), 0.0)
     free = np.ones(len(truth), np.bool_)
     right, counts = np.zeros(len(boxes), np.bool_), np.ones(len(boxes), np.bool_)
-    aside = np.asarray((covered(boxes, regions) >= 0.5).any(axis=1))
+    aside = np.asarray((common_area(boxes, regions) >= 0.5 * area(boxes)[:, None]).any(axis=1))
     low = boxes[:, 3] - boxes[:, 1] < min_height
     for k in range(len(boxes)):
         # A box that counts goes before one that does not, then the larger overlap.
-        worth = overlap[k] * free * np.where(tall, 2.0, 1.0)
+        worth = shared[k] * free * np.where(tall, 2.0, 1.0)
         best = int(worth.argmax()) if len(truth) else -1
-        if best >= 0 and overlap[k, best] >= least and free[best]:
+        if best >= 0 and shared[k, best] >= least and free[best]:
             free[best] = False
             right[k], counts[k] = tall[best], tall[best]
         else:

@@ -17,10 +17,9 @@ import numpy as np
 
 from vo_lib.core.files import write_bytes_atomic, write_text_atomic
 from vo_lib.core.types import Progress
-from vo_lib.synthetic.blur import smear
 from vo_lib.synthetic.render import Renderer
 from vo_lib.synthetic.scenes import KITTI_F, SCENES, SceneConfig, scene_config
-from vo_lib.synthetic.sensor import expose, exposures
+from vo_lib.synthetic.sensor import expose, exposures, smear
 from vo_lib.synthetic.truth_files import Box, visible_boxes
 from vo_lib.synthetic.world import make_world
 

@@ -12,9 +12,8 @@ from vo_lib.core.geometry import (
     essential_from_motion,
     rotation_angle,
     rotation_from_vector,
-    sampson_distance,
 )
-from vo_lib.core.sampson import match_terms
+from vo_lib.core.sampson import match_terms, sampson_distance
 from vo_lib.core.types import Array
 
 FOCAL = 700.0

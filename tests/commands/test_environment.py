@@ -9,8 +9,8 @@ from conftest import write_bands
 
 from vo_lib.commands import environment
 from vo_lib.commands.data import scripts
-from vo_lib.data import places
-from vo_lib.data.kitti_check import EXPECTED_FRAMES
+from vo_lib.data import sequence
+from vo_lib.data.kitti import EXPECTED_FRAMES
 
 
 def test_a_user_without_data_is_told_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -39,8 +39,8 @@ def test_incomplete_sequences_are_noted(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_data_goes_where_the_kit_looks_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(places, "kitti_roots", lambda: [])
+    monkeypatch.setattr(sequence, "kitti_roots", lambda: [])
     monkeypatch.setenv("KITTI_ROOT", str(tmp_path / "kitti"))
-    assert places.kitti_root() == tmp_path / "kitti"
+    assert sequence.kitti_root() == tmp_path / "kitti"
     monkeypatch.setenv("KITTI_ROOT", "")
-    assert places.kitti_root() == places.PROJECT / "data" / "kitti"
+    assert sequence.kitti_root() == sequence.PROJECT / "data" / "kitti"

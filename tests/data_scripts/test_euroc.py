@@ -11,7 +11,6 @@ from data_command import load
 from test_stereo_calibration import rectified_pixels
 
 from data_scripts.fetch.euroc import read_euroc_drive
-from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import inverse, quaternion_from_rotation, rigid, rotation_from_vector, transform
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import open_sequence
@@ -158,11 +157,6 @@ def test_what_is_wrong_is_one_line_that_names_the_file(
     assert expected in error
     assert str(mav0 / name) in error
     assert not (tmp_path / "new").exists()
-
-
-def test_a_folder_of_another_kind_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="is no EuRoC folder"):
-        read_euroc_drive(tmp_path)
 
 
 def test_a_euroc_folder_becomes_a_sequence_with_truth(

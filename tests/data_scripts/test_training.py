@@ -18,7 +18,7 @@ from data_scripts.training.augment import fitted, training_picture
 from data_scripts.training.config import DetectionSetConfig, TrainingConfig
 from data_scripts.training.dataset import DetectionSet, Example, open_set
 from data_scripts.training.evaluated import ODOMETRY_DRIVES, evaluated_sequence, refuse_evaluated
-from data_scripts.training.mean_ap import average_precision, iou, judge, recall_precision
+from data_scripts.training.mean_ap import average_precision, judge, recall_precision
 from data_scripts.training.street_set import Street, draw_street, random_scene, streets
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.errors import DataError
@@ -80,11 +80,6 @@ def test_an_evaluated_picture_is_the_whole_image() -> None:
     assert target.image.shape == (64, 192)
     assert (target.image[y0 + 1 : y1 - 1, x0 + 1 : x1 - 1] > 200).all()
     assert target.image[:, x1 + 2 :].max(initial=0) < 200
-
-
-def test_iou_of_known_boxes() -> None:
-    found = iou(np.array([[0, 0, 10, 10.0]]), np.array([[0, 0, 10, 10], [5, 0, 15, 10], [20, 0, 30, 10.0]]))
-    assert found == pytest.approx(np.array([[1.0, 1 / 3, 0.0]]))
 
 
 def test_a_second_detection_of_one_vehicle_is_wrong() -> None:
@@ -252,12 +247,13 @@ def tiny_set(tmp_path: Path) -> DetectionSet:
 
 
 def test_the_overlap_of_equal_boxes_is_one_and_falls_with_distance(torch: Any) -> None:
-    from data_scripts.training.loss import complete_overlap, overlap
+    from data_scripts.training.loss import complete_overlap
+    from data_scripts.training.loss import overlap as differentiable
 
     box = torch.tensor([[0.0, 0, 10, 10]])
     for shift, known in ((0.0, 1.0), (5.0, 1 / 3), (50.0, 0.0)):
         moved = box + torch.tensor([shift, 0, shift, 0])
-        assert float(overlap(box, moved)) == pytest.approx(known, abs=1e-5)
+        assert float(differentiable(box, moved)) == pytest.approx(known, abs=1e-5)
         assert float(complete_overlap(box, moved)) <= known + 1e-5
     near, far = (complete_overlap(box, box + torch.tensor([d, 0.0, d, 0.0])) for d in (20.0, 80.0))
     assert float(far) < float(near) < 0  # apart, but still told the way

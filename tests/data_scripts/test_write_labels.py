@@ -168,12 +168,3 @@ def test_an_error_in_the_detectors_thread_reaches_the_run(bands: Path, model: Pa
         assert len(detected.boxes(3)) == 1
         with pytest.raises(DataError, match=r"000004\.png"):
             detected.boxes(4)
-
-
-def test_wrong_options_end_with_one_line_and_code_two(
-    bands: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert write_labels([str(bands), "--model", "nothing.onnx"]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert write_labels([str(bands), "--model", "street", "--score", "2"]) == 2
-    assert "score: 2.0 is not a number from 0.001 to 1" in capsys.readouterr().err

@@ -71,11 +71,6 @@ def test_one_truth_may_have_several_estimates_with_names_of_their_own(
     assert main([*command, "--names", "kit,other", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert [system["system"] for system in data["systems"]] == ["kit", "other"]
-    for names in ("kit", "kit,kit", "kit,"):
-        assert main([*command, "--names", names]) == 2
-        assert "expected 2 different names" in capsys.readouterr().err
-    assert main(words(files, ["truth/07.txt", "truth/09.txt"], ["ours/07.txt"])) == 2
-    assert "2 truth files and 1 estimates" in capsys.readouterr().err
 
 
 def test_pictures_of_paths_and_errors_are_drawn_and_the_same_each_time(files: Path) -> None:

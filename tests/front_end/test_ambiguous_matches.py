@@ -11,9 +11,8 @@ from vo_lib.config import FeatureConfig, MatchingConfig
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array, Image
-from vo_lib.front_end.blob_corner import describe_pair
+from vo_lib.front_end.blob_corner import BlobCornerMatcher
 from vo_lib.front_end.front_end import FrontEnd, make_front_end
-from vo_lib.front_end.surface import CoarseDisparity
 from vo_lib.method.matching import LoopMatcher
 
 WIDTH, HEIGHT, DISPARITY = 320, 160, 12
@@ -139,19 +138,15 @@ def test_of_two_look_alikes_in_the_left_image_the_right_one_has_but_one_partner(
     left = scene({seen: pattern, hidden: 0.8 * pattern}, 0)
     right = scene({seen: pattern}, 1)
     # Its left and right image have features in common, and the hidden post would be 30 px nearer.
-    pair = describe_pair((left, right), no_disparity(), SHARP, MatchingConfig(max_disparity=64))
-    of_seen, of_hidden = (near(pair.found_left.uv, place, 4) for place in (seen, hidden))
+    pair = BlobCornerMatcher(CAMERA, SHARP, MatchingConfig(max_disparity=64)).prepare((left, right))
+    of_seen, of_hidden = (near(pair.in_left.uv, place, 4) for place in (seen, hidden))
     assert np.count_nonzero(of_hidden) >= 2
     assert (pair.partner[of_hidden] == -1).all()
     partner = pair.partner[of_seen]
     assert np.count_nonzero(partner >= 0) >= 2
     ok = partner >= 0
-    shift = pair.found_left.uv[of_seen][ok] - pair.found_right.uv[partner[ok]]
+    shift = pair.in_left.uv[of_seen][ok] - pair.in_right.uv[partner[ok]]
     np.testing.assert_array_equal(shift, np.tile([DISPARITY, 0], (len(shift), 1)))
-
-
-def no_disparity() -> CoarseDisparity:
-    return np.full((HEIGHT // 2, WIDTH // 2), -1, np.float32)
 
 
 def test_two_that_come_to_one_feature_are_the_older_one_and_no_match() -> None:

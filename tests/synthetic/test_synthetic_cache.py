@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import errno
 import shutil
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import pytest
+from data_command import load
 
 from vo_lib.core.errors import DataError
 from vo_lib.synthetic import ensure_scene, is_complete, scene_config, scene_key
@@ -34,16 +33,6 @@ def test_two_processes_draw_the_same_bytes_as_one(drawn: Path, tmp_path: Path) -
     assert again.name == drawn.name
     assert contents(again) == contents(drawn)
     assert counts[-1] == (3, 3)
-
-
-def test_a_new_python_process_draws_the_same_bytes(drawn: Path, tmp_path: Path) -> None:
-    code = (
-        "from vo_lib.synthetic import ensure_scene, scene_config;"
-        "tiny = scene_config('empty', width=160, height=64, length=2.0, speed=8.0);"
-        "ensure_scene(tiny, __import__('sys').argv[1], jobs=1)"
-    )
-    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)
-    assert contents(tmp_path / drawn.name) == contents(drawn)
 
 
 def test_a_complete_scene_is_not_drawn_again(drawn: Path) -> None:
@@ -117,21 +106,18 @@ def test_a_disk_that_gets_full_is_one_clear_error_and_leaves_nothing(
     assert list((tmp_path / "cache").iterdir()) == []
 
 
-def test_the_script_explains_itself_and_refuses_nonsense(drawn: Path, tmp_path: Path) -> None:
-    script = Path(__file__).resolve().parents[2] / "data_scripts" / "render_synthetic.py"
-
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, str(script), *words]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-
-    shown = run("--help")
-    assert shown.returncode == 0
-    assert "examples:" in shown.stdout
-    assert "--overtaking" in shown.stdout
+def test_the_script_explains_itself_and_refuses_nonsense(
+    drawn: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = load("render_synthetic")
+    assert run(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert "examples:" in shown
+    assert "--overtaking" in shown
     size = ["--width", "160", "--height", "64", "--length", "2", "--speed", "8", "--cache", str(drawn.parent)]
-    assert run("empty", *size).stdout.strip() == str(drawn)
+    assert run(["empty", *size]) == 0
+    assert capsys.readouterr().out.strip() == str(drawn)
     bad = (["nowhere"], ["empty", "--width", "ten"], ["empty", "--length", "-4"], ["empty", "--jobs", "0"])
     for words in bad:
-        refused = run(*words)
-        assert refused.returncode == 2
-        assert len(refused.stderr.strip().splitlines()) == 1
+        assert run(words) == 2
+        assert len(capsys.readouterr().err.strip().splitlines()) == 1

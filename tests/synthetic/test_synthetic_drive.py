@@ -81,10 +81,3 @@ def test_scenes_hold_what_their_names_promise() -> None:
     assert moving["jam"][0].model.name == "truck"
     assert not parked["highway"]
     assert moving["highway"]
-
-
-def test_a_vehicle_ahead_stays_ahead_in_its_lane() -> None:
-    drive, vehicles = traffic("jam")
-    seen = inverse(drive.poses) @ vehicles[0].poses
-    assert np.all((seen[:, 2, 3] > 5.0) & (seen[:, 2, 3] < 40.0))
-    assert np.all(np.abs(seen[:, 0, 3]) < 1.5)

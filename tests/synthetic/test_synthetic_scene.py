@@ -14,9 +14,9 @@ from vo_lib.core.matches import StereoMatches
 from vo_lib.synthetic import SCENES, SceneConfig, Truth, ensure_scene, open_truth, scene_config
 from vo_lib.synthetic.antialias import soften_edges
 from vo_lib.synthetic.atlas import TextureSet
-from vo_lib.synthetic.blur import image_velocity
 from vo_lib.synthetic.mesh import Faces
 from vo_lib.synthetic.render import NEAR, Renderer, rasterise
+from vo_lib.synthetic.sensor import image_velocity
 from vo_lib.synthetic.truth_files import MIN_HEIGHT, MIN_PIXELS, decode_depth, encode_depth
 from vo_lib.synthetic.world import World, make_world
 

@@ -14,9 +14,9 @@ from vo_lib.core.geometry import (
     inverse,
     rigid,
     rotation_from_vector,
-    sampson_distance,
     transform,
 )
+from vo_lib.core.sampson import sampson_distance
 from vo_lib.synthetic import SCENES
 from vo_lib.synthetic.drive import make_drive, make_route
 from vo_lib.synthetic.tracks import SimulatedFrame, TrackConfig, simulate_tracks

@@ -66,20 +66,6 @@ def test_the_path_grows_and_removed_features_are_orange(bands: Path, variant: st
     assert all(picture[words].std() > 5 for picture in pictures.values())
 
 
-def test_a_film_that_cannot_be_is_said_before_the_run(
-    bands: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = bands.parent / "out"
-    for option, name, expected in (
-        ("--video", "film.gif", "ending in .mp4 or .avi"),
-        ("--video", "no/film.mp4", "folder is missing"),
-        ("--view", "view.txt", "ending in .html"),
-    ):
-        assert main(["run", str(bands), "--out", str(out), option, str(bands.parent / name)]) == 2
-        assert expected in capsys.readouterr().err
-    assert not out.exists()
-
-
 def test_the_view_has_the_points_at_their_depths_and_needs_nothing_else(bands: Path) -> None:
     page = bands.parent / "view.html"
     assert main(["run", str(bands), "--out", str(bands.parent / "out"), *SMALL, "--view", str(page)]) == 0

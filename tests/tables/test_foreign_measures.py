@@ -14,7 +14,7 @@ from vo_lib.config import METHODS
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.frame import FrameResult
 from vo_lib.core.types import Array
-from vo_lib.data.kitti_check import EXPECTED_FRAMES
+from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, KITTI_STEP, SHORT_MEASURE, Measure
 from vo_lib.runs.runner import Run
 from vo_lib.tables.entries import Entry, Group, group_entries, measure_runs

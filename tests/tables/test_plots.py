@@ -46,6 +46,10 @@ def test_kept_and_removed_matches_have_their_colours_where_they_are() -> None:
     assert np.abs(decoded.astype(int) - picture).mean() < 10
 
 
+def test_a_dollar_sign_in_a_name_is_no_formula() -> None:
+    assert png(trajectory_figure("a$b_{$c", None, {"d$": np.tile(np.eye(4), (2, 1, 1))}))
+
+
 def test_the_truth_is_drawn_from_the_place_where_the_estimate_starts() -> None:
     start = rigid(rotation_from_vector(np.array([0.0, 0.5, 0.0])), np.array([10.0, 0.0, -4.0]))
     poses = np.tile(np.eye(4), (5, 1, 1))

@@ -7,14 +7,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.camera import StereoCamera
 from ..core.frame import FrameResult
 from ..core.geometry import rigid, rotation_from_vector
 from ..core.matches import StereoMatches
 from ..core.reprojection import CONVERGED, GOOD_ENOUGH, linearise, measured_pixels
-from ..core.types import Array, Mask
+from ..core.types import Array, Index, Mask
 from ..method.odometry import Odometry
 from .config import PublishedConfig, ReprojectionConfig
 
@@ -96,7 +95,7 @@ def refit_motion(
     X_p: Array,
     cur_left: Array,
     cur_right: Array,
-    chosen: NDArray[np.intp],
+    chosen: Index,
     R_cp: Array,
     t_cp: Array,
     config: ReprojectionConfig,
@@ -154,7 +153,7 @@ def _gauss_newton(
     return R, t
 
 
-def _triples(rng: np.random.Generator, number: int, trials: int) -> NDArray[np.intp]:
+def _triples(rng: np.random.Generator, number: int, trials: int) -> Index:
     """Three different indices below `number` for each trial, (trials, 3), all triples equally likely."""
     first, second, third = (rng.integers(0, number - k, trials) for k in range(3))
     # Each is drawn among those that are left, and steps over those already taken.

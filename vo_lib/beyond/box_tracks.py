@@ -6,12 +6,12 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..core.boxes import Boxes
+from ..core.boxes import Boxes, overlap
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
-from ..core.types import Array, Mask
+from ..core.rows import Rows, joined
+from ..core.types import Array, Mask, Whole
 from ..method.boxes import inside, vehicles
 from .config import FilterConfig, MovingConfig
 from .moving import (
@@ -31,7 +31,7 @@ BACKGROUND_SHARE = 4  # one feature of so many outside the boxes is asked how it
 
 
 @dataclass(frozen=True)
-class Tracks:
+class Tracks(Rows):
     """M boxes followed, as of one frame.
 
     Attributes
@@ -46,16 +46,8 @@ class Tracks:
     xyxy: Array
     information: Array
     vector: Array
-    state: NDArray[np.int64]
-    missed: NDArray[np.int64]
-
-    def __getitem__(self, index: Mask | NDArray[np.intp]) -> Tracks:
-        return Tracks(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
-
-    def __add__(self, other: Tracks) -> Tracks:
-        """The tracks of both, in this order."""
-        names = [f.name for f in dataclasses.fields(self)]
-        return Tracks(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
+    state: Whole
+    missed: Whole
 
 
 def new_tracks(xyxy: Array) -> Tracks:
@@ -65,16 +57,7 @@ def new_tracks(xyxy: Array) -> Tracks:
     return Tracks(xyxy, np.zeros((m, 3, 3)), np.zeros((m, 3)), zero + UNKNOWN, zero)
 
 
-def overlap(a: Array, b: Array) -> Array:
-    """Intersection over union (M, K) of boxes (M, 4) with boxes (K, 4)."""
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    common = np.prod(np.maximum(high - low, 0.0), axis=2)
-    area_a, area_b = (np.prod(x[:, 2:] - x[:, :2], axis=1) for x in (a, b))
-    return np.asarray(common / np.maximum(area_a[:, None] + area_b - common, 1e-9))
-
-
-def pair_up(iou: Array, least: float) -> NDArray[np.int64]:
+def pair_up(iou: Array, least: float) -> Whole:
     """Row for each column (K,) by descending overlap, each row once; -1 where none of `least` is left."""
     row_of = np.full(iou.shape[1], -1)
     left = iou.copy()
@@ -131,11 +114,11 @@ class Judgement:
     """
 
     boxes: Boxes
-    state: NDArray[np.int64]
+    state: Whole
     step: Array
-    matches: NDArray[np.int64]
+    matches: Whole
     before: Array
-    state_before: NDArray[np.int64]
+    state_before: Whole
     few_background: bool
     agrees: Mask
 
@@ -168,14 +151,14 @@ class BoxMotionClassifier:
         row_of = pair_up(overlap(expected, found.xyxy), self.config.moving.overlap)
         known = row_of >= 0
         R_cp = np.eye(3) if self._motion is None else self._motion[:3, :3]
-        index = np.where(known, row_of, len(old.state) + np.arange(len(found)))
-        now = (old + new_tracks(found.xyxy))[index]
+        index = np.where(known, row_of, len(old) + np.arange(len(found)))
+        now = joined([old, new_tracks(found.xyxy)])[index]
         now = dataclasses.replace(now, xyxy=found.xyxy, missed=np.zeros(len(found), np.int64))
         now = with_evidence(now, fresh, R_cp, self.config.moving)
         lost = dataclasses.replace(old, xyxy=expected, missed=old.missed + 1)
-        lost = with_evidence(lost, no_steps(len(old.state)), R_cp, self.config.moving)
+        lost = with_evidence(lost, no_steps(len(old)), R_cp, self.config.moving)
         waits = lost.missed <= self.config.moving.patience
-        self._tracks = now + lost[waits & ~np.isin(np.arange(len(old.state)), row_of)]
+        self._tracks = joined([now, lost[waits & ~np.isin(np.arange(len(old)), row_of)]])
         observed = np.asarray(fresh.information.any(axis=(1, 2)))
         state_before = old.state.copy()
         state_before[row_of[known]] = now.state[known]

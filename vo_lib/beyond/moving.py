@@ -7,18 +7,17 @@ epipolar line, it also shows a car ahead that keeps its distance: its disparity 
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
 from ..core.geometry import rigid
 from ..core.matches import StereoMatches
 from ..core.reprojection import fit_motion
-from ..core.types import Array, Mask
+from ..core.rows import Rows
+from ..core.types import Array, Mask, Whole
 from ..method.boxes import inside
 from ..method.buckets import select_by_bucket
 from ..method.config import BucketConfig
@@ -36,7 +35,7 @@ OPEN = 1e-6
 
 
 @dataclass(frozen=True)
-class PointSteps:
+class PointSteps(Rows):
     """How N features moved against the background between two frames.
 
     Attributes
@@ -49,9 +48,6 @@ class PointSteps:
     step: Array
     information: Array
     depth: Array
-
-    def __getitem__(self, index: Mask | NDArray[np.intp]) -> PointSteps:
-        return PointSteps(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
 
     def squared_error(self, step: Array) -> Array:
         """Squared distance (N,) of each feature to a step (3,) or (N, 3), pixels²."""
@@ -77,25 +73,18 @@ def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> Po
     step is known well across the line of sight and badly along it; the information says so.
     """
     R_cp = T_cp[:3, :3]
-    X_p = _triangulate(camera, matches.prev_left, matches.prev_right)
-    X_c = _triangulate(camera, matches.cur_left, matches.cur_right)
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    X_c = camera.triangulate(matches.cur_left, matches.cur_right)
     stands = X_p @ R_cp.T + T_cp[:3, 3]
     spread_c = _point_covariance(camera, X_c)
     spread_p = R_cp @ _point_covariance(camera, X_p) @ R_cp.T
     return PointSteps(X_c - stands, np.asarray(np.linalg.inv(spread_p + spread_c)), stands[:, 2])
 
 
-def _triangulate(camera: StereoCamera, left: Array, right: Array) -> Array:
-    """Points (N, 3) of pixels (N, 2) in both images, whose rows count alike."""
-    row = (left[:, 1] + right[:, 1]) / 2.0
-    return camera.back_project(np.stack([left[:, 0], row], axis=1), left[:, 0] - right[:, 0])
-
-
 def _point_covariance(camera: StereoCamera, X: Array) -> Array:
     """Covariance (N, 3, 3) of triangulated points for a deviation of one pixel in u_left, v and u_right.
 
-    With d = u_left - u_right: Z = f b / d, X = (u_left - cx) Z / f, Y = (v - cy) Z / f. The mean row of
-    both images has half the variance of one.
+    With d = u_left - u_right: Z = f b / d, X = (u_left - cx) Z / f, Y = (v - cy) Z / f.
     """
     z = X[:, 2]
     per_pixel = z / camera.f
@@ -104,13 +93,11 @@ def _point_covariance(camera: StereoCamera, X: Array) -> Array:
     D[:, :, 0] = (depth / z)[:, None] * X
     D[:, :, 2] = -D[:, :, 0]
     D[:, 0, 0] += per_pixel
-    D[:, 1, 1] = per_pixel / np.sqrt(2.0)
+    D[:, 1, 1] = per_pixel
     return D @ np.swapaxes(D, 1, 2)
 
 
-def owner_of(
-    camera: StereoCamera, left: Array, right: Array, boxes: Boxes, config: FilterConfig
-) -> NDArray[np.int64]:
+def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes, config: FilterConfig) -> Whole:
     """Box that each feature (N, 2), (N, 2) may lie on, -1 for none; of several the one in front.
 
     The one in front is the lowest in the image. A feature so far away that a vehicle there would be taller
@@ -140,7 +127,7 @@ class BoxSteps:
 
     step: Array
     information: Array
-    matches: NDArray[np.int64]
+    matches: Whole
 
 
 def no_steps(number: int) -> BoxSteps:
@@ -154,9 +141,7 @@ def background_noise(squared_error: Array, outside: Mask, config: MovingConfig) 
     return max(config.noise**2, float(np.median(background)) / MEDIAN_CHI2 if len(background) else 0.0)
 
 
-def box_steps(
-    points: PointSteps, owner: NDArray[np.int64], number: int, noise: float, config: MovingConfig
-) -> BoxSteps:
+def box_steps(points: PointSteps, owner: Whole, number: int, noise: float, config: MovingConfig) -> BoxSteps:
     """One step for each of `number` boxes from the features it owns (owner (N,), -1: none).
 
     `noise` is the variance of a match, pixels², as `background_noise` finds it.
@@ -184,7 +169,7 @@ def box_steps(
 
 
 def _fit(
-    points: PointSteps, member: Array, owner: NDArray[np.int64], noise: float, weight: Array
+    points: PointSteps, member: Array, owner: Whole, noise: float, weight: Array
 ) -> tuple[Array, Array, Array]:
     """Robust means of each box from several starts, with Cauchy weights.
 

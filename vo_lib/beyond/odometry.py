@@ -114,7 +114,8 @@ class KitOdometry(Learning):
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
         """The winner refined on its inliers."""
-        x_p, x_c, X_p = self.points(matches)
+        x_p, x_c = self.points(matches)
+        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
         R, self._direction, E, inliers = motion_of_winner(
             E, x_p, x_c, X_p, self.config.selection, self.camera.f
         )
@@ -129,7 +130,7 @@ class KitOdometry(Learning):
             return None
         if not self.config.calibration.estimate:
             return solved[0]
-        x_p, x_c, _ = self.points(matches)
+        x_p, x_c = self.points(matches)
         self._centre.update(x_p, x_c, R_cp, self._direction)
         corrected = self.calibration.update(matches, R_cp, solved[0])
         again = None if corrected is None else solve_translation(self.camera, corrected, R_cp, config)
@@ -148,7 +149,7 @@ class KitViso2(Learning, Viso2):
             return found
         R_cp, t_cp, inliers = found
         if median_flow(matches) >= self.config.selection.standstill_flow and np.any(t_cp):
-            x_p, x_c, _ = self.points(matches[inliers])
+            x_p, x_c = self.points(matches[inliers])
             self._centre.update(x_p, x_c, R_cp, t_cp / np.linalg.norm(t_cp))
         corrected = self.calibration.update(matches, R_cp, t_cp)
         if corrected is not None:

@@ -1,4 +1,4 @@
-"""Chapters 2 and 3: from many candidate essential matrices to one rotation.
+"""Chapters 2 and 3, beyond the paper: sets from all sides of the image, a guarded prior, a refined winner.
 
 Consensus takes the candidate with the smallest error over all features. Solution selection (paper,
 section 2.2) first keeps, of the candidates of each five-point set, the k nearest to the essential
@@ -7,20 +7,11 @@ vector of the previous frame. The error over all features, our reading, always h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
-from ..core.geometry import (
-    NORMAL,
-    essential_angle,
-    essential_from_motion,
-    essential_vector,
-)
+from ..core.geometry import NORMAL, essential_from_motion
 from ..core.sampson import MatchTerms, candidate_terms, match_terms, squared_distances
-from ..core.types import Array
-from ..method.five_point import five_point
+from ..core.types import Array, Index, Mask
 from ..method.selection import nearest_to_prior, resolve_by_depth, truncated_errors
 from .config import SelectionConfig
 from .refinement import refine
@@ -28,31 +19,7 @@ from .refinement import refine
 COARSE = 3  # iterations of the first refinement
 
 
-@dataclass(frozen=True)
-class EssentialEstimate:
-    """The motion that the essential matrix of a frame gives.
-
-    Attributes
-    ----------
-    R_cp : (3, 3) rotation, previous to current.
-    direction : (3,) unit translation.
-    e : (9,) essential vector, the next frame's prior (the paper's basis vector).
-    inliers : (N,) bool, matches whose Sampson distance is below the threshold.
-    prior_angle : angle of e to the previous essential vector, radians; NaN without one.
-    prior_dropped : the prior's best candidate was clearly worse than the best of all, so it was not used.
-    """
-
-    R_cp: Array
-    direction: Array
-    e: Array
-    inliers: NDArray[np.bool_]
-    prior_angle: float
-    prior_dropped: bool
-
-
-def sample_sets(
-    rng: np.random.Generator, number: int, sets: int, spread_by: Array | None = None
-) -> NDArray[np.intp]:
+def sample_sets(rng: np.random.Generator, number: int, sets: int, spread_by: Array | None = None) -> Index:
     """Five different indices below `number` for each set, (sets, 5).
 
     Cut from random permutations, so that every feature is used equally often. With `spread_by` (number,)
@@ -73,7 +40,7 @@ def sample_sets(
 
 def choose(
     E: Array,
-    set_index: NDArray[np.intp],
+    set_index: Index,
     x_p: Array,
     x_c: Array,
     e_prev: Array | None,
@@ -103,43 +70,9 @@ def choose(
     return (winner if dropped else choice), dropped
 
 
-def estimate_essential(
-    x_p: Array,
-    x_c: Array,
-    X_p: Array,
-    e_prev: Array | None,
-    rng: np.random.Generator,
-    config: SelectionConfig,
-    focal: float,
-) -> EssentialEstimate | None:
-    """Rotation of a frame by consensus or by solution selection, as the configuration says.
-
-    Parameters
-    ----------
-    x_p, x_c : (N, 2) normalised points; X_p : (N, 3) their points in the previous left frame, metres.
-    e_prev : (9,) previous essential vector, or None (first frame).
-    focal : pixels; thresholds are in pixels.
-
-    Returns
-    -------
-    None when no set gave a candidate (fewer than five matches, or degenerate ones).
-    """
-    if len(x_p) < 5:
-        return None
-    sets = sample_sets(rng, len(x_p), config.sets, np.arctan2(x_c[:, 1], x_c[:, 0]))
-    E, set_index = five_point(x_p[sets], x_c[sets])
-    if len(E) == 0:
-        return None
-    winner, dropped = choose(E, set_index, x_p, x_c, e_prev, config, focal)
-    R, t, best, inliers = motion_of_winner(E[winner], x_p, x_c, X_p, config, focal)
-    e = essential_vector(best)
-    angle = float("nan") if e_prev is None else float(essential_angle(e, e_prev))
-    return EssentialEstimate(R, t, e, inliers, angle, dropped)
-
-
 def motion_of_winner(
     E: Array, x_p: Array, x_c: Array, X_p: Array, config: SelectionConfig, focal: float
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+) -> tuple[Array, Array, Array, Mask]:
     """Rotation, unit translation, essential matrix (3, 3) and inliers (N,) of the winner E (3, 3).
 
     `literal` leaves E as it is, `refined` improves it on its inliers.

@@ -7,12 +7,13 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..config import Config
 from ..core.matches import StereoMatches
+from ..core.rows import Rows, joined
+from ..core.types import Array, Mask
 from ..data.sequence import Sequence
-from ..method.boxes import in_boxes
+from ..method.boxes import on_vehicles
 from ..synthetic import open_truth
 from ..synthetic.truth import Truth
 
@@ -51,31 +52,38 @@ def feature_errors(
         return None
     truth = open_truth(sequence.folder)
     chosen = np.unique(np.linspace(1, len(sequence) - 1, min(FEATURE_FRAMES, len(sequence) - 1)).astype(int))
-    inside: list[NDArray[np.bool_]] = []
-    right: list[NDArray[np.bool_]] = []
-    beside: list[NDArray[np.bool_]] = []
-    known: list[NDArray[np.bool_]] = []
-    error: list[NDArray[np.float64]] = []
+    inside, compared = [], []
     for i in chosen.tolist():
         before, now = int(sequence.frames[i - 1]), int(sequence.frames[i])
         m = matches[i]
-        on_vehicle = in_boxes(m.prev_left, sequence.boxes(i - 1), config.filter)
-        inside.append(on_vehicle | in_boxes(m.cur_left, sequence.boxes(i), config.filter))
-        right.append(truth.is_right(m, now, RIGHT, before))
-        beside.append(_is_right_beside(truth, m, before, now))
-        left, _, valid = truth.predict(before, now, m.prev_left)
-        known.append(valid)
-        error.append(np.linalg.norm(m.cur_left - left, axis=1))
-    is_inside = np.concatenate(inside)
-    is_right, is_beside, is_known = (np.concatenate(part) for part in (right, beside, known))
-    errors = np.concatenate(error)
-    return {
-        name: _feature_errors(is_right[group], is_beside[group], is_known[group], errors[group])
-        for name, group in (("inside boxes", is_inside), ("outside boxes", ~is_inside))
-    }
+        inside.append(on_vehicles(m, sequence.boxes(i - 1), sequence.boxes(i), config.filter))
+        left, _, known = truth.predict(before, now, m.prev_left)
+        right, beside = truth.is_right(m, now, RIGHT, before), _is_right_beside(truth, m, before, now)
+        compared.append(_Compared(known, right, beside, np.linalg.norm(m.cur_left - left, axis=1)))
+    everything, on_vehicle = joined(compared), np.concatenate(inside)
+    parts = {"inside boxes": everything[on_vehicle], "outside boxes": everything[~on_vehicle]}
+    return {name: part.summary() for name, part in parts.items()}
 
 
-def _is_right_beside(truth: Truth, m: StereoMatches, before: int, now: int) -> NDArray[np.bool_]:
+@dataclass(frozen=True)
+class _Compared(Rows):
+    """Of N matches whether each is known, right, right as one beside; and its error, pixels, left to left."""
+
+    known: Mask
+    right: Mask
+    beside: Mask
+    error: Array
+
+    def summary(self) -> FeatureErrors:
+        if not len(self):
+            return FeatureErrors(0, None, None, None, None, None)
+        shares = float(self.right.mean()), float(self.beside.mean())
+        flow = float(np.mean(self.error[self.known] <= RIGHT)) if self.known.any() else None
+        median = float(np.median(self.error[self.right])) if self.right.any() else None
+        return FeatureErrors(len(self), float(self.known.mean()), flow, *shares, median)
+
+
+def _is_right_beside(truth: Truth, m: StereoMatches, before: int, now: int) -> Mask:
     """Whether matches (N,) are right as their own point's or as one's up to BESIDE pixels beside."""
     found = np.zeros(len(m), np.bool_)
     for step in itertools.product(range(-BESIDE, BESIDE + 1), repeat=2):
@@ -89,18 +97,3 @@ def _is_right_beside(truth: Truth, m: StereoMatches, before: int, now: int) -> N
         )
         found |= truth.is_right(moved, now, RIGHT, before)
     return found
-
-
-def _feature_errors(
-    right: NDArray[np.bool_],
-    beside: NDArray[np.bool_],
-    known: NDArray[np.bool_],
-    error: NDArray[np.float64],
-) -> FeatureErrors:
-    if not len(right):
-        return FeatureErrors(0, None, None, None, None, None)
-    flow = float(np.mean(error[known] <= RIGHT)) if known.any() else None
-    median = float(np.median(error[right])) if right.any() else None
-    return FeatureErrors(
-        len(right), float(np.mean(known)), flow, float(np.mean(right)), float(np.mean(beside)), median
-    )

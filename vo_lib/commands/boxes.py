@@ -16,7 +16,7 @@ from ..data.sequence import Sequence
 from ..runs.results import run_folder
 from ..runs.runner import FoundMatches, make_odometry, one_blas_thread
 from ..tables.plots import jpeg, match_image
-from .common import add_cache, add_sequence, open_with_bar, parse_frames
+from .common import add_cache, add_part, add_sequence, open_part
 from .console import reporting, say, show_table
 
 WORDS = {MOVING: "moves", PARKED: "parked", UNKNOWN: "unknown"}
@@ -32,17 +32,14 @@ def add(commands: Any) -> None:
         "that move have a whole line, parked ones a dashed one; removed features are orange.",
     )
     add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list`")
-    parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
-    parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
+    add_part(parser)
     parser.add_argument("--out", metavar="DIR", help="folder for a picture of every frame")
     add_cache(parser)
     parser.set_defaults(command=_boxes)
 
 
 def _boxes(options: argparse.Namespace) -> int:
-    sequence = open_with_bar(options.sequence, options.cache, options.labels)
-    if options.frames is not None:
-        sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
+    sequence = open_part(options, options.cache)
     if options.out is None:
         rows = _judge(sequence, None)
     else:

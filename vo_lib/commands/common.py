@@ -43,6 +43,20 @@ def open_with_bar(name: str, cache: Path | None, labels: str | None = None) -> S
         return open_sequence(name, labels, cache, report)
 
 
+def add_part(parser: argparse.ArgumentParser) -> None:
+    """The options that choose frames and labels of the sequence."""
+    parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
+    parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
+
+
+def open_part(options: argparse.Namespace, cache: Path | None) -> Sequence:
+    """The sequence that is named with the options of `add_part`."""
+    sequence = open_with_bar(options.sequence, cache, options.labels)
+    if options.frames is None:
+        return sequence
+    return sequence.part(*parse_frames(options.frames, len(sequence)))
+
+
 def parse_whole(name: str, text: str, least: int = 1) -> int:
     """A whole number of `least` or more; `DataError` names the option."""
     if not text.isdecimal() or int(text) < least:

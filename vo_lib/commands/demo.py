@@ -5,9 +5,23 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+import numpy as np
+
+from ..config import preset
+from ..core.boxes import area
+from ..data.sequence import Sequence
+from ..front_end.front_end import make_front_end
+from ..method.boxes import on_vehicles
+from ..runs.jobs import run_jobs
 from ..runs.results import run_folder
-from ..tables.demo import SCENE, run_demo
-from .common import BOTH, add_cache, add_variant, chosen_variants, open_with_bar
+from ..tables.entries import group_entries
+from ..tables.paper import read_paper_table
+from ..tables.plots import jpeg, match_image
+from ..tables.report import Picture
+from ..tables.reproduce import collect, plan_jobs
+from ..tables.table1 import method_table
+from ..tables.table_files import write_table_files
+from .common import BOTH, add_cache, add_variant, open_with_bar, parse_methods
 from .console import reporting, say, show_report_table
 from .script import typed
 
@@ -17,6 +31,8 @@ NEXT = {
     "vo run PATH --out runs/mine": "a KITTI-layout folder of your own",
     "vo check": "what is missing for KITTI, and how to get it",
 }
+
+SCENE = "synthetic/traffic"
 
 
 def add(commands: Any) -> None:
@@ -31,14 +47,36 @@ def add(commands: Any) -> None:
 def _demo(options: argparse.Namespace) -> int:
     with run_folder(options.out) as folder:
         sequence = open_with_bar(SCENE, options.cache)
+        jobs = plan_jobs([sequence], parse_methods(None, options.variant), 1, folder)
         with reporting("all methods") as report:
-            tables = run_demo(sequence, folder, chosen_variants(options.variant), report)
-    for table in tables:
-        show_report_table(table)
+            outcomes = run_jobs(jobs, 1, report, options.cache, fresh=True)
+        result = collect(outcomes, [], 1)
+        write_table_files(folder, result, read_paper_table(), "vo demo", (example_frame(sequence),))
+    for group in group_entries(result.entries):
+        show_report_table(method_table(list(group.entries.values())))
     commands = {typed(command): text for command, text in NEXT.items()}
     width = max(map(len, commands)) + 4
     say(
         f"Look at {folder / 'report.html'} in a browser. What next:",
         *(f"  {command:<{width}}{text}" for command, text in commands.items()),
     )
-    return 0
+    for problem in result.problems:
+        say(problem)
+    return 1 if result.failed else 0
+
+
+def example_frame(sequence: Sequence) -> Picture:
+    """The matches in the frame with the largest vehicle boxes among a dozen of the sequence."""
+    tried = np.linspace(1, len(sequence) - 1, min(12, len(sequence) - 1)).astype(int).tolist()
+    frame = max(tried, key=lambda i: area(sequence.boxes(i).xyxy).sum())
+    config = preset("feature_selection")
+    matcher = make_front_end(sequence.camera, config.features, config.matching)
+    pairs = [sequence.stereo(frame - 1), sequence.stereo(frame)]
+    matches = [matcher.step(matcher.prepare(pair)) for pair in pairs][-1]
+    boxes = sequence.boxes(frame)
+    kept = ~on_vehicles(matches, sequence.boxes(frame - 1), boxes, config.filter)
+    return Picture(
+        jpeg(match_image(pairs[1][0], matches, kept, boxes)),
+        "Matches of one frame, from the previous place of a feature to its present one: "
+        "orange lies in a vehicle's box (white) and is removed, blue stays.",
+    )

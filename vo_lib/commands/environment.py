@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..core.errors import DataError
-from ..data.kitti_check import EXPECTED_FRAMES, count_pairs
-from ..data.places import detector_folder, kitti_root
-from ..data.sequence import available, kitti_roots
-from ..detection.detectors import known
+from ..data.kitti import EXPECTED_FRAMES, count_pairs
+from ..data.sequence import available, kitti_root, kitti_roots
+from ..detection.detectors import detector_folder, known
 from .console import say, show_table
 from .script import install, typed
 

@@ -16,7 +16,7 @@ from ..evaluation.axes import LARGEST, fit_axes
 from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, evaluate, pooled
 from ..runs.results import run_folder
 from ..tables.evaluation_files import POOLED, System, as_csv, as_json, write_pictures
-from ..tables.table1 import number
+from ..tables.report import number
 from .common import parse_lengths, parse_whole
 from .console import say, show_table
 

@@ -17,7 +17,7 @@ from ..runs.results import run_folder
 from ..tables.entries import group_entries
 from ..tables.paper import read_paper_table
 from ..tables.reproduce import collect, default_sequences, plan_jobs, split_missing
-from ..tables.table1 import terminal_tables
+from ..tables.table1 import layout_tables
 from ..tables.table_files import write_table_files
 from .common import BOTH, add_cache, add_variant, open_with_bar, parse_lengths, parse_methods, parse_whole
 from .console import reporting, say, show_report_table
@@ -78,12 +78,12 @@ def _reproduce(options: argparse.Namespace) -> int:
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)
         result = collect(outcomes, missing, seeds, measure)
-        _, metrics = write_table_files(folder, result, paper, _command(options, names))
+        metrics = write_table_files(folder, result, paper, _command(options, names))
     if options.json:
         print(json.dumps(metrics, indent=2, allow_nan=False))
     else:
         for group in group_entries(result.entries):
-            for table in terminal_tables(group, paper):
+            for table in layout_tables(group, paper, narrow=True):
                 show_report_table(table)
         say(*result.problems, f"Spread, differences, gains and figures: {folder / 'report.html'}")
     return 1 if result.failed else 0

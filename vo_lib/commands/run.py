@@ -22,7 +22,7 @@ from ..runs.runner import Run
 from ..tables.film import Film, require_film, shown_frames
 from ..tables.plots import png, trajectory_figure
 from ..tables.view import View
-from .common import add_method, add_sequence, add_variant, open_with_bar, parse_frames
+from .common import add_method, add_part, add_sequence, add_variant, open_part
 from .console import reporting, say, show_run
 from .setting_options import add_option, given
 
@@ -46,8 +46,7 @@ def add(commands: Any) -> None:
         metavar="DIR",
         help="folder for poses, log, errors, picture; a run finished there is read back",
     )
-    parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
-    parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
+    add_part(parser)
     parser.add_argument(
         "--detector",
         metavar="MODEL",
@@ -133,9 +132,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.view is not None and options.view.suffix != ".html":
         raise DataError("expected a page's name, ending in .html", options.view)
     cache = Path(options.cache) if options.cache else None
-    sequence = open_with_bar(options.sequence, cache, options.labels)
-    if options.frames is not None:
-        sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
+    sequence = open_part(options, cache)
     label = f"{sequence.name}, {options.method}" + (", published" if config.variant == "published" else "")
     with run_folder(options.out) as folder, _with_boxes(sequence, options, cache) as sequence:
         with reporting(label) as report:

@@ -13,7 +13,7 @@ from ..runs.jobs import run_jobs
 from ..runs.results import run_folder
 from ..tables.plots import heat_map_figure, png
 from ..tables.sweep import Sweep, mean_and_spread, parse_axis, run_sweep, sweep_csv, sweep_table
-from .common import add_cache, add_method, add_sequence, add_variant, open_with_bar, parse_frames, parse_whole
+from .common import add_cache, add_method, add_part, add_sequence, add_variant, open_part, parse_whole
 from .console import reporting, say, show_report_table
 
 
@@ -38,8 +38,7 @@ def add(commands: Any) -> None:
         help="values of a setting that `vo run --help-settings` lists; once for each setting. Values that "
         "are lists are parted by semicolons: filter.classes='2;2,5,7'",
     )
-    parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
-    parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
+    add_part(parser)
     parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--jobs", metavar="N", default="1", help="processes; default 1")
@@ -58,9 +57,7 @@ def add(commands: Any) -> None:
 def _sweep(options: argparse.Namespace) -> int:
     axes = tuple(parse_axis(text) for text in options.axes)
     seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
-    sequence = open_with_bar(options.sequence, options.cache, options.labels)
-    if options.frames is not None:
-        sequence = sequence.part(*parse_frames(options.frames, len(sequence)))
+    sequence = open_part(options, options.cache)
     with run_folder(options.out) as folder:
         with reporting(f"{sequence.name}, {options.method}") as report:
             run = partial(

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .types import Array
+from .rows import Rows
+from .types import Array, Whole
 
 
 @dataclass(frozen=True)
-class Boxes:
+class Boxes(Rows):
     """K boxes in one image.
 
     Attributes
@@ -22,11 +22,26 @@ class Boxes:
     """
 
     xyxy: Array
-    class_id: NDArray[np.int64]
+    class_id: Whole
     score: Array
 
-    def __len__(self) -> int:
-        return len(self.class_id)
+
+def area(xyxy: Array) -> Array:
+    """Areas (K,) of boxes (K, 4), pixels²."""
+    return np.asarray(np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1))
+
+
+def common_area(a: Array, b: Array) -> Array:
+    """Area (M, K), pixels², that boxes (M, 4) share with boxes (K, 4)."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    return np.asarray(np.prod(np.maximum(high - low, 0.0), axis=2))
+
+
+def overlap(a: Array, b: Array) -> Array:
+    """Intersection over union (M, K) of boxes (M, 4) with boxes (K, 4)."""
+    common = common_area(a, b)
+    return np.asarray(common / np.maximum(area(a)[:, None] + area(b) - common, 1e-9))
 
 
 def no_boxes() -> Boxes:

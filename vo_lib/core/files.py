@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import os
 import threading
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from .errors import DataError
@@ -50,6 +53,13 @@ def write_bytes_atomic(path: str | Path, data: bytes) -> None:
 def write_text_atomic(path: str | Path, text: str) -> None:
     """`write_bytes_atomic` of UTF-8 text; line ends stay as they are on every system."""
     write_bytes_atomic(path, text.encode("utf-8"))
+
+
+def csv_text(rows: Iterable[Sequence[object]]) -> str:
+    """Rows of cells, the heading first, as CSV with one kind of line end."""
+    buffer = io.StringIO()
+    csv.writer(buffer, lineterminator="\n").writerows(rows)
+    return buffer.getvalue()
 
 
 def file_sha256(path: Path) -> str:

@@ -124,25 +124,3 @@ def decompose_essential(E: Array) -> tuple[Array, Array]:
     Vt = Vt * np.linalg.det(Vt)[..., None, None]
     W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     return np.stack([U @ W @ Vt, U @ W.T @ Vt], axis=-3), np.asarray(U[..., :, 2])
-
-
-def sampson_distance(E: Array, x_p: Array, x_c: Array) -> Array:
-    """Signed Sampson distance of matches to E: first-order distance to the epipolar constraint.
-
-    Parameters
-    ----------
-    E : (..., 3, 3) essential matrices.
-    x_p, x_c : (N, 2) normalised points in the previous and current left image.
-
-    Returns
-    -------
-    (..., N) distances in units of the points (multiply by f for pixels):
-    x_cᵀ E x_p / sqrt((E x_p)₁² + (E x_p)₂² + (Eᵀ x_c)₁² + (Eᵀ x_c)₂²).
-    """
-    h_p = np.concatenate([x_p, np.ones((len(x_p), 1))], axis=1)
-    h_c = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
-    line_c = E @ h_p.T
-    line_p = np.swapaxes(E, -1, -2)[..., :2, :] @ h_c.T
-    numerator = np.sum(h_c.T * line_c, axis=-2)
-    norm2 = np.sum(line_c[..., :2, :] ** 2, axis=-2) + np.sum(line_p**2, axis=-2)
-    return np.asarray(numerator / np.sqrt(np.maximum(norm2, 1e-300)))

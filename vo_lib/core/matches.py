@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .types import Array
+from .rows import Rows
+from .types import Array, Whole
 
 
 @dataclass(frozen=True)
-class StereoMatches:
+class StereoMatches(Rows):
     """N features seen in all four images of two stereo pairs.
 
     Attributes
@@ -27,16 +26,9 @@ class StereoMatches:
     prev_right: Array
     cur_left: Array
     cur_right: Array
-    age: NDArray[np.int64]
+    age: Whole
     strength: Array
-    id: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        return len(self.id)
-
-    def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> StereoMatches:
-        """The matches chosen by a boolean mask or an index array."""
-        return StereoMatches(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
+    id: Whole
 
 
 def empty_matches() -> StereoMatches:

@@ -11,9 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from .types import Array
+from .types import Array, Index
 
 Floats = NDArray[np.floating]
+
+SMALLEST = 1e-20  # the divisor, where a match says nothing
 
 
 class MatchTerms(NamedTuple):
@@ -33,7 +35,7 @@ class MatchTerms(NamedTuple):
         """The homogeneous points p and c, (3, N) each."""
         return np.asarray(self.outer[6:9]), np.asarray(self.outer[[2, 5, 8]])
 
-    def take(self, index: NDArray[np.intp]) -> MatchTerms:
+    def take(self, index: Index) -> MatchTerms:
         """Those of some matches."""
         return MatchTerms(self.outer.take(index, axis=1), self.squares.take(index, axis=1))
 
@@ -70,11 +72,30 @@ def candidate_terms(E: Array, dtype: DTypeLike = np.float64) -> MatchTerms:
     )
 
 
+def sampson_distance(E: Array, x_p: Array, x_c: Array) -> Array:
+    """Signed Sampson distance of matches to E: first-order distance to the epipolar constraint.
+
+    Parameters
+    ----------
+    E : (..., 3, 3) essential matrices.
+    x_p, x_c : (N, 2) normalised points in the previous and current left image.
+
+    Returns
+    -------
+    (..., N) distances in units of the points (multiply by f for pixels):
+    x_cᵀ E x_p / sqrt((E x_p)₁² + (E x_p)₂² + (Eᵀ x_c)₁² + (Eᵀ x_c)₂²).
+    """
+    candidates, matches = candidate_terms(E), match_terms(x_p, x_c)
+    d = candidates.outer.T @ matches.outer
+    d /= np.sqrt(np.maximum(candidates.squares.T @ matches.squares, SMALLEST))
+    return np.asarray(d.reshape(*E.shape[:-2], len(x_p)))
+
+
 def squared_distances(candidates: MatchTerms, matches: MatchTerms) -> Floats:
     """Squared Sampson distances (M, N) of N matches to M candidates, in the precision of their terms."""
     d2 = candidates.outer.T @ matches.outer
     denominator = candidates.squares.T @ matches.squares
     np.multiply(d2, d2, out=d2)
-    np.maximum(denominator, denominator.dtype.type(1e-20), out=denominator)
+    np.maximum(denominator, denominator.dtype.type(SMALLEST), out=denominator)
     np.divide(d2, denominator, out=d2)
     return d2

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..beyond.selection import choose, estimate_essential, motion_of_winner, sample_sets
+from ..beyond.selection import choose, motion_of_winner, sample_sets
 from ..beyond.translation import solve_translation
 from ..config import SelectionConfig, TranslationConfig
 from ..core.camera import StereoCamera
@@ -17,6 +17,7 @@ from ..core.geometry import essential_vector, rigid, rotation_angle, rotation_fr
 from ..core.matches import StereoMatches
 from ..core.types import Array, Progress
 from ..method.five_point import five_point
+from ..method.selection import truncated_errors
 from ..runs.runner import one_blas_thread
 from ..synthetic.problems import random_problems
 from ..synthetic.tracks import TrackConfig, simulate_tracks
@@ -155,6 +156,20 @@ def selection_errors(
     return {name: np.array(values) for name, values in errors.items()}
 
 
+def consensus_rotation(
+    x_p: Array, x_c: Array, X_p: Array, rng: np.random.Generator, focal: float
+) -> Array | None:
+    """R_cp (3, 3) of the candidate with the smallest error, refined; None where there is no candidate."""
+    if len(x_p) < 5:
+        return None
+    sets = sample_sets(rng, len(x_p), 200, np.arctan2(x_c[:, 1], x_c[:, 0]))
+    E, _ = five_point(x_p[sets], x_c[sets])
+    if len(E) == 0:
+        return None
+    winner = E[np.argmin(truncated_errors(E, x_p, x_c, SelectionConfig().threshold / focal))]
+    return motion_of_winner(winner, x_p, x_c, X_p, SelectionConfig(), focal)[0]
+
+
 def selection_table(
     seeds: int = 5, frames: int = FRAMES, mode: str = "literal", progress: Progress | None = None
 ) -> Table:
@@ -182,27 +197,18 @@ def translation_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str,
     last: tuple[StereoMatches, Array] | None = None
     for frame in simulate_tracks(drive(frames), CAMERA, tracks, seed):
         pair = _pair(frame.matches, frame.T_cp[:3, :3])
-        estimate = estimate_essential(
-            pair.x_p,
-            pair.x_c,
-            pair.X_p,
-            None,
-            np.random.default_rng([seed, frame.frame]),
-            SelectionConfig(),
-            CAMERA.f,
-        )
-        assert estimate is not None
+        rng = np.random.default_rng([seed, frame.frame])
+        R_cp = consensus_rotation(pair.x_p, pair.x_c, pair.X_p, rng, CAMERA.f)
+        assert R_cp is not None
         for name in VARIANTS:
-            solved = solve_translation(CAMERA, frame.matches, estimate.R_cp, TranslationConfig(variant=name))
+            solved = solve_translation(CAMERA, frame.matches, R_cp, TranslationConfig(variant=name))
             assert solved is not None
             errors[name].append(1e3 * float(np.linalg.norm(solved[0] - frame.T_cp[:3, 3])))
         if last is not None:
-            three = solve_three_frames(
-                CAMERA, last[0], frame.matches, last[1], estimate.R_cp, TranslationConfig()
-            )
+            three = solve_three_frames(CAMERA, last[0], frame.matches, last[1], R_cp, TranslationConfig())
             assert three is not None
             errors["three frames"].append(1e3 * float(np.linalg.norm(three[1] - frame.T_cp[:3, 3])))
-        last = frame.matches, estimate.R_cp
+        last = frame.matches, R_cp
     return {name: np.array(values) for name, values in errors.items()}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import re
 import struct
 import zlib
@@ -16,6 +17,13 @@ from ..core.errors import DataError
 from ..core.files import read_text
 from ..core.poses import read_rows
 from ..core.types import Array, Image
+
+# Stereo pairs of each sequence of the benchmark; of 00-10 also the rows of its pose file.
+_FRAMES = (
+    *(4541, 1101, 4661, 801, 271, 2761, 1101, 1101, 4071, 1591, 1201),
+    *(921, 1061, 3281, 631, 1901, 1731, 491, 1801, 4981, 831, 2721),
+)
+EXPECTED_FRAMES = {f"{number:02d}": frames for number, frames in enumerate(_FRAMES)}
 
 # Far beyond any camera; numbers beyond these overflow later on.
 LONGEST = 1e6  # pixels of focal length and principal point, metres of baseline
@@ -98,6 +106,20 @@ def list_frames(folder: Path) -> list[str]:
                 "the image is missing in the middle of the sequence", folder / "image_0" / f"{lost}.png"
             )
     return names
+
+
+def numbered(folder: Path) -> dict[int, str]:
+    """File names of a folder's images by their numbers; none where there is no folder."""
+    try:
+        names = os.listdir(folder)
+    except OSError:
+        return {}
+    return {int(name[:-4]): name for name in sorted(names) if re.fullmatch(r"\d+\.png", name)}
+
+
+def count_pairs(folder: Path) -> int:
+    """Stereo pairs of a sequence's folder, by their file names only."""
+    return len(numbered(folder / "image_0").keys() & numbered(folder / "image_1").keys())
 
 
 def read_image(path: Path) -> Image:

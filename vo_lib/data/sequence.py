@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.boxes import Boxes, no_boxes
 from ..core.camera import StereoCamera
 from ..core.errors import DataError
 from ..core.matches import StereoMatches
 from ..core.poses import read_kitti_poses
-from ..core.types import Array, Image, Progress
+from ..core.types import Array, Image, Mask, Progress
 from ..synthetic import SCENES, ensure_scene, open_truth
 from .kitti import list_frames, read_calibration, read_image, read_times
 from .labels import read_labels
@@ -30,6 +29,7 @@ Prepared = TypeVar("Prepared")
 
 SYNTHETIC = "synthetic/"
 KITTI = "kitti/"
+PROJECT = Path(__file__).resolve().parents[2]
 SMALLEST = 32  # pixels of an image's side: OpenCV's windows need some
 
 
@@ -83,7 +83,7 @@ class Sequence:
         """What decides the boxes where they may not all be written yet; None: the label files as they are."""
         return None
 
-    def on_moving(self, index: int, matches: StereoMatches) -> NDArray[np.bool_]:
+    def on_moving(self, index: int, matches: StereoMatches) -> Mask:
         """Which matches (N,) of a drawn frame with the one before are on things that move, shadows too.
 
         Raises `DataError` where the sequence is not drawn: nothing but a drawing knows this.
@@ -131,11 +131,7 @@ def stereo_ahead(
 
 def kitti_roots() -> list[Path]:
     """Where KITTI is looked for: KITTI_ROOT, then data/kitti here and beside the package."""
-    places = [
-        os.environ.get("KITTI_ROOT", ""),
-        "data/kitti",
-        str(Path(__file__).parents[2] / "data" / "kitti"),
-    ]
+    places = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
     roots: list[Path] = []
     for place in places:
         # The archives unpack to a folder `dataset`; both it and its parent are accepted.
@@ -143,6 +139,20 @@ def kitti_roots() -> list[Path]:
             if (root / "sequences").is_dir() and root.resolve() not in roots:
                 roots.append(root.resolve())
     return roots
+
+
+def kitti_root() -> Path:
+    """The KITTI folder that the kit uses: the first one found, else where one would be made.
+
+    That is KITTI_ROOT where it is set, else data/kitti of the project (of the current folder where the
+    package is installed without its project).
+    """
+    for root in kitti_roots():
+        return root
+    named = os.environ.get("KITTI_ROOT", "")
+    if named:
+        return Path(named)
+    return (PROJECT if (PROJECT / "pyproject.toml").is_file() else Path()) / "data" / "kitti"
 
 
 def available() -> dict[str, Path | None]:

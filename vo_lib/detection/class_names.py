@@ -6,9 +6,9 @@ import ast
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.errors import DataError
+from ..core.types import Mask, Whole
 
 _COCO = """
     person, bicycle, car, motorcycle, airplane, bus, train, truck, boat, traffic light, fire hydrant,
@@ -58,13 +58,13 @@ def names_from_metadata(text: str, count: int) -> tuple[str, ...] | None:
     return tuple(found) if all(isinstance(name, str) for name in found) else None
 
 
-def class_numbers(names: Sequence[str]) -> NDArray[np.int64]:
+def class_numbers(names: Sequence[str]) -> Whole:
     """The number (C,) each class gets in labels: COCO's, or 80 and its own place where COCO lacks it."""
     numbers = [coco_number(name) for name in names]
     return np.array([len(COCO) + k if n is None else n for k, n in enumerate(numbers)], np.int64)
 
 
-def choose_classes(words: Sequence[str], names: Sequence[str]) -> NDArray[np.bool_]:
+def choose_classes(words: Sequence[str], names: Sequence[str]) -> Mask:
     """Which classes (C,) are meant by `words`: names of the model or of COCO, or numbers; no words: all.
 
     Raises `DataError` for a name that neither the model nor COCO has.

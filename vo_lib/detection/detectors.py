@@ -6,9 +6,10 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+import platformdirs
+
 from ..core.errors import DataError
 from ..core.files import read_text
-from ..data.places import detector_folder
 
 YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0/"
 REGISTRY = "detectors.json"
@@ -34,6 +35,11 @@ class Detector:
     sha256: str
     licence: str
     about: str
+
+
+def detector_folder() -> Path:
+    """Where fetched detectors are kept unless told otherwise: the user's data folder."""
+    return platformdirs.user_data_path("stereo-vo-kit", appauthor=False) / "detectors"
 
 
 def _yolox(name: str, size: int, sha256: str, about: str) -> Detector:

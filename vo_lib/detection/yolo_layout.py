@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.boxes import Boxes, no_boxes
-from ..core.types import Array, Image
+from ..core.types import Array, Image, Mask
 
 Float32 = NDArray[np.float32]
 
@@ -114,9 +114,7 @@ def _corners(centre: Array, size: Array) -> Array:
     return np.concatenate([centre - size / 2, centre + size / 2], axis=1)
 
 
-def best_boxes(
-    corners: Array, scores: Array, score: float, nms: float, wanted: NDArray[np.bool_] | None = None
-) -> Boxes:
+def best_boxes(corners: Array, scores: Array, score: float, nms: float, wanted: Mask | None = None) -> Boxes:
     """The boxes that stay: each cell's best class, scored at least `score`; per-class suppression at `nms`,
     and between classes at `SAME`.
 

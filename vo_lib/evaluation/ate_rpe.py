@@ -10,11 +10,10 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.errors import DataError
 from ..core.geometry import rotation_angle
-from ..core.types import Array
+from ..core.types import Array, Index
 
 
 class Alignment(Enum):
@@ -71,7 +70,7 @@ def rmse(errors: Array) -> float | None:
     return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else None
 
 
-def motion_error(truth: Array, estimate: Array, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+def motion_error(truth: Array, estimate: Array, first: Index, last: Index) -> Array:
     """Error motions inverse(Δest) Δgt, (S, 4, 4), with Δ = inverse(T[first]) T[last]."""
     # A general inverse: printed rotations are orthonormal to 1e-7 only, and the transpose would turn
     # that into up to 0.05° of rotation error.

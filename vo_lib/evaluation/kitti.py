@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import DataError
-from ..core.types import Array
+from ..core.rows import Rows, joined
+from ..core.types import Array, Index
 from .ate_rpe import (
     AbsoluteError,
     Alignment,
@@ -38,7 +39,7 @@ KITTI_BIN_MINIMUM = 3  # the devkit draws no point of a curve from fewer sub-seq
 
 
 @dataclass(frozen=True)
-class KittiErrors:
+class KittiErrors(Rows):
     """KITTI errors of S sub-sequences; empty where the path is shorter than every length.
 
     Attributes
@@ -50,15 +51,12 @@ class KittiErrors:
     speed : (S,) mean speed, m/s.
     """
 
-    first: NDArray[np.intp]
-    last: NDArray[np.intp]
+    first: Index
+    last: Index
     length: Array
     t_err: Array
     r_err: Array
     speed: Array
-
-    def __len__(self) -> int:
-        return len(self.first)
 
     @property
     def te(self) -> float | None:
@@ -70,17 +68,13 @@ class KittiErrors:
         """Mean rotation error, deg/100 m; None without sub-sequences."""
         return 100.0 * math.degrees(self.r_err.mean()) if len(self) else None
 
-    def where(self, chosen: NDArray[np.bool_]) -> KittiErrors:
-        """The sub-sequences of a mask (S,)."""
-        return KittiErrors(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
-
     def by_length(self, lengths: Sequence[float] = KITTI_LENGTHS) -> dict[float, KittiErrors]:
         """The sub-sequences of each nominal length, metres; empty where there are none."""
-        return {float(length): self.where(self.length == length) for length in lengths}
+        return {float(length): self[self.length == length] for length in lengths}
 
     def by_speed(self, speeds: Sequence[float] = KITTI_SPEEDS) -> dict[float, KittiErrors]:
         """The sub-sequences within 2 m/s of each bin centre; bins overlap, as in the devkit."""
-        return {float(speed): self.where(np.abs(self.speed - speed) < 2.0) for speed in speeds}
+        return {float(speed): self[np.abs(self.speed - speed) < 2.0] for speed in speeds}
 
     def curve(
         self, by: str, lengths: Sequence[float] = KITTI_LENGTHS
@@ -215,9 +209,7 @@ def suitable_measure(truth: Array) -> Measure:
 
 def pooled(errors: Iterable[KittiErrors]) -> KittiErrors:
     """All sub-sequences of several sequences as one set: the devkit's total."""
-    parts = list(errors)
-    names = KittiErrors.__dataclass_fields__
-    return KittiErrors(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    return joined(errors)
 
 
 @dataclass(frozen=True)

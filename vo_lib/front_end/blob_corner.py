@@ -15,38 +15,35 @@ from numpy.typing import NDArray
 
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches, empty_matches
-from ..core.types import Array, Image
-from ..method.features import Described, best_matches, describe
+from ..core.types import Array, Image, Index
+from ..method import matching
+from ..method.features import best_matches
 from .config import FeatureConfig, MatchingConfig
-from .klt import next_motion
+from .klt import RigidMotion, next_motion
 from .subpixel import refine_over_time, refine_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
 # Search radius round a predicted place, pixels.
 NEAR = 20
-# Rows of a stereo pair agree to this before the finish, pixels.
-ROWS = 2
 
 
 @dataclass(frozen=True)
-class DescribedPair:
-    """A stereo pair with its features, found ahead and in other threads.
+class DescribedPair(matching.DescribedPair):
+    """A stereo pair with its features, found ahead and in other threads, and its coarse disparity."""
 
-    partner : (N,) index of each left feature's stereo match among the right ones, each the other's best; -1
-    where there is none.
-    """
-
-    left: Image
-    right: Image
     disparity: CoarseDisparity
-    found_left: Described
-    found_right: Described
-    partner: NDArray[np.intp]
 
     @property
     def images(self) -> tuple[Image, Image]:
         """Left and right image."""
         return self.left, self.right
+
+    @property
+    def partner(self) -> Index:
+        """The right feature (N,) that is a left one's stereo match, each the other's best; -1: none."""
+        mutual = self.to_right >= 0
+        mutual[mutual] = self.to_left[self.to_right[mutual]] == np.flatnonzero(mutual)
+        return np.where(mutual, self.to_right, -1)
 
 
 class BlobCornerMatcher:
@@ -56,19 +53,18 @@ class BlobCornerMatcher:
     finish is that of the other front end. A feature found again keeps its number and its sub-pixel place.
     """
 
-    def __init__(self, camera: StereoCamera, features: FeatureConfig, matching: MatchingConfig):
+    def __init__(self, camera: StereoCamera, features: FeatureConfig, settings: MatchingConfig):
         self.camera = camera
         self.features = features
-        self.config = matching
+        self.config = settings
         self._previous: tuple[DescribedPair, dict[str, NDArray[Any]]] | None = None
-        self._motion: tuple[Array, Array] | None = None
+        self._motion: RigidMotion | None = None
         self._next_id = 0
 
     def prepare(self, pair: tuple[Image, Image]) -> DescribedPair:
         """Features and coarse disparity of a stereo pair."""
-        return describe_pair(
-            pair, coarse_disparity(*pair, self.config.max_disparity), self.features, self.config
-        )
+        disparity = coarse_disparity(*pair, self.config.max_disparity)
+        return describe_pair(pair, disparity, self.features, self.config)
 
     def step(self, pair: DescribedPair) -> StereoMatches:
         """Matches of the pair before with this one; empty for the first pair."""
@@ -89,7 +85,7 @@ class BlobCornerMatcher:
 
     def _match(
         self, pair: DescribedPair, place: dict[str, NDArray[Any]]
-    ) -> tuple[StereoMatches, Array, NDArray[np.intp]]:
+    ) -> tuple[StereoMatches, Array, Index]:
         assert self._previous is not None
         before, seen = self._previous
         found = self._loop(before, pair, seen, place, self._motion)
@@ -104,8 +100,8 @@ class BlobCornerMatcher:
         pair: DescribedPair,
         seen: dict[str, NDArray[Any]],
         place: dict[str, NDArray[Any]],
-        motion: tuple[Array, Array] | None,
-    ) -> tuple[StereoMatches, Array, NDArray[np.intp]]:
+        motion: RigidMotion | None,
+    ) -> tuple[StereoMatches, Array, Index]:
         """Matches, slopes of their surfaces, and their index among the current left features."""
         R, t = motion or (np.eye(3), np.zeros(3))
         reach = self.config.search_radius if motion is None else NEAR
@@ -114,11 +110,9 @@ class BlobCornerMatcher:
         guess_left, guess_right = left, right
         if motion is not None:
             guess_left, guess_right = self.camera.project(self.camera.triangulate(left, right) @ R.T + t)
-        in_left = best_matches(before.found_left[source], pair.found_left, guess_left, (reach, reach))
+        in_left = best_matches(before.in_left[source], pair.in_left, guess_left, (reach, reach))
         right_index = seen["match"][source]
-        in_right = best_matches(
-            before.found_right[right_index], pair.found_right, guess_right, (reach, reach)
-        )
+        in_right = best_matches(before.in_right[right_index], pair.in_right, guess_right, (reach, reach))
         # The loop closes: what was found left from left and right from right is a stereo match.
         ok = (in_left >= 0) & (in_right >= 0)
         ok[ok] = place["stereo"][in_left[ok]] & (place["match"][in_left[ok]] == in_right[ok])
@@ -134,13 +128,13 @@ class BlobCornerMatcher:
         before: DescribedPair,
         pair: DescribedPair,
         seen: dict[str, NDArray[Any]],
-        source: NDArray[np.intp],
-        in_left: NDArray[np.intp],
-        in_right: NDArray[np.intp],
-        motion: tuple[Array, Array],
-    ) -> tuple[StereoMatches, Array, NDArray[np.intp]]:
+        source: Index,
+        in_left: Index,
+        in_right: Index,
+        motion: RigidMotion,
+    ) -> tuple[StereoMatches, Array, Index]:
         left, right, slope = (seen[name][source] for name in ("left", "right", "slope"))
-        coarse = pair.found_left.uv[in_left], pair.found_right.uv[in_right]
+        coarse = pair.in_left.uv[in_left], pair.in_right.uv[in_right]
         cur_left, over_time, ok = refine_over_time(
             self.camera, before.images, pair.images, (left, right), slope, coarse, motion, self.config
         )
@@ -156,23 +150,18 @@ class BlobCornerMatcher:
 
 
 def describe_pair(
-    pair: tuple[Image, Image], disparity: CoarseDisparity, features: FeatureConfig, matching: MatchingConfig
+    pair: tuple[Image, Image], disparity: CoarseDisparity, features: FeatureConfig, settings: MatchingConfig
 ) -> DescribedPair:
     """Features of a stereo pair, and which left and right ones look most alike."""
-    left, right = (describe(image, features) for image in pair)
-    half = np.array([matching.max_disparity / 2, 0.0])
-    to_right = best_matches(left, right, left.uv - half, (half[0], ROWS))
-    to_left = best_matches(right, left, right.uv + half, (half[0], ROWS))
-    mutual = to_right >= 0
-    mutual[mutual] = to_left[to_right[mutual]] == np.flatnonzero(mutual)
-    return DescribedPair(*pair, disparity, left, right, np.where(mutual, to_right, -1))
+    return DescribedPair(**vars(matching.describe_pair(pair, features, settings)), disparity=disparity)
 
 
 def _stereo_places(pair: DescribedPair, config: MatchingConfig) -> dict[str, NDArray[Any]]:
     """The left features with their stereo matches and the sub-pixel places of these."""
-    left, right = pair.found_left, pair.found_right
-    index = np.flatnonzero(pair.partner >= 0)
-    place, start = left.uv[index], right.uv[pair.partner[index]]
+    left, right = pair.in_left, pair.in_right
+    partner = pair.partner
+    index = np.flatnonzero(partner >= 0)
+    place, start = left.uv[index], right.uv[partner[index]]
     found, slope, good = refine_stereo(pair.images, pair.disparity, place, start, config)
     good &= found[:, 0] >= 0
     number = len(left.kind)
@@ -182,7 +171,7 @@ def _stereo_places(pair: DescribedPair, config: MatchingConfig) -> dict[str, NDA
     places["right"][index], places["slope"][index] = found, slope
     return {
         **places,
-        "match": pair.partner,
+        "match": partner,
         "stereo": stereo,
         "age": np.ones(number, np.int64),
         "strength": left.strength,

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.types import Array
+from ..core.types import Array, Mask
 from ..method.buckets import square_numbers
 from .config import FeatureConfig
 
@@ -52,7 +52,7 @@ def detect_corners(strength: NDArray[np.float32], config: FeatureConfig) -> tupl
     return np.stack([u, v], axis=1).astype(np.float64), value[which].astype(np.float64)
 
 
-def in_empty_cells(uv: Array, taken: Array, cell: int) -> NDArray[np.bool_]:
+def in_empty_cells(uv: Array, taken: Array, cell: int) -> Mask:
     """Which corners (N, 2) lie in a square cell, `cell` pixels wide, without a pixel taken (M, 2)."""
     number = square_numbers(np.rint(np.concatenate([uv, taken])), cell)
     return ~np.isin(number[: len(uv)], number[len(uv) :])

@@ -1,10 +1,6 @@
 """Chapter 1: the front ends behind one interface.
 
-`klt` is the default by measurement (`feature_selection`, TE in % / RE in deg/100 m). The share of right
-matches (1 px in all four images) is the same, 92 % on `parked` and on `hard`. `blob_corner` is the better on
-`parked`, 0.051 / 0.047 against 0.082 / 0.055, the worse on `hard`, 0.089 / 0.141 against 0.075 / 0.078. On
-real images it is as good: 0.92 / 0.96 against 0.96 / 1.01 over 100 m of the first 201 frames of KITTI 00,
-0.41 / 2.14 against 0.37 / 2.05 over 20 m of the highway 01. But it takes three times as long.
+`klt` is the default: its matches are as good as those of `blob_corner`, and it takes a third of the time.
 """
 
 from __future__ import annotations

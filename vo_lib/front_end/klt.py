@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches, empty_matches
 from ..core.reprojection import GOOD_ENOUGH, fit_motion
-from ..core.types import Array, Image
+from ..core.rows import Rows, joined
+from ..core.types import Array, Image, Mask, Whole
 from ..method.buckets import select_by_bucket
 from ..method.config import BucketConfig
 from ..method.matching import is_stereo
@@ -26,18 +25,15 @@ RigidMotion = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
-class _Features:
+class _Features(Rows):
     """Features of one stereo pair that wait for the next one; slope is that of their surface."""
 
     left: Array
     right: Array
     slope: Array
-    age: NDArray[np.int64]
+    age: Whole
     strength: Array
-    id: NDArray[np.int64]
-
-    def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> _Features:
-        return _Features(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
+    id: Whole
 
 
 @dataclass(frozen=True)
@@ -63,14 +59,6 @@ class PreparedPair:
         return self.left, self.right
 
 
-def prepare_pair(
-    pair: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
-) -> PreparedPair:
-    """Corners and coarse disparity of a stereo pair."""
-    disparity = coarse_disparity(*pair, matching.max_disparity)
-    return PreparedPair(*pair, *detect_corners(corner_strength(pair[0]), features), disparity)
-
-
 class LoopMatcher:
     """Corners followed round the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
 
@@ -84,12 +72,13 @@ class LoopMatcher:
         self.features = features
         self.config = matching
         self._previous: tuple[PreparedPair, _Features] | None = None
-        self._motion: tuple[Array, Array] | None = None
+        self._motion: RigidMotion | None = None
         self._next_id = 0
 
     def prepare(self, pair: tuple[Image, Image]) -> PreparedPair:
         """Corners and coarse disparity of a stereo pair."""
-        return prepare_pair(pair, self.features, self.config)
+        corners = detect_corners(corner_strength(pair[0]), self.features)
+        return PreparedPair(*pair, *corners, coarse_disparity(*pair, self.config.max_disparity))
 
     def step(self, pair: PreparedPair) -> StereoMatches:
         """Matches of the pair before with this one; empty for the first pair."""
@@ -187,18 +176,10 @@ class LoopMatcher:
         number = int(np.count_nonzero(ok))
         ids = np.arange(self._next_id, self._next_id + number)
         self._next_id += number
-        return _Features(
-            np.concatenate([known.left, uv[ok]]),
-            np.concatenate([known.right, found[ok]]),
-            np.concatenate([known.slope, slope[ok]]),
-            np.concatenate([known.age, np.ones(number, np.int64)]),
-            np.concatenate([known.strength, strength[ok]]),
-            np.concatenate([known.id, ids]),
-        )
+        new = _Features(uv[ok], found[ok], slope[ok], np.ones(number, np.int64), strength[ok], ids)
+        return joined([known, new])
 
-    def _track(
-        self, image: Image, target: Image, uv: Array, guess: Array, levels: int
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def _track(self, image: Image, target: Image, uv: Array, guess: Array, levels: int) -> tuple[Array, Mask]:
         if len(uv) == 0:
             return np.zeros((0, 2)), np.zeros(0, np.bool_)
         moved, status, difference = cv2.calcOpticalFlowPyrLK(
@@ -216,7 +197,7 @@ class LoopMatcher:
         found = np.asarray(moved, np.float64).reshape(-1, 2)
         return found, ok & self._inside(found, target)
 
-    def _inside(self, uv: Array, image: Image) -> NDArray[np.bool_]:
+    def _inside(self, uv: Array, image: Image) -> Mask:
         # NaN (a point behind the camera) compares false.
         inside = (uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))
         return np.asarray(inside.all(axis=1))

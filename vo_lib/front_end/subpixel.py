@@ -7,10 +7,9 @@ Whatever found a match, its last step is the same: bend the window as the surfac
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.camera import StereoCamera
-from ..core.types import Array, Image
+from ..core.types import Array, Image, Mask
 from ..method.matching import is_stereo
 from .alignment import FARTHEST, track_warped
 from .config import MatchingConfig
@@ -19,7 +18,7 @@ from .surface import CoarseDisparity, fit_surface, motion_warp, right_slope, ste
 
 def refine_stereo(
     pair: tuple[Image, Image], coarse: CoarseDisparity, left: Array, right: Array, config: MatchingConfig
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+) -> tuple[Array, Array, Mask]:
     """Sub-pixel places in the right image.
 
     Parameters
@@ -54,7 +53,7 @@ def refine_over_time(
     start: tuple[Array, Array],
     motion: tuple[Array, Array],
     config: MatchingConfig,
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+) -> tuple[Array, Array, Mask]:
     """Sub-pixel places in the current pair, left from left and right from right.
 
     Parameters

@@ -6,7 +6,7 @@ pixels over a plane, so three numbers tell how: the disparity at the feature and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -29,8 +29,7 @@ NEAR, NEAR_AT_FIRST = 0.75, 3.0
 FEWEST = 0.3
 
 
-@dataclass(frozen=True)
-class Surface:
+class Surface(NamedTuple):
     """Planes of disparity around N features of a left image.
 
     Attributes
@@ -43,9 +42,6 @@ class Surface:
     slope: Array
     disparity: Array
     share: Array
-
-    def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> Surface:
-        return Surface(self.slope[index], self.disparity[index], self.share[index])
 
 
 def coarse_disparity(left: NDArray[np.uint8], right: NDArray[np.uint8], largest: int) -> CoarseDisparity:

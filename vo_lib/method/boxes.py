@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..core.boxes import Boxes
@@ -12,11 +14,10 @@ from .config import FilterConfig
 
 def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
     """The boxes of vehicles scored well enough, each grown by the margin."""
-    chosen = np.isin(boxes.class_id, config.classes) & (boxes.score >= config.score)
-    xyxy = boxes.xyxy[chosen]
-    grow = config.margin * (xyxy[:, 2:] - xyxy[:, :2])
-    corners = np.concatenate([xyxy[:, :2] - grow, xyxy[:, 2:] + grow], axis=1)
-    return Boxes(corners, boxes.class_id[chosen], boxes.score[chosen])
+    chosen = boxes[np.isin(boxes.class_id, config.classes) & (boxes.score >= config.score)]
+    low, high = chosen.xyxy[:, :2], chosen.xyxy[:, 2:]
+    grow = config.margin * (high - low)
+    return replace(chosen, xyxy=np.concatenate([low - grow, high + grow], axis=1))
 
 
 def inside(uv: Array, xyxy: Array) -> Mask:

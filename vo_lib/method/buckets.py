@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..core.types import Array
+from ..core.types import Array, Index, Whole
 from .config import BucketConfig
 
 
-def square_numbers(uv: Array, side: int) -> NDArray[np.int64]:
+def square_numbers(uv: Array, side: int) -> Whole:
     """A number (N,) for each pixel (N, 2), the same for those in one square of the image, `side` wide."""
     column, row = (uv // side).astype(np.int64).T
     return np.asarray(row * (column.max(initial=0) + 1) + column)
 
 
-def select_by_bucket(
-    uv: Array, age: NDArray[np.int64], strength: Array, config: BucketConfig
-) -> NDArray[np.intp]:
-    """Of each bucket the oldest features, then the strongest: earlier work, reported in section 1.
+def select_by_bucket(uv: Array, age: Whole, strength: Array, config: BucketConfig) -> Index:
+    """Of each bucket the oldest features, of equally old ones the strongest (section 1, from earlier work).
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ class FeatureConfig(Checked):
     """Blobs and corners of an image (chapter 1)."""
 
     blob_cell: int = setting(
-        19, "side of the square of which a blob or corner is the extremum", unit="px", low=3, high=101
+        19, "a blob or corner is the extremum of a square with this side", unit="px", low=3, high=101
     )
     blob_quality: float = setting(
         50.0, "smallest response of the 5×5 masks to a blob or corner", unit="grey levels", low=0, high=2000
@@ -87,7 +87,7 @@ class SelectionConfig(Checked):
         1.0, "a match is an inlier below this Sampson distance", unit="px", low=0.05, high=10
     )
     standstill_flow: float = setting(
-        0.5, "below this median flow the essential matrix is undefined", unit="px", low=0, high=5
+        0.5, "below this median flow the camera stands still: no essential matrix", unit="px", low=0, high=5
     )
 
 
@@ -97,7 +97,7 @@ class TranslationConfig(Checked):
 
     max_depth: float = setting(100.0, "features farther away are not used", unit="m", low=5, high=1000)
     agreement: float = setting(
-        1.0, "a feature agrees with the motion where its rows leave less", unit="px", low=0.1, high=50
+        1.0, "a feature agrees with the motion where its eight rows leave less", unit="px", low=0.1, high=50
     )
 
 

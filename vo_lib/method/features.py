@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.types import Array, Image, Whole
+from ..core.rows import Rows
+from ..core.types import Array, Image, Index, Whole
 from .config import FeatureConfig
 
 BLOB = np.full((5, 5), -1, np.float32)
@@ -28,12 +29,13 @@ PLACES = np.array(
     [(u, v) for v in (-5, -1, 1, 5) for u in (-5, 5)] + [(u, v) for v in (-3, -1, 1, 3) for u in (-1, 1)],
     np.intp,
 )
+DESCRIBED = 6  # pixels that a descriptor reaches: 5, and one more of the Sobel mask
 # Pairs of features compared at once: they fit into the processor's cache.
 BLOCK = 1 << 12
 
 
 @dataclass(frozen=True)
-class Described:
+class Described(Rows):
     """N features of one image: uv (N, 2) pixels, kind (N,) 0 … 3, strength (N,), descriptor (N, 32)."""
 
     uv: Array
@@ -41,17 +43,14 @@ class Described:
     strength: Array
     descriptor: NDArray[np.float32]
 
-    def __getitem__(self, index: NDArray[np.intp]) -> Described:
-        return Described(self.uv[index], self.kind[index], self.strength[index], self.descriptor[index])
-
 
 def describe(image: Image, config: FeatureConfig) -> Described:
     """Blob maxima and minima, corner maxima and minima (kinds 0 … 3) of an image, with descriptors.
 
-    In each square of `config.blob_cell` pixels the strongest of each kind is kept, if it is the extremum of
-    its neighbourhood and stronger than `config.blob_quality`.
+    A feature is a pixel with the largest response of a square round it, `config.blob_cell` pixels wide, if
+    that is above `config.blob_quality`.
     """
-    # Whole numbers of 16 bits hold every response exactly, in half the time.
+    # 16-bit integers hold every response exactly, and take half the time of floats.
     responses = [np.asarray(cv2.filter2D(image, cv2.CV_16S, m), np.int16) for m in (BLOB, CORNER)]
     uv, kind, strength = [], [], []
     for number, response in enumerate(r for each in responses for r in (each, -each)):
@@ -61,7 +60,7 @@ def describe(image: Image, config: FeatureConfig) -> Described:
         strength.append(values)
     places = np.concatenate(uv)
     sobel = cv2.merge([cv2.Sobel(image, cv2.CV_16S, dx, 1 - dx, ksize=3) for dx in (1, 0)])
-    # Pixels numbered along the rows: one index is read faster than two.
+    # Pixels are numbered row by row: one index is faster than two.
     column, row = (places[:, None].astype(np.intp) + PLACES).transpose(2, 0, 1)
     read = sobel.reshape(-1, 2)[row * image.shape[1] + column]
     descriptor = read.reshape(len(places), 2 * len(PLACES)).astype(np.float32)
@@ -69,19 +68,17 @@ def describe(image: Image, config: FeatureConfig) -> Described:
 
 
 def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, Array]:
-    reach = config.blob_cell
-    top = cv2.dilate(response, np.ones((reach, reach), np.uint8))
-    border = max(config.border, 6)
+    """Pixels (N, 2) of the largest responses of their squares, and these responses (N,)."""
+    top = cv2.dilate(response, np.ones((config.blob_cell, config.blob_cell), np.uint8))
+    border = max(config.border, DESCRIBED)
     inner = slice(border, -border)
     peak = (response == top)[inner, inner] & (response[inner, inner] > int(config.blob_quality))
-    # NumPy finds them in a list ten times as fast as in an image.
+    # NumPy looks through a list ten times as fast as through an image.
     row, column = (part + border for part in np.divmod(np.flatnonzero(peak), max(peak.shape[1], 1)))
     return np.stack([column, row], axis=1).astype(np.float64), response[row, column].astype(np.float64)
 
 
-def best_matches(
-    query: Described, train: Described, guess: Array, radius: tuple[float, float]
-) -> NDArray[np.intp]:
+def best_matches(query: Described, train: Described, guess: Array, radius: tuple[float, float]) -> Index:
     """For each query feature the train feature of its kind that looks most alike near a guess.
 
     Parameters
@@ -109,25 +106,23 @@ def best_matches(
     return found
 
 
-def _differences(
-    query: Described, train: Described, i: NDArray[np.intp], j: NDArray[np.intp]
-) -> NDArray[np.float32]:
-    """Sum of absolute differences of the descriptors of each pair; of whole numbers, so it is exact."""
+def _differences(query: Described, train: Described, i: Index, j: Index) -> NDArray[np.float32]:
+    """Sum of absolute differences of the descriptors of each pair; of integers, so it is exact."""
     apart = np.take(query.descriptor, i, axis=0)
     apart -= np.take(train.descriptor, j, axis=0)
     np.abs(apart, out=apart)
-    # Four times as fast as np.sum over so short rows.
+    # A product with ones: over rows this short four times as fast as np.sum.
     return np.asarray(apart @ np.ones(apart.shape[1], np.float32))
 
 
-def _near(guess: Array, uv: Array, radius: tuple[float, float]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _near(guess: Array, uv: Array, radius: tuple[float, float]) -> tuple[Index, Index]:
     """Indices of all pairs of a guess (N, 2) and a place (M, 2) that is near, in the order of the guesses."""
-    # Along the axis that leaves fewer, the near ones are neighbours in a sorted list.
+    # Sorted along the axis of the smaller radius, what is near stands side by side.
     axis = int(radius[1] < radius[0])
     order = np.argsort(uv[:, axis], kind="stable")
     line = uv[order, axis]
     first = np.searchsorted(line, guess[:, axis] - radius[axis])
-    # A guess of NaN is sorted behind all places.
+    # NaN is sorted behind all places, so nothing is near it.
     number = np.searchsorted(line, guess[:, axis] + radius[axis], side="right") - first
     i = np.repeat(np.arange(len(guess)), number)
     j = order[np.arange(len(i)) - np.repeat(np.cumsum(number) - number - first, number)]

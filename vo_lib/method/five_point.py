@@ -26,8 +26,8 @@ import numpy as np
 from ..core.real_roots import DEGREE, real_roots
 from ..core.types import Array, Index, Mask
 
-# glibc returns freed blocks to the system and fetches them again page by page, until it has seen one of
-# this size freed (16 MB, never touched): a third of the solver's time.
+# For speed alone: until a block of 16 MB (never touched) was freed, glibc gives freed memory back to the
+# system and fetches it again page by page, which is a third of the solver's time.
 np.empty(1 << 21)
 QUIET = np.errstate(divide="ignore", invalid="ignore", over="ignore")  # degenerate sets drop out at the end
 
@@ -45,9 +45,9 @@ NODES = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
 _ORDER = np.arange(DEGREE + 1)
 POLYNOMIAL_FROM_VALUES = np.linalg.inv(NODES[0][:, None] ** _ORDER[::-1] * NODES[1][:, None] ** _ORDER)
 
-TURNS = 2  # the axes along which a doubtful set is looked at
+TURNS = 2  # how often a set is solved: a doubtful one again, along other axes
 POLISH_STEPS, POLISH_DONE, CONVERGED = 8, 1e-8, 1e-6  # steps at most; length of the last step: good, enough
-FAR = 1e-3  # a candidate that polishing moves farther may have left another solution unfound
+FAR = 1e-3  # where polishing moves a candidate farther, another solution may be missing: the set is doubtful
 SAME = 1e-7  # candidates of one set nearer than this are one solution found twice
 
 

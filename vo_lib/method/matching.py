@@ -58,7 +58,7 @@ def describe_pair(
 class LoopMatcher:
     """Blobs and corners matched round the loop, pair by pair.
 
-    A feature found again gets a year older and keeps its number.
+    A feature found again is one frame older and keeps its number.
     """
 
     def __init__(self, features: FeatureConfig, matching: MatchingConfig):

@@ -72,7 +72,7 @@ class Odometry:
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Rotation from the essential matrix, then the translation; None where the matches show none."""
-        x_p, x_c, _ = self.points(matches)
+        x_p, x_c = self.points(matches)
         sets = self.draw_sets(x_p, x_c)
         E, set_index = five_point(x_p[sets], x_c[sets])
         if len(E) == 0:
@@ -110,8 +110,9 @@ class Odometry:
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
         """Step 5 (section 2.1): of the four motions of the winner E the one that agrees with stereo depth."""
-        x_p, x_c, X_p = self.points(matches)
+        x_p, x_c = self.points(matches)
         inliers = sampson_inliers(E, x_p, x_c, self.threshold)
+        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
         R_cp, _ = resolve_by_depth(E, x_p[inliers], x_c[inliers], X_p[inliers])
         return Rotation(R_cp, E, inliers)
 
@@ -137,10 +138,9 @@ class Odometry:
         """The motion of a camera that stands still: none. E_prev is kept."""
         return FrameResult(np.eye(4), flags=("standstill",))
 
-    def points(self, matches: StereoMatches) -> tuple[Array, Array, Array]:
-        """Normalised points x_p, x_c (N, 2) and points X_p (N, 3) of the previous left frame, metres."""
-        x_p, x_c = self.camera.normalise(matches.prev_left), self.camera.normalise(matches.cur_left)
-        return x_p, x_c, self.camera.triangulate(matches.prev_left, matches.prev_right)
+    def points(self, matches: StereoMatches) -> tuple[Array, Array]:
+        """Normalised points x_p and x_c (N, 2) of the previous and the current left image."""
+        return self.camera.normalise(matches.prev_left), self.camera.normalise(matches.cur_left)
 
     def random(self) -> np.random.Generator:
         """Random numbers of this frame: of the seed and the frame's number alone."""

@@ -1,8 +1,8 @@
 """Chapter 3: one essential matrix out of many, and its rotation (paper, section 2.2).
 
 Of the candidates of each five-point set the k nearest to the previous frame's essential vector are kept; the
-one with the smallest error wins. That the error is taken over all matches is our reading, and so is one
-previous vector where the text speaks of two frames. Without the prior this is consensus.
+one with the smallest error wins. Two things are our reading: the error is taken over all matches, and one
+previous vector stands where the text speaks of two frames. Without the prior this is consensus.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.geometry import decompose_essential, essential_angle, essential_vector
-from ..core.sampson import candidate_terms, match_terms, squared_distances
+from ..core.sampson import candidate_terms, match_terms, sampson_distance, squared_distances
 from ..core.types import Array, Index, Mask
 
 
 def draw_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
     """Five different indices below `number` for each set, all equally likely, (sets, 5)."""
-    # A part of a random order of all of them is a random choice.
+    # The first five of a random order are a random choice.
     return np.argpartition(rng.random((sets, number)), 4, axis=1)[:, :5]
 
 
@@ -39,8 +39,7 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
 
 def sampson_inliers(E: Array, x_p: Array, x_c: Array, threshold: float) -> Mask:
     """Which matches (N,) lie within `threshold`, in the unit of the points, of one E (3, 3)."""
-    squared = squared_distances(candidate_terms(E[None]), match_terms(x_p, x_c))[0]
-    return np.asarray(squared < threshold**2)
+    return np.asarray(np.abs(sampson_distance(E, x_p, x_c)) < threshold)
 
 
 def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Mask:

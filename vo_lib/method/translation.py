@@ -2,8 +2,8 @@
 
 With R known, a feature seen at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image:
 (x e3 - e1)ᵀ P = 0 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where
-P = Q in the previous pair and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). In the paper
-Q is in the current frame, and its P is the projection.
+P = Q in the previous pair and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). The paper has
+Q in the current frame, and calls the projection matrix P.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def solve_translation(
     """One translation for all features: equation (3) stacked and solved by the pseudo-inverse.
 
     A single feature gives a translation already. The median of all of these is the start; features whose
-    rows it does not fit are left out of the stacked system; the same once more from its solution.
+    rows it does not fit are left out of the stacked system; then the same once more, from its solution.
 
     Parameters
     ----------

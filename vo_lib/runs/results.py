@@ -16,7 +16,7 @@ import numpy as np
 from ..config import config_class
 from ..core import settings
 from ..core.errors import DataError
-from ..core.files import read_text, write_bytes_atomic, write_text_atomic
+from ..core.files import csv_text, read_text, write_bytes_atomic, write_text_atomic
 from ..core.frame import FrameResult
 from ..core.geometry import inverse
 from ..core.poses import format_kitti_poses, format_tum, read_kitti_poses
@@ -215,20 +215,16 @@ def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
 
 def frames_csv(frames: tuple[str, ...], motions: list[FrameResult]) -> str:
     """The per-frame log as CSV: one row for the motion into each frame but the first."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    counts = ["frame", "matches", "removed_by_boxes", "used", "inliers", "prior_angle_deg"]
-    counts += ["step_m", "disparity_offset_px", "centre_u_px", "centre_v_px", "flags"]
-    writer.writerow(counts + [f"{stage}_ms" for stage in STAGES])
+    heading = ["frame", "matches", "removed_by_boxes", "used", "inliers", "prior_angle_deg"]
+    heading += ["step_m", "disparity_offset_px", "centre_u_px", "centre_v_px", "flags"]
+    rows: list[list[object]] = [[*heading, *(f"{stage}_ms" for stage in STAGES)]]
     for frame, motion in zip(frames, motions, strict=True):
         angle, offset = ("" if math.isnan(x) else f"{x:.4f}" for x in (motion.prior_angle, motion.offset))
         step = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}"
-        writer.writerow(
-            [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step]
-            + [offset, *(f"{x + 0.0:.3f}" for x in motion.centre), " ".join(motion.flags)]
-            + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES]
-        )
-    return buffer.getvalue()
+        row = [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step]
+        row += [offset, *(f"{x + 0.0:.3f}" for x in motion.centre), " ".join(motion.flags)]
+        rows.append(row + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES])
+    return csv_text(rows)
 
 
 def _json(data: dict[str, Any]) -> str:

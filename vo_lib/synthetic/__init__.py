@@ -5,7 +5,6 @@ truth = open_truth(folder)           # depth, instances, motion of every vehicle
 """
 
 from .cache import cache_folder, ensure_scene, is_complete, scene_key
-from .gallery import contact_sheet
 from .scenes import SCENES, SceneConfig, scene_config
 from .truth import Truth, open_truth
 
@@ -14,7 +13,6 @@ __all__ = [
     "SceneConfig",
     "Truth",
     "cache_folder",
-    "contact_sheet",
     "ensure_scene",
     "is_complete",
     "open_truth",

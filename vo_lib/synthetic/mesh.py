@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry import transform
+from ..core.rows import Rows
 from ..core.types import Array
 
 Int = NDArray[np.int32]
@@ -18,7 +19,7 @@ SUN = np.array([-0.45, -0.75, -0.48]) / np.linalg.norm([-0.45, -0.75, -0.48])
 
 
 @dataclass(frozen=True)
-class Faces:
+class Faces(Rows):
     """F convex flat faces; a triangle repeats its third corner.
 
     Attributes
@@ -39,12 +40,6 @@ class Faces:
     gain: Array
     instance: Int
 
-    def __len__(self) -> int:
-        return len(self.texture)
-
-    def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> Faces:
-        return Faces(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
-
     def moved(self, T: Array) -> Faces:
         """The faces moved rigidly by T (4, 4); their texture goes with them."""
         corners = transform(T, self.corners.reshape(-1, 3)).reshape(-1, 4, 3)
@@ -64,11 +59,6 @@ class Faces:
 def sunlight(normal: Array) -> Array:
     """Light (F,) of sun and sky on surfaces with unit normals (F, 3)."""
     return np.asarray(0.62 + 0.38 * np.maximum(normal @ SUN, 0.0) - 0.12 * np.maximum(normal[:, 1], 0.0))
-
-
-def join(parts: list[Faces]) -> Faces:
-    """All faces of the parts, in order."""
-    return Faces(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in dataclasses.fields(Faces)))
 
 
 @dataclass

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from ..core.camera import StereoCamera
 from ..core.geometry import inverse, transform
-from ..core.types import Array
+from ..core.rows import joined
+from ..core.types import Array, Mask
 from .antialias import soften_edges
-from .mesh import Faces, join
+from .mesh import Faces
 from .world import World
 
 Float32 = NDArray[np.float32]
@@ -107,7 +108,7 @@ class Renderer:
             shown = np.einsum("ij,ij->i", middle - eye, placed.outward()) < 0
             shown &= self._in_pyramid(transform(T_c_s, middle), np.full(len(middle), 10.0))
             parts.append(placed[shown])
-        faces = join(parts)
+        faces = joined(parts)
         corners = transform(T_c_s, faces.corners.reshape(-1, 3)).reshape(-1, 4, 3)
         # Nearest first: the rasteriser then overwrites less.
         low = corners[:, :, 2].min(axis=1)
@@ -115,7 +116,7 @@ class Renderer:
         order = order[corners[order, :, 2].max(axis=1) > NEAR]
         return faces[order], corners[order]
 
-    def _in_pyramid(self, middle: Array, radius: Array) -> NDArray[np.bool_]:
+    def _in_pyramid(self, middle: Array, radius: Array) -> Mask:
         """Whether balls (N, 3), camera frame, may reach into the pyramid that the picture covers."""
         camera = self.camera
         x, y, z = middle.T

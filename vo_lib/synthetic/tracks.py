@@ -9,17 +9,17 @@ Fast enough to try a method over thousands of frames in seconds:
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.camera import StereoCamera
 from ..core.errors import DataError
 from ..core.geometry import inverse, rigid, rotation_from_vector, transform
 from ..core.matches import StereoMatches
+from ..core.rows import Rows, joined
 from ..core.settings import Checked, setting
-from ..core.types import Array, Mask
+from ..core.types import Array, Mask, Whole
 
 Rng = np.random.Generator
 
@@ -69,24 +69,22 @@ class SimulatedFrame:
     T_cp: Array
 
 
-@dataclass
-class _Features:
+@dataclass(frozen=True)
+class _Features(Rows):
     """Features alive: points (n, 3) in their body's frame, body -1 is the street, else an object."""
 
-    point: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    body: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
-    left: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    right: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    age: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
-    strength: Array = field(default_factory=lambda: np.zeros(0))
-    id: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    point: Array
+    body: Whole
+    left: Array
+    right: Array
+    age: Whole
+    strength: Array
+    id: Whole
 
-    def take(self, index: Mask | NDArray[np.intp]) -> _Features:
-        return _Features(*(value[index] for value in vars(self).values()))
 
-    def join(self, other: _Features) -> _Features:
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return _Features(*(np.concatenate(pair) for pair in pairs))
+def _no_features() -> _Features:
+    uv, whole = np.zeros((0, 2)), np.zeros(0, np.int64)
+    return _Features(np.zeros((0, 3)), whole, uv, uv, whole, np.zeros(0), whole)
 
 
 def simulate_tracks(
@@ -118,7 +116,7 @@ class _Street:
     def __init__(self, poses: Array, camera: StereoCamera, config: TrackConfig, rng: Rng):
         self.poses, self.camera, self.config, self.rng = poses, camera, config, rng
         self.from_world = inverse(poses)
-        self.alive = _Features()
+        self.alive = _no_features()
         self.next_id = 0
         # Poses T_w_o of the objects in the previous and the current frame; far away until they are placed.
         self.objects = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, -1e6])), (config.objects, 1, 1))
@@ -130,17 +128,17 @@ class _Street:
             self._move_objects(frame)
             on_objects = round(config.moving * config.points)
             quota = {False: config.points - on_objects, True: on_objects}
-            kept = self.alive.take(rng.random(len(self.alive.id)) < config.survival)
-            kept = kept.take(self._visible(frame, kept.point, kept.body))
+            kept = self.alive[rng.random(len(self.alive)) < config.survival]
+            kept = kept[self._visible(frame, kept.point, kept.body)]
             parts = []
             for moving, wanted in quota.items():
-                old = kept.take(np.flatnonzero((kept.body >= 0) == moving)[:wanted])
-                parts.append(old.join(self._new(frame, wanted - len(old.id), moving)))
-            yield self._measure(frame, parts[0].join(parts[1]))
+                old = kept[np.flatnonzero((kept.body >= 0) == moving)[:wanted]]
+                parts += [old, self._new(frame, wanted - len(old), moving)]
+            yield self._measure(frame, joined(parts))
 
     def _measure(self, frame: int, features: _Features) -> SimulatedFrame:
         """Measure the features in the current pair; some of them wrongly."""
-        config, rng, count = self.config, self.rng, len(features.id)
+        config, rng, count = self.config, self.rng, len(features)
         left, right = self._project(frame, features.point, features.body, now=True)
         left, right = left + self._noise(count), right + self._noise(count)
         street = np.flatnonzero(features.body < 0)
@@ -160,9 +158,7 @@ class _Street:
         )
         moving = features.body >= 0
         T_cp = self.from_world[frame] @ self.poses[frame - 1]
-        self.alive = _Features(
-            features.point, features.body, left, right, features.age + 1, features.strength, features.id
-        ).take(~wrong)
+        self.alive = replace(features, left=left, right=right, age=features.age + 1)[~wrong]
         return SimulatedFrame(frame, matches, wrong, moving, T_cp)
 
     def _new(self, frame: int, wanted: int, moving: bool) -> _Features:
@@ -176,7 +172,7 @@ class _Street:
             found.append((point[good], body[good]))
             count += len(good)
         if not found:
-            return _Features()
+            return _no_features()
         point, body = (np.concatenate(part) for part in zip(*found, strict=True))
         left, right = self._project(frame - 1, point, body, now=False)
         self.next_id += count
@@ -190,7 +186,7 @@ class _Street:
             np.arange(self.next_id - count, self.next_id),
         )
 
-    def _sample(self, frame: int, count: int, moving: bool) -> tuple[Array, NDArray[np.int64]]:
+    def _sample(self, frame: int, count: int, moving: bool) -> tuple[Array, Whole]:
         """Random points in their body's frame: on road and fronts near the previous camera, or on objects."""
         rng, config = self.rng, self.config
         if moving:
@@ -205,13 +201,13 @@ class _Street:
         x, y = np.where(ground, rng.uniform(-7.0, 7.0, count), x), np.where(ground, config.camera_height, y)
         return transform(self.poses[frame - 1], np.stack([x, y, z], axis=1)), np.full(count, -1)
 
-    def _project(self, frame: int, point: Array, body: NDArray[np.int64], now: bool) -> tuple[Array, Array]:
+    def _project(self, frame: int, point: Array, body: Whole, now: bool) -> tuple[Array, Array]:
         """Left and right pixels in a frame; `now` says which of the two known poses of the objects holds."""
         objects = self.objects_now if now else self.objects
         T = np.concatenate([self.from_world[frame] @ objects, self.from_world[frame][None]])[body]
         return self.camera.project(np.einsum("nij,nj->ni", T[:, :3, :3], point) + T[:, :3, 3])
 
-    def _visible(self, frame: int, point: Array, body: NDArray[np.int64]) -> Mask:
+    def _visible(self, frame: int, point: Array, body: Whole) -> Mask:
         """Inside both pictures of both pairs, with a little room for noise."""
         inside = np.ones(len(body), bool)
         far_corner = (self.camera.width - 3.0, self.camera.height - 3.0)
@@ -236,7 +232,7 @@ class _Street:
             place = np.array([side, self.config.camera_height, self.rng.uniform(11.0, 25.0)])
             turn = rotation_from_vector(np.array([0.0, np.radians(self.config.object_heading), 0.0]))
             self.objects[k] = self.poses[frame - 1] @ rigid(turn, place)
-            self.alive = self.alive.take(self.alive.body != k)
+            self.alive = self.alive[self.alive.body != k]
         self.objects_now = self.objects @ ahead
 
     def _noise(self, count: int) -> Array:

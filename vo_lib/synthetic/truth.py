@@ -18,7 +18,7 @@ from ..core.geometry import inverse
 from ..core.matches import StereoMatches
 from ..core.poses import read_kitti_poses
 from ..core.settings import from_dict
-from ..core.types import Array, Mask
+from ..core.types import Array, Index, Mask, Whole
 from .scenes import SceneConfig
 from .traffic import STILL
 from .truth_files import decode_depth
@@ -44,8 +44,8 @@ class Truth:
     folder: Path
     config: SceneConfig
     poses: Array
-    instance: NDArray[np.int64]
-    kind: NDArray[np.int64]
+    instance: Whole
+    kind: Whole
     size: Array
     objects: Array
     speed: Array
@@ -64,7 +64,7 @@ class Truth:
         """Instance number (H, W) of every pixel of the left image; 0 is street or sky."""
         return _read(self.folder / "truth" / "instance" / f"{frame:06d}.png").astype(np.uint16)
 
-    def moving_ids(self, frame: int, other: int | None = None) -> NDArray[np.int64]:
+    def moving_ids(self, frame: int, other: int | None = None) -> Whole:
         """Instance numbers, shadows included, of what moves in a frame, or between it and another frame."""
         vehicles = np.flatnonzero(self._moves(frame, other)) + 1
         return np.concatenate([vehicles, vehicles + len(self.instance)])
@@ -137,17 +137,17 @@ class Truth:
         step = self.objects[other, :, :3, 3] - self.objects[frame, :, :3, 3]
         return np.asarray(np.linalg.norm(step, axis=1) > STILL)
 
-    def _nearest(self, uv: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _nearest(self, uv: Array) -> tuple[Index, Index]:
         """Row and column of the pixels nearest to positions (N, 2)."""
         uv = np.nan_to_num(np.asarray(uv, np.float64).reshape(-1, 2))
         column = np.clip(np.rint(uv[:, 0]), 0, self.camera.width - 1).astype(np.intp)
         row = np.clip(np.rint(uv[:, 1]), 0, self.camera.height - 1).astype(np.intp)
         return row, column
 
-    def _instance_at(self, frame: int, uv: Array) -> NDArray[np.int64]:
+    def _instance_at(self, frame: int, uv: Array) -> Whole:
         return self.ids(frame)[self._nearest(uv)].astype(np.int64)
 
-    def _vehicle_at(self, frame: int, uv: Array) -> NDArray[np.int64]:
+    def _vehicle_at(self, frame: int, uv: Array) -> Whole:
         """0 for the street, k + 1 for vehicle k or its shadow."""
         number = self._instance_at(frame, uv)
         count = max(len(self.instance), 1)

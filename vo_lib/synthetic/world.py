@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.geometry import inverse
+from ..core.rows import joined
 from ..core.types import Array
 from .atlas import Atlas, TextureSet
 from .drive import Drive, Route, make_drive, make_route
-from .mesh import Faces, MeshBuilder, join
+from .mesh import Faces, MeshBuilder
 from .scenes import SceneConfig
 from .shapes import SHAPES
 from .site import Site
@@ -117,7 +118,7 @@ def place_vehicle(vehicle: Vehicle, instance: int, shadow: int, frame: int) -> F
         numbered = dataclasses.replace(faces, instance=np.full(len(faces), number, np.int32))
         light = numbered.moved(vehicle.poses[len(vehicle.poses) // 2]).lit().gain * vehicle.gain
         parts.append(dataclasses.replace(numbered.moved(vehicle.poses[frame]), gain=light))
-    return join(parts)
+    return joined(parts)
 
 
 def make_world(config: SceneConfig) -> World:
@@ -135,7 +136,7 @@ def make_world(config: SceneConfig) -> World:
     for k, vehicle in enumerate(vehicles):
         if vehicle.parked:
             parts.append(place_vehicle(vehicle, k + 1, len(vehicles) + k + 1, 0))
-    still, shade = join(parts), make_shade(config, route)
+    still, shade = joined(parts), make_shade(config, route)
     if config.dark_stretches:
         still = dataclasses.replace(still, gain=still.gain * shade.at(route, still.corners.mean(axis=1)))
     return World(config, route, drive, textures.build(), textures.names["clouds"], still, vehicles, shade)

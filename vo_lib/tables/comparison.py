@@ -15,8 +15,7 @@ from ..core.poses import read_kitti_poses
 from ..core.types import Array
 from ..evaluation.kitti import KITTI_BIN_MINIMUM
 from ..runs.results import evaluate_path, read_config, read_metrics
-from .report import ReportTable
-from .table1 import number
+from .report import ReportTable, number
 
 KINDS = {"kitti": "as KITTI, 100 m and more", "short": "20, 50, 100 m, every frame"}
 COLUMNS = ["run", "TE %", "RE deg/100 m", "ATE m", "RPE m", "RPE deg", "ms a frame"]

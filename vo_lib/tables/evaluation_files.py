@@ -15,8 +15,8 @@ from ..evaluation.ate_rpe import align
 from ..evaluation.axes import TurnedErrors
 from ..evaluation.kitti import Evaluation, KittiErrors
 from .plots import Curve, error_curves_figure, trajectories_figure
+from .report import number
 from .reproduce import slug
-from .table1 import number
 from .table_files import write_figure
 
 HEADING = ["system", "sequence", "length_m", "subsequences", "te_percent", "re_deg_per_100m"]

@@ -11,12 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from numpy.typing import NDArray
 
 from ..beyond.box_tracks import MOVING, PARKED
 from ..core.boxes import Boxes
 from ..core.matches import StereoMatches
-from ..core.types import Array, Image
+from ..core.types import Array, Image, Mask, Whole
 from ..evaluation.kitti import trajectory_distances
 
 # Points (length in m or speed in km/h, TE in %, RE in deg/100 m) of a method.
@@ -189,9 +188,9 @@ AGE_COLOURS = [(255 - 13 * n, 90 + 11 * n, 12 * n // 2) for n in range(16)]
 def match_image(
     image: Image,
     matches: StereoMatches,
-    kept: NDArray[np.bool_],
+    kept: Mask,
     boxes: Boxes,
-    state: NDArray[np.int64] | None = None,
+    state: Whole | None = None,
     words: Sequence[str] = (),
     by_age: bool = False,
 ) -> Image:

@@ -1,4 +1,4 @@
-"""Reports: one HTML page with its pictures inside, to be opened from disk or handed on."""
+"""Tables as data, Markdown or HTML; reports: one page with its pictures inside, to be opened from disk."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ from importlib import metadata
 import cv2
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from ..core.types import Array
+
+NONE = "–"  # where there is no number
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,28 @@ class ReportTable:
     rows: list[list[str]]
     notes: list[str]
     head: list[str] = field(default_factory=list)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number, or a dash where there is none."""
+    return NONE if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
+
+
+def spread(values: Array, digits: int = 3) -> str:
+    """Mean ± standard deviation over seeds; the number alone of one seed; a dash where there is none."""
+    if len(values) == 0 or not np.isfinite(values).all():
+        return NONE
+    if len(values) == 1:
+        return number(float(values[0]), digits)
+    return f"{values.mean():.{digits}f} ± {values.std():.{digits}f}"
+
+
+def markdown(table: ReportTable) -> str:
+    """A table with its title and notes in Markdown."""
+    lines = [table.columns, ["---", *["---:"] * (len(table.columns) - 1)], *table.rows]
+    rows = "".join("| " + " | ".join(cell.replace("\n", "<br>") for cell in line) + " |\n" for line in lines)
+    head = "".join(f"{line}\n\n" for line in table.head)
+    return f"## {table.title}\n\n{head}{rows}" + "".join(f"\n{note}\n" for note in table.notes)
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,14 +14,14 @@ import numpy as np
 from ..config import Config, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
+from ..core.files import csv_text
 from ..core.types import Array
 from ..data.sequence import Sequence
-from ..evaluation.kitti import Measure, kitti_errors, suitable_measure
+from ..evaluation.kitti import Measure, suitable_measure
 from ..runs.jobs import Job, Outcome
 from ..runs.results import read_run
-from .entries import back_end_ms, over_seeds
-from .report import ReportTable
-from .table1 import NONE, number, spread
+from .entries import Entry, measure_runs
+from .report import NONE, ReportTable, number, spread
 
 
 @dataclass(frozen=True)
@@ -41,23 +39,29 @@ class Axis:
 
 @dataclass(frozen=True)
 class Cell:
-    """One combination of values.
+    """One combination of values: what its runs gave, None where none ran.
 
-    Attributes
-    ----------
-    values : of each axis, as they are typed.
-    te, re : (S,) %, deg/100 m, of the seeds that ran; NaN where no sub-sequence fits.
-    removed_share : share of the matches that boxes removed, first seed; NaN where none ran.
-    back_end_ms : mean time a frame without getting the matches, milliseconds; NaN where none ran.
-    errors : "seed 3: cause" of each run that failed.
+    `values` of each axis, as they are typed; `errors` "seed 3: cause" of each run that failed.
     """
 
     values: tuple[str, ...]
-    te: Array
-    re: Array
-    removed_share: float
-    back_end_ms: float
+    entry: Entry | None
     errors: tuple[str, ...]
+
+    @property
+    def te(self) -> Array:
+        """Translation error of the seeds that ran, (S,) %; NaN where no sub-sequence fits."""
+        return np.zeros(0) if self.entry is None else self.entry.te
+
+    @property
+    def re(self) -> Array:
+        """Rotation error likewise, (S,) deg/100 m."""
+        return np.zeros(0) if self.entry is None else self.entry.re
+
+    @property
+    def costs(self) -> tuple[float, float]:
+        """Share of the matches that boxes removed, and the back end's ms a frame; NaN where none ran."""
+        return (np.nan, np.nan) if self.entry is None else (self.entry.removed_share, self.entry.back_end_ms)
 
 
 @dataclass(frozen=True)
@@ -147,8 +151,9 @@ def sweep_table(sweep: Sweep) -> ReportTable:
     rows = []
     notes = [] if sweep.labels else ["The sequence has no labels: boxes remove nothing."]
     for cell in sweep.cells:
-        removed = NONE if np.isnan(cell.removed_share) else f"{100 * cell.removed_share:.1f} %"
-        rows.append([*cell.values, spread(cell.te), spread(cell.re), removed, number(cell.back_end_ms, 1)])
+        share, ms = cell.costs
+        removed = NONE if np.isnan(share) else f"{100 * share:.1f} %"
+        rows.append([*cell.values, spread(cell.te), spread(cell.re), removed, number(ms, 1)])
         place = ", ".join(f"{a.name}={v}" for a, v in zip(sweep.axes, cell.values, strict=True))
         notes += [f"Failed: {place}, {error}" for error in cell.errors]
     return ReportTable(sweep.title, columns, rows, notes)
@@ -156,16 +161,13 @@ def sweep_table(sweep: Sweep) -> ReportTable:
 
 def sweep_csv(sweep: Sweep) -> str:
     """The table as CSV, numbers with all their digits; empty where there is none."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
     numbers = ["te_percent", "te_std", "re_deg_per_100m", "re_std", "removed_share", "back_end_ms"]
-    writer.writerow([*(axis.name for axis in sweep.axes), "seeds", *numbers, "errors"])
+    rows: list[list[object]] = [[*(axis.name for axis in sweep.axes), "seeds", *numbers, "errors"]]
     for cell in sweep.cells:
-        te, re = mean_and_spread(cell.te), mean_and_spread(cell.re)
-        values = [*te, *re, cell.removed_share, cell.back_end_ms]
+        values = [*mean_and_spread(cell.te), *mean_and_spread(cell.re), *cell.costs]
         words = ["" if np.isnan(value) else repr(float(value)) for value in values]
-        writer.writerow([*cell.values, len(cell.te), *words, "; ".join(cell.errors)])
-    return buffer.getvalue()
+        rows.append([*cell.values, len(cell.te), *words, "; ".join(cell.errors)])
+    return csv_text(rows)
 
 
 def mean_and_spread(values: Array) -> tuple[float, float]:
@@ -199,23 +201,9 @@ def _jobs(
 
 def _cell(words: tuple[str, ...], outcomes: list[Outcome], measure: Measure) -> Cell:
     """What the runs of a cell add up to."""
-    runs, errors = [], []
-    for outcome in outcomes:
-        if outcome.error is None:
-            runs.append(read_run(outcome.job.folder, outcome.job.sequence))
-        else:
-            errors.append(f"seed {outcome.job.config.seed}: {outcome.error}")
-    truth = outcomes[0].job.sequence.truth
-    assert truth is not None
-    found = [kitti_errors(truth, run.poses, measure.lengths, measure.step) for run in runs]
-    return Cell(
-        values=words,
-        te=over_seeds(e.te for e in found),
-        re=over_seeds(e.re for e in found),
-        removed_share=runs[0].removed_share if runs else np.nan,
-        back_end_ms=float(np.mean([back_end_ms(run) for run in runs])) if runs else np.nan,
-        errors=tuple(errors),
-    )
+    runs = [read_run(each.job.folder, each.job.sequence) for each in outcomes if each.error is None]
+    errors = tuple(f"seed {o.job.config.seed}: {o.error}" for o in outcomes if o.error is not None)
+    return Cell(words, measure_runs(outcomes[0].job.method, runs, measure) if runs else None, errors)
 
 
 def _word(value: Any) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.types import Array
-from ..data.kitti_check import EXPECTED_FRAMES
+from ..data.kitti import EXPECTED_FRAMES
 from ..data.sequence import KITTI
 from ..evaluation.kitti import KITTI_MEASURE, pooled
 from .entries import Entry, Group
@@ -22,28 +22,14 @@ from .paper import (
     gain,
     printed_gains,
 )
-from .report import ReportTable
+from .report import NONE, ReportTable, number, spread
 
 METHOD_COLUMNS = ["method", "TE %", "RE deg/100 m", "removed", "back end ms"]
-NONE = "–"
+VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
 NAMED = 4  # sequences that a sentence lists
 DIGITS = 2, 3  # of the TE and RE that the paper prints
 NOTHING: Array = np.zeros(0)
 BOXED = ("feature_selection", "moving_selection")  # methods that need vehicle boxes
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """A number, or a dash where there is none."""
-    return NONE if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
-
-
-def spread(values: Array, digits: int = 3) -> str:
-    """Mean ± standard deviation over seeds; the number alone of one seed; a dash where there is none."""
-    if len(values) == 0 or not np.isfinite(values).all():
-        return NONE
-    if len(values) == 1:
-        return number(float(values[0]), digits)
-    return f"{values.mean():.{digits}f} ± {values.std():.{digits}f}"
 
 
 def seeds_words(entries: list[Entry]) -> str:
@@ -65,57 +51,48 @@ def method_table(entries: list[Entry]) -> ReportTable:
     return ReportTable(title, METHOD_COLUMNS, rows, [*notes, f"Made by: {how}."])
 
 
-def layout_tables(group: Group, paper: PaperTable | None = None) -> list[ReportTable]:
+def layout_tables(group: Group, paper: PaperTable | None = None, narrow: bool = False) -> list[ReportTable]:
     """A group in the layout of Table 1, what Feature selection gains, and apart the kit's own method.
 
     Parameters
     ----------
     paper : printed numbers, shown below ours where the group is KITTI's.
+    narrow : for a terminal of 80 columns: means alone, TE / RE in one cell, no gains.
     """
     paper = paper if group.kitti else None
-    own = [method for method in group.methods if method not in PAPER_METHODS]
     printed = [method for method in PAPER_METHODS if method in group.methods]
+    own = [method for method in group.methods if method not in PAPER_METHODS]
+    words = f"{VARIANT_WORDS[group.variant]}: {group.words}"
     tables = []
     if printed:
-        title = f"Table 1, {VARIANT_WORDS[group.variant]}: {group.words}"
-        rows = _rows(group, printed, paper, split=True)
-        columns = [f"{PRINTED_NAMES[method]} {kind}" for method in printed for kind in ("TE", "RE")]
-        tables.append(ReportTable(title, ["sequence", *columns], rows, _notes(group, paper), _head(group)))
-    if PROPOSAL in printed and len(printed) > 1:
+        rows, notes = _rows(group, printed, paper, narrow), _notes(group, paper, narrow)
+        tables.append(ReportTable(f"Table 1, {words}", _columns(printed, narrow), rows, notes, _head(group)))
+    if PROPOSAL in printed and len(printed) > 1 and not narrow:
         tables.append(gains_table(group, paper))
     if own:
-        title = f"Not in the paper, {VARIANT_WORDS[group.variant]}: {group.words}"
-        columns = [f"{method} {kind}" for method in own for kind in ("TE", "RE")]
-        notes = [f"TE in %, RE in deg/100 m; {seeds_words(list(group.entries.values()))}."]
-        tables.append(ReportTable(title, ["sequence", *columns], _rows(group, own, None, split=True), notes))
+        rows, notes = _rows(group, own, None, narrow), [_units(group, narrow) + "."]
+        tables.append(ReportTable(f"Not in the paper, {words}", _columns(own, narrow), rows, notes))
     return tables
 
 
-def terminal_tables(group: Group, paper: PaperTable | None = None) -> list[ReportTable]:
-    """A group in 80 columns: means, TE / RE in one cell, the paper's below; the kit's own methods apart."""
-    paper = paper if group.kitti else None
-    tables = []
-    for of_paper in (True, False):
-        methods = [method for method in group.methods if (method in PAPER_METHODS) == of_paper]
-        if not methods:
-            continue
-        names = [PRINTED_NAMES.get(method, method).replace(" ", "\n") for method in methods]
-        words = VARIANT_WORDS[group.variant].capitalize()
-        title = f"{words}: {group.words}" if of_paper else f"{words}, not in the paper"
-        below = "; below, the paper's." if paper and of_paper else "."
-        notes = [f"TE in % / RE in deg/100 m, means over seeds{below}"]
-        rows = _rows(group, methods, paper, split=False)
-        tables.append(ReportTable(title, ["sequence", *names], rows, notes, _head(group) if of_paper else []))
-    return tables
+def _columns(methods: list[str], narrow: bool) -> list[str]:
+    names = [PRINTED_NAMES.get(method, method) for method in methods]
+    if narrow:
+        return ["sequence", *(name.replace(" ", "\n") for name in names)]
+    return ["sequence", *(f"{name} {kind}" for name in names for kind in ("TE", "RE"))]
 
 
-VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
+def _units(group: Group, narrow: bool) -> str:
+    if narrow:
+        return "TE in % / RE in deg/100 m, means over seeds"
+    return f"TE in %, RE in deg/100 m; {seeds_words(list(group.entries.values()))}"
 
 
-def _rows(group: Group, methods: list[str], paper: PaperTable | None, split: bool) -> list[list[str]]:
+def _rows(group: Group, methods: list[str], paper: PaperTable | None, narrow: bool) -> list[list[str]]:
     """A row for the mean, each sequence and the pooled mean; 01, which has no printed numbers, comes last.
 
-    `split` : TE and RE in cells of their own, with the spread over seeds and the difference to the paper.
+    Unless `narrow`, TE and RE have cells of their own, with the spread over seeds and the difference to the
+    paper.
     """
     left_out = f"{KITTI}{LEFT_OUT}"
     sequences = sorted(group.sequences, key=lambda name: group.kitti and name == left_out)
@@ -136,15 +113,12 @@ def _rows(group: Group, methods: list[str], paper: PaperTable | None, split: boo
         cells = []
         for method, ours in zip(methods, numbers, strict=True):
             printed = (None, None) if paper is None else paper.value(name, method)
-            if split:
-                cells += [_cell(o, p, d, whole) for o, p, d in zip(ours, printed, DIGITS, strict=True)]
+            if narrow:
+                lines = [" / ".join(spread(o).split(" ±")[0] for o in ours)]
+                lines += [" / ".join(map(number, printed, DIGITS))] if printed[0] is not None else []
+                cells.append("\n".join(lines))
             else:
-                below = (
-                    ""
-                    if printed[0] is None
-                    else f"\n{number(printed[0], DIGITS[0])} / {number(printed[1], DIGITS[1])}"
-                )
-                cells.append(" / ".join(spread(o).split(" ±")[0] for o in ours) + below)
+                cells += [_cell(o, p, d, whole) for o, p, d in zip(ours, printed, DIGITS, strict=True)]
         table.append([name, *cells])
     return table
 
@@ -174,9 +148,11 @@ def _few(names: list[str]) -> str:
     return ", ".join(names) if len(names) <= NAMED else f"{len(names)} sequences"
 
 
-def _notes(group: Group, paper: PaperTable | None) -> list[str]:
-    over = seeds_words(list(group.entries.values()))
-    notes = [f"TE in %, RE in deg/100 m; {over}."]
+def _notes(group: Group, paper: PaperTable | None, narrow: bool) -> list[str]:
+    units = _units(group, narrow)
+    if narrow:
+        return [f"{units}; below, the paper's." if paper is not None else f"{units}."]
+    notes = [f"{units}."]
     if paper is not None:
         notes[0] += " Below ours, the paper's number and ours less the paper's."
         notes += [*REMARKS, "A difference is given for whole sequences measured as the benchmark does it."]
@@ -296,11 +272,3 @@ def trajectory_table(group: Group) -> ReportTable:
 
 
 RPE_PARTS = (("translation", "m"), ("rotation", "deg"))
-
-
-def markdown(table: ReportTable) -> str:
-    """A table with its title and notes in Markdown."""
-    lines = [table.columns, ["---", *["---:"] * (len(table.columns) - 1)], *table.rows]
-    rows = "".join("| " + " | ".join(cell.replace("\n", "<br>") for cell in line) + " |\n" for line in lines)
-    head = "".join(f"{line}\n\n" for line in table.head)
-    return f"## {table.title}\n\n{head}{rows}" + "".join(f"\n{note}\n" for note in table.notes)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from typing import Any
 
 import numpy as np
 
+from ..core.files import csv_text
 from ..core.types import Array
 from ..data.sequence import KITTI
 from .entries import Entry, Group
@@ -21,18 +20,14 @@ PAPER_HEADING = ("paper_te_percent", "te_difference", "paper_re_deg_per_100m", "
 
 def table_csv(groups: list[Group], paper: PaperTable) -> str:
     """Everything in one long table: a row for each sequence and method, then the averages."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow([*HEADING, *NUMBERS, *PAPER_HEADING, "removed_share", "back_end_ms"])
+    rows = [[*HEADING, *NUMBERS, *PAPER_HEADING, "removed_share", "back_end_ms"]]
     for group in groups:
         words = group.measure.words
         for (sequence, method), e in group.entries.items():
             row = sequence.removeprefix(KITTI) if group.kitti else ""
             beside = _beside(paper.value(row, method), e.te, e.re, is_whole(e))
             more = _plain(e.removed_share), _plain(e.back_end_ms)
-            writer.writerow(
-                [group.variant, sequence, method, words, *_csv_numbers(e.te, e.re), *beside, *more]
-            )
+            rows.append([group.variant, sequence, method, words, *_csv_numbers(e.te, e.re), *beside, *more])
         if len(group.sequences) < 2:
             continue
         for method in group.methods:
@@ -40,9 +35,9 @@ def table_csv(groups: list[Group], paper: PaperTable) -> str:
             row = AVERAGE if is_papers(group) else ""
             beside = _beside(paper.value(row, method), *mean, is_papers(group))
             label = "mean_without_01" if group.kitti else "mean"
-            writer.writerow([group.variant, label, method, words, *_csv_numbers(*mean), *beside, "", ""])
-            writer.writerow([group.variant, "pooled", method, words, *_csv_numbers(*total), *[""] * 6])
-    return buffer.getvalue()
+            rows.append([group.variant, label, method, words, *_csv_numbers(*mean), *beside, "", ""])
+            rows.append([group.variant, "pooled", method, words, *_csv_numbers(*total), *[""] * 6])
+    return csv_text(rows)
 
 
 def _beside(printed: tuple[float | None, float | None], te: Array, re: Array, comparable: bool) -> list[str]:

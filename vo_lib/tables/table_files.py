@@ -12,13 +12,12 @@ from ..core.files import write_bytes_atomic, write_text_atomic
 from ..core.poses import write_kitti_poses
 from ..core.types import Array
 from ..data.sequence import KITTI
-from .demo import methods_in_words
 from .entries import Group, group_entries
 from .paper import PAPER_METHODS, PaperTable
 from .plots import error_curves_figure, pdf, png, trajectories_figure
-from .report import Picture, ReportTable, provenance, render_report
+from .report import Picture, ReportTable, markdown, provenance, render_report
 from .reproduce import Reproduction, slug
-from .table1 import VARIANT_WORDS, layout_tables, length_table, markdown, trajectory_table
+from .table1 import VARIANT_WORDS, layout_tables, length_table, trajectory_table
 from .table1_data import groups_json, table_csv
 
 FIGURE_4 = (f"{KITTI}02", f"{KITTI}07")
@@ -31,14 +30,25 @@ COLOURS = {
 }
 
 
+IN_WORDS = {
+    "viso2": "viso2 fits rotation and translation together",
+    "mesvo_f": "mesvo_f chooses the rotation by consensus",
+    "solution_selection": "solution_selection prefers solutions near the previous frame's",
+    "feature_selection": "feature_selection also removes the features in vehicle boxes, which is the paper's "
+    "proposal",
+    "moving_selection": "moving_selection, not in the paper, removes only those of boxes that are judged to "
+    "move",
+}
+
+
 def write_table_files(
-    folder: Path, result: Reproduction, paper: PaperTable, command: str
-) -> tuple[list[ReportTable], dict[str, Any]]:
-    """Write table1.md, table1.csv, metrics.json, figures, results/ and report.html.
+    folder: Path, result: Reproduction, paper: PaperTable, command: str, more: tuple[Picture, ...] = ()
+) -> dict[str, Any]:
+    """Write table1.md, table1.csv, metrics.json, figures, results/ and report.html; `more` pictures go there.
 
     Returns
     -------
-    The tables, and what metrics.json holds.
+    What metrics.json holds.
     """
     groups = group_entries(result.entries)
     tables = make_tables(groups, paper)
@@ -54,7 +64,7 @@ def write_table_files(
     write_text_atomic(folder / "table1.csv", table_csv(groups, paper))
     write_text_atomic(folder / "metrics.json", json.dumps(metrics, indent=2, allow_nan=False) + "\n")
     write_results(folder, result)
-    pictures = [*_trajectories(folder, result), *_curves(folder, groups)]
+    pictures = [*more, *_trajectories(folder, result), *_curves(folder, groups)]
     page = render_report(
         "Table 1 and Figure 4, reproduced",
         _introduction(result),
@@ -64,7 +74,7 @@ def write_table_files(
         tuple(result.problems),
     )
     write_text_atomic(folder / "report.html", page)
-    return tables, metrics
+    return metrics
 
 
 def make_tables(groups: list[Group], paper: PaperTable) -> list[ReportTable]:
@@ -86,9 +96,10 @@ def write_results(folder: Path, result: Reproduction) -> None:
 def _introduction(result: Reproduction) -> list[str]:
     seeds = "one seed" if result.seeds == 1 else f"{result.seeds} seeds"
     methods = {entry.method for entry in result.entries}.union(*result.poses.values())
+    in_words = "; ".join(words for name, words in IN_WORDS.items() if name in methods)
     lines = [
         "The systems of Table 1 of “Enhance stereo visual odometry performance by removing unstable "
-        f"features”, run on the same matches with {seeds}. {methods_in_words(methods)}",
+        f"features”, run on the same matches with {seeds}. {in_words}.",
         "As published: the paper and no more; chapter 7 lists what it leaves open and what was chosen. The "
         "kit's way: its own front end, a winner that is refined on its inliers, and what is wrong with the "
         "stereo calibration is learnt on the way, which helps most where the pair is badly calibrated.",
@@ -100,7 +111,7 @@ def _introduction(result: Reproduction) -> list[str]:
 
 
 def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
-    """Of each variant Figure 4, two sequences with the paper's systems, and a figure of each sequence."""
+    """Of each variant Figure 4, where its two sequences are, and a figure of each sequence."""
     panels: dict[tuple[str, str], tuple[Array | None, dict[str, Array]]] = {}
     for entry in result.entries:
         _, estimates = panels.setdefault((entry.variant, entry.sequence), (entry.truth, {}))
@@ -109,10 +120,10 @@ def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
     pictures = []
     for variant in dict.fromkeys(variant for variant, _ in panels):
         of_variant = {name: panel for (kind, name), panel in panels.items() if kind == variant}
-        chosen = [name for name in FIGURE_4 if name in of_variant] or list(of_variant)[:2]
         figure_4 = {
             name: (of_variant[name][0], {m: p for m, p in of_variant[name][1].items() if m in PAPER_METHODS})
-            for name in chosen
+            for name in FIGURE_4
+            if name in of_variant
         }
         drawn = {f"figure4_{variant}": figure_4} if any(panel for _, panel in figure_4.values()) else {}
         drawn |= {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in of_variant.items()}

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...beyond.box_tracks import overlap
+from ...core.boxes import overlap
 from ...core.types import Array, Mask
 from ...detection.yolo_layout import Letterbox, letterbox, yolox_cells
 from .checker import Case, Exercise, Known

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...beyond.selection import estimate_essential, sample_sets
+from ...beyond.selection import sample_sets
 from ...beyond.translation import solve_translation
 from ...config import SelectionConfig, preset
 from ...core.boxes import no_boxes
@@ -26,6 +26,7 @@ from ...method.boxes import in_boxes
 from ...method.five_point import five_point
 from ...runs.runner import Run
 from ...tables.plots import draw_trajectory, match_image
+from ..lessons import consensus_rotation
 from .base import Drawing, Panel, State
 from .ch02_figures import polynomial_chart, polynomial_of
 from .ch02_five_point import reference_rotation
@@ -225,11 +226,9 @@ def residual_figure(sequence: Sequence, frame: int, height: int = 240) -> Figure
     config, camera = preset("feature_selection"), sequence.camera
     points = frame_points(sequence, frame, config)
     made, (axis,) = figure(height)
-    estimate = estimate_essential(
-        points.x_p, points.x_c, points.X_p, None, np.random.default_rng(0), SelectionConfig(), camera.f
-    )
-    solved = estimate and solve_translation(camera, points.matches, estimate.R_cp, config.translation)
-    if not solved:
+    R_cp = consensus_rotation(points.x_p, points.x_c, points.X_p, np.random.default_rng(0), camera.f)
+    solved = None if R_cp is None else solve_translation(camera, points.matches, R_cp, config.translation)
+    if solved is None:
         say(axis, "this frame has no solution")
         return made
     t_cp, residual = solved

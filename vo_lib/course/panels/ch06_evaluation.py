@@ -206,7 +206,7 @@ def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], firs
     errors = kitti_errors(truth[first:], estimate[first:], lengths, len(truth))
     if len(errors) == 0:
         return None
-    longest = errors.where(np.arange(len(errors)) == int(np.argmax(errors.length)))
+    longest = errors[np.array([np.argmax(errors.length)])]
     return replace(longest, first=longest.first + first, last=longest.last + first)
 
 

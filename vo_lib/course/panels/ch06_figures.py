@@ -136,7 +136,7 @@ def length_chart(
 def _means(errors: KittiErrors, rotation: bool) -> tuple[Array, Array]:
     """The lengths that occur and the mean error of each, % or deg/100 m."""
     places = np.unique(errors.length)
-    each = [errors.where(errors.length == place) for place in places]
+    each = [errors[errors.length == place] for place in places]
     return places, np.array([part.re if rotation else part.te for part in each], float)
 
 

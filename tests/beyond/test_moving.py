@@ -1,0 +1,126 @@
+"""How the vehicle in a box moves: steps of features in space, and of the boxes that hold them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from box_scenes import CAMERA, STEP, match_points, street_points
+from numpy.typing import NDArray
+
+from vo_lib.beyond.moving import (
+    PointSteps,
+    background_motion,
+    background_noise,
+    box_steps,
+    owner_of,
+    point_steps,
+)
+from vo_lib.config import FilterConfig, MovingConfig
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.geometry import rotation_angle, transform
+from vo_lib.core.types import Array
+
+CAR = np.array([-0.7, 0.3, 0.2])  # step of a car against the street, current camera's axes
+
+
+def test_a_standing_point_has_no_step_and_a_moving_one_its_own() -> None:
+    X = street_points(np.random.default_rng(1), 50)
+    for step in (np.zeros(3), CAR):
+        found = point_steps(CAMERA, match_points(X, transform(STEP, X) + step), STEP)
+        np.testing.assert_allclose(found.step, np.tile(step, (50, 1)), atol=1e-9)
+        np.testing.assert_allclose(found.depth, transform(STEP, X)[:, 2])
+
+
+@pytest.mark.parametrize("depth", [6.0, 15.0, 30.0])
+def test_the_information_of_a_step_is_the_inverse_of_its_scatter(depth: float) -> None:
+    rng, noise, n = np.random.default_rng(2), 0.1, 20000
+    X = np.tile([2.0, -0.5, depth], (n, 1))
+    found = point_steps(CAMERA, match_points(X, transform(STEP, X), noise, rng), STEP)
+    scatter = np.cov(found.step.T) / noise**2
+    # Of a normal 3-vector the squared length in its own deviations is three on average.
+    information = found.information.mean(axis=0)
+    np.testing.assert_allclose(np.trace(scatter @ information), 3.0, rtol=0.1)
+    along, across = scatter[2, 2], scatter[1, 1]
+    assert along > across
+
+
+def test_the_motion_of_the_background_is_found_beside_some_that_moves() -> None:
+    rng = np.random.default_rng(3)
+    X = street_points(rng, 300)
+    step = np.where((np.arange(300) % 5 == 0)[:, None], CAR, 0.0)
+    matches = match_points(X, transform(STEP, X) + step, 0.1, rng)
+    found = background_motion(CAMERA, matches, np.eye(4), 10)
+    assert np.degrees(rotation_angle(found[:3, :3].T @ STEP[:3, :3])) < 0.03
+    assert np.linalg.norm(found[:3, 3] - STEP[:3, 3]) < 0.02
+
+
+def boxes(*xyxy: tuple[float, ...], kind: int = 2, score: float = 1.0) -> Boxes:
+    return Boxes(np.array(xyxy, float), np.full(len(xyxy), kind), np.full(len(xyxy), score))
+
+
+def test_a_feature_in_two_boxes_belongs_to_the_one_in_front() -> None:
+    both = boxes((100, 100, 200, 180), (150, 100, 300, 220))
+    left = np.array([[120.0, 150.0], [180.0, 150.0], [280.0, 150.0], [400.0, 150.0]])
+    right = left - [40.0, 0.0]
+    assert owner_of(CAMERA, left, right, both, FilterConfig()).tolist() == [0, 1, 1, -1]
+
+
+def test_what_is_too_far_for_a_vehicle_of_its_class_is_background() -> None:
+    # A box of 72 px: at 20 m two metres tall, at 40 m four.
+    left = np.tile([650.0, 200.0], (2, 1))
+    right = left - np.array([[CAMERA.f * CAMERA.baseline / z, 0.0] for z in (20.0, 40.0)])
+    one = (600.0, 150.0, 700.0, 222.0)
+    assert owner_of(CAMERA, left, right, boxes(one), FilterConfig()).tolist() == [0, -1]
+    assert owner_of(CAMERA, left, right, boxes(one, kind=7), FilterConfig()).tolist() == [0, 0]
+
+
+def steps_of(
+    step: Array, background: int, noise: float = 0.15
+) -> tuple[PointSteps, NDArray[np.int64], float]:
+    """20 features on a vehicle 15 m ahead, `background` ones behind it, 100 on the street."""
+    rng = np.random.default_rng(4)
+    car = np.array([0.5, 0.8, 15.0]) + rng.uniform(-0.8, 0.8, (20, 3))
+    behind = np.array([1.0, 0.0, 25.0]) + rng.uniform(-2, 2, (background, 3))
+    X = np.concatenate([car, behind, street_points(rng, 100)])
+    moved = transform(STEP, X)
+    moved[:20] += step
+    owner = np.repeat(np.array([0, -1]), [20 + background, 100])
+    points = point_steps(CAMERA, match_points(X, moved, noise, rng), STEP)
+    outside = owner < 0
+    return points, owner, background_noise(points.squared_error(np.zeros(3)), outside, MovingConfig())
+
+
+@pytest.mark.parametrize("background", [0, 10, 20])
+def test_a_vehicle_is_found_beside_as_many_features_of_the_background(background: int) -> None:
+    for step in (CAR, -0.3 * CAR):
+        points, owner, noise = steps_of(step, background)
+        found = box_steps(points, owner, 1, noise, MovingConfig())
+        assert found.matches.tolist() == [20 + background]
+        assert np.linalg.norm(found.step[0] - step) < 0.05
+        deviation = np.sqrt(step @ found.information[0] @ step)
+        assert deviation > 8.0
+
+
+def test_a_parked_vehicle_has_no_significant_step() -> None:
+    for background in (0, 20):
+        points, owner, noise = steps_of(np.zeros(3), background)
+        found = box_steps(points, owner, 1, noise, MovingConfig())
+        assert found.step[0] @ found.information[0] @ found.step[0] < 9.0
+
+
+def test_a_box_without_enough_features_says_nothing() -> None:
+    points, owner, noise = steps_of(CAR, 0)
+    owner = np.where(np.arange(len(owner)) < 2, 0, -1)
+    found = box_steps(points, owner, 2, noise, MovingConfig())
+    assert found.matches.tolist() == [2, 0]
+    assert not found.information.any()
+
+
+def test_the_noise_is_what_the_background_shows_and_never_less_than_the_setting() -> None:
+    rng = np.random.default_rng(5)
+    X = street_points(rng, 2000)
+    outside = np.ones(2000, np.bool_)
+    for noise, expected in ((0.5, 0.5), (0.01, 0.2)):
+        points = point_steps(CAMERA, match_points(X, transform(STEP, X), noise, rng), STEP)
+        found = background_noise(points.squared_error(np.zeros(3)), outside, MovingConfig())
+        assert np.sqrt(found) == pytest.approx(expected, rel=0.1)

@@ -1,0 +1,43 @@
+"""Bad input to any command is one line that says what is wrong, and exit code 2 before any work."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+from conftest import write_bands
+
+from vo_lib.commands.cli import main
+
+# A command line and a part of what is said; BANDS, LEFT, POSES and OUT stand for places.
+CASES = json.loads((Path(__file__).parent / "bad_input.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """A sequence, its left images, its poses, and where nothing may be written."""
+    bands = write_bands(tmp_path_factory.mktemp("bad") / "bands")
+    found = {"BANDS": bands, "LEFT": bands / "image_0", "POSES": bands / "poses.txt", "OUT": bands / "out"}
+    return {name: str(path) for name, path in found.items()}
+
+
+@pytest.mark.parametrize(("line", "expected"), CASES, ids=[line[:60] for line, _ in CASES])
+def test_bad_input_is_one_line_and_code_2_and_leaves_nothing(
+    places: dict[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    line: str,
+    expected: str,
+) -> None:
+    monkeypatch.setenv("KITTI_ROOT", places["LEFT"])  # no KITTI there
+    try:
+        code = main([places.get(word, word) for word in shlex.split(line)])
+    except SystemExit as stop:
+        code = int(str(stop.code))
+    error = capsys.readouterr().err
+    assert code == 2
+    assert expected in error
+    assert len(error.splitlines()) == 1
+    assert not Path(places["OUT"]).exists()

@@ -1,0 +1,111 @@
+"""Boxes shown and rules compared: `vo boxes`, its pictures, and the table of box rules."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import write_bands
+from data_command import load
+
+from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN
+from vo_lib.commands.cli import main
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.matches import empty_matches
+from vo_lib.tables.plots import match_image
+
+measure_results = load("measure_results")
+
+
+@pytest.fixture
+def labelled(tmp_path: Path) -> Path:
+    """Thirteen frames of standing bands, 6 m, with a box in each that holds only what stands."""
+    folder = write_bands(tmp_path / "bands", 13)
+    (folder / "labels").mkdir()
+    for frame in range(13):
+        (folder / "labels" / f"{frame:06d}.txt").write_text("7 0.25 0.8 0.3 0.3 0.75\n", encoding="utf-8")
+    return folder
+
+
+def share_of_white(picture: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> float:
+    """How much of the box's upper line is drawn."""
+    return float(np.mean(np.all(picture[40, 20:161] > 200, axis=1)))
+
+
+def test_moving_parked_and_unknown_boxes_differ_in_their_line() -> None:
+    box = Boxes(np.array([[20.0, 40.0, 160.0, 90.0]]), np.array([2]), np.ones(1))
+    image = np.full((120, 200), 60, np.uint8)
+    nothing = empty_matches()
+    shares = {
+        state: share_of_white(match_image(image, nothing, np.zeros(0, np.bool_), box, np.array([state])))
+        for state in (MOVING, PARKED, UNKNOWN)
+    }
+    assert shares[MOVING] > 0.95
+    assert 0.5 < shares[PARKED] < 0.8
+    assert 0.2 < shares[UNKNOWN] < 0.5
+
+
+def test_words_stand_above_their_box_and_inside_the_image() -> None:
+    image = np.full((120, 200), 60, np.uint8)
+    for top in (40.0, 0.0):
+        box = Boxes(np.array([[20.0, top, 160.0, 90.0]]), np.array([2]), np.ones(1))
+        plain, written = (
+            match_image(image, empty_matches(), np.zeros(0, np.bool_), box, np.array([MOVING]), words)
+            for words in ((), ("0.91 moves",))
+        )
+        rows = np.flatnonzero((plain != written).any(axis=(1, 2)))
+        assert len(rows) > 5
+        assert abs(rows.mean() - max(top - 6, 7)) < 6
+
+
+def test_vo_boxes_prints_each_box_and_draws_each_frame(
+    labelled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "pictures"
+    assert main(["boxes", str(labelled), "--frames", "2:7", "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("parked") == 4
+    assert printed.count("0.75") == 4
+    assert sorted(p.name for p in out.iterdir()) == [f"{i:06d}.jpg" for i in range(3, 7)]
+    picture = cv2.imread(str(out / "000004.jpg"))
+    assert picture is not None
+    assert picture.shape == (240, 480, 3)
+
+
+def test_vo_boxes_without_labels_has_nothing_to_judge(
+    bands: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["boxes", str(bands)]) == 0
+    assert "parked" not in capsys.readouterr().out
+
+
+def test_results_are_measured_by_one_command_with_other_seeds_to_check_them(
+    labelled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from data_scripts import measure_results as script
+
+    monkeypatch.setattr(script, "SEEDS", range(1))
+    monkeypatch.setattr(script, "CHECKED", range(1, 2))
+    monkeypatch.setattr(script, "SHORT_LENGTHS", (1.0,))
+    page = tmp_path / "results.md"
+    words = ["--sequences", str(labelled), "--out", str(page), "--cache", str(tmp_path / "cache")]
+    words += ["--runs", str(tmp_path / "runs")]
+    assert measure_results(words) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "vo data measure_results" in text
+    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| bands, 1 m")]
+    # A row a variant, then the rules of two methods; nobody knows the truth of what moves here.
+    assert [len(row) for row in rows] == [5, 6, 5, 5]
+    assert rows[2][-1].startswith("–")
+    removed = [int(re.findall(r"(\d+) % gone", cell)[0]) for cell in rows[3][1:4]]
+    assert removed[0] == 0 < removed[1]
+    assert removed[2] < removed[1]
+    before = page.read_bytes()
+    stamps = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("poses.txt")}
+    assert measure_results(words) == 0
+    assert page.read_bytes() == before
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
+    assert measure_results(["--jobs", "0", "--out", str(page)]) == 2

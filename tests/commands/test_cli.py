@@ -1,0 +1,264 @@
+"""The command as a person uses it: files written, tables printed, one line and exit code 2 for bad input."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vo_lib.commands.cli import main
+from vo_lib.commands.script import typed
+from vo_lib.config import Config
+from vo_lib.core import settings
+from vo_lib.core.poses import read_kitti_poses, read_tum, write_kitti_poses
+
+FILES = ["config.json", "frames.csv", "metrics.json", "poses.txt", "poses_tum.txt", "trajectory.png"]
+SMALL = ["--features.cell", "10"]
+
+
+def test_a_run_writes_its_files(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = bands.parent / "new" / "out"
+    assert main(["run", str(bands), "--method", "mesvo_f", "--out", str(out), *SMALL]) == 0
+    assert sorted(p.name for p in out.iterdir()) == FILES
+    poses = read_kitti_poses(out / "poses.txt")
+    assert poses.shape == (6, 4, 4)
+    np.testing.assert_array_equal(poses[0], np.eye(4))
+    times, tum = read_tum(out / "poses_tum.txt")
+    np.testing.assert_allclose(tum, poses, atol=1e-7)
+    assert times[1] == pytest.approx(0.1)
+    rows = read_log(out)
+    assert [row["frame"] for row in rows] == [f"{i:06d}" for i in range(1, 6)]
+    assert all(float(row["matching_ms"]) > 0 and int(row["inliers"]) > 20 for row in rows)
+    saved = json.loads((out / "config.json").read_text(encoding="utf-8"))
+    config = settings.from_dict(Config, saved["settings"])
+    assert config.features.cell == 10
+    assert not config.selection.prior
+    image = cv2.imread(str(out / "trajectory.png"))
+    assert image is not None
+    assert image.std() > 5
+    printed = capsys.readouterr().out
+    assert "matches a frame" in printed
+    assert str(out) in printed
+    # What the log's last row says.
+    learnt = re.search(
+        r"principal point (\S+), (\S+) px; disparities (\S+) px", re.sub(r"[│\s]+", " ", printed)
+    )
+    assert learnt is not None
+    logged = [float(rows[-1][name]) for name in ("centre_u_px", "centre_v_px", "disparity_offset_px")]
+    np.testing.assert_allclose([float(number) for number in learnt.groups()], logged, atol=0.06)
+
+
+def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path) -> None:
+    labels = bands.parent / "boxes"
+    labels.mkdir()
+    (labels / "000002.txt").write_text("2 0.5 0.5 0.4 0.4 0.9\n", encoding="utf-8")
+    out = bands.parent / "out"
+    options = ["--frames", "1:4", "--labels", str(labels), "--filter.min_matches", "5", "--seed", "3", *SMALL]
+    assert main(["run", str(bands), "--out", str(out), *options]) == 0
+    rows = read_log(out)
+    assert [row["frame"] for row in rows] == ["000002", "000003"]
+    assert int(rows[0]["removed_by_boxes"]) > 0
+
+
+def test_a_run_with_cached_matches_writes_the_same_poses(
+    bands: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vo_lib.runs.match_cache.cache_folder", lambda: bands.parent / "user" / "synthetic")
+    poses = []
+    for name, cache in (
+        ("plain", []),
+        ("filled", ["--cache"]),
+        ("used", ["--cache"]),
+        ("elsewhere", ["--cache", str(bands.parent / "mine")]),
+    ):
+        assert main(["run", str(bands), "--out", str(bands.parent / name), *SMALL, *cache]) == 0
+        poses.append((bands.parent / name / "poses.txt").read_bytes())
+    assert poses == [poses[0]] * 4
+    kept = {p.relative_to(bands.parent).parts[:2] for p in bands.parent.rglob("*.npz")}
+    assert kept == {("user", "matches"), ("mine", "matches")}
+    row = read_log(bands.parent / "used")[0]
+    assert (row["matching_ms"], row["wait_images_ms"]) == ("", "")
+    assert float(row["cached_matches_ms"]) >= 0
+
+
+def test_a_folder_belongs_to_one_run(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["run", str(bands), "--out", str(bands.parent / "out"), *SMALL]
+    assert main(words) == 0
+    assert main([*words, "--selection.sets", "50"]) == 2
+    assert "selection.sets is 200 there and 50 here" in capsys.readouterr().err
+    assert main([*words, "--selection.sets", "50", "--fresh"]) == 0
+    saved = json.loads((bands.parent / "out" / "config.json").read_text(encoding="utf-8"))
+    assert saved["settings"]["selection"]["sets"] == 50
+    assert saved["made_with"]["numpy"] == np.__version__
+    assert saved["timing"]["ms_per_frame"] > 0
+    capsys.readouterr()
+    assert main([*words, "--selection.sets", "50"]) == 0
+    assert "finished before" in capsys.readouterr().out
+
+
+def test_a_run_without_truth_has_no_errors(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (bands / "poses.txt").unlink()
+    out = bands.parent / "out"
+    assert main(["run", str(bands), "--out", str(out), *SMALL]) == 0
+    assert not (out / "metrics.json").exists()
+    assert "no ground truth" in capsys.readouterr().out
+
+
+def read_log(out: Path) -> list[dict[str, str]]:
+    text = (out / "frames.csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_a_place_that_cannot_be_written_is_said_before_the_work(
+    bands: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (bands.parent / "file").write_text("", encoding="utf-8")
+    assert main(["run", str(bands), "--out", str(bands.parent / "file" / "out"), *SMALL]) == 2
+    assert main(["run", str(bands), "--out", str(bands.parent / "file"), *SMALL]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert all("cannot be" in line for line in errors)
+    assert len(errors) == 2
+
+
+def test_evaluate_prints_a_table_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    poses = np.tile(np.eye(4), (301, 1, 1))
+    poses[:, 2, 3] = np.arange(301.0)
+    write_kitti_poses(tmp_path / "truth.txt", poses)
+    poses[:, 2, 3] *= 1.02
+    write_kitti_poses(tmp_path / "estimate.txt", poses)
+    pair = ["--truth", str(tmp_path / "truth.txt"), "--estimate", str(tmp_path / "estimate.txt")]
+    assert main(["evaluate", *pair]) == 0
+    printed = capsys.readouterr().out
+    assert "pooled" in printed
+    assert "2.02 / 0.00" in printed
+    assert main(["evaluate", *pair, "--lengths", "20,50", "--step", "1", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["lengths_m"] == [20, 50]
+    # The sub-sequence ends one frame past its length: 2 % of 21 m is 2.1 % of 20 m.
+    assert data["sequences"][0]["by_length"][0]["te_percent"] == pytest.approx(2.1)
+    assert data["pooled"]["re_deg_per_100m"] == pytest.approx(0.0, abs=1e-9)
+    two = ["--truth", pair[1], pair[1], "--estimate", pair[3], pair[1]]
+    assert main(["evaluate", *two, "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["sequences"]) == 2
+
+
+def test_a_run_without_matches_says_what_is_wrong_with_the_images(
+    bands: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["run", str(bands), "--features.cell", "10", "--out"]
+    assert main([*arguments, str(bands.parent / "right")]) == 0
+    assert "warning" not in capsys.readouterr().out
+    (bands / "image_0").rename(bands / "left")
+    (bands / "image_1").rename(bands / "image_0")
+    (bands / "left").rename(bands / "image_1")
+    assert main([*arguments, str(bands.parent / "swapped")]) == 0
+    assert "warning: left and right are swapped" in capsys.readouterr().out
+
+
+def test_list_names_what_is_found(
+    bands: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = bands.parent / "root"
+    shutil.copytree(bands, root / "sequences" / "07")
+    monkeypatch.setenv("KITTI_ROOT", str(root))
+    assert main(["list"]) == 0
+    assert "kitti/07" in capsys.readouterr().out
+    assert main(["list", "--json"]) == 0
+    assert "kitti/07" in json.loads(capsys.readouterr().out)
+
+
+def test_check_finds_this_installation_healthy(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("KITTI_ROOT", "")
+    assert main(["check", "--json"]) == 0
+    findings = {f["what"]: f for f in json.loads(capsys.readouterr().out)}
+    assert findings["numpy"]["found"] == np.__version__
+    assert findings["one OpenCV only"]["state"] == "ok"
+    assert main(["check"]) == 0
+    assert "cv2" in capsys.readouterr().out
+
+
+def test_two_opencv_packages_are_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
+    import vo_lib.commands.environment as environment
+
+    monkeypatch.setattr(environment, "installed_version", lambda name: "5.0")
+    broken = [f for f in environment.check() if f.state == "problem"]
+    assert [f.what for f in broken] == ["one OpenCV only"]
+    assert "pip uninstall" in broken[0].remedy
+    assert main(["check"]) == 1
+
+
+def test_the_short_help_leaves_thresholds_out_and_a_longer_one_has_all_or_a_group(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    texts = []
+    for words in ([], ["--help-settings"], ["--help-settings", "selection"]):
+        with pytest.raises(SystemExit) as stop:
+            main(["run", *(words or ["--help"])])
+        assert stop.value.code == 0
+        texts.append(capsys.readouterr().out)
+    short, whole, group = texts
+    names = [f"--{item.name} X" for item in settings.declared(Config)]
+    assert all(name in whole for name in names)
+    assert not any(name in short for name in names)
+    assert len(short.splitlines()) < 60
+    assert [name in group for name in names] == [name.startswith("--selection.") for name in names]
+
+
+def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert re.fullmatch(r"vo (\d+\.\d+\.\d+|of a folder that is not installed)\n", capsys.readouterr().out)
+
+
+def test_a_shell_completes_commands_sequences_and_thresholds(tmp_path: Path) -> None:
+    pytest.importorskip("argcomplete")
+    code = "import sys; from vo_lib.commands.cli import main; sys.exit(main())"
+    for line, expected in (
+        ("vo re", ["reproduce"]),
+        ("vo run synthetic/t", ["synthetic/traffic"]),
+        ("vo run x --selection.se", ["--selection.sets"]),
+        ("vo sweep --method vi", ["viso2"]),
+    ):
+        asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9"}
+        asked |= {
+            "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "found"),
+            "IFS": "\n",
+            "COMP_WORDBREAKS": " ",
+        }
+        subprocess.run([sys.executable, "-c", code], env={**os.environ, **asked}, check=True)
+        found = (tmp_path / "found").read_text(encoding="utf-8").split("\v")
+        assert [word.strip() for word in "".join(found).split("\x0b")] == expected
+
+
+def test_printed_commands_name_the_program_where_the_shell_would_not_find_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert typed("vo list") == "vo list"
+    monkeypatch.setattr(sys, "argv", [str(tmp_path / "bin" / "vo"), "demo"])
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert typed("vo list") == f"{tmp_path / 'bin' / 'vo'} list"
+
+
+def test_the_command_itself_starts(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "import sys; from vo_lib.commands.cli import main; sys.exit(main())"]
+    done = subprocess.run(
+        [*command, "run", "x", "--out", "y"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("vo: error: x: the folder is missing")

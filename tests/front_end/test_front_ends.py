@@ -1,0 +1,105 @@
+"""The paper's front end: blobs and corners, and both front ends through one interface."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import BANDS, HEIGHT
+
+from vo_lib import open_sequence
+from vo_lib.config import FeatureConfig, MatchingConfig
+from vo_lib.core.matches import StereoMatches
+from vo_lib.front_end.front_end import make_front_end
+from vo_lib.method.features import best_matches, describe
+
+FEATURES = FeatureConfig(cell=10, blob_cell=9, blob_quality=30)
+# How many matches there are at least, their median error and that of nine in ten, pixels.
+FRONT_ENDS = {"klt": (60, 0.02, 0.1), "blob_corner": (30, 0.03, 0.2)}
+
+
+def follow(folder: Path, kind: str) -> list[StereoMatches]:
+    sequence = open_sequence(folder)
+    front_end = make_front_end(sequence.camera, FEATURES, MatchingConfig(front_end=kind))
+    return [front_end.step(front_end.prepare(sequence.stereo(i))) for i in range(len(sequence))]
+
+
+def test_a_dot_is_a_blob_and_a_chessboard_crossing_a_corner() -> None:
+    image = np.full((60, 80), 100, np.uint8)
+    image[29:32, 19:22] = 255
+    image[20:30, 50:60] = image[30:40, 60:70] = 200
+    found = describe(image, FeatureConfig(border=6))
+    blobs = found.kind == 0
+    np.testing.assert_array_equal(found.uv[blobs][np.argmax(found.strength[blobs])], [20, 30])
+    corners = found.uv[found.kind >= 2]
+    assert np.min(np.linalg.norm(corners - (60, 30), axis=1)) <= 1.5
+
+
+def test_a_feature_is_matched_with_its_own_kind_nearby() -> None:
+    image = np.random.default_rng(0).integers(0, 255, (80, 120), np.uint8)
+    image = np.asarray(cv2.GaussianBlur(image, (5, 5), 1), np.uint8)
+    moved = np.roll(image, 4, axis=1)
+    a, b = (describe(each, FEATURES) for each in (image, moved))
+    found = best_matches(a, b, a.uv, (8, 8))
+    inner = (found >= 0) & (a.uv[:, 0] < 100)
+    shift = b.uv[found[inner]] - a.uv[inner]
+    assert np.mean(np.all(shift == (4, 0), axis=1)) > 0.9
+    assert np.all(a.kind[inner] == b.kind[found[inner]])
+    assert np.all(best_matches(a, b, np.full_like(a.uv, np.nan), (8, 8)) == -1)
+
+
+@pytest.mark.parametrize("radius", [(8, 8), (30, 2), (2, 30), (200, 200)])
+def test_the_best_match_is_the_least_different_of_all_near_ones(radius: tuple[float, float]) -> None:
+    image = np.random.default_rng(1).integers(0, 255, (80, 120), np.uint8)
+    # Twice the same side by side, blurred: some descriptors occur twice.
+    image = np.tile(np.asarray(cv2.GaussianBlur(image, (5, 5), 1), np.uint8), (1, 2))
+    a, b = describe(image, FEATURES), describe(image[:, ::-1].copy(), FEATURES)
+    guess = a.uv + 0.4
+    guess[::7] = np.nan
+    difference = np.abs(a.descriptor[:, None] - b.descriptor).sum(axis=2)
+    near = (np.abs(guess[:, None] - b.uv) <= radius).all(axis=2) & (a.kind[:, None] == b.kind)
+    expected = np.where(near.any(axis=1), np.argmin(np.where(near, difference, np.inf), axis=1), -1)
+    assert np.count_nonzero(expected >= 0) > 20
+    np.testing.assert_array_equal(best_matches(a, b, guess, radius), expected)
+
+
+@pytest.mark.parametrize("kind", FRONT_ENDS)
+def test_matches_of_both_front_ends_are_right(bands: Path, kind: str) -> None:
+    least, middle, most = FRONT_ENDS[kind]
+    for matches in follow(bands, kind)[1:]:
+        assert len(matches) > least
+        row = matches.prev_left[:, 1]
+        disparity = np.array(BANDS)[(row // (HEIGHT / len(BANDS))).astype(int)]
+        clear = np.abs((row % (HEIGHT / len(BANDS))) - HEIGHT / len(BANDS) / 2) < 12
+        for left, right in (
+            (matches.prev_left, matches.prev_right),
+            (matches.cur_left, matches.cur_right),
+            (matches.prev_left, matches.cur_left),
+        ):
+            error = np.abs(left - right - np.stack([disparity, 0 * disparity], axis=1))[clear]
+            assert np.median(error) < middle
+            assert np.percentile(error, 95 if kind == "klt" else 90) < most
+
+
+@pytest.mark.parametrize("kind", FRONT_ENDS)
+def test_age_and_number_are_carried_over(bands: Path, kind: str) -> None:
+    before, after = follow(bands, kind)[3:5]
+    _, i, j = np.intersect1d(before.id, after.id, return_indices=True)
+    assert len(i) > 15
+    np.testing.assert_array_equal(after.age[j], before.age[i] + 1)
+    np.testing.assert_array_equal(after.prev_left[j], before.cur_left[i])
+    np.testing.assert_array_equal(after.prev_right[j], before.cur_right[i])
+    assert len(np.unique(after.id)) == len(after)
+
+
+@pytest.mark.parametrize("kind", FRONT_ENDS)
+def test_black_images_give_no_matches_and_no_error(bands: Path, kind: str) -> None:
+    sequence = open_sequence(bands)
+    front_end = make_front_end(sequence.camera, FEATURES, MatchingConfig(front_end=kind))
+    black = np.zeros_like(sequence.stereo(0)[0])
+    front_end.step(front_end.prepare(sequence.stereo(0)))
+    assert len(front_end.step(front_end.prepare((black, black)))) == 0
+    assert len(front_end.step(front_end.prepare(sequence.stereo(2)))) == 0
+    assert len(front_end.step(front_end.prepare(sequence.stereo(3)))) > FRONT_ENDS[kind][0]

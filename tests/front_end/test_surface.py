@@ -1,0 +1,135 @@
+"""Windows on slanted surfaces: how they are bent, and how well they are found again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import BANDS, HEIGHT
+from numpy.typing import NDArray
+
+from vo_lib import open_sequence
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import rotation_from_vector
+from vo_lib.core.types import Array
+from vo_lib.front_end.alignment import track_warped
+from vo_lib.front_end.surface import coarse_disparity, fit_surface, motion_warp, right_slope, stereo_warp
+
+CAMERA = StereoCamera(f=700.0, cx=300.0, cy=100.0, baseline=0.5, width=600, height=200)
+R = rotation_from_vector(np.array([0.01, 0.03, -0.02]))
+T = np.array([0.1, -0.05, -1.2])
+# Disparity 20 px at (350, 120), changing along u and v: a slanted wall.
+SLOPE = np.array([0.1, 0.3])
+
+
+def disparity_at(uv: Array) -> Array:
+    return np.asarray(20.0 + (uv - (350.0, 120.0)) @ SLOPE)
+
+
+def textured(seed: int = 0) -> NDArray[np.uint8]:
+    noise = np.random.default_rng(seed).normal(size=(200, 600)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
+    return np.asarray(cv2.normalize(smooth, None, 20, 235, cv2.NORM_MINMAX), np.uint8)  # type: ignore[call-overload]
+
+
+def test_a_plane_of_disparity_is_found_with_its_slope() -> None:
+    v, u = np.mgrid[0:200:2, 0:600:2].astype(float)
+    coarse = disparity_at(np.stack([u, v], axis=-1)).astype(np.float32)
+    uv = np.array([[350.0, 120.0], [330.0, 110.0]])
+    surface = fit_surface(coarse, uv, disparity_at(uv))
+    np.testing.assert_allclose(surface.slope, [SLOPE, SLOPE], atol=0.01)
+    np.testing.assert_allclose(surface.disparity, disparity_at(uv), atol=0.1)
+    np.testing.assert_allclose(surface.share, 1.0)
+
+
+def test_a_feature_on_an_outline_has_little_surface_around_it() -> None:
+    coarse = np.full((100, 300), 10.0, np.float32)
+    coarse[:, 175:] = 40.0
+    uv = np.array([[350.0, 120.0], [250.0, 120.0]])
+    surface = fit_surface(coarse, uv, np.array([40.0, 10.0]))
+    assert surface.share[0] < 0.6
+    assert surface.share[1] == 1.0
+
+
+def test_without_disparities_nothing_is_known() -> None:
+    surface = fit_surface(np.full((100, 300), -1.0, np.float32), np.array([[350.0, 120.0]]), np.array([20.0]))
+    assert np.isnan(surface.disparity[0])
+    assert surface.share[0] == 0
+    np.testing.assert_array_equal(surface.slope, 0)
+
+
+@pytest.mark.parametrize("right", [False, True])
+def test_the_bend_is_the_derivative_of_the_motion(right: bool) -> None:
+    """The right camera sees the same wall from one baseline beside."""
+    slope, t = SLOPE, T
+    place = np.array([350.0, 120.0])
+    if right:
+        slope = right_slope(SLOPE[None])[0]
+        t = T + CAMERA.baseline * (R[:, 0] - (1.0, 0.0, 0.0))
+        place = place - (20.0, 0.0)
+
+    def seen(uv: Array) -> Array:
+        X = CAMERA.back_project(uv, 20.0 + (uv - place) @ slope)
+        return CAMERA.project(X @ R.T + t)[0]
+
+    step = 0.5 * np.eye(2)
+    numeric = np.stack([(seen(place + d[None]) - seen(place - d[None]))[0] for d in step], axis=1)
+    A = motion_warp(CAMERA, place[None], np.array([20.0]), slope[None], R, t)
+    np.testing.assert_allclose(A[0], numeric, atol=1e-4)
+
+
+def test_bent_windows_are_found_to_a_few_hundredths_where_square_ones_are_not() -> None:
+    left = textured()
+    v, u = np.mgrid[0:200, 0:600].astype(np.float32)
+    # The right image: a pixel u_r shows the left pixel u with u - d(u, v) = u_r.
+    source = (u + 20.0 - 350.0 * SLOPE[0] + (v - 120.0) * SLOPE[1]) / (1.0 - SLOPE[0])
+    right = np.asarray(cv2.remap(left, source.astype(np.float32), v, cv2.INTER_CUBIC), np.uint8)
+    rng = np.random.default_rng(1)
+    uv = np.stack([rng.uniform(200, 450, 200), rng.uniform(40, 160, 200)], axis=1)
+    true = uv - np.stack([disparity_at(uv), np.zeros(200)], axis=1)
+    start = true + rng.uniform(-0.7, 0.7, true.shape)
+    errors = {}
+    for name, slope in (("square", np.zeros(2)), ("bent", SLOPE)):
+        A = stereo_warp(np.tile(slope, (200, 1)))
+        found, difference = track_warped(left, right, uv, start, A, 11)
+        good = np.isfinite(difference)
+        assert good.mean() > 0.9
+        errors[name] = np.median(np.linalg.norm(found - true, axis=1)[good])
+    assert errors["bent"] < 0.03
+    assert errors["bent"] < 0.3 * errors["square"]
+
+
+def test_brightness_does_not_move_a_window() -> None:
+    left = textured()
+    brighter = np.asarray(np.clip(left.astype(int) + 15, 0, 255), np.uint8)
+    uv = np.stack([np.linspace(50, 550, 40), np.full(40, 100.0)], axis=1)
+    A = np.tile(np.eye(2), (40, 1, 1))
+    found, difference = track_warped(left, brighter, uv, uv + 0.4, A, 11)
+    good = np.isfinite(difference)
+    assert good.mean() > 0.9
+    assert np.median(np.linalg.norm(found - uv, axis=1)[good]) < 0.04
+
+
+def test_more_features_than_tiles_and_none_at_all() -> None:
+    image = textured()
+    uv = np.random.default_rng(2).uniform(30, 170, (1500, 2))
+    A = np.tile(np.eye(2), (1500, 1, 1))
+    found, difference = track_warped(image, image, uv, uv, A, 11)
+    assert np.median(np.linalg.norm(found - uv, axis=1)) < 0.01
+    some, _ = track_warped(image, image, uv[1200:1210], uv[1200:1210], A[:10], 11)
+    np.testing.assert_allclose(some, found[1200:1210], atol=0.02)
+    empty, none = track_warped(image, image, uv[:0], uv[:0], A[:0], 11)
+    assert empty.shape == (0, 2)
+    assert len(none) == len(difference[:0])
+
+
+def test_coarse_disparity_is_near_on_every_band(bands: Path) -> None:
+    left, right = open_sequence(bands).stereo(0)
+    rows = (np.arange(len(BANDS)) + 0.5) * HEIGHT / len(BANDS)
+    found = coarse_disparity(left, right, 64)[(rows / 2).astype(int), 30:220]
+    assert found.shape == (len(BANDS), 190)
+    near = np.abs(found - np.array(BANDS)[:, None]) < 2
+    assert near[found > 0].mean() > 0.8
+    assert (found > 0).mean() > 0.7

@@ -1,0 +1,118 @@
+"""Whole runs: exact on the band sequence, flagged where images fail, good on real clips."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import BASELINE, write_bands
+
+from vo_lib import Run, open_sequence, preset, run
+from vo_lib.config import Config
+from vo_lib.core import settings
+from vo_lib.core.poses import format_kitti_poses
+from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.runs.runner import run_methods
+
+METHODS = ("mesvo_f", "solution_selection", "feature_selection")
+
+
+def small(method: str = "solution_selection", seed: int = 0) -> Config:
+    """A method with cells that suit the small images of the band sequence."""
+    config: Config = settings.replace(preset(method, seed=seed), "features.cell", 10)
+    return config
+
+
+def flags(result: Run) -> list[set[str]]:
+    return [set(motion.flags) for motion in result.motions]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_each_method_finds_the_exact_motion(bands: Path, method: str) -> None:
+    sequence = open_sequence(bands)
+    result = run(sequence, small(method))
+    assert sequence.truth is not None
+    np.testing.assert_array_equal(result.poses[0], np.eye(4))
+    np.testing.assert_allclose(result.poses[:, :3, 3], sequence.truth[:, :3, 3], atol=0.02)
+    assert flags(result) == [set()] * 5
+
+
+def test_progress_counts_every_frame(bands: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    run(open_sequence(bands), small(), lambda done, total: seen.append((done, total)))
+    assert seen == [(i + 1, 6) for i in range(6)]
+
+
+def test_same_seed_same_bytes_and_another_seed_other_bytes(bands: Path) -> None:
+    sequence = open_sequence(bands)
+    first, second, other = (format_kitti_poses(run(sequence, small(seed=s)).poses) for s in (1, 1, 2))
+    assert first == second
+    assert first != other
+
+
+def test_standing_still_is_no_motion_and_flagged(tmp_path: Path) -> None:
+    result = run(open_sequence(write_bands(tmp_path / "still", standing=True)), small())
+    np.testing.assert_array_equal(result.poses, np.tile(np.eye(4), (6, 1, 1)))
+    assert flags(result) == [{"standstill"}] * 5
+
+
+def test_after_a_black_frame_the_run_goes_on_with_the_last_motion(tmp_path: Path) -> None:
+    folder = write_bands(tmp_path / "black", frames=8)
+    for side in ("image_0", "image_1"):
+        path = str(folder / side / "000003.png")
+        cv2.imwrite(path, np.zeros_like(cv2.imread(path, cv2.IMREAD_GRAYSCALE)))
+    result = run(open_sequence(folder), small())
+    assert flags(result) == [set(), set(), {"few_matches"}, {"few_matches"}, set(), set(), set()]
+    np.testing.assert_allclose(result.poses[:, 0, 3], BASELINE * np.arange(8), atol=0.03)
+
+
+def test_two_identical_frames_are_no_motion(bands: Path) -> None:
+    for side in ("image_0", "image_1"):
+        shutil.copy(bands / side / "000002.png", bands / side / "000003.png")
+    result = run(open_sequence(bands), small())
+    np.testing.assert_allclose(result.poses[3], result.poses[2], atol=1e-12)
+    assert "standstill" in result.motions[2].flags
+
+
+def test_boxes_remove_their_features_and_the_motion_stays(bands: Path) -> None:
+    (bands / "labels").mkdir()
+    for frame in range(6):
+        (bands / "labels" / f"{frame:06d}.txt").write_text("2 0.25 0.5 0.3 0.8\n", encoding="utf-8")
+    sequence = open_sequence(bands)
+    config = settings.replace(small("feature_selection"), "filter.min_matches", 10)
+    result = run(sequence, config)
+    assert all(motion.removed > 5 for motion in result.motions)
+    np.testing.assert_allclose(result.poses[:, 0, 3], BASELINE * np.arange(6), atol=0.03)
+    assert all(motion.removed == 0 for motion in run(sequence, small("solution_selection")).motions)
+    off = run(sequence, settings.replace(small("feature_selection"), "filter.min_matches", 10000))
+    assert all("filter_off" in motion.flags and motion.removed == 0 for motion in off.motions)
+
+
+# Bounds of the whole method on the first 201 frames of KITTI 00.
+def test_real_clip_00_is_as_good_as_promised(clips: Path) -> None:
+    sequence = open_sequence(clips / "sequences" / "00")
+    seeds = {str(seed): preset("feature_selection", seed=seed) for seed in range(5)}
+    assert sequence.truth is not None
+    for result in run_methods(sequence, seeds).values():
+        for length, te, re in ((100.0, 1.00, 1.17), (50.0, 1.25, 1.7)):
+            errors = kitti_errors(sequence.truth, result.poses, [length], 1)
+            assert errors.te is not None
+            assert errors.te < te
+            assert errors.re is not None
+            assert errors.re < re
+
+
+def test_real_clip_01_runs_without_a_jump(clips: Path) -> None:
+    result = run(open_sequence(clips / "sequences" / "01"), preset("solution_selection"))
+    steps = [np.linalg.norm(motion.T_cp[:3, 3]) for motion in result.motions]
+    assert max(steps) < 3.0
+
+
+def test_real_clip_drive_0005_loses_features_to_its_labels(clips: Path) -> None:
+    sequence = open_sequence(clips / "sequences" / "drive_0005")
+    result = run(sequence.part(0, 20), preset("feature_selection"))
+    assert sum(motion.removed for motion in result.motions) > 500
+    assert not any("filter_off" in motion.flags for motion in result.motions)

@@ -1,0 +1,100 @@
+"""Run folders: what was written is read back, and what is broken is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import write_bands
+
+from vo_lib import DataError, Run, Sequence, open_sequence, preset, run
+from vo_lib.core import settings
+from vo_lib.runs.results import read_run, run_folder, timing, write_run
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run over six frames."""
+    bands = write_bands(tmp_path_factory.mktemp("results") / "bands")
+    return run(open_sequence(bands), settings.replace(preset("mesvo_f"), "features.cell", 10))
+
+
+@pytest.fixture
+def sequence(result: Run) -> Sequence:
+    """What was run."""
+    return result.sequence
+
+
+def test_a_run_is_read_back_to_the_digits_written(result: Run, sequence: Sequence, tmp_path: Path) -> None:
+    write_run(tmp_path, result, "m")
+    back = read_run(tmp_path, sequence)
+    assert back.config == result.config
+    np.testing.assert_allclose(back.poses, result.poses, atol=1e-9)
+    for one, other in zip(back.motions, result.motions, strict=True):
+        np.testing.assert_allclose(one.T_cp, other.T_cp, atol=1e-8)
+        np.testing.assert_allclose(one.centre, other.centre, atol=1e-3)
+        assert (one.matches, one.used, one.inliers, one.flags) == (
+            other.matches,
+            other.used,
+            other.inliers,
+            other.flags,
+        )
+        np.testing.assert_allclose(
+            [one.offset, one.prior_angle], [other.offset, other.prior_angle], atol=1e-4
+        )
+    assert back.ms_per_frame == pytest.approx(result.ms_per_frame, abs=0.05)
+
+
+def test_the_time_of_all_stages_adds_up(result: Run) -> None:
+    told = timing(result)
+    assert sum(told["ms_per_frame_of"].values()) == pytest.approx(told["ms_per_frame"])
+    assert told["ms_per_frame_of"]["matching"] > 0
+
+
+LOG_HEADING = "matches,removed_by_boxes,used,inliers,disparity_offset_px,prior_angle_deg,flags\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("config.json", "{"),
+        ("config.json", "[]"),
+        ("config.json", '{"settings": {"sets": 1}}'),
+        ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n"),
+        ("frames.csv", "frame\n1\n"),
+        ("frames.csv", "frame\n1\n2\n3\n4\n5\n"),
+        ("frames.csv", LOG_HEADING + "1,0,1,1,,\n" * 5),
+    ],
+)
+def test_a_broken_file_is_named(
+    result: Run, sequence: Sequence, tmp_path: Path, name: str, text: str
+) -> None:
+    write_run(tmp_path, result, "m")
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    with pytest.raises(DataError):
+        read_run(tmp_path, sequence)
+
+
+def test_a_sequence_keeps_its_truth(sequence: Sequence) -> None:
+    with pytest.raises(DataError, match="holds a sequence's images"), run_folder(sequence.folder):
+        pass
+
+
+@pytest.mark.parametrize(("name", "words"), [("", "empty"), ("x" * 300, "File name too long")])
+def test_a_name_that_no_folder_can_have_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DataError, match=words), run_folder(name):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_made_for_work_that_fails_is_taken_away(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError), run_folder(tmp_path / "a" / "b"):
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+    with run_folder(tmp_path / "a" / "b") as folder:
+        (folder / "x").write_text("", encoding="utf-8")
+    assert (tmp_path / "a" / "b" / "x").exists()
