@@ -129,7 +129,8 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, Curve]) -> Fig
             "markersize": 3 + widths[number],
             "linewidth": widths[number],
             "markerfacecolor": "none",
-            "clip_on": False,  # a marker on the edge is seen whole
+            "clip_on": False,  # a marker on the edge is seen whole, and asks for no room
+            "in_layout": False,
             "label": name,
         }
         at, te, re = np.reshape(np.asarray(points, np.float64), (-1, 3)).T
