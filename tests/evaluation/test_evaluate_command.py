@@ -73,6 +73,15 @@ def test_one_truth_may_have_several_estimates_with_names_of_their_own(
     assert [system["system"] for system in data["systems"]] == ["kit", "other"]
 
 
+def test_a_truth_that_stands_there_twice_is_two_sequences(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = words(files, ["truth/07.txt", "truth/07.txt"], ["ours/07.txt", "theirs/07.txt"])
+    assert main([*command, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert len({sequence["name"] for sequence in data["sequences"]}) == 2
+
+
 def test_pictures_of_paths_and_errors_are_drawn_and_the_same_each_time(files: Path) -> None:
     command = words(files, ["truth/07.txt"], ["ours/07.txt", "theirs/07.txt"])
     for folder in ("a", "b"):

@@ -129,10 +129,10 @@ def _distinct(groups: list[list[str]]) -> list[str]:
     files = [
         folder if path.stem in NO_NAME else path.stem for path, folder in zip(firsts, folders, strict=True)
     ]
-    for names in (files, folders):
+    for names in (files, folders, list(map(str, firsts))):
         if len(set(names)) == len(names) and all(names):
             return names
-    return list(map(str, firsts))
+    return [f"{path}, {number}" for number, path in enumerate(firsts, start=1)]
 
 
 def _read(form: str, truth_file: str, files: list[str]) -> tuple[Array, list[Array]]:

@@ -102,7 +102,7 @@ def write_pictures(folder: Path, systems: list[System]) -> None:
         to_start = np.linalg.inv(truth[0])
         paths = {s.label or ONLY: to_start @ align(*s.pairs[place], alignment)[0] for s in systems}
         words = {s.label or ONLY: _in_words(s, place) for s in systems}
-        title = f"{sequence.name}, {alignment.words}"
+        title = f"{sequence.name}\n{alignment.words}"
         figure = trajectories_figure({title: (truth, paths)}, words)
         write_figure(folder, f"trajectory_{slug(sequence.name)}", figure)
     for name in systems[0].errors:

@@ -89,6 +89,7 @@ class Film:
         self._shape = side + STRIP, self._size[0] + side
         truth = run.sequence.truth
         self._truth = None if truth is None else np.linalg.inv(truth[0]) @ truth
+        self._drift = None if self._truth is None else _apart(run.poses, self._truth)
         self._driven = trajectory_distances(run.poses if truth is None else truth)
         self._working = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
         height, width = (length + length % 2 for length in self._shape)
@@ -122,10 +123,10 @@ class Film:
         width, height = self._size
         page[:height, :width] = cv2.resize(image, self._size, interpolation=cv2.INTER_LINEAR)
         side = self._shape[0] - STRIP
-        lower = 0 if self._truth is None else side // 4
+        lower = 0 if self._drift is None else side // 4
         self._draw_path(page[: side - lower, width:], shown.index)
-        if lower:
-            self._draw_drift(page[side - lower : side, width:], shown.index)
+        if self._drift is not None:
+            self._draw_drift(page[side - lower : side, width:], self._drift, shown.index)
         self._write_words(page[side:], shown)
         return page
 
@@ -152,19 +153,14 @@ class Film:
         _line(part, ends, WHITE, 2)
         _words(part, f"{bar:g} m", (12, part.shape[0] - 16))
 
-    def _draw_drift(self, part: Image, index: int) -> None:
+    def _draw_drift(self, part: Image, drift: Array, index: int) -> None:
         """The distance from the truth along the path, up to a frame."""
-        drift = self._drift()
         top, length = max(float(drift.max()), 1e-9), max(float(self._driven[-1]), 1e-9)
         width, height = part.shape[1] - 24, part.shape[0] - 30
         x, y = 12 + width * self._driven / length, 22 + height * (1 - drift / top)
         _line(part, np.array([[12.0, 22.0 + height], [12.0 + width, 22.0 + height]]), PALE, 1)
         _line(part, np.stack([x, y], axis=1)[: index + 1], PATH, 2)
         _words(part, f"distance from the truth, up to {top:.2f} m", (12, 14))
-
-    def _drift(self) -> Array:
-        assert self._truth is not None
-        return np.asarray(np.linalg.norm(self.run.poses[:, :3, 3] - self._truth[:, :3, 3], axis=1))
 
     def _write_words(self, part: Image, shown: Shown) -> None:
         index, sequence, motion = shown.index, self.run.sequence, shown.motion
@@ -175,8 +171,8 @@ class Film:
             f"{self.label}  frame {sequence.frames[index]}  {sequence.times[index] - sequence.times[0]:.1f} s"
         )
         first += f"  {3.6 * speed:.0f} km/h  {self._driven[index]:.0f} m driven"
-        if self._truth is not None:
-            off = float(self._drift()[index])
+        if self._drift is not None:
+            off = float(self._drift[index])
             first += f"  {off:.2f} m from the truth ({100 * off / max(self._driven[index], 1e-9):.2f} %)"
         _words(part, f"{first}  {' '.join(motion.flags)}", (12, 22))
         counts = f"{motion.matches} matches  {motion.removed} removed  {motion.used} used  "
@@ -191,6 +187,10 @@ class Film:
         at = _words(part, "path", (at + 20, 46), PATH)
         if self._truth is not None:
             _words(part, "truth", (at + 12, 46), TRUTH)
+
+
+def _apart(poses: Array, truth: Array) -> Array:
+    return np.asarray(np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1))
 
 
 def _line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:
