@@ -72,12 +72,13 @@ def add(commands: Any) -> None:
         help="a page (.html) that shows path and points in three dimensions",
     )
     parser.add_argument("--fresh", action="store_true", help="start anew whatever the folder holds")
+    groups = list(dict.fromkeys(map(section, every_setting())))
     parser.add_argument(
         "--help-settings",
         action=SettingsHelp,
         nargs="?",
-        choices=list(dict.fromkeys(map(section, every_setting()))),
-        help="the thresholds, which are options too: all of them, or those of a GROUP",
+        choices=groups,
+        help=f"the thresholds, which are options too: all of them, or a GROUP: {', '.join(groups)}",
         metavar="GROUP",
     )
     for item in every_setting():  # not in the short help
