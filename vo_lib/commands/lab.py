@@ -12,7 +12,7 @@ from typing import Any
 
 from ..core.errors import DataError
 from .console import say
-from .script import Ended, unbroken
+from .script import Ended, install, unbroken
 
 FIRST = "00_start_here.ipynb"
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -36,7 +36,7 @@ def _lab(options: argparse.Namespace) -> int:
     if options.copy is not None:
         folder = copy_notebooks(folder, Path(options.copy))
     if importlib.util.find_spec("jupyterlab") is None:
-        raise DataError("JupyterLab is not installed: pip install -r environment.txt")
+        raise DataError(f"JupyterLab is not installed: {install()}")
     if not (options.port.isdecimal() and 1 <= int(options.port) <= 65535):
         raise DataError(f"--port {options.port!r}: expected a whole number from 1 to 65535")
     say(f"JupyterLab opens {folder / FIRST}; Ctrl-C twice ends it")
