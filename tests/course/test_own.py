@@ -23,8 +23,7 @@ def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
     monkeypatch.chdir(tmp_path)
     assert own.join().facts == {"borrowed": len(own.STAGES)}
     lines = ["def weights(r, s):", "    return 1 / (1 + (r / s) ** 2)", "def chain(motions): return motions"]
-    (tmp_path / "my_vo.py").write_text("
-".join(lines), encoding="utf-8")
+    (tmp_path / "my_vo.py").write_text("\n".join(lines), encoding="utf-8")
     mine = own.join(truncated_error=lambda d, t: np.mean(np.minimum((d / t) ** 2, 1.0)))
     yours = [name for name, whose in mine.whose.items() if whose == "yours"]
     assert yours == ["truncated_error", "weights"]
