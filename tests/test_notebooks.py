@@ -10,7 +10,7 @@ import nbclient
 import nbformat
 import pytest
 
-from vo_lib.course.exercises.checker import NOT_YET_CLASS, RIGHT_CLASS
+from vo_lib.course.exercises.results import NOT_YET_CLASS, RIGHT_CLASS
 from vo_lib.course.panels.base import ERROR_CLASS
 from vo_lib.data.sequence import Sequence
 

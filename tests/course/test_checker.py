@@ -11,20 +11,29 @@ import pytest
 
 from vo_lib.course.exercises import Exercise, Verdict, ch00, ch02
 from vo_lib.course.exercises import checker as module
-from vo_lib.course.exercises.checker import NOT_YET_CLASS, RIGHT_CLASS, Known, any_order, times
-from vo_lib.course.exercises.keep import HEAD, keep
+from vo_lib.course.exercises.checker import any_order, times
+from vo_lib.course.exercises.keep import HEAD, handed_back, keep
+from vo_lib.course.exercises.results import NOT_YET_CLASS, RIGHT_CLASS
+from vo_lib.method.five_point import null_space as other_name
 
-MISTAKES = {"twice": ["twice: {got:g}.", "once."], "odd": ["odd.", ""]}
-WORDS = {"task": "Do it.", "right": "well done, {got}.", "hint": "try.", "mistakes": MISTAKES}
+SAYS = {"twice": ("twice: {got:g}.", "once."), "odd": ("odd.", "")}
+WORDS = {"task": "Do it.", "right": "well done, {got}.", "hint": "try."}
 
 
 @pytest.fixture
 def table(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Exercise]:
-    """Makes an exercise `x` with two known mistakes."""
-    monkeypatch.setitem(module.WORDS, "test", {"x": WORDS})
+    """Makes an exercise `x` with two known mistakes, given as code: an answer, or {"when": a test}."""
 
-    def make(right: Any, *more: Any, **options: Any) -> Exercise:
-        return Exercise("test.x", right, *more, **({"twice": -1, "odd": -3} | options))
+    def make(
+        right: Any, *more: Any, twice: Any = "-1", odd: Any = "-3", library: Any = (), **options: Any
+    ) -> Exercise:
+        known = {}
+        for name, code in (("twice", twice), ("odd", odd)):
+            says, hint = SAYS[name]
+            told = {"answers": [code]} if isinstance(code, str) else {"answers": [], **code}
+            known[name] = {"says": says, "hint": hint, **told}
+        monkeypatch.setitem(module.WORDS, "test", {"x": {**WORDS, "library": library, "mistakes": known}})
+        return Exercise("test.x", right, *more, **options)
 
     return make
 
@@ -38,7 +47,7 @@ def numbers() -> list[tuple[Any, ...]]:
 
 
 def test_a_function_is_run_over_all_cases(table: Callable[..., Exercise]) -> None:
-    x = table(square, numbers, twice=lambda x: 2.0 * x, odd=lambda x: x**3)
+    x = table(square, numbers, twice="lambda x: 2.0 * x", odd="lambda x: x**3")
     assert x.__doc__ == "Do it."
     assert repr(x(square)) == "right: well done, 0.0."
     # 2 x is right for 0 and 2, x³ for 0 only: what agrees for longest is told.
@@ -50,7 +59,7 @@ def test_a_function_is_run_over_all_cases(table: Callable[..., Exercise]) -> Non
 
 
 def test_a_value_is_compared_with_what_stands_beside_it(table: Callable[..., Exercise]) -> None:
-    x = table(lambda given: given + 1, rtol=0.1, twice=lambda given: 2 * given)
+    x = table(lambda given: given + 1, rtol=0.1, twice="lambda given: 2 * given")
     assert x(11.5, 10).passed
     assert repr(x(20, 10)) == "not yet: twice: 20. Hint: once."
     assert repr(x(15, 10)) == "not yet: 15 is not it. Hint: try."
@@ -61,9 +70,8 @@ def test_a_value_is_compared_with_what_stands_beside_it(table: Callable[..., Exe
 
 def test_facts_of_a_panel_are_judged_by_tests_in_turn(table: Callable[..., Exercise]) -> None:
     facts = {"got": 3.0}
-    x = table(
-        facts, twice=Known(when=lambda f: f["got"] == 2), odd=Known(when=lambda f: np.isnan(f["other"]))
-    )
+    tests = ({"when": 'lambda f: f["got"] == 2'}, {"when": 'lambda f: np.isnan(f["other"])'})
+    x = table(facts, twice=tests[0], odd=tests[1])
     assert x({"got": 3.0, "other": 1.0}).passed
     assert x({"got": 2.0}).message == "twice: 2."
     assert x(facts).message == "odd."
@@ -74,7 +82,9 @@ def test_results_in_parts_are_judged_in_their_order(table: Callable[..., Exercis
     def both(x: float) -> tuple[float, float]:
         return x + 1.0, x - 1.0
 
-    x = table(both, numbers, parts=("a", "b"), twice=times(both, 2.0, 1.0), odd=times(both, 1.0, 3.0))
+    twice = "times(lambda x: (x + 1.0, x - 1.0), 2.0, 1.0)"
+    odd = "times(lambda x: (x + 1.0, x - 1.0), 1.0, 3.0)"
+    x = table(both, numbers, parts=("a", "b"), twice=twice, odd=odd)
     assert x(lambda x: np.array(both(x))).passed
     assert x(lambda x: (y for y in both(x))).passed
     assert x(lambda x: (2 * x + 2.0, 77.0)).message == "twice: 2."
@@ -129,23 +139,39 @@ def test_a_function_that_changes_its_inputs_is_told(table: Callable[..., Exercis
 
 
 def test_a_function_that_stops_may_be_a_known_mistake(table: Callable[..., Exercise]) -> None:
-    x = table(lambda x: None if x else 1.0, numbers, odd=lambda x: [1.0][int(x)])
+    x = table(lambda x: None if x else 1.0, numbers, odd="lambda x: [1.0][int(x)]")
     assert x(lambda x: None if x else 1.0).passed
     assert x(lambda x: {0.0: 1.0}.get(x) or [].pop()).message == "odd."
     assert "expected None for x = 2" in x(lambda x: 1.0).message
 
 
 def test_a_check_never_raises(table: Callable[..., Exercise]) -> None:
-    x = table(
-        square, numbers, twice=Known(when=lambda got, x: got["no"]), odd=Known(when=lambda *case: 1 / 0)
-    )
+    twice, odd = {"when": 'lambda got, x: got["no"]'}, {"when": "lambda *case: 1 / 0"}
+    x = table(square, numbers, twice=twice, odd=odd)
     assert "ZeroDivisionError" in x(lambda x: 7.0).message
     assert "AttributeError" in ch00.disparity_at_20_m(3.0, object()).message
 
 
-def test_a_table_and_its_words_must_agree(table: Callable[..., Exercise]) -> None:
-    with pytest.raises(ValueError, match=r"words\.json"):
-        table(1.0, third=3.0)
+def test_long_lists_are_told_by_what_does_not_belong(table: Callable[..., Exercise]) -> None:
+    x = table(lambda a: np.arange(9), lambda: [(1.0,)])
+    assert x(lambda a: [*range(8), 77]).message == (
+        "the result has 9 indices, expected 9; 1 of them do not belong there (77 for one)."
+    )
+
+
+def squared(x: float) -> float:
+    return np.square(x)  # type: ignore[no-any-return]
+
+
+def test_who_only_calls_the_library_is_told(table: Callable[..., Exercise]) -> None:
+    x = table(square, numbers, library=["null_space", "square"])
+    for answer in (np.square, squared, lambda x: np.square(x), lambda x: sum(np.square(y) for y in [x])):
+        assert "hands the work to `square`" in x(answer).message
+    # A function of one's own may have the name.
+    assert x(square).passed
+    assert x(lambda x: square(x)).passed
+    assert handed_back(lambda rows: other_name(rows), ["null_space"]) == "null_space"
+    assert handed_back(ch02.rows, ["library_rows", "epipolar_rows"]) == ""
 
 
 def test_verdicts_escape_what_they_show() -> None:

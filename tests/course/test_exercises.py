@@ -13,14 +13,15 @@ from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import FilterConfig, TranslationConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.matches import StereoMatches
-from vo_lib.course.exercises import Exercise, Verdict, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07
-from vo_lib.course.exercises.checker import NOT_YET_CLASS, WORDS
+from vo_lib.course.exercises import Exercise, Verdict, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch08
+from vo_lib.course.exercises.checker import WORDS
+from vo_lib.course.exercises.results import NOT_YET_CLASS
 from vo_lib.course.made_up import block_tour, made_up
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.method.translation import feature_rows
 
-CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07)
+CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch08)
 TABLES = {
     f"ch0{number}.{name}": exercise
     for number, chapter in enumerate(CHAPTERS)
@@ -39,10 +40,13 @@ def tour(truth: Any) -> Sequence:
     return Sequence("tour", Path("tour"), (), ch00.CAMERA, np.zeros(0), truth, None)
 
 
+BEND = block_tour(1)[150:260]
 # What a check is given beside the answer.
 GIVEN: dict[str, tuple[Any, ...]] = {
     "ch00.disparity_at_20_m": (ch00.CAMERA,),
     "ch00.path_length": (tour(block_tour(1)[:500]),),
+    "ch08.drift": (made_up(BEND, 2.0, 3.0, 20.0), tour(BEND)),
+    "ch08.te_and_re": (made_up(BEND, 2.0, 3.0, 20.0), tour(BEND)),
 }
 
 
@@ -70,9 +74,29 @@ def test_the_right_answers_pass(name: str) -> None:
 @pytest.mark.parametrize(("name", "mistake", "number"), ANSWERS)
 def test_a_known_mistake_is_told_by_its_own_words(name: str, mistake: str, number: int) -> None:
     verdict = judge(name, TABLES[name].mistakes[mistake].answers[number])
-    says, hint = TABLES[name].words["mistakes"][mistake]
+    known = TABLES[name].mistakes[mistake]
+    start = known.says.split("{")[0]
     assert not verdict.passed
-    assert (verdict.message[: says.find("{")], verdict.hint) == (says[: says.find("{")], hint)
+    assert (verdict.message[: len(start)], verdict.hint) == (start, known.hint)
+
+
+BANK = Path(__file__).with_name("wrong_answers.txt").read_text(encoding="utf-8").split("\n# ")[1:]
+
+
+def test_the_bank_of_wrong_answers_is_large() -> None:
+    assert len(BANK) >= 60
+    assert len({entry.split(" |")[0] for entry in BANK}) >= 30
+
+
+@pytest.mark.parametrize("entry", BANK, ids=lambda entry: entry.split("\n")[0])
+def test_a_wrong_answer_is_refused_with_the_hint_meant_for_it(entry: str) -> None:
+    head, code = entry.split("\n", 1)
+    name, hint = head.split(" | ")
+    written: dict[str, Any] = {"__name__": "__main__", "np": np}
+    exec(code, written)
+    verdict = judge(name, list(written.values())[-1])
+    assert not verdict.passed
+    assert hint in f"{verdict.message} {verdict.hint}", verdict
 
 
 @pytest.mark.parametrize("name", TABLES)

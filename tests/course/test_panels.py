@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 
 from vo_lib.core.errors import DataError
 from vo_lib.core.types import Progress
+from vo_lib.course.drawing import COARSE, WIDTH, figure, finish, log_axis, raster, room, say
+from vo_lib.course.frames import Memory
 from vo_lib.course.panels import (
     PANELS,
     Drawing,
@@ -26,10 +28,7 @@ from vo_lib.course.panels import (
     ch01_trace,
     stack,
 )
-from vo_lib.course.panels.base import OWN_FOLDER
 from vo_lib.course.panels.controls import Control
-from vo_lib.course.panels.data import Memory
-from vo_lib.course.panels.style import COARSE, WIDTH, figure, finish, log_axis, raster, room, say
 from vo_lib.data.sequence import Sequence
 
 LONG = 300.0  # seconds that a job may take; a safeguard
@@ -54,7 +53,8 @@ def test_every_control_changes_the_picture(kind: type[Panel], panels: dict[type[
     widgets = {key: knob.widget for key, knob in panel.knobs.items()}
     stops = {key: knob.stops() for key, knob in panel.knobs.items()}
     widgets["frame"], stops["frame"] = panel.frame, [1, panel.frame.max // 2, panel.frame.max]
-    for key, widget in widgets.items():
+    for key in [key for key in widgets if stops[key]]:  # paths have tests of their own
+        widget = widgets[key]
         first, seen = widget.value, set()
         for value in [*stops[key], first]:
             widget.value = value
@@ -83,7 +83,6 @@ def test_another_sequence_can_be_chosen(
     kind: type[Panel], panels: dict[type[Panel], Panel], street: Sequence, bands: Path
 ) -> None:
     panel = panels[kind]
-    panel.chooser.value = OWN_FOLDER
     panel.folder.value = str(bands)
     panel.wait(LONG)
     assert panel.error == ""
@@ -100,7 +99,6 @@ def test_a_missing_folder_gives_a_sentence_and_the_panel_goes_on(
     kind: type[Panel], panels: dict[type[Panel], Panel], street: Sequence, tmp_path: Path
 ) -> None:
     panel = panels[kind]
-    panel.chooser.value = OWN_FOLDER
     panel.folder.value = str(tmp_path / "<nowhere>")
     panel.wait(LONG)
     assert "the folder is missing" in panel.error

@@ -44,11 +44,11 @@ def test_table_1_is_run_written_and_read_back(road: Path, tmp_path: Path) -> Non
     other = panel_of(road)
     other.set(view__seeds=1)
     assert "TE viso2" not in other.facts
-    other.folder_of_runs.value = str(folders[0].parents[2])
+    other.knobs["view.folder"].widget.value = str(folders[0].parents[2])
     other.wait(LONG)
     assert other.error == ""
     assert other.facts == pytest.approx(ran, rel=1e-4)
-    panel.folder_of_runs.value = str(tmp_path / "nowhere")
+    panel.knobs["view.folder"].widget.value = str(tmp_path / "nowhere")
     panel.wait(LONG)
     assert "no run folder" in panel.error
 
@@ -65,7 +65,7 @@ def test_of_a_folder_with_both_variants_the_one_chosen_is_shown(road: Path, tmp_
     assert ran["kit"]["TE mesvo_f"] != ran["published"]["TE mesvo_f"]
     both = next((tmp_path / "cache").rglob("published")).parent
     assert (both / "kit").is_dir()
-    panel.folder_of_runs.value = str(both)
+    panel.knobs["view.folder"].widget.value = str(both)
     panel.wait(LONG)
     for variant in ("kit", "published"):
         panel.set(view__variant=variant)
@@ -108,9 +108,9 @@ def test_the_papers_numbers_can_be_given(road: Path, tmp_path: Path) -> None:
     panel = panel_of(road)
     panel.run()
     panel.wait(LONG)
-    panel.paper.value = str(tmp_path / "nowhere.csv")
+    panel.knobs["view.paper"].widget.value = str(tmp_path / "nowhere.csv")
     assert "nowhere.csv" in panel.error
-    panel.paper.value = str(shipped_table())
+    panel.knobs["view.paper"].widget.value = str(shipped_table())
     assert panel.error == ""
 
 

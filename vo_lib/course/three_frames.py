@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..beyond.stereo_points import stereo_points
-from ..beyond.translation import NEAREST, eliminate_points, solve_translation
+from ..beyond.translation import NEAREST, solve_translation
 from ..config import TranslationConfig
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches
-from ..core.symmetric import FULL
 from ..core.types import Array
+from ..method.translation import feature_rows
 
 
 def solve_three_frames(
@@ -37,63 +36,41 @@ def solve_three_frames(
 
     Returns
     -------
-    t_ab and t_bc (3,) each; None where one of the two steps alone has no answer.
-
-    A feature in both says P_b - R P_a = t_ab and P_c - R P_b = t_bc. The error of P_b is in both with
-    opposite signs, so the two differences are weighted together, by the inverse of their 6×6 covariance. A
-    feature seen in two pairs only says one of the two. Rows by 1/Z and Cauchy weights as in the method.
+    t_ab and t_bc (3,) each; None where one of the two steps alone has no answer. Rows by 1/Z and Cauchy
+    weights as in the method; a feature that is in two pairs only keeps its eight rows.
     """
     first = solve_translation(camera, earlier, R_earlier, config)
     second = solve_translation(camera, now, R_cp, config)
     if first is None or second is None:
         return None
-    used, used_now = np.isfinite(first[1]), np.isfinite(second[1])
-    earlier, now = earlier[used], now[used_now]
+    earlier, now = earlier[np.isfinite(first[1])], now[np.isfinite(second[1])]
     _, i, j = np.intersect1d(earlier.id, now.id, return_indices=True)
-    alone_i, alone_j = (np.setdiff1d(np.arange(len(m)), k) for m, k in ((earlier, i), (now, j)))
-    d_ab, V_ab, floor_ab, (_, depth) = _differences(camera, earlier, R_earlier, first[0])
-    d_bc, V_bc, floor_bc, (depth_now, _) = _differences(camera, now, R_cp, second[0])
-    V = np.zeros((len(i) + len(alone_i) + len(alone_j), 6, 6))
-    V[:] = np.eye(6)
-    apart, floor = np.zeros((len(V), 6)), np.zeros(len(V))
-    both, only_ab, only_bc = np.split(np.arange(len(V)), [len(i), len(i) + len(alone_i)])
-    for rows, k in ((both, i), (only_ab, alone_i)):
-        V[rows, :3, :3], apart[rows, :3] = V_ab[k], d_ab[k]
-        floor[rows] += floor_ab[k]
-    for rows, k in ((both, j), (only_bc, alone_j)):
-        V[rows, 3:, 3:], apart[rows, 3:] = V_bc[k], d_bc[k]
-        floor[rows] += floor_bc[k]
-    # P_b is added in the first difference, and R_cp P_b taken away in the second.
-    # Both differences have their own opinion of its depth: with the mean V stays positive.
-    P_b = stereo_points(camera, now.prev_left[j], now.prev_right[j])
-    shared = -_full(P_b.covariance(np.sqrt(depth[i] * depth_now[j]))) @ R_cp.T
-    V[both, :3, 3:], V[both, 3:, :3] = shared, np.swapaxes(shared, 1, 2)
-    information = np.linalg.inv(V)
-    information[only_ab, 3:, 3:] = information[only_bc, :3, :3] = 0.0
-    both_t = np.concatenate([first[0], second[0]])
+    A_ab, B_ab, c_ab = _weighted_rows(camera, earlier, R_earlier, first[0])
+    A_bc, B_bc, c_bc = _weighted_rows(camera, now, R_cp, second[0])
+    n, both = len(earlier), len(earlier) + len(now)
+    A, B, c = np.zeros((both, 12, 3)), np.zeros((both, 12, 6)), np.zeros((both, 12))
+    A[:n, :8], B[:n, :8, :3], c[:n, :8] = A_ab, B_ab, c_ab
+    A[n:, :8], B[n:, :8, 3:], c[n:, :8] = A_bc, B_bc, c_bc
+    # The pair c of a feature that is in all three: P_c = R_cp (R_earlier Q + t_ab) + t_bc.
+    rows = B_bc[j, 4:]
+    A[i, 8:], B[i, 8:, :3], B[i, 8:, 3:], c[i, 8:] = rows @ R_cp @ R_earlier, rows @ R_cp, rows, c_bc[j, 4:]
+    own = np.delete(np.arange(both), n + j)
+    projector = np.eye(12) - A[own] @ np.linalg.pinv(A[own])
+    M, d = projector @ B[own], projector @ c[own, :, None]
+    t = np.concatenate([first[0], second[0]])[:, None]
     for _ in range(config.iterations):
-        v = apart - both_t
-        squared = np.einsum("ni,nij,nj->n", v, information, v) + floor
-        weighted = information / (1.0 + squared / (config.scale / camera.f) ** 2)[:, None, None]
-        both_t = np.linalg.solve(weighted.sum(axis=0), np.einsum("nij,nj->i", weighted, apart))
-    return both_t[:3], both_t[3:]
+        squared = np.sum((d - M @ t) ** 2, axis=(1, 2))
+        weighted = M.swapaxes(1, 2) / (1.0 + squared / (config.scale / camera.f) ** 2)[:, None, None]
+        t = np.linalg.solve((weighted @ M).sum(axis=0), (weighted @ d).sum(axis=0))
+    return t[:3, 0], t[3:, 0]
 
 
-def _differences(
+def _weighted_rows(
     camera: StereoCamera, matches: StereoMatches, R: Array, t: Array
-) -> tuple[Array, Array, Array, tuple[Array, Array]]:
-    """Each feature's own translation (N, 3), its covariance (N, 3, 3), the residual that is left whatever the
-    translation is, (N,), and the depths in both pairs by which rows are divided: as t gives them."""
-    before = stereo_points(camera, matches.prev_left, matches.prev_right)
-    now = stereo_points(camera, matches.cur_left, matches.cur_right)
-    start = np.maximum(before.X[2], NEAREST)
-    before = before.rotated(R)
-    depths = eliminate_points(before, now, start, start).depths(t)
-    system = eliminate_points(before, now, *depths)
-    V = _full(system.C_p + now.covariance(depths[1]))
-    return (now.X - before.X).T, V, system.residual_floor, depths
-
-
-def _full(C: Array) -> Array:
-    """Symmetric matrices (6, N) as (N, 3, 3)."""
-    return np.asarray(np.moveaxis(C[FULL], 2, 0))
+) -> tuple[Array, Array, Array]:
+    """A and B (N, 8, 3), c (N, 8) of equation (3), rows divided by the depth of the point in the pair."""
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    depths = np.maximum(np.stack([X_p[:, 2], (X_p @ R.T + t)[:, 2]]), NEAREST)
+    depth = np.repeat(depths, 4, axis=0).T
+    A, B, c = feature_rows(camera, matches, R)
+    return A / depth[:, :, None], B / depth[:, :, None], c / depth

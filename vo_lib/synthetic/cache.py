@@ -53,6 +53,7 @@ def ensure_scene(
     cache: Path | None = None,
     progress: Progress | None = None,
     jobs: int = 2,
+    frames: range | None = None,
 ) -> Path:
     """The folder of a scene; draws it unless it lies complete in the cache.
 
@@ -62,6 +63,7 @@ def ensure_scene(
     cache : folder that holds the scenes; default the user's cache folder.
     progress : called with (frames done, frames) while drawing.
     jobs : processes that draw. The pictures do not depend on it.
+    frames : draw no others where the whole scene is not there: a part in a folder of its own.
 
     Raises
     ------
@@ -72,6 +74,10 @@ def ensure_scene(
     folder = parent / scene_key(config)
     if is_complete(folder):
         return folder
+    if frames is not None:
+        folder = parent / f"{folder.name}-{frames.start}-{frames.stop}"
+        if is_complete(folder):
+            return folder
     try:
         parent.mkdir(parents=True, exist_ok=True)
         _sweep(parent, folder.name)
@@ -79,7 +85,7 @@ def ensure_scene(
     except OSError as error:
         raise DataError(f"the cache cannot be written: {error.strerror}", parent) from None
     try:
-        write_scene(config, draft, progress, jobs)
+        write_scene(config, draft, progress, jobs, frames)
         _write_manifest(draft)
         _publish(draft, folder)
     except OSError as error:

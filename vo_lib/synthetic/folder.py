@@ -25,24 +25,33 @@ from .world import World, make_world
 SCENE_FILE = "truth/scene.json"
 
 
-def write_scene(config: SceneConfig, folder: Path, progress: Progress | None = None, jobs: int = 2) -> None:
-    """Draw all frames of a scene into an empty folder."""
+def write_scene(
+    config: SceneConfig,
+    folder: Path,
+    progress: Progress | None = None,
+    jobs: int = 2,
+    frames: range | None = None,
+) -> None:
+    """Draw all frames of a scene, or some of them, into an empty folder."""
     for name in ("image_0", "image_1", "labels", "truth/depth", "truth/instance"):
         (folder / name).mkdir(parents=True)
     about = {"config": to_dict(config), "nearest": NEAREST, "farthest": FARTHEST}
+    if frames is not None:
+        about["frames"] = [frames.start, frames.stop]
     _write_text(folder / SCENE_FILE, json.dumps(about, indent=1) + "\n")
     # Helpers are programs of their own: that works from notebooks and unguarded scripts on any system.
     helpers = [_start_helper(folder, first, jobs) for first in range(1, jobs)]
     try:
         world = make_world(config)
         _write_tables(world, folder)
-        count = len(world.drive.times)
+        wanted = frames or range(len(world.drive.times))
 
         def report() -> None:
             if progress:
-                progress(sum(entry.name.endswith(".txt") for entry in os.scandir(folder / "labels")), count)
+                done = sum(entry.name.endswith(".txt") for entry in os.scandir(folder / "labels"))
+                progress(done, len(wanted))
 
-        _draw(world, folder, range(0, count, max(jobs, 1)), report)
+        _draw(world, folder, wanted[:: max(jobs, 1)], report)
         for helper in helpers:
             while helper.poll() is None:
                 try:
@@ -50,7 +59,7 @@ def write_scene(config: SceneConfig, folder: Path, progress: Progress | None = N
                 except subprocess.TimeoutExpired:
                     report()
         # What a helper could not draw is drawn here.
-        missing = [i for i in range(count) if not (folder / "labels" / f"{i:06d}.txt").exists()]
+        missing = [i for i in wanted if not (folder / "labels" / f"{i:06d}.txt").exists()]
         _draw(world, folder, missing, report)
         report()
     finally:
@@ -69,9 +78,10 @@ def _start_helper(folder: Path, first: int, step: int) -> subprocess.Popen[bytes
 
 def draw_share(folder: Path, first: int, step: int) -> None:
     """Draw frames first, first + step, … of a scene that `write_scene` has begun."""
-    config = from_dict(SceneConfig, json.loads((folder / SCENE_FILE).read_text())["config"])
-    world = make_world(config)
-    _draw(world, folder, range(first, len(world.drive.times), step), lambda: None)
+    about = json.loads((folder / SCENE_FILE).read_text())
+    world = make_world(from_dict(SceneConfig, about["config"]))
+    frames = range(*about.get("frames", (0, len(world.drive.times))))
+    _draw(world, folder, frames[first::step], lambda: None)
 
 
 def _draw(world: World, folder: Path, frames: range | list[int], report: Callable[[], None]) -> None:

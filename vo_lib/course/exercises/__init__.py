@@ -4,9 +4,11 @@
     ch02.epipolar_rows(my_rows)      # as the last line of a cell: shows the verdict
 
 A check takes the student's number, array or function. Each is an `Exercise` of `checker.py`: the right
-answer, cases to run it on, and known mistakes, whose sentence and hint stand in `words.json`.
+answer and cases to run it on; its task, its praise and the known mistakes with their hints, as data, in
+`words.json`.
 """
 
-from .checker import Exercise, Verdict
+from .checker import Exercise
+from .results import Verdict
 
 __all__ = ["Exercise", "Verdict"]

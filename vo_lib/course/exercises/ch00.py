@@ -12,7 +12,7 @@ from ...core.geometry import inverse, rigid, rotation_from_vector
 from ...core.types import Array
 from ...data.sequence import Sequence
 from ...evaluation.kitti import trajectory_distances
-from .checker import Case, Exercise, Known
+from .checker import Case, Exercise
 
 DISTANCE = 20.0  # metres
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
@@ -38,7 +38,7 @@ def poses(motions: list[Array], append: Callable[[Array, Array], Array]) -> list
     return path
 
 
-def way(sequence: Sequence, every: bool) -> float:
+def way(sequence: Sequence, every: bool = True) -> float:
     """Metres along the true path, or straight from its start to its end."""
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no truth; take a drawn sequence")
@@ -46,49 +46,17 @@ def way(sequence: Sequence, every: bool) -> float:
 
 
 disparity_at_20_m = Exercise(
-    "ch00.disparity_at_20_m",
-    lambda camera: camera.f * camera.baseline / DISTANCE,
-    rtol=0.01,
-    no_length=lambda camera: camera.f / DISTANCE,
-    upside_down=lambda camera: DISTANCE / (camera.f * camera.baseline),
+    "ch00.disparity_at_20_m", lambda camera: camera.f * camera.baseline / DISTANCE, rtol=0.01
 )
 
-back_project = Exercise(
-    "ch00.back_project",
-    point,
-    lambda: [(810.0, 250.0, 14.0, CAMERA)],
-    from_corner=lambda u, v, d, camera: point(u + camera.cx, v + camera.cy, d, camera),
-    depth=Known(
-        lambda u, v, d, camera: point(u, v, 2 * d, camera),
-        when=lambda X, *case: abs(X[2] - point(*case)[2]) > 1e-9,
-    ),
-)
+back_project = Exercise("ch00.back_project", point, lambda: [(810.0, 250.0, 14.0, CAMERA)])
 
-depth_error_ratio = Exercise("ch00.depth_error_ratio", 16.0, rtol=0.05, linear=4.0)
+depth_error_ratio = Exercise("ch00.depth_error_ratio", 16.0, rtol=0.05)
 
 chain = Exercise(
-    "ch00.chain",
-    lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ inverse(T_cp)),
-    motions,
-    backwards=lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ T_cp),
-    reversed=lambda motions: poses(motions, lambda T_w_p, T_cp: inverse(T_cp) @ T_w_p),
-    no_start=lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ inverse(T_cp))[1:],
+    "ch00.chain", lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ inverse(T_cp)), motions
 )
 
-path_length = Exercise(
-    "ch00.path_length",
-    lambda sequence: way(sequence, every=True),
-    atol=0.05,
-    straight=lambda sequence: way(sequence, every=False),
-)
+path_length = Exercise("ch00.path_length", lambda sequence: way(sequence, every=True), atol=0.05)
 
-wrong_depth = Exercise(
-    "ch00.wrong_depth",
-    {"depth Z": 9.0, "true depth": 12.0},
-    nothing=Known({"depth Z": np.nan}, when=lambda facts: np.isnan(facts["depth Z"])),
-    unknown=Known({"true depth": np.nan}, when=lambda facts: np.isnan(facts["true depth"])),
-    near=Known(
-        {"depth Z": 11.9},
-        when=lambda facts: abs(facts["depth Z"] - facts["true depth"]) <= 0.2 * facts["true depth"],
-    ),
-)
+wrong_depth = Exercise("ch00.wrong_depth", {"depth Z": 9.0, "true depth": 12.0})

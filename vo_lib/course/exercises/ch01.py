@@ -10,7 +10,7 @@ import numpy as np
 from ...config import BucketConfig
 from ...core.types import Array, Index
 from ...method.buckets import select_by_bucket
-from .checker import Case, Exercise, Known, any_order, times
+from .checker import Case, Exercise, any_order
 
 
 def windows() -> list[Case]:
@@ -97,36 +97,16 @@ def overfull(kept: Array, uv: Array, age: Array, strength: Array, size: int, cou
 
 
 corner_strength = Exercise(
-    "ch01.corner_strength",
-    lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy)[0], 0.0)),
-    windows,
-    atol=1e-6,
-    larger=lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1]),
-    no_root=lambda gx, gy: eigenvalues(gx, gy)[0],
-    means=lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy, np.mean)[0], 0.0)),
-    determinant=lambda gx, gy: np.sqrt(abs(np.prod(eigenvalues(gx, gy)))),
-    rounding=Known(lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[0]), when=lambda got, *case: np.isnan(got)),
+    "ch01.corner_strength", lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy)[0], 0.0)), windows, atol=1e-6
 )
 
-is_stereo = Exercise(
-    "ch01.is_stereo",
-    judged(np.abs, np.positive),
-    stereo_pairs,
-    no_rows=judged(np.zeros_like, np.positive),
-    no_disparity=judged(np.abs, lambda disparity: disparity + 99.0),
-    no_sign=judged(np.abs, np.abs),
-    one_sided=Known(judged(np.positive, np.positive), judged(np.negative, np.positive)),
-    exchanged=judged(np.abs, np.negative),
-)
+is_stereo = Exercise("ch01.is_stereo", judged(np.abs, np.positive), stereo_pairs)
 
 loop_closes = Exercise(
     "ch01.loop_closes",
     lambda pl_pr, pr_cr, cr_cl, cl_pl: np.flatnonzero(closed(pl_pr, pr_cr, cr_cl, cl_pl)),
     chains,
     form=any_order,
-    followed=lambda a, b, c, d: np.flatnonzero(d[c[b[a]]] == np.arange(len(a))),
-    no_way_back=lambda a, b, c, d: np.flatnonzero(follow(a, b, c)[1]),
-    mask=Known(closed, when=lambda got, a, *case: len(got) == len(a) and set(np.unique(got)) <= {0, 1}),
 )
 
 peak = Exercise(
@@ -136,27 +116,8 @@ peak = Exercise(
         tuple(height + curve * (x - top) ** 2 for x in (-1.0, 0.0, 1.0))
         for top, height, curve in ((0.3, 5.0, -2.0), (-0.45, 1.0, -0.5), (0.0, 2.0, -1.0))
     ],
-    sign=times(top, -1.0),
-    factor=Known(times(top, 2.0), times(top, 0.5)),
 )
 
-buckets = Exercise(
-    "ch01.buckets",
-    chosen(),
-    crowd,
-    form=any_order,
-    no_age=chosen(by_age=0),
-    youngest=chosen(by_age=-1),
-    weakest=chosen(by_strength=-1),
-    few=Known(
-        lambda uv, age, strength, size, count: np.arange(count), when=lambda got, *case: len(got) == case[4]
-    ),
-    crowded=Known(lambda uv, *case: np.arange(len(uv)), when=overfull),
-)
+buckets = Exercise("ch01.buckets", chosen(), crowd, form=any_order)
 
-too_strict = Exercise(
-    "ch01.too_strict",
-    {"right ones dropped": 140.0, "wrong among the kept": 9.0},
-    unknown=Known({"right ones dropped": np.nan}, when=lambda facts: np.isnan(facts["right ones dropped"])),
-    few=Known({"right ones dropped": 40.0}, when=lambda facts: not facts["right ones dropped"] > 100),
-)
+too_strict = Exercise("ch01.too_strict", {"right ones dropped": 140.0, "wrong among the kept": 9.0})

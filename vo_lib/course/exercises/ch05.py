@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ...core.boxes import overlap
 from ...core.types import Array, Mask
 from ...detection.yolo_layout import Letterbox, letterbox, yolox_cells
-from .checker import Case, Exercise, Known
+from .checker import Case, Exercise
 
 SIZE, NET = (1241, 376), (640, 640)  # width and height of an image, and of a network's with wide borders
 WIDTH, HEIGHT = 800, 256  # of the network whose cells are counted
@@ -35,11 +33,6 @@ def in_image(xyxy: Array, scale: float, left: int, top: int, width: int, height:
 def uncut(xyxy: Array, scale: float, left: int, top: int, *size: int) -> Array:
     """The same boxes as they hang over the edges."""
     return np.asarray((xyxy - (left, top) * 2) / scale - 0.5)
-
-
-def both(function: Callable[..., Array]) -> Known:
-    """A mistake made with and without the half pixel."""
-    return Known(function, lambda *case: function(*case) - 0.5)
 
 
 def common(a: Array, b: Array, least: float = 0.0) -> float:
@@ -105,89 +98,15 @@ def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> Mask:
     return ~(inside(uv_p, boxes_p) | inside(uv_c, boxes_c))
 
 
-to_image = Exercise(
-    "ch05.to_image",
-    in_image,
-    net_boxes,
-    atol=1e-6,
-    uncut=uncut,
-    cut_late=lambda xyxy, s, x, y, w, h: np.clip(uncut(xyxy, s, x, y), 0, (w - 1, h - 1) * 2),
-    no_half=lambda *case: in_image(*case) + 0.5,
-    half_added=lambda *case: in_image(*case) + 1.0,
-    no_border=both(lambda xyxy, s, x, y, w, h: xyxy / s),
-    order=both(lambda xyxy, s, x, y, w, h: xyxy / s - (x, y) * 2),
-    exchanged=both(lambda xyxy, s, x, y, w, h: (xyxy - (y, x) * 2) / s),
-    multiplied=both(lambda xyxy, s, x, y, w, h: (xyxy - (x, y) * 2) * s),
-    edge=Known(
-        lambda xyxy, s, x, y, w, h: np.minimum(uncut(xyxy, s, x, y), w + 9),
-        when=lambda got, xyxy, *case: len(xyxy) == 1,
-    ),
-)
+to_image = Exercise("ch05.to_image", in_image, net_boxes, atol=1e-6)
 
-cells = Exercise(
-    "ch05.cells",
-    yolox_cells(WIDTH, HEIGHT),
-    one_stride=WIDTH * HEIGHT // 64,
-    one_row=WIDTH // 8 + WIDTH // 16 + WIDTH // 32,
-    pixels=WIDTH * HEIGHT,
-)
+cells = Exercise("ch05.cells", yolox_cells(WIDTH, HEIGHT))
 
-iou = Exercise(
-    "ch05.iou",
-    lambda a, b: shared(a, b),
-    pairs,
-    common=common,
-    twice=lambda a, b: common(a, b) / (area(a) + area(b)),
-    one_area=Known(lambda a, b: common(a, b) / area(a), lambda a, b: common(a, b) / area(b)),
-    apart=Known(lambda a, b: shared(a, b, -1e9), when=lambda got, a, b: common(a, b) == 0),
-    itself=Known(lambda a, b: 0.0 if (a == b).all() else shared(a, b), when=lambda got, a, b: (a == b).all()),
-)
+iou = Exercise("ch05.iou", lambda a, b: shared(a, b), pairs)
 
-suppress = Exercise(
-    "ch05.suppress",
-    lambda corners, scores, most: suppressed(corners, scores, most),
-    heaps,
-    worst_first=Known(
-        lambda corners, scores, most: suppressed(corners, -scores, most),
-        when=lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got,
-    ),
-    any_overlap=Known(
-        lambda corners, scores, most: suppressed(corners, scores, 0.0),
-        when=lambda got, corners, *case: len(corners) == 5 and not {2, 4} <= set(got.ravel()),
-    ),
-    fixed=lambda corners, scores, most: suppressed(corners, scores, 0.5),
-    against_all=lambda corners, scores, most: suppressed(corners, scores, most, against_kept=False),
-    order=Known(
-        lambda *case: sorted(suppressed(*case)),
-        when=lambda got, *case: sorted(got) == sorted(suppressed(*case)),
-    ),
-    nothing=Known(
-        lambda corners, scores, most: np.argsort(-scores),
-        when=lambda got, corners, *case: len(got) == len(corners),
-    ),
-)
+suppress = Exercise("ch05.suppress", lambda corners, scores, most: suppressed(corners, scores, most), heaps)
 
-keep_outside = Exercise(
-    "ch05.keep_outside",
-    outside,
-    features,
-    inverted=lambda *case: ~outside(*case),
-    not_current=lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p),
-    not_previous=lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_c, boxes_c),
-    only_both=lambda uv_p, uv_c, boxes_p, boxes_c: ~(inside(uv_p, boxes_p) & inside(uv_c, boxes_c)),
-    exchanged=lambda uv_p, uv_c, boxes_p, boxes_c: outside(uv_p, uv_c, boxes_c, boxes_p),
-    no_box=Known(
-        lambda uv_p, uv_c, boxes_p, boxes_c: outside(uv_p, uv_c, boxes_p, boxes_c) & bool(len(boxes_p)),
-        when=lambda got, uv_p, uv_c, boxes_p, boxes_c: not len(boxes_p),
-    ),
-)
+keep_outside = Exercise("ch05.keep_outside", outside, features)
 
 
-sparing_rule = Exercise(
-    "ch05.sparing_rule",
-    {"removed": 40.0, KEPT: 1.0, LOST: 15.0},
-    unknown=Known({KEPT: np.nan}, when=lambda facts: not np.isfinite(facts[KEPT] + facts[LOST])),
-    nothing=Known({"removed": 0.0}, when=lambda facts: not facts["removed"] > 0),
-    kept=Known({KEPT: 4.0}, when=lambda facts: facts[KEPT] > 2),
-    lost=Known({LOST: 50.0}, when=lambda facts: facts[LOST] > 20),
-)
+sparing_rule = Exercise("ch05.sparing_rule", {"removed": 40.0, KEPT: 1.0, LOST: 15.0})

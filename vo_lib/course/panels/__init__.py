@@ -1,10 +1,12 @@
 """Widget panels of the notebooks, one module a chapter: `ch00_start`, `ch02_five_point`, `ch03_selection`, …
 
-`base` has the pattern and an example; `controls` makes controls from declared settings; `data` keeps
-sequences, pairs and matches; `style` has sizes, colours, fonts, axes; `job` runs what takes over a second.
+`base` has the pattern and an example; `controls` makes controls from declared settings; `job` runs what
+takes over a second. Frames and their matches come from `..frames`, the look of pictures from `..drawing`.
 `PANELS` lists every panel class: the tests drive each of them through all its controls.
 """
 
+from ..drawing import figure, finish, show, show_source, stack
+from ..frames import frame_matches, frame_points, load, stereo, truth
 from .base import Drawing, Panel, State
 from .ch00_start import StartPanel
 from .ch01_matching import MatchingPanel
@@ -16,8 +18,7 @@ from .ch06_evaluation import EvaluationPanel
 from .ch07_explore import ExplorePanel
 from .ch07_reproduce import ReproducePanel
 from .controls import Control
-from .data import frame_matches, frame_points, load, stereo, truth
-from .style import Fact, figure, finish, show, stack
+from .facts import Fact
 
 PANELS: tuple[type[Panel], ...] = (
     StartPanel,
@@ -53,6 +54,7 @@ __all__ = [
     "frame_points",
     "load",
     "show",
+    "show_source",
     "stack",
     "stereo",
     "truth",

@@ -33,13 +33,14 @@ from ...core.settings import Setting, declared, replace
 from ...core.types import Progress
 from ...data.sequence import Sequence, available
 from ...runs.runner import one_blas_thread
-from .controls import CELL, CELL_WIDTH, INSIDE, Control, Knob
-from .data import DEFAULT, is_open, keep, opened
+from ..drawing import BAD, WIDTH, stack
+from ..frames import DEFAULT, is_open, keep, opened
+from .controls import CELL, CELL_WIDTH, PLAIN, Control, Knob
+from .facts import Fact, facts_html
 from .job import Job, Stopped
-from .style import BAD, WIDTH, Fact, facts_html, stack
 
-OWN_FOLDER = "a folder of your own …"
 ERROR_CLASS = "vo-panel-error"  # tests look for it in saved widget state
+ERROR_STYLE = f"max-width:{WIDTH - 20}px;padding:4px 8px;border-left:4px solid {BAD}"
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Panel:
     Attributes
     ----------
     error : what went wrong with the last change, as a sentence; empty when all is well.
-    picture : the Image widget; knobs : controls by the setting's name.
+    picture : the Image widget; knobs : controls by the setting's name; facts : the numbers shown, by name.
     """
 
     title: ClassVar[str] = ""
@@ -90,29 +91,27 @@ class Panel:
         """`values` are first values of controls, a dot of the name written as two underscores."""
         self._lock = threading.RLock()
         self._quiet = True
-        self._facts: dict[str, float] = {}
         self._sequence: Sequence | None = None
+        self.facts: dict[str, float] = {}
         self.error = ""
         self.job = Job()
-        self.picture = widgets.Image(
-            value=stack([np.full((2, WIDTH, 3), 255, np.uint8)], self.height),
-            format="jpeg",
-            layout={
-                "width": f"{WIDTH}px",
-                # In a narrow window smaller, never cut off.
-                "max_width": "100%",
-                "height": "auto",
-            },
+        white = stack([np.full((2, WIDTH, 3), 255, np.uint8)], self.height)
+        # In a narrow window smaller, never cut off.
+        fixed = {"width": f"{WIDTH}px", "max_width": "100%", "height": "auto"}
+        self.picture = widgets.Image(value=white, format="jpeg", layout=fixed)
+        self._message, self._text = (widgets.HTML(layout={"width": "100%"}) for _ in range(2))
+        self.knobs = self._make_knobs({key.replace("__", "."): value for key, value in values.items()})
+        self.chooser = widgets.Dropdown(options=[*available()], value=None, description="sequence", **PLAIN)
+        self.folder = widgets.Text(placeholder="or the path of a folder of your own", continuous_update=False)
+        self.frame = widgets.IntSlider(
+            value=frame, min=1, max=max(frame, 2), continuous_update=False, description="frame", **PLAIN
         )
-        wide = {"width": "100%"}
-        self._message, self._text = widgets.HTML(layout=wide), widgets.HTML(layout=wide)
-        first = {name.replace("__", "."): value for name, value in values.items()}
-        self.knobs = self._make_knobs(first)
-        name = sequence if isinstance(sequence, str) else sequence.name
-        if not isinstance(sequence, str):
-            keep(sequence)
-        self._make_chooser(name, frame)
+        self.chooser.observe(self._chosen, "value")
+        self.folder.observe(self._typed, "value")
+        self.frame.observe(self.redraw, "value")
         self.box = self._layout()
+        name = sequence if isinstance(sequence, str) else keep(sequence)
+        self._offer(name)
         self._quiet = False
         self._open(name)
 
@@ -146,23 +145,17 @@ class Panel:
             self._quiet = False
         self.redraw()
 
-    @property
-    def facts(self) -> dict[str, float]:
-        """The numbers below the picture, by name."""
-        return dict(self._facts)
-
     def wait(self, seconds: float | None = None) -> None:
         """Block until no job is running."""
         self.job.wait(seconds)
 
     def redraw(self, _: Any = None) -> None:
         """Draw the present state; what goes wrong is shown in the panel."""
-        if self._quiet:
+        if self._quiet or self._sequence is None:
             return
         with self._lock, one_blas_thread():
             try:
-                if self._sequence is not None:
-                    self._show(self.draw(self.state()))
+                self._show(self.draw(self.state()))
             except Exception as error:
                 self._fail(error)
 
@@ -178,14 +171,24 @@ class Panel:
                 config = replace(config, name, knob.value)
         return State(config, view, self._sequence, int(self.frame.value))
 
+    def run(self, _: Any = None) -> None:
+        """Start the long job, as the Run button does."""
+        try:
+            state = self.state()
+        except DataError as error:
+            self._fail(error)
+            return
+        self.job.start(self.long_job, lambda report: self.work(state, report), self._show, self._fail)
+
     def _repr_mimebundle_(self, **options: Any) -> Any:
         return self.box._repr_mimebundle_(**options)
 
     def _show(self, drawing: Drawing) -> None:
-        self._text.value = facts_html(drawing.sentence, drawing.facts, self._facts)
-        self._facts = {fact.name: fact.value for fact in drawing.facts}
-        self.picture.value = drawing.picture
-        self.error = self._message.value = ""
+        with self._lock:
+            self._text.value = facts_html(drawing.sentence, drawing.facts, self.facts)
+            self.facts = {fact.name: fact.value for fact in drawing.facts}
+            self.picture.value = drawing.picture
+            self.error = self._message.value = ""
 
     def _fail(self, error: Exception) -> None:
         if isinstance(error, Stopped):
@@ -193,10 +196,8 @@ class Panel:
             return
         # A DataError is written for people; of any other error its kind helps to find the mistake.
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
-        self._message.value = (
-            f'<div class="{ERROR_CLASS}" role="alert" style="max-width:{WIDTH - 20}px;padding:4px 8px;'
-            f'border-left:4px solid {BAD}">{html.escape(self.error)}</div>'
-        )
+        words = html.escape(self.error)
+        self._message.value = f'<div class="{ERROR_CLASS}" role="alert" style="{ERROR_STYLE}">{words}</div>'
 
     def _make_knobs(self, first: dict[str, Any]) -> dict[str, Knob]:
         known: dict[str, tuple[Setting, Any]] = {}
@@ -216,30 +217,6 @@ class Panel:
             raise DataError(f"{sorted(first)[0]}: the panel has no such control")
         return knobs
 
-    def _make_chooser(self, name: str, frame: int) -> None:
-        style = {"description_width": "initial"}
-        self.chooser = widgets.Dropdown(
-            options=[*available(), OWN_FOLDER], value=None, description="sequence", style=style, layout=INSIDE
-        )
-        self._offer(name)
-        self.folder = widgets.Text(
-            placeholder="path of a folder in KITTI's layout",
-            continuous_update=False,
-            layout={**INSIDE, "display": "none"},
-        )
-        self.frame = widgets.IntSlider(
-            value=frame,
-            min=1,
-            max=max(frame, 2),
-            continuous_update=False,
-            description="frame",
-            style=style,
-            layout=INSIDE,
-        )
-        self.chooser.observe(self._chosen, "value")
-        self.folder.observe(self._typed, "value")
-        self.frame.observe(self.redraw, "value")
-
     def _layout(self) -> Any:
         cells = [widgets.VBox([each], layout=CELL) for each in (self.chooser, self.frame, self.folder)]
         cells += [knob.cell for knob in self.knobs.values()]
@@ -247,27 +224,12 @@ class Panel:
         wrapped = {"flex_flow": "row wrap"}
         rows += [widgets.HBox(cells[i : i + 3], layout=wrapped) for i in range(0, len(cells), 3)]
         if self.long_job:
-            button = widgets.Button(
-                description=self.long_job, icon="play", layout={"width": f"{CELL_WIDTH - 12}px"}
-            )
-            button.on_click(self.run)
-            rows.append(button)
+            wide = {"width": f"{CELL_WIDTH - 12}px"}
+            rows.append(widgets.Button(description=self.long_job, icon="play", layout=wide))
+            rows[-1].on_click(self.run)
         rows += [self.job.box, self._message, self.picture, self._text]
         width = {"width": f"{WIDTH + 24}px", "max_width": "100%"}
         return widgets.VBox(rows, layout={**width, "padding": "8px", "border": "1px solid #BBB"})
-
-    def run(self, _: Any = None) -> None:
-        """Start the long job, as the Run button does."""
-        try:
-            state = self.state()
-        except DataError as error:
-            self._fail(error)
-            return
-        self.job.start(self.long_job, lambda report: self.work(state, report), self._done, self._fail)
-
-    def _done(self, drawing: Drawing) -> None:
-        with self._lock:
-            self._show(drawing)
 
     def _offer(self, name: str) -> None:
         """Make a sequence the chosen one, also one that the list does not have yet."""
@@ -276,14 +238,12 @@ class Panel:
         self.chooser.value = name
 
     def _chosen(self, change: Any) -> None:
-        own = change["new"] == OWN_FOLDER
-        self.folder.layout.display = "" if own else "none"
-        if not own and not self._quiet:
+        if not self._quiet:
             self._open(change["new"])
 
     def _typed(self, change: Any) -> None:
         if change["new"].strip():
-            self._open(str(Path(change["new"].strip()).expanduser()))
+            self._offer(str(Path(change["new"].strip()).expanduser()))
 
     def _open(self, name: str) -> None:
         """Open a sequence and draw; at once where it is known, else as a job with a bar."""
@@ -295,7 +255,7 @@ class Panel:
     def _use(self, sequence: Sequence) -> None:
         with self._lock:
             quiet, self._quiet = self._quiet, True
-            self._sequence, self._facts = sequence, {}
+            self._sequence, self.facts = sequence, {}
             self.frame.max = len(sequence) - 1
             self._quiet = quiet
         self.redraw()

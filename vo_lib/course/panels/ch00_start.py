@@ -26,6 +26,8 @@ from ...method.boxes import in_boxes
 from ...method.five_point import five_point
 from ...runs.runner import Run
 from ...tables.plots import draw_trajectory, match_image
+from ..drawing import BAD, DARK, GOOD, PALE, WIDTH, bgr, caption, figure, finish, photo, say, stack
+from ..frames import Memory, frame_matches, frame_points, key_of, stereo, truth
 from ..lessons import consensus_rotation
 from .base import Drawing, Panel, State
 from .ch02_figures import polynomial_chart, polynomial_of
@@ -33,8 +35,7 @@ from .ch02_five_point import reference_rotation
 from .ch03_figures import field_figure
 from .ch03_selection import field_of, previous_vector
 from .controls import Control
-from .data import Memory, frame_matches, frame_points, stereo, truth
-from .style import BAD, DARK, GOOD, PALE, WIDTH, Fact, bgr, caption, figure, finish, photo, say, stack
+from .facts import Fact
 
 _disparities: Memory[CoarseDisparity] = Memory(8)
 HALF = WIDTH // 2
@@ -54,7 +55,7 @@ class PointView(Checked):
 def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDisparity:
     """Disparity (H/2, W/2) of a frame by block matching, pixels of the full image; negative where none."""
     pair = stereo(sequence, frame)
-    return _disparities.get((sequence.folder, frame, largest), lambda: coarse_disparity(*pair, largest))
+    return _disparities.get((*key_of(sequence, frame), largest), lambda: coarse_disparity(*pair, largest))
 
 
 def disparity_picture(disparity: CoarseDisparity, largest: int) -> Image:

@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 from ...core.matches import StereoMatches
 from ...core.types import Array, Image
 from ...data.sequence import Sequence
-from .ch01_trace import KEPT, LOST, REASONS, Trace
-from .ch02_figures import draw_dot, draw_flow
-from .data import stereo
-from .style import (
+from ..drawing import (
     BAD,
     COARSE,
     CYCLE,
@@ -36,6 +33,9 @@ from .style import (
     photo,
     room,
 )
+from ..frames import stereo
+from .ch01_trace import KEPT, LOST, REASONS, Trace
+from .ch02_figures import draw_dot, draw_flow
 
 HALF = WIDTH // 2
 SURPLUS = "bucket is full"
@@ -77,6 +77,38 @@ def points_picture(
         draw_dot(picture, place, colour, 2.5)
     shown = photo(picture, width)
     return caption(shown, words) if words else shown
+
+
+AGES = {1: PALE, 2: "#56B4E9", 4: GOOD, 8: FIFTH, 16: BAD}  # from so many frames on
+
+
+def ages_picture(image: Image, uv: Array, age: NDArray[np.int64], cell: int, words: str) -> Image:
+    """Features on their grid of buckets, coloured by the number of frames for which they were followed."""
+    picture = points_picture(image, uv[:0], cell, width=image.shape[1])
+    for least, colour in AGES.items():
+        for place in uv[age >= least]:
+            draw_dot(picture, place, colour, 3)
+    shown = caption(photo(picture), words)
+    for number, (least, colour) in enumerate(AGES.items()):
+        at = np.array([16.0 + 70 * number, len(shown) - 14.0])
+        draw_dot(shown, at, colour, 5, f"{least}+")
+    return shown
+
+
+def descriptor_picture(image: Image, uv: Array, offsets: Array, radius: int = 10, size: int = 300) -> Image:
+    """The surroundings of a feature, enlarged; arrows are the gradients at the places that describe it."""
+    middle = np.rint(uv).astype(int)
+    padded = np.pad(image, radius, mode="edge")
+    crop = padded[middle[1] : middle[1] + 2 * radius + 1, middle[0] : middle[0] + 2 * radius + 1]
+    scale = size / (2 * radius + 1)
+    picture = photo(np.asarray(cv2.resize(crop, (size, size), interpolation=cv2.INTER_NEAREST)), size)
+    gradients = np.stack([cv2.Sobel(crop, cv2.CV_64F, 1, 0), cv2.Sobel(crop, cv2.CV_64F, 0, 1)], axis=-1)
+    at = np.asarray(offsets, np.int64) + radius
+    arrows = np.asarray(gradients[at[:, 1], at[:, 0]], np.float64)
+    starts = np.asarray((at + 0.5) * scale, np.float64)
+    ends = np.asarray(starts + 1.6 * scale * arrows / max(float(np.abs(arrows).max()), 1.0), np.float64)
+    draw_flow(picture, starts, ends, [BAD] * len(starts), 2)
+    return picture
 
 
 def pair_of_pictures(left: Image, right: Image) -> Image:

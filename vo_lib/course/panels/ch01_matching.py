@@ -17,12 +17,13 @@ from ...core.types import Array
 from ...data.sequence import Sequence
 from ...method.buckets import select_by_bucket
 from ...synthetic import Truth
+from ..drawing import figure, stack
+from ..frames import Memory, key_of, stereo, truth
 from .base import Drawing, Panel, State
 from .ch01_figures import CHOSEN, SURPLUS, depths_chart, errors_chart, fates, fates_chart, fates_picture
 from .ch01_trace import LOST, Trace, trace
 from .controls import Control
-from .data import Memory, stereo, truth
-from .style import Fact, figure, stack
+from .facts import Fact
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 PAUSE = 0.3  # seconds without a change, after which what may come next is traced
@@ -89,7 +90,7 @@ class MatchingPanel(Panel):
             return
         self._ahead.cancel()
         state, last = self.state(), self._here
-        self._here = state.sequence.folder, state.frame
+        self._here = key_of(state.sequence, state.frame)
         if self._here == last:
             return
         ahead = threading.Timer(PAUSE, lambda: self._look(state, ahead.finished))  # `cancel` sets that event
@@ -161,7 +162,7 @@ class MatchingPanel(Panel):
 def _true_errors(sequence: Sequence, known: Truth | None, matches: StereoMatches, frame: int) -> Array:
     if known is None:
         return np.full(len(matches), np.nan)
-    key = sequence.folder, frame, matches.cur_left.tobytes(), matches.cur_right.tobytes()
+    key = *key_of(sequence, frame), matches.cur_left.tobytes(), matches.cur_right.tobytes()
     return _errors.get(key, lambda: known.match_errors(matches, frame))
 
 

@@ -21,7 +21,7 @@ from ...front_end.front_end import make_front_end
 from ...front_end.klt import PreparedPair
 from ...front_end.surface import CoarseDisparity, coarse_disparity
 from ...runs.runner import one_blas_thread
-from .data import WARM_UP, Memory, stereo
+from ..frames import WARM_UP, Memory, key_of, stereo
 
 # The settings of each check, and what happens to a match that fails it.
 CHECKS: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -75,7 +75,7 @@ def trace(sequence: Sequence, frame: int, features: FeatureConfig, matching: Mat
     The pairs before are matched with the checks as they are by default: the settings act on this step alone.
     """
     usual = MatchingConfig(front_end=matching.front_end)
-    base = sequence.folder, frame, features, usual
+    base = *key_of(sequence, frame), features, usual
     before, pair = _histories.get(base, lambda: _history(sequence, frame, features, usual))
     stages = [dataclasses.replace(matching, **OPEN)]
     for _, names in CHECKS:
@@ -127,7 +127,7 @@ def _history(
 
 def _prepare(sequence: Sequence, index: int, features: FeatureConfig, matching: MatchingConfig) -> Any:
     """A prepared pair. What does not depend on the features' settings is kept for itself."""
-    images, key = stereo(sequence, index), (sequence.folder, index)
+    images, key = stereo(sequence, index), key_of(sequence, index)
     largest = matching.max_disparity
     disparity = _disparities.get((*key, largest), lambda: coarse_disparity(*images, largest))
     if matching.front_end == "blob_corner":

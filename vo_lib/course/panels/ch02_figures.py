@@ -11,11 +11,33 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...core.camera import StereoCamera
-from ...core.geometry import decompose_essential
+from ...core.geometry import decompose_essential, rotation_angle
 from ...core.real_roots import DEGREE, real_roots
 from ...core.types import Array, Image
-from ...method.five_point import cubic_constraints, determinant, eliminate, epipolar_rows, null_space
-from .style import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr, figure, finish, log_axis, photo, room
+from ...method.five_point import (
+    EXPONENTS,
+    cubic_constraints,
+    determinant,
+    eliminate,
+    epipolar_rows,
+    null_space,
+)
+from ..drawing import (
+    BAD,
+    CYCLE,
+    DARK,
+    FONT_SIZE,
+    FOURTH,
+    GOOD,
+    PALE,
+    bgr,
+    caption,
+    figure,
+    finish,
+    log_axis,
+    photo,
+    room,
+)
 
 # Of the polynomial's largest value: smaller values are shown as they are, larger compressed.
 COMPRESSED = 1e-3
@@ -157,22 +179,55 @@ def four_motions(E: Array, x_p: Array, x_c: Array) -> list[TwoViewMotion]:
     return motions
 
 
-def four_motions_figure(motions: list[TwoViewMotion], x_p: Array, height: int = 230) -> Figure:
-    """The scene from above as each of the four motions would have it; the cameras as triangles."""
+def four_motions_figure(motions: list[TwoViewMotion], x_p: Array, height: int = 300) -> Figure:
+    """The scene from above as each of the four motions would have it, each with axes that fit its points."""
     made, axes = figure(height, 4)
     for axis, motion in zip(axes, motions, strict=True):
         x, z = motion.depth_p * x_p[:, 0], motion.depth_p
         front = (motion.depth_p > 0) & (motion.depth_c > 0)
-        axis.plot(x[front], z[front], ".", color=GOOD, markersize=3)
-        axis.plot(x[~front], z[~front], ".", color=BAD, markersize=3)
-        forward = motion.R.T @ np.array([0.0, 0.0, 1.0])
-        place = -motion.R.T @ motion.t
-        # The cameras are near each other: the first arrow is the longer one, seen behind the second.
-        previous = np.zeros(3), np.array([0.0, 0.0, 20.0]), DARK
-        for start, way, colour in (previous, (place, 12 * forward, FOURTH)):
-            arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
-            axis.annotate("", (start + way)[[0, 2]].tolist(), start[[0, 2]].tolist(), arrowprops=arrow)
-        axis.set_xlim(-30, 30)
-        axis.set_ylim(-50, 50)
-        finish(axis, f"{100 * motion.in_front:.0f} % in front of both", "x / |t|", "z / |t|")
+        for chosen, colour in ((front, GOOD), (~front, BAD)):
+            axis.plot(x[chosen], z[chosen], ".", color=colour, markersize=3)
+        reach = room(1.1 * float(np.percentile(np.abs(z), 90)), least=2.0)
+        axis.set(xlim=(-0.6 * reach, 0.6 * reach), ylim=(-reach, reach))
+        # The cameras are a unit apart: their views are drawn large, the previous one behind the other.
+        previous = np.zeros(3), np.array([0.0, 0.0, 1.0]), DARK, 0.45
+        place_c = -motion.R.T @ motion.t
+        for place, ahead, colour, share in (previous, (place_c, motion.R[2], FOURTH, 0.3)):
+            arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 2.0}
+            end = place + share * reach * ahead
+            axis.annotate("", end[[0, 2]].tolist(), place[[0, 2]].tolist(), arrowprops=arrow)
+        turn = float(np.degrees(rotation_angle(motion.R)))
+        words = f"{turn:.0f}°, {'forward' if place_c[2] > 0 else 'backward'}"
+        finish(axis, f"{words}: {100 * motion.in_front:.0f} % in front", "x / |t|", "z / |t|")
+        axis.title.set_fontsize(FONT_SIZE)
+    return made
+
+
+def candidates_picture(
+    image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, match: int
+) -> Image:
+    """The current image with one match and its epipolar line under every candidate E (M, 3, 3)."""
+    picture = photo(image, image.shape[1])
+    for number, each in enumerate(E):
+        draw_line(picture, epipolar_line(each, x_p[match], camera), CYCLE[number % len(CYCLE)], 2)
+    draw_dot(picture, x_c[match] * camera.f + (camera.cx, camera.cy), "#FFFFFF", 7, str(match))
+    return caption(photo(picture), f"epipolar lines of match {match} under all {len(E)} candidates of a set")
+
+
+POWERS = [["", name, f"{name}²", f"{name}³"] for name in "xyzw"]
+MONOMIALS = ["".join(names[power] for names, power in zip(POWERS, row, strict=True)) for row in EXPONENTS]
+
+
+def cubics_figure(before: Array, after: Array, height: int = 250) -> Figure:
+    """The ten cubics (10, 20) before and after elimination: how large each coefficient is; white is none."""
+    made, axes = figure(height, 2)
+    titles = "the ten cubics", "x³, y³, x²y, xy² eliminated"
+    for axis, matrix, title in zip(axes, (before, after), titles, strict=True):
+        size = np.log10(np.maximum(np.abs(matrix) / np.abs(matrix).max(), 1e-9))
+        axis.imshow(np.where(size > -8, size, np.nan), cmap="viridis", vmin=-4, vmax=0, aspect="auto")
+        axis.set_xticks(range(20), MONOMIALS, rotation=90)
+        axis.set_yticks(range(0, 10, 3), [f"{row + 1}" for row in range(0, 10, 3)])
+        axis.plot([3.5, 3.5], [-0.5, 9.5], color=BAD, linewidth=1.5)
+        axis.plot([-0.5, 19.5], [3.5, 3.5], color=BAD, linewidth=1.5 if title[0] == "x" else 0)
+        finish(axis, title)
     return made

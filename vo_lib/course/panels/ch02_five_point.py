@@ -18,6 +18,8 @@ from ...core.types import Array, Image
 from ...data.sequence import Sequence
 from ...method.five_point import Candidates, five_point
 from ...method.selection import resolve_by_depth, truncated_errors
+from ..drawing import BAD, CYCLE, PALE, THIRD, WIDTH, caption, figure, photo, stack
+from ..frames import Memory, Points, frame_points, key_of, stereo
 from .base import Drawing, Panel, State
 from .ch02_figures import (
     draw_dot,
@@ -29,8 +31,7 @@ from .ch02_figures import (
     polynomial_of,
 )
 from .controls import Control
-from .data import Memory, Points, frame_points, stereo
-from .style import BAD, CYCLE, PALE, THIRD, WIDTH, Fact, caption, figure, photo, stack
+from .facts import Fact
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
 FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
@@ -76,7 +77,7 @@ def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
         R, t = resolve_by_depth(best, points.x_p, points.x_c, points.X_p)
         return refine(R, t, match_terms(points.x_p, points.x_c), threshold / 2)[0]
 
-    return _rotations.get((sequence.folder, frame, len(points.x_p)), estimate)
+    return _rotations.get((*key_of(sequence, frame), len(points.x_p)), estimate)
 
 
 def with_noise(points: Points, noise: float, focal: float) -> Points:
@@ -140,7 +141,7 @@ class FivePointPanel(Panel):
         image_errors = truncated_errors(E, points.x_p, points.x_c, THRESHOLD / camera.f)
         order = np.argsort(image_errors)
         shown = order[min(view.candidate, len(order)) - 1]
-        key = (sequence.folder, frame, view.noise)
+        key = (*key_of(sequence, frame), view.noise)
         spread = _errors.get((*key, view.sets), lambda: set_errors(points, R_true, view.sets, camera.f))
         match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
         picture = self._picture(state, points, chosen, match, E[shown])
@@ -149,7 +150,7 @@ class FivePointPanel(Panel):
         errors_chart(right, spread.errors, spread.winner)
         line = epipolar_line(E[shown], points.x_p[match], camera)
         distance = abs(float(line @ [*_pixel(points.x_c[match], camera), 1.0]))
-        error = float(rotation_errors(E[shown][None], R_true)[0])
+        error, best_error = rotation_errors(E[[shown, order[0]]], R_true).tolist()
         known = "the truth" if clean.T_cp is not None else "the best estimate (there is no truth)"
         sentence = (
             f"{len(E)} essential matrices fit the matches {', '.join(map(str, chosen))} exactly. Solution "
@@ -159,10 +160,13 @@ class FivePointPanel(Panel):
         facts = (
             Fact("real solutions", len(E)),
             Fact("rotation error of this solution", error, "°", 3),
+            Fact("rotation error of solution 1", best_error, "°", 3),
             Fact("its image error", float(image_errors[shown]), "", 3),
             Fact("chosen match to its line", distance, "px", 2),
             Fact("median error of a set", float(np.median(spread.errors)), "°", 3),
             Fact("error of the consensus winner", spread.winner, "°", 3),
+            Fact("solution", min(view.candidate, len(order))),
+            Fact("noise added", view.noise, "px", 2),
         )
         return Drawing(stack([picture, charts], self.height), sentence, facts)
 

@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from ...core.geometry import essential_angle, essential_from_motion, essential_vector
 from ...core.types import Array
-from .style import BAD, DARK, GOOD, PALE, figure, finish, log_axis
+from ..drawing import BAD, DARK, GOOD, PALE, figure, finish, log_axis
 
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
 
@@ -50,7 +51,7 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
     for axis, x in ((by_angle, field.angle), (by_error, error)):
         for chosen, colour, words in (
             (~field.kept, PALE, "left out"),
-            (field.kept, GOOD, "nearest k of a set"),
+            (field.kept, GOOD, "every solution" if field.kept.all() else "nearest k of a set"),
         ):
             (dots,) = axis.plot(x[chosen], field.image_error[chosen], ".", color=colour, markersize=4.5)
             dots.set_label(words if axis is by_angle else "")  # one legend is enough
@@ -67,7 +68,7 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
     by_angle.set_xlim(0, 90)
     log_axis(by_error.xaxis, LEAST, MOST)
     x_name = "angle to the previous essential vector [deg]"
-    finish(by_angle, "every solution of every set", x_name, "image error", "lower right", boxed=True)
+    finish(by_angle, "the solutions of all sets", x_name, "image error", "lower right", boxed=True)
     finish(by_error, "the same against what is true", "rotation error [deg]", "image error")
     return made
 
@@ -80,6 +81,27 @@ def errors_figure(errors: dict[str, Array], first: int = 1, height: int = 230) -
     _plot_errors(axis, frames, named, ("-", "--", "-", "-"))
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     finish(axis, "rotation error, frame by frame", "frame", "error [deg]")
+    return made
+
+
+def turns_figure(poses: Array, standstill: float = 0.02, height: int = 220) -> Figure:
+    """Angle between successive true essential vectors along poses (N, 4, 4), and the speed below it.
+
+    Where a step is shorter than `standstill`, metres, there is no essential matrix: grey.
+    """
+    T = np.linalg.inv(poses[1:]) @ poses[:-1]
+    length = np.linalg.norm(T[:, :3, 3], axis=1)
+    e = essential_vector(np.array([essential_from_motion(each[:3, :3], each[:3, 3]) for each in T]))
+    angle = np.degrees(essential_angle(e[1:], e[:-1]))
+    frames, moves = np.arange(2, len(poses)), (length[1:] > standstill) & (length[:-1] > standstill)
+    made, (left, right) = figure(height, 2)
+    left.plot(frames, np.where(moves, angle, np.nan), color=GOOD)
+    right.plot(np.arange(1, len(poses)), length, color=DARK)
+    for axis in (left, right):
+        whole = axis.get_xaxis_transform()  # from the bottom of the axis to its top
+        axis.fill_between(frames, 0, 1, where=~moves, color=PALE, alpha=0.5, transform=whole)
+    finish(left, "angle from each true essential vector to the next", "frame", "angle [deg]")
+    finish(right, "length of the step (grey: standing, no E)", "frame", "step [m]")
     return made
 
 

@@ -25,16 +25,18 @@ from ...core.types import Array, Image, Progress
 from ...data.sequence import Sequence
 from ...method.five_point import Candidates, five_point
 from ...method.selection import nearest_to_prior, truncated_errors
+from ..drawing import BAD, FIFTH, GOOD, WIDTH, bgr, caption, photo, stack
+from ..frames import Memory, Points, frame_points, key_of, stereo
 from .base import Drawing, Panel, State
 from .ch02_figures import draw_flow
 from .ch02_five_point import reference_rotation, rotation_errors
 from .ch03_figures import Field, errors_figure, field_figure
 from .controls import Control
-from .data import Memory, Points, frame_points, stereo
-from .style import BAD, FIFTH, GOOD, WIDTH, Fact, bgr, caption, photo, stack
+from .facts import Fact
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 260
 FRAMES = 30  # of the long job
+WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m
 # How the thing moves from frame to frame that the matches are put on: a bus that turns into our street.
 STEP, TURN = np.array([0.5, 0.0, 0.3]), rotation_from_vector(np.radians([0.0, 2.0, 0.0]))
 
@@ -46,6 +48,7 @@ class SelectionView(Checked):
     moving: float = setting(0.0, "share of the matches put on one thing that moves", low=0, high=0.9)
     wrong: float = setting(0.0, "share of the matches that end at a wrong place", low=0, high=0.9)
     draw: int = setting(0, "draws other sets, and other matches to disturb", low=0, high=999)
+    plane: bool = setting(False, "all points on one slanting wall, which fills the view")
 
 
 _candidates: Memory[Candidates] = Memory(12)
@@ -60,6 +63,11 @@ def disturbed(
     The moving ones are those furthest left and turn about their middle; a wrong one ends 4 to 40 px away.
     """
     rng, count = np.random.default_rng([4, view.draw]), len(points.x_p)
+    if view.plane:
+        rays = np.concatenate([points.x_p, np.ones((count, 1))], axis=1)
+        X_p = rays * (12.0 / np.maximum(rays @ WALL, 0.1))[:, None]
+        seen = _view(transform(T_cp, X_p)) + rng.normal(0.0, 0.3 / camera.f, (count, 2))
+        points = replace(points, X_p=X_p, x_c=seen)
     moving, wrong = round(view.moving * count), round(view.wrong * count)
     order = np.argsort(points.x_p[:, 0])
     order[moving:] = rng.permutation(order[moving:])
@@ -108,7 +116,7 @@ def previous_vector(sequence: Sequence, frame: int, config: Config) -> Array | N
         )[2]
         return essential_vector(best)
 
-    key = (sequence.folder, frame - 1, config.features, config.matching, config.buckets)
+    key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets)
     return _priors.get(key, estimate)
 
 
@@ -157,6 +165,7 @@ class SelectionPanel(Panel):
         Control("selection.mode", "winner"),
         Control("selection.prior", "use the previous essential vector"),
         Control("view.draw", "draw again", button=True),
+        Control("view.plane", "one plane"),
     )
 
     def draw(self, state: State) -> Drawing:
@@ -166,7 +175,7 @@ class SelectionPanel(Panel):
         points, touched = disturbed(
             clean, motion_or_guess(sequence, frame, clean), sequence.camera, state.view
         )
-        key = (sequence.folder, frame, selection.sets, state.view)
+        key = (*key_of(sequence, frame), selection.sets, state.view)
         found = _candidates.get(key, lambda: _solve(points, selection.sets, state.view.draw))
         e_prev = previous_vector(sequence, frame, state.config)
         field = field_of(found, points, e_prev, R_true, selection, sequence.camera.f)

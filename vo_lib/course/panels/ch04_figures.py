@@ -10,8 +10,7 @@ from matplotlib.patches import Ellipse
 
 from ...core.matches import StereoMatches
 from ...core.types import Array, Image
-from .ch02_figures import draw_flow
-from .style import (
+from ..drawing import (
     BAD,
     COARSE,
     DARK,
@@ -20,6 +19,7 @@ from .style import (
     GOOD,
     PALE,
     WIDTH,
+    Place,
     caption,
     figure,
     finish,
@@ -27,6 +27,7 @@ from .style import (
     photo,
     room,
 )
+from .ch02_figures import draw_flow
 
 DEPTHS = 2.0, 200.0  # metres shown
 LEAST, MOST = 0.01, 100.0  # pixels shown of a residual
@@ -95,29 +96,46 @@ def mark_reference(axis: Axes, name: str) -> None:
     axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=name)
 
 
-def millimetres_from_above(axis: Axes, half: float, title: str) -> None:
-    """Limits, ticks, names and a boxed legend for errors of a translation in the x-z plane."""
+CORNERS: dict[Place, tuple[float, float]] = {
+    "upper left": (-1.0, 1.0),
+    "upper right": (1.0, 1.0),
+    "lower left": (-1.0, -1.0),
+    "lower right": (1.0, -1.0),
+}
+
+
+def millimetres_from_above(axis: Axes, half: float, title: str, dots: Array | None = None) -> None:
+    """Limits, ticks, names and a boxed legend for errors of a translation in the x-z plane.
+
+    The legend stands in the corner that is farthest from `dots` (N, 2), millimetres; else in the upper left.
+    """
+    place: Place = "upper left"
+    if dots is not None:
+        place = max(CORNERS, key=lambda at: np.linalg.norm(dots / half - CORNERS[at], axis=1).min())
     ticks = [-half, -half / 2, 0, half / 2, half]
     words = [f"{tick:g}".replace("-", "−") for tick in ticks]
     axis.set_xticks(ticks, words)
     axis.set_yticks(ticks, words)
     axis.set(xlim=(-half, half), ylim=(-half, half))
-    finish(axis, title, "x, right [mm]", "z, forward [mm]", "upper left", boxed=True)
+    finish(axis, title, "x, right [mm]", "z, forward [mm]", place, boxed=True)
 
 
 def spread_figure(depth: Array, error: Array, height: int = 260) -> Figure:
-    """Error of each feature's own translation over its depth, with the line of a growth with Z².
+    """What each feature says alone: errors of its t from above, and their length over its depth.
 
     Parameters
     ----------
-    depth : (N,); error : (N,) length of the error; metres.
+    depth : (N,); error : (N, 3) error of each feature's own translation; metres.
     """
-    made, (axis,) = figure(height)
-    axis.plot(
-        depth, np.clip(MILLI * error, 0.1, None), ".", color=GOOD, markersize=4, label="one feature alone"
-    )
+    made, (above, axis) = figure(height, 2, (1.0, 1.6))
+    length = np.linalg.norm(error, axis=1)
+    for near, colour, words in ((depth < 15, GOOD, "nearer than 15 m"), (depth >= 15, PALE, "farther")):
+        above.plot(*(MILLI * error[near][:, [0, 2]]).T, ".", color=colour, markersize=4, label=words)
+    mark_reference(above, "the truth")
+    millimetres_from_above(above, 200.0, "t of each feature, from above")
+    axis.plot(depth, np.clip(MILLI * length, 0.1, None), ".", color=GOOD, markersize=4, label="one feature")
     near = (depth > 5) & (depth < 80)
-    factor = np.median(error[near] / depth[near] ** 2) if near.any() else 1e-4
+    factor = np.median(length[near] / depth[near] ** 2) if near.any() else 1e-4
     line = np.array([4.0, 150.0])
     axis.plot(line, MILLI * factor * line**2, color=BAD, linewidth=1.5, label="grows with Z²")
     log_axis(axis.xaxis, *DEPTHS, COARSE)

@@ -16,12 +16,13 @@ from ...core.matches import StereoMatches
 from ...core.settings import Checked, setting
 from ...core.types import Array
 from ...data.sequence import Sequence
+from ..drawing import figure, stack
+from ..frames import Points, frame_points, stereo, truth
 from .base import Drawing, Panel, State
 from .ch02_five_point import reference_rotation
 from .ch04_figures import MILLI, ellipse_chart, features_picture, residuals_chart
 from .controls import Control
-from .data import Points, frame_points, stereo, truth
-from .style import Fact, figure, stack
+from .facts import Fact
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 GROUPS = 10  # of features that are solved apart, to see how the answers scatter
@@ -150,6 +151,9 @@ class TranslationPanel(Panel):
             Fact("features used", int(np.count_nonzero(used))),
             Fact("median residual", float(np.median(residual[used])), "px", 2),
             Fact("weight below ½", int(np.count_nonzero(weight < 0.5))),
+            Fact("rotation error", state.view.turn, "°", 2),
+            Fact("wrong share", 100 * state.view.wrong, "%"),
+            Fact("noise added", state.view.noise, "px", 2),
         )
         return Drawing(stack([picture, chart], self.height), sentence, facts)
 

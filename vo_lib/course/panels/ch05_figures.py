@@ -15,9 +15,7 @@ from ...core.types import Array, Image
 from ...detection.yolo import Candidates
 from ...detection.yolo_layout import STRIDES, Letterbox, place
 from ...tables.plots import match_image
-from .ch02_figures import draw_flow
-from .ch04_figures import mark_reference, millimetres_from_above
-from .style import (
+from ..drawing import (
     BAD,
     COARSE,
     CYCLE,
@@ -35,9 +33,12 @@ from .style import (
     photo,
     room,
 )
+from .ch02_figures import draw_flow
+from .ch04_figures import mark_reference, millimetres_from_above
 
 MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST = 0.05  # mm shown of an error
+LEAST_LABELLED = 44  # pixels of a box, for its score above it
 DOTS = (PALE, 9.0), (GOOD, 6.0)  # with all features, with those kept: colour, size in points
 
 
@@ -110,7 +111,9 @@ def filter_picture(
     height: int,
 ) -> Image:
     """The image with its matches, kept ones blue, removed ones orange, and the vehicle boxes."""
-    scores = [f"{score:.2f}" for score in boxes.score]
+    # Words above small boxes would cover each other.
+    wide = np.ptp(boxes.xyxy[:, ::2], axis=1) >= LEAST_LABELLED
+    scores = [f"{score:.2f}" if each else "" for score, each in zip(boxes.score, wide, strict=True)]
     return caption(photo(match_image(image, matches, keep, boxes, state, scores), WIDTH, height), words)
 
 
@@ -123,7 +126,8 @@ def errors_chart(axis: Axes, errors: dict[str, Array], reference: str, title: st
     for (name, error), (colour, size) in zip(errors.items(), DOTS, strict=True):
         axis.plot(*error[[0, 2]], "o", color=colour, markeredgecolor=DARK, markersize=size, label=name)
     largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
-    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title)
+    dots = np.array([(0.0, 0.0), *(error[[0, 2]] for error in errors.values())])
+    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title, dots)
 
 
 def rules_figure(errors: dict[str, Array], first: int, height: int = 290) -> Figure:

@@ -20,12 +20,13 @@ from ...detection.yolo import Candidates, YoloDetector, find_model
 from ...detection.yolo_layout import STRIDES, Float32
 from ...method.boxes import vehicles
 from ...runs.runner import make_odometry
+from ..drawing import WIDTH, caption, figure, photo, raster, stack
+from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
 from .base import Drawing, Panel, State
 from .ch04_figures import MILLI
 from .ch05_figures import candidates_picture, errors_chart, filter_picture, rules_figure
 from .controls import Control
-from .data import Memory, frame_matches, stereo, true_motion, truth
-from .style import WIDTH, Fact, caption, figure, photo, raster, stack
+from .facts import Fact
 
 PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
 HISTORY = 4  # frames before the one shown from which the rule `moving` knows its boxes
@@ -61,7 +62,7 @@ def detector_of(model: str) -> YoloDetector:
 
 def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> Candidates:
     """What a detector says of a frame's left image."""
-    key = (sequence.folder, frame, detector.path)
+    key = (*key_of(sequence, frame), detector.path)
     return _candidates.get(key, lambda: detector.candidates(stereo(sequence, frame)[0]))
 
 
@@ -109,7 +110,7 @@ def filtered_frame(
 
 def on_moving(sequence: Sequence, frame: int, config: Config) -> NDArray[np.bool_]:
     """Which matches (N,) of a drawn frame are on things that move."""
-    key = (sequence.folder, frame, config.features, config.matching)
+    key = (*key_of(sequence, frame), config.features, config.matching)
     return _moving.get(key, lambda: sequence.on_moving(frame, frame_matches(sequence, frame, config)))
 
 
@@ -125,7 +126,7 @@ def motion_from(sequence: Sequence, frame: int, keep: NDArray[np.bool_], config:
         calibration=CalibrationConfig(estimate=False),
     )
     matches = frame_matches(sequence, frame, config)
-    key = (sequence.folder, frame, keep.tobytes(), alone)
+    key = (*key_of(sequence, frame), keep.tobytes(), alone)
 
     return _motions.get(key, lambda: make_odometry(sequence.camera, alone).step(matches[keep], no_boxes()))
 
@@ -205,6 +206,10 @@ class FilteringPanel(Panel):
                 f"The translation is {sizes[0]:.1f} mm from the truth with all features, "
                 f"{sizes[1]:.1f} mm with those kept."
             )
+        if judged is not None and removed:
+            sentence += " Orange in a parked box (dashed): features that do not agree with the background."
+        if state.view.model.strip() == "street" and truth(sequence) is None:
+            sentence += " Mind: `street` was trained on drawn streets; do not trust it on real images."
         if "filter_off" in result.flags:
             sentence += " Too few features would be left, so the filter is off in this frame."
         facts = [

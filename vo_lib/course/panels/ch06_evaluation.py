@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
-import ipywidgets as widgets
 import numpy as np
 
 from ...config import METHODS, preset
@@ -19,14 +17,15 @@ from ...evaluation.ate_rpe import Alignment, absolute_error, align, check_pair, 
 from ...evaluation.kitti import KittiErrors, kitti_errors, suitable_measure
 from ...runs.match_cache import CachedMatches
 from ...runs.runner import run_methods
+from ..drawing import figure, say, stack
+from ..frames import Memory
 from ..made_up import made_up
 from .base import Drawing, Panel, State
 from .ch06_figures import PER_100_M, PER_CENT, drift_chart, length_chart, paths_chart
-from .controls import CELL_WIDTH, Control
-from .data import Memory
-from .style import Fact, figure, say, stack
+from .controls import Control
+from .facts import Fact
 
-MADE_UP, OWN = "made-up errors", "a file of your own"
+MADE_UP = "made-up errors"
 PATH_HEIGHT, CHART_HEIGHT = 330, 220
 MILLI = 1e3
 TUM_COLUMNS = 8
@@ -40,8 +39,8 @@ class EvaluationView(Checked):
 
     estimate: str = setting(
         MADE_UP,
-        "whose poses are judged: the truth with errors put in, a method that was run, or a file",
-        choices=(MADE_UP, *METHODS, OWN),
+        "whose poses are judged: the truth with errors put in, or a method that was run",
+        choices=(MADE_UP, *METHODS),
     )
     lengths: tuple[float, ...] = setting(
         (), "lengths of the sub-sequences; none given: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000
@@ -56,7 +55,7 @@ class EvaluationView(Checked):
     yaw: float = setting(1.0, "made-up: turns too far to the right", unit="deg/100 m", low=-5, high=5)
     noise: float = setting(5.0, "made-up: noise of each step", unit="mm", low=0, high=100)
     jitter: float = setting(0.0, "made-up: noise of each turn", unit="deg", low=0, high=0.5)
-    file: str = setting("", "path of a file of poses, in KITTI's or TUM's format")
+    file: str = setting("", "its path, to judge that instead: KITTI's format (12 numbers a row) or TUM's (8)")
 
 
 def known_run(sequence: Sequence, method: str) -> Array | None:
@@ -87,8 +86,6 @@ def read_own(path: str, truth: Array) -> Array:
     ------
     DataError : the file cannot be read, or has another number of poses.
     """
-    if not path:
-        raise DataError("type the path of a file of poses: 12 numbers a row (KITTI), or 8 (TUM)")
     rows = [line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
     is_tum = bool(rows) and len(rows[0].split()) == TUM_COLUMNS
     poses = read_tum(path)[1] if is_tum else read_kitti_poses(path)
@@ -105,13 +102,14 @@ class EvaluationPanel(Panel):
     long_job = "Run the method"
     controls = (
         Control("view.estimate", "estimate"),
-        Control("view.lengths", "lengths", tries=("20", "10,40")),
-        Control("view.step", "step", high=20),
         Control("view.alignment", "alignment"),
+        Control("view.file", "a file of your own"),
         Control("view.scale", "scale error", step=0.1),
         Control("view.yaw", "yaw error", step=0.1),
         Control("view.noise", "noise", step=1),
         Control("view.jitter", "jitter", step=0.01),
+        Control("view.lengths", "lengths", tries=("20", "10,40")),
+        Control("view.step", "step", high=20),
     )
 
     def draw(self, state: State) -> Drawing:
@@ -120,11 +118,7 @@ class EvaluationPanel(Panel):
         if estimate is None:
             path, (axis,) = figure(PATH_HEIGHT)
             paths_chart(axis, truth, None, state.sequence.name)
-            sentence = (
-                "Type the path of the file below the controls."
-                if state.view.estimate == OWN
-                else f"{state.view.estimate} has not been run on {state.sequence.name} here: press Run."
-            )
+            sentence = f"{state.view.estimate} has not been run on {state.sequence.name} here: press Run."
             return Drawing(stack([path], self.height), sentence, (Fact("poses", len(truth)),))
         return self._judged(state, truth, estimate)
 
@@ -134,35 +128,12 @@ class EvaluationPanel(Panel):
         method_poses(state.sequence, state.view.estimate, progress)
         return self.draw(state)
 
-    def state(self) -> State:
-        state = super().state()
-        return replace(state, view=replace(state.view, file=self.file.value.strip()))
-
-    def _layout(self) -> Any:
-        self.file = widgets.Text(
-            placeholder=f"{OWN}: path of the poses, KITTI (12 numbers a row) or TUM (8)",
-            continuous_update=False,
-            layout={"width": f"{2 * CELL_WIDTH - 12}px"},
-        )
-        self.file.observe(self._typed_file, "value")
-        box = super()._layout()
-        place = box.children.index(self.picture) - 3  # above the Run button, the bar and the message
-        box.children = (*box.children[:place], self.file, *box.children[place:])
-        return box
-
-    def _typed_file(self, _: Any) -> None:
-        chooser = self.knobs["view.estimate"].widget
-        if chooser.value == OWN:
-            self.redraw()
-        else:
-            chooser.value = OWN
-
     def _estimate(self, state: State, truth: Array) -> Array | None:
         view = state.view
+        if view.file.strip():
+            return read_own(view.file.strip(), truth)
         if view.estimate == MADE_UP:
             return made_up(truth, view.scale, view.yaw, view.noise, view.jitter)
-        if view.estimate == OWN:
-            return read_own(view.file, truth) if view.file else None
         return known_run(state.sequence, view.estimate)
 
     def _judged(self, state: State, truth: Array, estimate: Array) -> Drawing:

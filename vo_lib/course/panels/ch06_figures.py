@@ -11,20 +11,7 @@ from matplotlib.figure import Figure
 from ...core.types import Array
 from ...evaluation.ate_rpe import AbsoluteError
 from ...evaluation.kitti import KITTI_LENGTHS, KittiErrors, trajectory_distances
-from .style import (
-    BAD,
-    CYCLE,
-    DARK,
-    FIFTH,
-    FONT_SIZE,
-    GOOD,
-    PALE,
-    THIRD,
-    Place,
-    figure,
-    finish,
-    room,
-)
+from ..drawing import BAD, CYCLE, DARK, FIFTH, FONT_SIZE, GOOD, PALE, THIRD, Place, figure, finish, room
 
 PER_CENT, PER_100_M = 100.0, 100.0 * 180.0 / np.pi  # of KittiErrors.t_err and .r_err
 TENTHS = tuple(n / 10 for n in range(10, 100))  # of a length, for a limit not far beyond it

@@ -19,11 +19,12 @@ from ...evaluation.kitti import SHORT_MEASURE, kitti_errors
 from ...runs.match_cache import CachedMatches
 from ...runs.runner import TimedMatches, run_methods
 from ...tables.table1 import VARIANT_WORDS
+from ..drawing import figure, stack
+from ..frames import Memory, opened
 from .base import Drawing, Panel, State
 from .ch07_figures import methods_chart, steps_figure
 from .controls import Control
-from .data import Memory, opened
-from .style import Fact, figure, stack
+from .facts import Fact
 
 FRAMES, SEEDS = 40, 3
 PATIENCE = 0.6  # seconds that a run may take without a bar

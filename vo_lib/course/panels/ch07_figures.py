@@ -18,7 +18,7 @@ from ...tables.paper import PaperTable, read_paper_table
 from ...tables.plots import METHOD_MARKERS, TRUTH_COLOUR, draw_drift, draw_trajectories, method_colour
 from ...tables.report import ReportTable
 from ...tables.table1 import layout_tables, method_table
-from .style import DARK, FONT_SIZE, PALE, figure, finish, room
+from ..drawing import DARK, FONT_SIZE, PALE, figure, finish, room
 
 HALF = 0.36  # of the distance between two sequences: the methods stand side by side within it
 

@@ -15,12 +15,13 @@ from ...core.settings import Checked, setting
 from ...core.types import Image, Progress
 from ...tables.entries import Entry
 from ...tables.paper import read_paper_table
+from ..drawing import raster, stack
+from ..frames import Memory
 from .base import Drawing, Panel, State
 from .ch07_figures import errors_figure, paths_figure, plan_figure, table_html, table_tables
 from .ch07_runs import WAYS, Plan, Table, known, load_folder, run_plan, way
-from .controls import CELL_WIDTH, Control
-from .data import Memory
-from .style import Fact, raster, stack
+from .controls import Control
+from .facts import Fact
 
 PATHS_HEIGHT, ERRORS_HEIGHT = 340, 240
 GAIN = ("solution_selection", "feature_selection")  # before and after features in boxes are removed
@@ -44,6 +45,8 @@ class ReproduceView(Checked):
     lengths: str = setting(
         SHORT, "sub-sequences: short ones from every frame, or what `vo reproduce` takes", choices=LENGTHS
     )
+    folder: str = setting("", "path of a folder of finished runs, such as runs/table1, to show instead")
+    paper: str = setting("", "path of a corrected CSV, to compare with instead")
 
 
 @dataclass(frozen=True)
@@ -66,10 +69,12 @@ class ReproducePanel(Panel):
         Control("view.seeds", "seeds", high=5),
         Control("view.variant", "variant"),
         Control("view.lengths", "lengths"),
+        Control("view.folder", "run folders"),
+        Control("view.paper", "the paper's numbers"),
     )
 
     def draw(self, state: State) -> Drawing:
-        folder = self.folder_of_runs.value.strip()
+        folder = state.view.folder.strip()
         if folder and self._read is not None and self._read[0] == folder:
             return self._table(state, self._read[1], f"Read from {folder}.")
         plan = _plan(state)
@@ -80,9 +85,10 @@ class ReproducePanel(Panel):
 
     def work(self, state: State, progress: Progress) -> Drawing:
         run_plan(_plan(state), progress)
-        # What is typed there is shown in place of runs, and the person has asked for runs.
-        self.folder_of_runs.value = ""
-        return self.draw(state)
+        # A folder that is typed is shown in place of runs, and the person has asked for runs.
+        self._quiet, self.knobs["view.folder"].widget.value = True, ""
+        self._quiet = False
+        return self.draw(self.state())
 
     def _before(self, state: State, plan: Plan) -> Drawing:
         truth = plan.sequence.truth
@@ -103,8 +109,7 @@ class ReproducePanel(Panel):
         # A folder of `vo reproduce` holds both variants: the one chosen is drawn.
         variant = "published" if state.view.variant == "published" else "kit"
         entries = [entry for entry in entries if entry.variant == variant] or entries
-        path = self.paper.value.strip()
-        paper = read_paper_table(path or None)
+        paper = read_paper_table(state.view.paper.strip() or None)
         here = [entry for entry in entries if entry.sequence == state.sequence.name]
         if not here:
             here = [entry for entry in entries if entry.sequence == entries[0].sequence]
@@ -121,35 +126,21 @@ class ReproducePanel(Panel):
 
     def _layout(self) -> Any:
         self._read: tuple[str, Table] | None = None
-        wide = {"width": f"{int(1.5 * CELL_WIDTH) - 12}px"}
-        self.folder_of_runs = widgets.Text(
-            placeholder="run folders: path of a folder such as runs/table1",
-            continuous_update=False,
-            layout=wide,
-        )
-        self.paper = widgets.Text(
-            placeholder="the paper's numbers: path of a corrected CSV",
-            continuous_update=False,
-            layout=wide,
-        )
         self.tables = widgets.HTML()
-        self.folder_of_runs.observe(self._typed_runs, "value")
-        self.paper.observe(self.redraw, "value")
         box = super()._layout()
-        place = box.children.index(self.picture) - 3  # above the Run button, the bar and the message
-        typed = widgets.HBox([self.folder_of_runs, self.paper])
-        box.children = (*box.children[:place], typed, *box.children[place:], self.tables)
+        box.children = (*box.children, self.tables)
         return box
 
-    def _typed_runs(self, change: Any) -> None:
-        folder = change["new"].strip()
-        if self._quiet or not folder:
-            self.redraw()
+    def redraw(self, _: Any = None) -> None:
+        """Draw; the folder of runs that is typed is read first, in a job."""
+        folder = self.knobs["view.folder"].widget.value.strip() if self._sequence else ""
+        if self._quiet or not folder or (self._read and self._read[0] == folder):
+            super().redraw()
             return
 
         def done(table: Table) -> None:
             self._read = folder, table
-            self.redraw()
+            super(ReproducePanel, self).redraw()
 
         self.job.start(
             "reading the runs", lambda report: load_folder(folder, self._sequence, report), done, self._fail
@@ -182,6 +173,11 @@ def _gain(entries: list[Entry]) -> str:
     if not set(GAIN) <= set(by_name) or by_name[GAIN[0]].seeds != by_name[GAIN[1]].seeds:
         return ""
     change = by_name[GAIN[1]].te - by_name[GAIN[0]].te
+    if not change.any():
+        return (
+            f"{by_name[GAIN[0]].sequence}: no boxes, nothing removed. Write labels first: "
+            "`vo data write_labels` with a detector (chapter 5)."
+        )
     if not np.isfinite(change).all():
         return ""
     return (

@@ -17,7 +17,7 @@ from ...synthetic import cache_folder
 from ...tables.comparison import StoredRun, read_stored_run
 from ...tables.entries import Entry, measure_runs
 from ...tables.reproduce import job_folder
-from .data import Memory, opened
+from ..frames import Memory, opened
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ CELL_WIDTH = 320  # pixels; three stand side by side
 # A little narrower where the window is; below each other where it is much narrower.
 CELL = {"flex": "1 1 290px", "max_width": f"{CELL_WIDTH}px"}
 INSIDE = {"width": "auto", "max_width": f"{CELL_WIDTH - 12}px"}  # of a cell
+PLAIN = {"style": {"description_width": "initial"}, "layout": INSIDE}
+HINT = '<div style="font-size:11px;line-height:1.2;opacity:.7">{}</div>'
 STEPS = 100  # of a slider for numbers, where no step is given
 
 
@@ -41,29 +43,17 @@ class Control:
 
 
 class Knob:
-    """A control on the screen.
-
-    Attributes
-    ----------
-    setting : the declaration it stands for.
-    widget : the ipywidget that holds the value.
-    cell : what is shown: the widget and the declared sentence below it.
-    """
+    """A control on the screen: its `widget`, and the `cell` that shows it above the declared sentence."""
 
     def __init__(self, control: Control, setting: Setting, value: Any):
-        self.setting = setting
-        self.tries = control.tries
+        self.setting, self.tries = setting, control.tries
         unit = f" [{setting.unit}]" if setting.unit else ""
-        self.label = (control.label or setting.name.split(".")[-1].replace("_", " ")) + unit
-        self.widget = _make(control, setting, value, self.label)
-        shown = self.widget
+        label = (control.label or setting.name.split(".")[-1].replace("_", " ")) + unit
+        self.widget = shown = _make(control, setting, value, label)
         if control.button:
-            shown = widgets.Button(description=self.label, layout=INSIDE)
+            shown = widgets.Button(description=label, layout=INSIDE)
             shown.on_click(self._press)
-        hint = widgets.HTML(
-            f'<div style="font-size:11px;line-height:1.2;opacity:.7">{html.escape(setting.text)}</div>',
-            layout={"margin": "0 8px 4px 2px"},
-        )
+        hint = widgets.HTML(HINT.format(html.escape(setting.text)), layout={"margin": "0 8px 4px 2px"})
         self.cell = widgets.VBox([shown, hint], layout=CELL)
 
     def _press(self, _: Any) -> None:
@@ -89,15 +79,14 @@ class Knob:
 
 
 def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
-    common = {"description": label, "tooltip": setting.text, "style": {"description_width": "initial"}}
-    layout = INSIDE
+    common = {"description": label, "tooltip": setting.text, **PLAIN}
     if setting.kind is bool:
-        return widgets.Checkbox(value=value, indent=False, layout=layout, description=label)
+        return widgets.Checkbox(value=value, indent=False, description=label, layout=INSIDE)
     if setting.choices:
-        return widgets.Dropdown(value=value, options=list(setting.choices), layout=layout, **common)
+        return widgets.Dropdown(value=value, options=list(setting.choices), **common)
     if setting.kind not in (int, float):
         words = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
-        return widgets.Text(value=words, continuous_update=False, layout=layout, **common)
+        return widgets.Text(value=words, continuous_update=False, **common)
     low = setting.low if control.low is None else control.low
     high = setting.high if control.high is None else control.high
     if low is None or high is None:
@@ -108,4 +97,4 @@ def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
     slider = widgets.IntSlider if setting.kind is int else widgets.FloatSlider
     step = control.step or (1 if setting.kind is int else (high - low) / STEPS)
     digits = {} if setting.kind is int else {"readout_format": ".2f" if step < 0.1 else ".1f"}
-    return slider(**limits, step=step, continuous_update=False, layout=layout, **digits, **common)
+    return slider(**limits, step=step, continuous_update=False, **digits, **common)

@@ -19,17 +19,15 @@ class Stopped(Exception):
 class Job:
     """At most one piece of work at a time; a new one stops the one before.
 
-    Attributes
-    ----------
-    box : bar, words and Stop button; hidden while nothing runs.
+    `box` has bar, words and Stop button; it is hidden while nothing runs.
     """
 
     def __init__(self) -> None:
         self._bar = widgets.IntProgress(min=0, max=1, layout={"width": "420px"})
         self._words = widgets.Label(layout={"width": "380px"})
-        self._button = widgets.Button(description="Stop", icon="stop", layout={"width": "90px"})
-        self._button.on_click(lambda _: self.stop())
-        self.box = widgets.HBox([self._bar, self._words, self._button], layout={"display": "none"})
+        button = widgets.Button(description="Stop", icon="stop", layout={"width": "90px"})
+        button.on_click(lambda _: self.stop())
+        self.box = widgets.HBox([self._bar, self._words, button], layout={"display": "none"})
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
@@ -53,11 +51,10 @@ class Job:
         `work` calls progress(done, total) at least a few times a second: that is where Stop takes effect.
         The bar is shown `after` so many seconds: short work does not make the page jump.
         """
-        while (thread := self._other()) is not None:
-            self.stop()
-            thread.join()
-        stop, show_at = threading.Event(), time.monotonic() + after
-        self._stop = stop
+        self.stop()
+        self.wait()
+        stop = self._stop = threading.Event()
+        show_at = time.monotonic() + after
         self._bar.value, self._words.value = 0, label
         if not after:
             self.box.layout.display = ""
@@ -65,11 +62,10 @@ class Job:
         def report(count: int, total: int) -> None:
             if stop.is_set():
                 raise Stopped
-            if time.monotonic() < show_at:
-                return  # a message to the browser each time would only cost time
-            self.box.layout.display = ""
-            self._bar.max, self._bar.value = max(total, 1), count
-            self._words.value = f"{label}: {count} of {total}"
+            if time.monotonic() >= show_at:  # before, a message to the browser would only cost time
+                self.box.layout.display = ""
+                self._bar.max, self._bar.value = max(total, 1), count
+                self._words.value = f"{label}: {count} of {total}"
 
         def body() -> None:
             try:
@@ -89,12 +85,10 @@ class Job:
         self._stop.set()
 
     def wait(self, seconds: float | None = None) -> None:
-        """Block until the work has ended, with what it started in turn."""
+        """Block until the work has ended, with what it started in turn; not from inside it."""
         end = None if seconds is None else time.monotonic() + seconds
-        while (thread := self._other()) is not None and (end is None or time.monotonic() < end):
+        while self.running and (end is None or time.monotonic() < end):
+            thread = self._thread
+            if thread is None or thread is threading.current_thread():
+                return
             thread.join(None if end is None else max(end - time.monotonic(), 0))
-
-    def _other(self) -> threading.Thread | None:
-        """The thread that works, unless it is the one that asks."""
-        running, thread = self.running, self._thread
-        return thread if running and thread is not threading.current_thread() else None

@@ -1,15 +1,16 @@
-"""How panels and chapter figures look: one width, one font, colours that colour-blind readers tell apart."""
+"""How pictures of the course look: one width, one font, colours that colour-blind readers tell apart."""
 
 from __future__ import annotations
 
-import html
+import inspect
+import textwrap
 import threading
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
+from IPython.display import Code
 from IPython.display import Image as Shown
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -18,8 +19,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from ...core.types import Image
-from .data import Memory
+from ..core.types import Image
+from .frames import Memory
 
 WIDTH = 980  # pixels of every picture
 DPI = 100
@@ -195,40 +196,15 @@ def show(*parts: Image | Figure) -> Shown:
     return Shown(data=png, width=WIDTH)  # type: ignore[no-untyped-call]
 
 
+def show_source(*things: Any) -> Code:
+    """The source of functions, methods or classes, each below the name of its file."""
+    texts = []
+    for thing in things:
+        file = str(inspect.getsourcefile(thing)).replace("\\", "/")
+        source = textwrap.dedent(inspect.getsource(thing))
+        texts.append(f"# vo_lib/{file.rpartition('/vo_lib/')[2]}\n{source}")
+    return Code("\n\n".join(texts), language="python")  # type: ignore[no-untyped-call]
+
+
 def _joined(parts: Sequence[Image | Figure]) -> Image:
     return np.concatenate([raster(part) if isinstance(part, Figure) else photo(part) for part in parts])
-
-
-@dataclass(frozen=True)
-class Fact:
-    """A number shown below a picture; `digits` after the point."""
-
-    name: str
-    value: float
-    unit: str = ""
-    digits: int = 0
-
-    def text(self, before: float | None) -> str:
-        """The number with its unit, and how it changed from `before`, as HTML."""
-        space = "" if self.unit in ("", "°") else "&nbsp;"
-        value = round(self.value, self.digits) + 0.0  # no minus before a zero
-        shown = "–" if np.isnan(value) else f"{value:.{self.digits}f}{space}{html.escape(self.unit)}"
-        change = np.nan if before is None else self.value - before
-        if np.isnan(change) or abs(change) < 0.5 * 10.0**-self.digits:
-            return shown
-        return f'{shown} <span style="color:{DARK};opacity:.6">({change:+.{self.digits}f})</span>'
-
-
-def facts_html(sentence: str, facts: tuple[Fact, ...], before: dict[str, float]) -> str:
-    """A sentence, and below it the facts in a row, each with its change since `before`."""
-    cells = "".join(
-        '<div style="margin-right:26px">'
-        f'<div style="font-size:11px;opacity:.7">{html.escape(fact.name)}</div>'
-        f'<div style="font-size:15px">{fact.text(before.get(fact.name))}</div></div>'
-        for fact in facts
-    )
-    return (
-        f'<div style="max-width:{WIDTH}px;line-height:1.35">'
-        f'<div style="margin:4px 0 6px">{html.escape(sentence)}</div>'
-        f'<div style="display:flex;flex-wrap:wrap">{cells}</div></div>'
-    )

@@ -1,4 +1,4 @@
-"""Earlier stages, kept: sequences, prepared pairs and matches that panels ask for again and again."""
+"""Earlier stages of a frame, kept: what notebooks and panels ask for again and again."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 import ipywidgets as widgets
 import numpy as np
 from IPython.display import display
 
-from ...config import Config
-from ...core.errors import DataError
-from ...core.geometry import inverse
-from ...core.matches import StereoMatches
-from ...core.types import Array, Image, Progress
-from ...data.sequence import Sequence, open_sequence
-from ...front_end.front_end import make_front_end
-from ...method.buckets import select_by_bucket
-from ...runs.runner import one_blas_thread
-from ...synthetic import Truth, open_truth
+from ..config import Config
+from ..core.errors import DataError
+from ..core.geometry import inverse
+from ..core.matches import StereoMatches
+from ..core.types import Array, Image, Progress
+from ..data.sequence import SYNTHETIC, Sequence, open_sequence
+from ..front_end.front_end import make_front_end
+from ..method.buckets import select_by_bucket
+from ..runs.runner import one_blas_thread
+from ..synthetic import Truth, ensure_scene, open_truth
 
 DEFAULT = "synthetic/traffic"
 WARM_UP = 1  # pairs before the two asked for: they give the front end a motion to predict from
@@ -73,9 +73,9 @@ def is_open(name: str) -> bool:
     return name in _sequences
 
 
-def keep(sequence: Sequence) -> None:
-    """Remember a sequence that was opened elsewhere."""
-    _sequences.get(sequence.name, lambda: sequence)
+def keep(sequence: Sequence) -> str:
+    """Remember a sequence that was opened elsewhere; gives its name."""
+    return _sequences.get(sequence.name, lambda: sequence).name
 
 
 def opened(name: str, progress: Progress | None = None) -> Sequence:
@@ -86,6 +86,24 @@ def opened(name: str, progress: Progress | None = None) -> Sequence:
 def load(name: str = DEFAULT) -> Sequence:
     """A sequence for a notebook cell; shows a bar while a synthetic scene is drawn for the first time."""
     return with_bar(f"drawing {name}", lambda report: opened(name, report))
+
+
+def load_part(name: str, first: int, last: int) -> Sequence:
+    """Frames first … last of a drawn scene; no others are drawn where the whole scene is not there."""
+
+    def find(report: Progress) -> Sequence:
+        frames = range(first, last + 1)
+        folder = ensure_scene(name.removeprefix(SYNTHETIC), progress=report, frames=frames)
+        sequence = replace(open_sequence(folder), name=name)
+        start = sequence.frames.index(f"{first:06d}")
+        return sequence.part(start, start + len(frames))
+
+    return with_bar(f"drawing frames {first} to {last} of {name}", find)
+
+
+def key_of(sequence: Sequence, frame: int) -> tuple[Hashable, ...]:
+    """What tells a frame of a sequence, or of a part of it, from all others."""
+    return sequence.folder, sequence.frames[0], frame
 
 
 def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
@@ -105,7 +123,7 @@ def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
 
 def stereo(sequence: Sequence, frame: int) -> tuple[Image, Image]:
     """Left and right image of a frame."""
-    return _pairs.get((sequence.folder, frame), lambda: sequence.stereo(frame))
+    return _pairs.get(key_of(sequence, frame), lambda: sequence.stereo(frame))
 
 
 def frame_matches(sequence: Sequence, frame: int, config: Config) -> StereoMatches:
@@ -116,14 +134,14 @@ def frame_matches(sequence: Sequence, frame: int, config: Config) -> StereoMatch
         front_end = make_front_end(sequence.camera, *settings)
 
         def prepare(index: int) -> Any:
-            key = (sequence.folder, index, *settings)
+            key = (*key_of(sequence, index), *settings)
             return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
 
         indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
         with ThreadPoolExecutor(max_workers=2) as pool, one_blas_thread():
             return [front_end.step(pair) for pair in pool.map(prepare, indices)][-1]
 
-    return _matches.get((sequence.folder, frame, *settings), make)
+    return _matches.get((*key_of(sequence, frame), *settings), make)
 
 
 @dataclass(frozen=True)
