@@ -15,7 +15,8 @@ from vo_lib.course.panels.base import ERROR_CLASS
 from vo_lib.data.sequence import Sequence
 
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
-CHAPTERS = sorted(FOLDER.glob("*.ipynb"))
+CHAPTERS = sorted(FOLDER.glob("[0-9]*.ipynb"))
+APPENDICES = sorted(FOLDER.glob("appendix_*.ipynb"))
 SOLUTIONS = sorted((FOLDER / "solutions").glob("*.ipynb"))
 WIDGETS = "application/vnd.jupyter.widget-state+json"
 LONGEST_CELL = 300  # seconds; a safeguard, not a measurement
@@ -80,6 +81,15 @@ def test_a_chapter_runs_and_its_exercises_wait_for_answers(path: Path, tmp_path:
 
 
 @pytest.mark.usefixtures("street")
+@pytest.mark.parametrize("path", APPENDICES, ids=name)
+def test_an_appendix_runs(path: Path, tmp_path: Path) -> None:
+    notebook = execute(path, tmp_path)
+    assert complaints(notebook) == []
+    states = notebook.metadata["widgets"][WIDGETS]["state"].values()
+    assert any(state["model_name"] == "ImageModel" and state["buffers"] for state in states)
+
+
+@pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", SOLUTIONS, ids=name)
 def test_the_solutions_are_right(path: Path, tmp_path: Path) -> None:
     notebook = execute(path, tmp_path)
@@ -89,7 +99,7 @@ def test_the_solutions_are_right(path: Path, tmp_path: Path) -> None:
     assert [verdict for verdict in judged if RIGHT_CLASS not in verdict] == []
 
 
-@pytest.mark.parametrize("path", [*CHAPTERS, *SOLUTIONS], ids=name)
+@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES, *SOLUTIONS], ids=name)
 def test_notebooks_are_committed_without_outputs(path: Path) -> None:
     notebook = read(path)
     nbformat.validate(notebook)
@@ -103,7 +113,7 @@ def test_notebooks_are_committed_without_outputs(path: Path) -> None:
         assert cell.source.strip()
 
 
-@pytest.mark.parametrize("path", [*CHAPTERS, *SOLUTIONS], ids=name)
+@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES, *SOLUTIONS], ids=name)
 def test_links_in_the_prose_lead_somewhere(path: Path) -> None:
     prose = "\n".join(cell.source for cell in read(path).cells if cell.cell_type == "markdown")
     links = [link for link in re.findall(r"\]\(([^)\s]+)\)", prose) if "://" not in link]
@@ -114,6 +124,7 @@ def test_links_in_the_prose_lead_somewhere(path: Path) -> None:
 
 def test_every_chapter_has_its_solutions() -> None:
     assert CHAPTERS
+    assert {*FOLDER.glob("*.ipynb")} == {*CHAPTERS, *APPENDICES}
     assert [path.name for path in SOLUTIONS] == [path.name for path in CHAPTERS]
 
 

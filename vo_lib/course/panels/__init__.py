@@ -7,6 +7,7 @@ takes over a second. Frames and their matches come from `..frames`, the look of 
 
 from ..drawing import figure, finish, show, show_source, stack
 from ..frames import frame_matches, frame_points, load, stereo, truth
+from .appendix_calibration import CalibrationPanel
 from .base import Drawing, Panel, State
 from .ch00_start import StartPanel
 from .ch01_matching import MatchingPanel
@@ -30,10 +31,12 @@ PANELS: tuple[type[Panel], ...] = (
     EvaluationPanel,
     ReproducePanel,
     ExplorePanel,
+    CalibrationPanel,
 )
 
 __all__ = [
     "PANELS",
+    "CalibrationPanel",
     "Control",
     "Drawing",
     "EvaluationPanel",

@@ -179,21 +179,11 @@ def weight_figure(scale: float, height: int = 200) -> Figure:
     return made
 
 
-def lengths_figure(lengths: dict[str, list[float]], true: float, height: int = 200) -> Figure:
-    """Length of each frame's step, metres, by what was made of its matches; the truth is dotted."""
+def lengths_figure(lengths: dict[str, Array], height: int = 200) -> Figure:
+    """Length of each frame's step, as a share of the true one, by what was made of its matches."""
     made, (axis,) = figure(height)
+    axis.axhline(1.0, color=DARK, linewidth=1, linestyle=":")
     for (name, values), colour in zip(lengths.items(), (BAD, GOOD, FIFTH), strict=False):
         axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=1.5, label=name)
-    axis.axhline(true, color=DARK, linewidth=1, linestyle=":")
-    finish(axis, "length of the step [m]", "frame")
-    return made
-
-
-def centre_figure(found: Array, true: tuple[float, float], height: int = 200) -> Figure:
-    """The principal point after each frame (N, 2), pixels from its nominal place; the truth is dotted."""
-    made, (axis,) = figure(height)
-    for name, values, at, colour in zip("uv", found.T, true, (GOOD, FIFTH), strict=True):
-        axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=1.5, label=f"along {name}")
-        axis.axhline(at, color=DARK, linewidth=1, linestyle=":")
-    finish(axis, "principal point found [px]", "frame")
+    finish(axis, "length of the step, as a share of the true one", "frame")
     return made

@@ -1,0 +1,94 @@
+"""`vo calibrate`, and runs that start from what it learnt."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vo_lib.beyond.calibration import read_calibration
+from vo_lib.commands.cli import main
+
+SMALL = ["--features.cell", "10"]
+HELD = ["--calibration.estimate", "off"]
+
+
+@pytest.fixture
+def learnt(bands: Path) -> Path:
+    """The calibration file of the bands, learnt in two drives that are the same."""
+    path = bands.parent / "camera.json"
+    assert main(["calibrate", str(bands), str(bands), "--out", str(path)]) == 0
+    return path
+
+
+def test_a_camera_is_learnt_from_several_drives(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = [bands.parent / name for name in ("once.json", "twice.json")]
+    picture = bands.parent / "field.png"
+    assert main(["calibrate", str(bands), "--out", str(files[0])]) == 0
+    capsys.readouterr()
+    words = ["calibrate", str(bands), str(bands), "--out", str(files[1]), "--picture", str(picture)]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("after bands: ") == 2
+    assert str(files[1]) in printed
+    once, twice = (read_calibration(path) for path in files)
+    # The second drive adds to what the rows, which no jolt shifts, say.
+    assert (np.diag(twice.covariance)[9:] < np.diag(once.covariance)[9:]).all()
+    image = cv2.imread(str(picture))
+    assert image is not None
+    assert image.std() > 5
+
+
+def test_a_run_keeps_what_it_learnt_and_another_holds_it(bands: Path) -> None:
+    first, second = bands.parent / "first", bands.parent / "second"
+    assert main(["run", str(bands), "--out", str(first), *SMALL]) == 0
+    known = first / "calibration.json"
+    words = ["run", str(bands), "--out", str(second), *SMALL, *HELD, "--calibration", str(known)]
+    assert main(words) == 0
+    given, held = (read_calibration(folder / "calibration.json") for folder in (first, second))
+    for name in ("estimate", "lens_information", "lens_vector"):
+        np.testing.assert_array_equal(getattr(held, name), getattr(given, name))
+    assert np.any(given.estimate)
+
+
+def test_a_run_that_starts_from_a_file_goes_on_learning(bands: Path, learnt: Path) -> None:
+    out = bands.parent / "out"
+    assert main(["run", str(bands), "--out", str(out), *SMALL, "--calibration", str(learnt)]) == 0
+    given, then = read_calibration(learnt), read_calibration(out / "calibration.json")
+    assert not np.array_equal(given.estimate, then.estimate)
+    assert (np.diag(then.covariance)[9:] < np.diag(given.covariance)[9:]).all()
+
+
+def test_a_finished_run_from_another_calibration_is_refused(
+    bands: Path, learnt: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["run", str(bands), "--out", str(bands.parent / "out"), *SMALL]
+    assert main(words) == 0
+    capsys.readouterr()
+    assert main([*words, "--calibration", str(learnt)]) == 2
+    error = capsys.readouterr().err
+    assert "another calibration" in error
+    assert len(error.splitlines()) == 1
+
+
+def test_another_cameras_calibration_is_refused(
+    bands: Path, learnt: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = bands.parent / "other"
+    shutil.copytree(bands, other)
+    calib = other / "calib.txt"
+    calib.write_text(calib.read_text(encoding="utf-8").replace("-150.0", "-160.0"), encoding="utf-8")
+    capsys.readouterr()
+    out = bands.parent / "out"
+    for words in (
+        ["run", str(other), "--out", str(out), "--calibration", str(learnt)],
+        ["calibrate", str(bands), str(other), "--out", str(bands.parent / "both.json")],
+    ):
+        assert main(words) == 2
+        *_, line = capsys.readouterr().err.splitlines()  # the bar of the first drive may stand above
+        assert "another camera: baseline is 0.5 there" in line
+    assert not out.exists()
+    assert not (bands.parent / "both.json").exists()
