@@ -21,6 +21,7 @@ from rich.tree import Tree
 from data_scripts.fetch.kitti_check import SequenceReport, check_tree, parse_numbers
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
+from vo_lib.commands.script import typed
 from vo_lib.core.errors import DataError
 from vo_lib.data.sequence import kitti_root
 
@@ -38,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Look, show, and say what to do."""
     root: Path = options.root or kitti_root()
-    get = f"vo data get_kitti --root {root} --sequences"
+    get = typed(f"vo data get_kitti --root {root} --sequences")
     names = None if options.sequences is None else parse_numbers(options.sequences)
     if names is None and not root.is_dir():
         raise DataError(f"the folder is missing; {get} 07,04 makes it", root)

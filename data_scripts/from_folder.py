@@ -1,14 +1,16 @@
 """Bring your own stereo images into KITTI's layout, so that `vo run FOLDER` takes them.
 
-Images: two folders, one video with both images side by side, or a drive of KITTI's raw data. Calibration:
-three numbers for rectified images, or OpenCV YAML files (K1 D1 K2 D2 R T: the images are rectified; P1 P2
-alone: they are already). The order of the images, their rows and the baseline are checked on a sample.
+Images: two folders, one video with both images side by side, or a drive of KITTI's raw data or a EuRoC
+folder (mav0), which bring calibration, times and truth along. Calibration: three numbers for rectified
+images, or OpenCV YAML files (K1 D1 K2 D2 R T: the images are rectified; P1 P2 alone: they are already). The
+order of the images, their rows and the baseline are checked on a sample.
 
 examples:
   vo data from_folder --left L --right R --focal 718.9 --centre 607.2,185.2 --baseline 0.537 --out data/mine
   vo data from_folder --left L --right R --calibration intrinsics.yml extrinsics.yml --out data/mine
   vo data from_folder --video drive.mp4 --calibration stereo.yml --unit mm --out data/mine
   vo data from_folder --raw 2011_09_26/2011_09_26_drive_0005_sync --out data/drive_0005
+  vo data from_folder --euroc MH_01_easy --out data/MH_01
 """
 
 from __future__ import annotations
@@ -19,18 +21,21 @@ from pathlib import Path
 
 import numpy as np
 
+from data_scripts.fetch.euroc import read_euroc_drive
 from data_scripts.fetch.kitti_raw import read_raw_drive
 from data_scripts.fetch.stereo_calibration import rig_from_matrices
 from data_scripts.fetch.stereo_import import look, require_new, rig_of, write_sequence
 from data_scripts.fetch.stereo_sources import FolderSource, Source, VideoSource, pair_folders
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
+from vo_lib.commands.script import typed
 from vo_lib.core.errors import DataError
 from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Array
 from vo_lib.data.kitti import read_times
 from vo_lib.data.sequence import open_sequence
 
+NEAREST = 5.0  # metres, the least median depth believed where the user gives the baseline
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
@@ -41,6 +46,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     images.add_argument("--right", type=Path, metavar="DIR", help="folder of the right images")
     images.add_argument("--video", type=Path, metavar="FILE", help="video: left and right half of each frame")
     images.add_argument("--raw", type=Path, metavar="DIR", help="a synced and rectified drive of KITTI raw")
+    images.add_argument("--euroc", type=Path, metavar="DIR", help="a EuRoC folder mav0, or the one above it")
     images.add_argument("--swap", action="store_true", help="exchange left and right")
     camera = parser.add_argument_group("calibration")
     camera.add_argument("--focal", type=float, metavar="F", help="focal length, pixels")
@@ -57,7 +63,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     more.add_argument("--times", type=Path, metavar="FILE", help="seconds of each pair, one a line")
     more.add_argument("--poses", type=Path, metavar="FILE", help="true poses in KITTI's format")
     more.add_argument("--copy", action="store_true", help="copy PNG images in place of linking them")
-    more.add_argument("--anyway", action="store_true", help="write even if the pair looks wrong")
+    more.add_argument("--anyway", action="store_true", help="write even if the pair or the depth looks wrong")
     more.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new sequence's folder")
 
 
@@ -67,8 +73,15 @@ def run(options: argparse.Namespace) -> int:
     times: Array | float = options.fps or 10.0
     poses: Array | None = None
     source: Source
-    if sum((options.video is not None, options.raw is not None, options.left is not None)) != 1:
-        raise DataError("say where the images are: --left and --right, or --video, or --raw")
+    note = ""
+    given = [options.video, options.raw, options.euroc, options.left]
+    if sum(place is not None for place in given) != 1:
+        raise DataError("say where the images are: --left and --right, or --video, --raw or --euroc")
+    known = "raw" if options.raw is not None else "euroc" if options.euroc is not None else None
+    ignored = ("right", "swap", "focal", "centre", "baseline", "calibration", "rectified", "fps")
+    for name in ignored if known is not None else ():
+        if getattr(options, name) not in (None, False):
+            raise DataError(f"--{name} with --{known}: that folder says itself what its cameras are")
     if options.fps is not None and not (np.isfinite(options.fps) and options.fps > 0):
         raise DataError(f"--fps {options.fps:g}: expected a positive number")
     if options.raw is not None:
@@ -77,8 +90,11 @@ def run(options: argparse.Namespace) -> int:
         path = Path("calib_cam_to_cam.txt")
         rig = rig_from_matrices({"P1": drive.P0, "P2": drive.P1}, (0, 0), path, rectified=True)
         times, poses = drive.times, drive.poses
-        if drive.note:
-            say(f"note: {drive.note}")
+        note = drive.note
+    elif options.euroc is not None:
+        flight = read_euroc_drive(options.euroc)
+        source, rig = FolderSource(flight.paths), flight.rig
+        times, poses, note = flight.times, flight.poses, flight.note
     elif options.video is not None:
         source = VideoSource(options.video, options.swap)
         times = options.fps or source.fps() or 10.0
@@ -87,10 +103,12 @@ def run(options: argparse.Namespace) -> int:
             raise DataError("--right is missing: the folder of the right images")
         folders = (options.right, options.left) if options.swap else (options.left, options.right)
         source = FolderSource(pair_folders(*folders))
-    if options.raw is None:
+    if note:
+        say(f"note: {note}")
+    if known is None:
         numbers = options.focal, options.centre, options.baseline
         rig = rig_of(source, numbers, options.calibration, options.rectified, UNITS[options.unit])
-    say(*look(source, rig, options.anyway))
+    say(*look(source, rig, options.anyway, 0.0 if known else NEAREST))
     if options.times is not None:
         times = read_times(options.times)
     if options.poses is not None:
@@ -101,7 +119,7 @@ def run(options: argparse.Namespace) -> int:
     say(
         f"{count} pairs of {camera.width}×{camera.height}, f {camera.f:.1f} px, centre {camera.cx:.1f},"
         f"{camera.cy:.1f}, baseline {camera.baseline:.3f} m, {'no' if poses is None else 'with'} true poses",
-        f"next: vo run {options.out} --out runs/{options.out.name}",
+        "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}"),
     )
     return 0
 

@@ -31,6 +31,7 @@ from data_scripts.fetch.kitti_check import parse_numbers
 from data_scripts.fetch.zip_archives import Archives
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
+from vo_lib.commands.script import typed
 from vo_lib.core.errors import DataError
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.data.sequence import kitti_root
@@ -100,7 +101,7 @@ def take(
             return 1
         with reporting("unpacking" if options.from_zip else "fetching", in_bytes=True) as report:
             fetch(archives, todo, root, options.jobs, report)
-    say(f"done. Check it: vo data check_kitti --root {root}")
+    say("done. Check it: " + typed(f"vo data check_kitti --root {root}"))
     return 0
 
 

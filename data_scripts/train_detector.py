@@ -22,6 +22,7 @@ from data_scripts.training.dataset import DetectionSet, open_set
 from data_scripts.training.evaluated import refuse_evaluated
 from vo_lib.commands.console import reporting, say, show_table
 from vo_lib.commands.data import run_script
+from vo_lib.commands.script import install
 from vo_lib.commands.setting_options import add_settings, from_options
 from vo_lib.core.errors import DataError
 from vo_lib.detection.yolo_layout import LEAST_SIZE, MOST_SIZE
@@ -59,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         from data_scripts.training.folder import train_in
     except ImportError as error:
-        raise DataError(f'{error.name} is missing: pip install ".[train]"') from None
+        raise DataError(f"{error.name} is missing: {install('train')}") from None
     with reporting(f"training, {config.epochs} epochs") as report:
         state = train_in(options.out, data, config, options.start, options.export_size or config.size, report)
     model = options.out / MODEL

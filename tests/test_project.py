@@ -3,26 +3,49 @@
 from __future__ import annotations
 
 import ast
+import re
+import tomllib
 from pathlib import Path
 
-import pytest
+from vo_lib.commands import environment
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
 def test_environment_txt_and_pyproject_name_the_same_packages() -> None:
-    tomllib = pytest.importorskip("tomllib", reason="needs Python 3.11")
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
     lines = (ROOT / "environment.txt").read_text(encoding="utf-8").splitlines()
     wanted = [line for line in lines if line and not line.startswith("#")]
     assert wanted == [*declared, "-e ."]
 
 
+def test_the_workflow_runs_the_commands_of_the_readme() -> None:
+    workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
+    commands = re.findall(
+        r"```(?:sh|powershell)\n(.*\.venv.*)\n```", (ROOT / "README.md").read_text(encoding="utf-8")
+    )
+    assert len(commands) == 4
+    assert [command for command in commands if command not in workflow] == []
+
+
+def test_the_citation_names_the_version_that_is_installed() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f"\nversion: {project['version']}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    minor = int(project["requires-python"].removeprefix(">=3."))
+    named = [word.rpartition(".")[2] for word in project["classifiers"] if ":: 3." in word]
+    assert named == [str(minor + more) for more in range(3)]
+    assert (3, minor) == environment.OLDEST_PYTHON
+
+
 # The rooms in the order in which they may build upon each other.
 ROOMS = (
     "core method front_end baseline beyond synthetic evaluation data detection runs tables course commands"
 )
-LOOSE = {"config": "detection", "__init__": "runs"}  # modules beside the rooms, and the last room they need
+LOOSE = {
+    "config": "detection",
+    "__init__": "runs",
+    "__main__": "commands",
+}  # modules beside the rooms, and the last room they need
 
 
 def imported(path: Path) -> set[str]:

@@ -11,11 +11,14 @@ import numpy as np
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_text
 from vo_lib.core.geometry import inverse, nearest_rotation, rigid
-from vo_lib.core.poses import read_rows
+from vo_lib.core.poses import ROTATION_TOLERANCE, read_rows
 from vo_lib.core.types import Array
 from vo_lib.data.kitti import read_image
 
 EARTH_RADIUS = 6378137.0  # metres, at the equator
+# Latitude and longitude, degrees; altitude, metres; roll, pitch, yaw, radians. The map ends before the poles.
+OXTS_LIMITS = np.array([85.0, 180.0, 1e5, 7.0, 7.0, 7.0])
+LARGEST_RIG = 100.0  # metres between sensors of one vehicle
 OXTS_ROW = "30 numbers of a GPS/IMU packet"
 
 
@@ -128,6 +131,8 @@ def _timestamps(path: Path) -> Array:
             raise DataError("expected a time such as 2011-09-26 13:02:25.964389445", path, number) from None
         first = first or moment.replace(hour=0, minute=0, second=0)
         seconds.append((moment - first).total_seconds() + part)
+        if len(seconds) > 1 and seconds[-1] < seconds[-2]:
+            raise DataError("time goes back", path, number)
     return np.array(seconds)
 
 
@@ -138,9 +143,13 @@ def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]
         if not path.exists():
             return None, f"no true poses: {path} is missing"
     velo_imu, cam_velo = (_rigid(path) for path in needed)
-    R_rect = _matrix(cameras, "R_rect_00", (3, 3), where / "calib_cam_to_cam.txt")
+    R_rect = _rotation(cameras, "R_rect_00", where / "calib_cam_to_cam.txt")
     T_cam_imu = rigid(R_rect, np.zeros(3)) @ cam_velo @ velo_imu
     rows = np.concatenate([read_rows(path, OXTS_ROW, 30)[0] for path in packets])
+    wrong = (np.abs(rows[:, :6]) > OXTS_LIMITS).any(axis=1)
+    if wrong.any():
+        path = packets[int(np.argmax(wrong))]
+        raise DataError("no latitude, longitude, altitude and roll, pitch, yaw on Earth", path, 1)
     T_w_imu = imu_poses(rows)
     T = T_cam_imu @ inverse(T_w_imu[:1]) @ T_w_imu @ inverse(T_cam_imu)
     return T, ""
@@ -148,7 +157,17 @@ def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]
 
 def _rigid(path: Path) -> Array:
     found = read_calibration_file(path)
-    return rigid(nearest_rotation(_matrix(found, "R", (3, 3), path)), _matrix(found, "T", (3,), path))
+    T = _matrix(found, "T", (3,), path)
+    if np.abs(T).max() > LARGEST_RIG:
+        raise DataError(f"T: expected metres on one vehicle, at most {LARGEST_RIG:g}", path)
+    return rigid(nearest_rotation(_rotation(found, "R", path)), T)
+
+
+def _rotation(found: dict[str, Array], name: str, path: Path) -> Array:
+    R = _matrix(found, name, (3, 3), path)
+    if not np.abs(R).max() < 2 or np.abs(R @ R.T - np.eye(3)).max() > ROTATION_TOLERANCE:
+        raise DataError(f"{name}: expected a rotation", path)
+    return R
 
 
 def imu_poses(rows: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -40,6 +40,7 @@ class Rig:
     ----------
     f, cx, cy : pixels; baseline : metres, negative where the calibration puts the right camera on the left.
     maps : for each camera the two maps of `cv2.remap` that rectify it, or None where images are rectified.
+    R1 : (3, 3) from the left camera's axes to the rectified ones.
     """
 
     f: float
@@ -47,6 +48,7 @@ class Rig:
     cy: float
     baseline: float
     maps: tuple[tuple[Image, Image], tuple[Image, Image]] | None = None
+    R1: Array = field(default_factory=lambda: np.eye(3))
 
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
         """The rectified pair, (H, W) uint8 each. `DataError` where it is not of the size calibrated."""
@@ -160,7 +162,8 @@ def rig_from_matrices(
     maps = None
     if not rectified and raw and {"R1", "R2"} <= found.keys():
         maps = _maps(found, size, "1"), _maps(found, size, "2")
-    return rig_from_numbers(f, float(P1[0, 2]), float(P1[1, 2]), unit * float(-P2[0, 3] / f), path, maps)
+    rig = rig_from_numbers(f, float(P1[0, 2]), float(P1[1, 2]), unit * float(-P2[0, 3] / f), path, maps)
+    return rig if maps is None else replace(rig, R1=found["R1"])
 
 
 def _maps(found: dict[str, Array], size: tuple[int, int], camera: str) -> tuple[Image, Image]:

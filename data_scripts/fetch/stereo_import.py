@@ -7,7 +7,7 @@ import shutil
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import cv2
@@ -18,6 +18,7 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.files import write_text_atomic
 from vo_lib.core.poses import write_kitti_poses
 from vo_lib.core.types import Array, Progress
+from vo_lib.data.sequence import open_sequence
 from vo_lib.data.stereo_check import complaints, measure_pairs
 from vo_lib.synthetic.folder import calibration_text
 
@@ -54,13 +55,19 @@ def rig_of(
     return rig_from_numbers(focal, cx, cy, unit * baseline)
 
 
-def look(source: Source, rig: Rig, anyway: bool) -> list[str]:
+def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[str]:
     """What a sample of pairs shows, a line each; `DataError` where they cannot be right.
 
     `anyway` : doubts are said as warnings; a wrong sign of the baseline is refused all the same.
+    `nearest` : metres, the least median depth that is believed.
     """
     found = measure_pairs(rig.rectify(*pair) for pair in source.sample())
     wrong = complaints(found, rig.baseline)
+    if not wrong and (metres := rig.f * rig.baseline / max(found.disparity, 1e-9)) < nearest:
+        wrong.append(
+            f"the median depth would be {metres:.2f} m with a baseline of {rig.baseline:g} m: is that in "
+            f"another unit (--unit)? Outdoors it is {nearest:g} m and more"
+        )
     if wrong and (not anyway or rig.baseline <= 0):
         hint = "" if rig.baseline <= 0 else " (--anyway writes it all the same)"
         raise DataError("; ".join(wrong) + hint)
@@ -112,6 +119,10 @@ def write_sequence(
         write_text_atomic(folder / "times.txt", "".join(f"{seconds:.6e}\n" for seconds in rows))
         if poses is not None:
             write_kitti_poses(folder / "poses.txt", poses)
+        try:
+            open_sequence(folder)
+        except DataError as error:  # nothing is left behind that cannot be opened
+            raise DataError(str(error).replace(str(folder), str(out))) from None
     return count
 
 
@@ -126,6 +137,7 @@ def _new_folder(out: Path) -> Iterator[Path]:
     """A folder beside `out` that takes its name when all went well, and goes away otherwise."""
     require_new(out)
     working = out.with_name(f".{out.name}.{os.getpid()}.tmp")
+    made = [parent for parent in out.parents if not parent.exists()]
     try:
         for side in ("image_0", "image_1"):
             (working / side).mkdir(parents=True)
@@ -137,6 +149,9 @@ def _new_folder(out: Path) -> Iterator[Path]:
         raise DataError(f"cannot be written: {error.strerror}", out) from None
     finally:
         shutil.rmtree(working, ignore_errors=True)
+        with suppress(OSError):  # folders made for it go too; one with something in it stays
+            for parent in made:
+                parent.rmdir()
 
 
 def _take_files(files: list[tuple[Path, Path]], folder: Path, copy: bool, progress: Progress | None) -> int:

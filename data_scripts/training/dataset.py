@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from vo_lib.commands.script import install
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_text
@@ -106,7 +107,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     try:
         import yaml
     except ImportError:
-        raise DataError('PyYAML is missing: pip install ".[train]"') from None
+        raise DataError("PyYAML is missing: " + install("train")) from None
     text = read_text(path)
     try:
         about = yaml.safe_load(text)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -17,6 +18,7 @@ import pytest
 
 from vo_lib.beyond.calibration import read_calibration
 from vo_lib.commands.cli import main
+from vo_lib.commands.script import typed
 from vo_lib.config import Config
 from vo_lib.core import settings
 from vo_lib.core.poses import read_kitti_poses, read_tum, write_kitti_poses
@@ -201,11 +203,56 @@ def test_two_opencv_packages_are_a_problem(monkeypatch: pytest.MonkeyPatch) -> N
     assert main(["check"]) == 1
 
 
-def test_every_threshold_is_an_option(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_short_help_leaves_thresholds_out_and_a_longer_one_has_all_or_a_group(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    texts = []
+    for words in ([], ["--help-settings"], ["--help-settings", "selection"]):
+        with pytest.raises(SystemExit) as stop:
+            main(["run", *(words or ["--help"])])
+        assert stop.value.code == 0
+        texts.append(capsys.readouterr().out)
+    short, whole, group = texts
+    names = [f"--{item.name} X" for item in settings.declared(Config)]
+    assert all(name in whole for name in names)
+    assert not any(name in short for name in names)
+    assert len(short.splitlines()) < 60
+    assert [name in group for name in names] == [name.startswith("--selection.") for name in names]
+
+
+def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        main(["run", "--help"])
-    text = capsys.readouterr().out
-    assert all(f"--{item.name}" in text for item in settings.declared(Config))
+        main(["--version"])
+    assert re.fullmatch(r"vo (\d+\.\d+\.\d+|of a folder that is not installed)\n", capsys.readouterr().out)
+
+
+def test_a_shell_completes_commands_sequences_and_thresholds(tmp_path: Path) -> None:
+    pytest.importorskip("argcomplete")
+    code = "import sys; from vo_lib.commands.cli import main; sys.exit(main())"
+    for line, expected in (
+        ("vo re", ["reproduce"]),
+        ("vo run synthetic/t", ["synthetic/traffic"]),
+        ("vo run x --selection.se", ["--selection.sets"]),
+        ("vo sweep --method vi", ["viso2"]),
+    ):
+        asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9"}
+        asked |= {
+            "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "found"),
+            "IFS": "\n",
+            "COMP_WORDBREAKS": " ",
+        }
+        subprocess.run([sys.executable, "-c", code], env={**os.environ, **asked}, check=True)
+        found = (tmp_path / "found").read_text(encoding="utf-8").split("\v")
+        assert [word.strip() for word in "".join(found).split("\x0b")] == expected
+
+
+def test_printed_commands_name_the_program_where_the_shell_would_not_find_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert typed("vo list") == "vo list"
+    monkeypatch.setattr(sys, "argv", [str(tmp_path / "bin" / "vo"), "demo"])
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert typed("vo list") == f"{tmp_path / 'bin' / 'vo'} list"
 
 
 def test_the_command_itself_starts(tmp_path: Path) -> None:

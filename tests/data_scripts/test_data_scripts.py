@@ -117,6 +117,12 @@ def test_from_folder_checks_the_pair_and_writes_a_sequence(
     assert main(["--left", right, "--right", left, *camera, "0.5", "--out", str(out)]) == 2
     assert "left and right are swapped" in capsys.readouterr().err
     assert not out.exists()
+    near = ["--left", left, "--right", right, *camera, "0.005", "--out", str(tmp_path / "new" / "near")]
+    assert main(near) == 2
+    assert "the median depth would be 0.13 m with a baseline of 0.005 m" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+    assert main([*near, "--anyway"]) == 0
+    assert "warning: the median depth" in capsys.readouterr().out
     swapped = ["--left", right, "--right", left, "--swap"]
     assert (
         main(

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from data_command import load
 
 from data_scripts.fetch.kitti_raw import EARTH_RADIUS, imu_poses, read_raw_drive
 from vo_lib.core.errors import DataError
@@ -153,3 +154,41 @@ def test_what_is_wrong_with_a_drive_is_named(drive: Path, tmp_path: Path) -> Non
     first.unlink()
     with pytest.raises(DataError, match=r"0000000000\.png is in one camera's folder only"):
         read_raw_drive(drive)
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after", "expected"),
+    [
+        ("oxts", "", "95 ", "no latitude, longitude"),
+        ("oxts", "", "1e308 ", "no latitude, longitude"),
+        (
+            "calib_imu_to_velo.txt",
+            numbers(VELO_IMU[:3, :3]),
+            numbers(np.zeros((3, 3))),
+            "R: expected a rotation",
+        ),
+        ("calib_cam_to_cam.txt", numbers(R_RECT), numbers(1e200 * R_RECT), "R_rect_00: expected a rotation"),
+        ("calib_velo_to_cam.txt", numbers(CAM_VELO[:3, 3]), "1e308 0 0", "T: expected metres"),
+        ("timestamps", "23:59:59.3", "23:59:58.3", "line 4: time goes back"),
+    ],
+)
+def test_truth_that_cannot_be_is_one_line_that_names_its_file_and_nothing_is_left(
+    drive: Path, capsys: pytest.CaptureFixture[str], name: str, before: str, after: str, expected: str
+) -> None:
+    places = {
+        "oxts": drive / "oxts" / "data" / "0000000003.txt",
+        "timestamps": drive / "image_00" / "timestamps.txt",
+    }
+    path = places.get(name, drive.parent / name)
+    text = path.read_text(encoding="utf-8")
+    changed = after + text.partition(" ")[2] if not before else text.replace(before, after, 1)
+    assert changed != text
+    path.write_text(changed, encoding="utf-8")
+    assert (
+        load("from_folder")(["--raw", str(drive), "--anyway", "--out", str(drive.parent / "a" / "out")]) == 2
+    )
+    error = capsys.readouterr().err
+    assert len(error.splitlines()) == 1
+    assert expected in error
+    assert str(path) in error
+    assert not (drive.parent / "a").exists()

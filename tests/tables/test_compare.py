@@ -15,6 +15,7 @@ from vo_lib import preset, run
 from vo_lib.commands.cli import main
 from vo_lib.commands.compare import known_truth
 from vo_lib.core.errors import DataError
+from vo_lib.core.poses import read_kitti_poses, write_kitti_poses
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import open_sequence
 from vo_lib.evaluation.kitti import SHORT_LENGTHS, evaluate
@@ -123,6 +124,41 @@ def test_errors_are_compared_over_the_sub_sequences_that_all_runs_have(runs: Pat
     assert main(["compare", *folders, "--out", str(tmp_path / "out")]) == 0
     drawn = {p.name for p in (tmp_path / "out").glob("errors_*")}
     assert drawn == {f"errors_07_by_{by}.{kind}" for by in ("length", "speed") for kind in ("pdf", "png")}
+
+
+def test_a_path_of_little_more_than_100_m_is_compared_over_shorter_ones(runs: Path, tmp_path: Path) -> None:
+    folder = long_run(runs, tmp_path / "x", "viso2", 0.01, ())
+    pairs = [("drive", straight(131, 1.0), straight(131, 1.01))]
+    errors = {"kitti": evaluate(pairs), "short": evaluate(pairs, SHORT_LENGTHS, 1)}
+    assert len(errors["kitti"].pooled) == 3
+    metrics = {kind: found.to_dict() for kind, found in errors.items()}
+    (tmp_path / "x" / "metrics.json").write_text(json.dumps(metrics), encoding="utf-8")
+    stored = read_stored_run(folder)
+    assert common_kind([stored]) == "short"
+    assert [at for at, _, _ in curve(stored, "short", "length")] == [20.0, 50.0, 100.0]
+
+
+def test_another_systems_poses_stand_beside_the_runs(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("KITTI_ROOT", str(runs / "kitti"))
+    shutil.copytree(runs / "a", tmp_path / "a")
+    config = json.loads((tmp_path / "a" / "config.json").read_text(encoding="utf-8"))
+    (tmp_path / "a" / "config.json").write_text(
+        json.dumps(config | {"sequence": "kitti/07"}), encoding="utf-8"
+    )
+    poses = read_kitti_poses(runs / "kitti" / "sequences" / "07" / "poses.txt")
+    poses[:, 0, 3] = 7.0 + 1.1 * poses[:, 0, 3]
+    write_kitti_poses(tmp_path / "theirs.txt", poses)
+    words = ["compare", str(tmp_path / "a"), str(tmp_path / "theirs.txt"), "--out", str(tmp_path / "out")]
+    assert main([*words, "--json"]) == 0
+    ours, theirs = json.loads(capsys.readouterr().out)
+    assert (ours["run"], theirs["run"], theirs["ms_per_frame"]) == ("viso2", "theirs", None)
+    rpe = theirs["errors"]["kitti"]["sequences"][0]["rpe"]["translation"]["rmse_m"]
+    assert rpe == pytest.approx(0.05)  # a tenth of the steps of 0.5 m
+    write_kitti_poses(tmp_path / "theirs.txt", poses[:-1])
+    assert main(words) == 2
+    assert "theirs.txt: has 5 rows; the runs have 6 frames" in capsys.readouterr().err
 
 
 def test_without_truth_there_are_no_errors_but_a_picture(

@@ -16,7 +16,7 @@ from ..data.sequence import Sequence
 from ..runs.results import run_folder
 from ..runs.runner import FoundMatches, make_odometry, one_blas_thread
 from ..tables.plots import jpeg, match_image
-from .common import add_cache, add_part, open_part
+from .common import add_cache, add_part, add_sequence, open_part
 from .console import reporting, say, show_table
 
 WORDS = {MOVING: "moves", PARKED: "parked", UNKNOWN: "unknown"}
@@ -31,7 +31,7 @@ def add(commands: Any) -> None:
         epilog="example: vo boxes synthetic/traffic --frames 100:130 --out runs/boxes. In the pictures boxes "
         "that move have a whole line, parked ones a dashed one; removed features are orange.",
     )
-    parser.add_argument("sequence", help="a KITTI-layout folder, or a name from `vo list`")
+    add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list`")
     add_part(parser)
     parser.add_argument("--out", metavar="DIR", help="folder for a picture of every frame")
     add_cache(parser)

@@ -13,7 +13,7 @@ from ..core.files import write_bytes_atomic, write_text_atomic
 from ..runs.runner import run
 from ..tables.field_figure import field_figure
 from ..tables.plots import png
-from .common import add_cache, open_with_bar
+from .common import add_cache, add_sequence, open_with_bar
 from .console import reporting, say
 
 
@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
         epilog="example: vo calibrate kitti/00 kitti/01 --out calibration.json, "
         "then vo run kitti/02 --calibration calibration.json --out runs/02",
     )
-    parser.add_argument("sequences", nargs="+", help="sequences of one stereo camera, as `vo run` takes them")
+    add_sequence(parser, "sequences", "sequences of one stereo camera, as `vo run` takes them", nargs="+")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="a file, ending in .json")
     parser.add_argument("--picture", type=Path, metavar="FILE", help="a picture (.png) of the errors")
     add_cache(parser)

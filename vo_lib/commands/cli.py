@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Sequence as Items
 
 from . import (
@@ -20,6 +21,7 @@ from . import (
     run,
     sweep,
 )
+from .environment import version
 from .script import OneLineParser, guarded
 
 COMMANDS = (
@@ -45,12 +47,24 @@ def main(arguments: Items[str] | None = None) -> int:
 
 
 def _start(arguments: Items[str] | None) -> int:
-    options = _parser().parse_args(arguments)
+    parser = make_parser()
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks how a word may go on
+        import argcomplete
+
+        argcomplete.autocomplete(parser, print_suppressed=True)
+    options = parser.parse_args(arguments)
     return int(options.command(options))
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = OneLineParser(prog="vo", description="Stereo visual odometry without features on vehicles.")
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of all commands and their options."""
+    parser = OneLineParser(
+        prog="vo",
+        description="Stereo visual odometry without features on vehicles.",
+        epilog='In bash and zsh, eval "$(register-python-argcomplete vo)" lets Tab complete commands, '
+        "options, sequences and methods.",
+    )
+    parser.add_argument("--version", action="version", version=f"vo {version()}")
     commands = parser.add_subparsers(
         title="commands", required=True, metavar="COMMAND", parser_class=OneLineParser
     )

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
-from ..config import VARIANTS, preset
+from ..config import METHODS, VARIANTS, preset
 from ..core.errors import DataError
 from ..core.poses import FARTHEST
-from ..data.sequence import Sequence, open_sequence
+from ..data.sequence import Sequence, available, open_sequence
 from ..synthetic import cache_folder
 from .console import reporting
 
@@ -19,6 +20,21 @@ def add_cache(parser: argparse.ArgumentParser) -> None:
     """The option that chooses the cache folder."""
     text = f"folder that keeps synthetic scenes; default {cache_folder()}"
     parser.add_argument("--cache", type=Path, metavar="DIR", help=text.replace("%", "%%"))
+
+
+def add_sequence(parser: argparse.ArgumentParser, name: str, text: str, **more: Any) -> None:
+    """The argument or option that names a sequence; a shell may complete those found."""
+    action: Any = parser.add_argument(name, help=text, **more)
+    action.completer = lambda **_: list(available())
+
+
+def add_method(parser: argparse.ArgumentParser) -> None:
+    """The option that names a method."""
+    names = list(METHODS)
+    action: Any = parser.add_argument(
+        "--method", default="feature_selection", help=f"one of {', '.join(names)}"
+    )
+    action.completer = lambda **_: names
 
 
 def open_with_bar(name: str, cache: Path | None, labels: str | None = None) -> Sequence:

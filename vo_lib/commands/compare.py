@@ -14,7 +14,15 @@ from ..core.types import Array
 from ..data.sequence import SYNTHETIC, available, open_sequence
 from ..runs.results import run_folder
 from ..synthetic import SCENES, cache_folder, scene_key
-from ..tables.comparison import StoredRun, common_kind, comparison_table, curve, read_stored_runs
+from ..tables.comparison import (
+    StoredRun,
+    common_kind,
+    comparison_table,
+    curve,
+    distinct,
+    foreign_run,
+    read_stored_runs,
+)
 from ..tables.plots import error_curves_figure, trajectories_figure
 from ..tables.reproduce import slug
 from ..tables.table_files import write_figure
@@ -29,7 +37,13 @@ def add(commands: Any) -> None:
         help="finished runs side by side: errors, trajectories, curves",
         epilog="example: vo compare runs/a runs/b --out runs/compared",
     )
-    parser.add_argument("runs", nargs="+", metavar="RUN", help="run folders, of one sequence or of several")
+    parser.add_argument(
+        "runs",
+        nargs="+",
+        metavar="RUN",
+        help="run folders, of one sequence or of several; of one, also other systems' poses for the same "
+        "frames, files in KITTI's format",
+    )
     parser.add_argument("--out", default="runs/compared", metavar="DIR", help="folder for the figures")
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_cache(parser)
@@ -37,7 +51,14 @@ def add(commands: Any) -> None:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    groups = read_stored_runs(options.runs)
+    files = [run for run in options.runs if Path(run).is_file()]
+    groups = read_stored_runs([run for run in options.runs if run not in files])
+    if files:
+        if len(groups) != 1:
+            raise DataError(f"{files[0]}: expected runs of one sequence beside a file of poses")
+        ((name, runs),) = groups.items()
+        truth = known_truth(runs[0], options.cache)
+        groups = {name: distinct([*runs, *(foreign_run(file, runs[0], truth) for file in files)])}
     with run_folder(options.out) as folder:
         for name, runs in groups.items():
             _draw(folder, name, runs, options.cache)
@@ -60,7 +81,8 @@ def _draw(folder: Path, name: str, runs: list[StoredRun], cache: Path | None) ->
         return
     for by in ("length", "speed"):
         curves = {run.label: curve(run, kind, by) for run in runs}
-        write_figure(folder, f"errors_{slug(name)}_by_{by}", error_curves_figure(name, by, curves))
+        if any(curves.values()):
+            write_figure(folder, f"errors_{slug(name)}_by_{by}", error_curves_figure(name, by, curves))
 
 
 def known_truth(run: StoredRun, cache: Path | None) -> Array | None:

@@ -53,13 +53,16 @@ def say(*lines: str) -> None:
 
 def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: bool = True) -> None:
     """A table: the first column names the row; numbers stand to the right."""
-    table = Table(title=title, title_justify="left")
-    table.add_column(columns[0], overflow="fold")
+    if title:
+        say(title)  # above the table, not within: a narrow one would break it
+    table, console = Table(), Console()
+    longest = max((len(row[0]) for row in rows), default=0)
+    table.add_column(columns[0], overflow="fold", no_wrap=longest <= console.width // 2)
     for name in columns[1:]:
         table.add_column(name, justify="right" if numbers else "left", overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))  # no markup: a name may have brackets
-    Console().print(table)
+    console.print(table)
 
 
 def show_report_table(table: ReportTable) -> None:

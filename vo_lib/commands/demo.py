@@ -23,6 +23,14 @@ from ..tables.table1 import method_table
 from ..tables.table_files import write_table_files
 from .common import BOTH, add_cache, add_variant, open_with_bar, parse_methods
 from .console import reporting, say, show_report_table
+from .script import typed
+
+NEXT = {
+    "vo list": "the other scenes and any KITTI sequences found",
+    "vo run synthetic/jam --out runs/jam": "one method on another scene",
+    "vo run PATH --out runs/mine": "a KITTI-layout folder of your own",
+    "vo check": "what is missing for KITTI, and how to get it",
+}
 
 SCENE = "synthetic/traffic"
 
@@ -46,12 +54,11 @@ def _demo(options: argparse.Namespace) -> int:
         write_table_files(folder, result, read_paper_table(), "vo demo", (example_frame(sequence),))
     for group in group_entries(result.entries):
         show_report_table(method_table(list(group.entries.values())))
+    commands = {typed(command): text for command, text in NEXT.items()}
+    width = max(map(len, commands)) + 4
     say(
         f"Look at {folder / 'report.html'} in a browser. What next:",
-        "  vo list                                    the other scenes and any KITTI sequences found",
-        "  vo run synthetic/jam --out runs/jam        one method on another scene",
-        "  vo run PATH --out runs/mine                a KITTI-layout folder of your own",
-        "  vo check                                   what is missing for KITTI, and how to get it",
+        *(f"  {command:<{width}}{text}" for command, text in commands.items()),
     )
     for problem in result.problems:
         say(problem)

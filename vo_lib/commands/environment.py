@@ -15,6 +15,7 @@ from ..data.kitti import EXPECTED_FRAMES, count_pairs
 from ..data.sequence import available, kitti_root, kitti_roots
 from ..detection.detectors import detector_folder, known
 from .console import say, show_table
+from .script import install, typed
 
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "matplotlib", "jupyterlab", "ipywidgets")
 OPENCV_NAMES = (
@@ -23,7 +24,7 @@ OPENCV_NAMES = (
     "opencv-contrib-python",
     "opencv-contrib-python-headless",
 )
-OLDEST_PYTHON = (3, 10)
+OLDEST_PYTHON = (3, 11)
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,11 @@ def _check(options: argparse.Namespace) -> int:
     return 1 if any(finding.state == "problem" for finding in findings) else 0
 
 
+def version() -> str:
+    """The kit's version."""
+    return installed_version("stereo-vo-kit") or "of a folder that is not installed"
+
+
 def check() -> list[Finding]:
     """All findings, problems and notes included, in a fixed order."""
     findings = [_python()]
@@ -85,7 +91,7 @@ def check() -> list[Finding]:
 def _python() -> Finding:
     found = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     if sys.version_info[:2] < OLDEST_PYTHON:
-        return Finding("Python", "problem", found, "install Python 3.10 or newer")
+        return Finding("Python", "problem", found, "install Python 3.11 or newer")
     return Finding("Python", "ok", found)
 
 
@@ -100,24 +106,24 @@ def installed_version(name: str) -> str | None:
 def _package(name: str) -> Finding:
     version = installed_version(name)
     if version is None:
-        return Finding(name, "problem", "not installed", "pip install -r environment.txt")
+        return Finding(name, "problem", "not installed", install())
     return Finding(name, "ok", version)
 
 
 def _opencv() -> Finding:
     present = [name for name in OPENCV_NAMES if installed_version(name) is not None]
     if len(present) > 1:
-        remedy = f"pip uninstall -y {' '.join(present)}, then pip install -r environment.txt"
+        remedy = f"pip uninstall -y {' '.join(present)}, then {install()}"
         return Finding("one OpenCV only", "problem", " and ".join(present) + " share one folder", remedy)
     try:
         import cv2
     except ImportError as error:
-        return Finding("one OpenCV only", "problem", str(error), "pip install -r environment.txt")
+        return Finding("one OpenCV only", "problem", str(error), install())
     return Finding("one OpenCV only", "ok", f"cv2 {cv2.__version__}")
 
 
 def data_steps() -> list[tuple[str, str]]:
-    """How one comes to data, step by step: a command that works anywhere, and what it does."""
+    """How one comes to data, step by step: a command, and what it does."""
     return [
         (
             "vo data get_kitti --sequences 07,04",
@@ -137,7 +143,7 @@ def data_steps() -> list[tuple[str, str]]:
 def _steps(*scripts: str) -> str:
     """The steps of some scripts, a line each."""
     steps = [step for step in data_steps() if step[0].split()[2] in scripts]
-    return "".join(f"\n  {command}\n      {text}" for command, text in steps)
+    return "".join(f"\n  {typed(command)}\n      {text}" for command, text in steps)
 
 
 def _kitti() -> Finding:

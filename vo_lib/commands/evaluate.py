@@ -8,13 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from ..core.errors import DataError
-from ..core.poses import read_kitti_pair, read_tum_pair
+from ..core.files import write_text_atomic
+from ..core.poses import read_by_time, read_euroc, read_kitti_pair, read_tum
+from ..core.types import Array
 from ..evaluation.ate_rpe import Alignment
-from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, Evaluation, evaluate
+from ..evaluation.axes import LARGEST, fit_axes
+from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, evaluate, pooled
+from ..runs.results import run_folder
+from ..tables.evaluation_files import POOLED, System, as_csv, as_json, write_pictures
 from ..tables.report import number
 from .common import parse_lengths, parse_whole
 from .console import say, show_table
 
+NO_NAME = ("poses", "poses_tum", "data")  # files that are called alike in every folder
 SEQUENCES_A_TABLE = 4
 
 
@@ -27,12 +33,27 @@ def add(commands: Any) -> None:
     )
     parser.add_argument("--truth", nargs="+", required=True, metavar="GT", help="pose files")
     parser.add_argument(
-        "--estimate", nargs="+", required=True, metavar="EST", help="as many, in the same order"
+        "--estimate",
+        nargs="+",
+        required=True,
+        metavar="EST",
+        help="as many, in the same order; for several systems, all of one, then all of the next",
     )
+    parser.add_argument("--names", metavar="A,B,…", help="what to call the systems; default by their files")
+    parser.add_argument(
+        "--plot",
+        metavar="DIR",
+        help="draw paths, aligned as --alignment says, the distance from the truth along them, and errors "
+        "by length and speed",
+    )
+    parser.add_argument("--out", metavar="DIR", help="write evaluation.json and evaluation.csv")
     parser.add_argument("--lengths", metavar="L,L,…", help="sub-sequence lengths, metres; default 100,…,800")
     parser.add_argument("--step", metavar="N", help="frames from one start to the next; default 10")
     parser.add_argument(
-        "--format", default="kitti", choices=("kitti", "tum"), help="of the files; tum: matched by time"
+        "--format",
+        default="kitti",
+        choices=("kitti", "tum", "euroc"),
+        help="of the files; tum: matched by time; euroc: a CSV of the body's poses, an estimate may be TUM's",
     )
     parser.add_argument(
         "--alignment",
@@ -41,60 +62,136 @@ def add(commands: Any) -> None:
         help="what may be moved before ATE is taken; default se3",
     )
     parser.add_argument("--delta", metavar="N", default="1", help="frames that RPE is taken over; default 1")
+    parser.add_argument(
+        "--axes",
+        action="store_true",
+        help="TE and RE also with the one pitch and yaw of a sequence, between the camera's axes and the "
+        f"truth's, that make TE smallest (at most {LARGEST:g}° each; not KITTI's measure)",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(command=_evaluate)
 
 
 def _evaluate(options: argparse.Namespace) -> int:
-    if len(options.truth) != len(options.estimate):
+    count, rest = divmod(len(options.estimate), len(options.truth))
+    if rest or not count:
         raise DataError(
-            f"{len(options.truth)} truth files and {len(options.estimate)} estimates: expected pairs"
+            f"{len(options.truth)} truth files and {len(options.estimate)} estimates: expected pairs, "
+            "or twice as many estimates for two systems"
         )
     lengths = KITTI_LENGTHS if options.lengths is None else parse_lengths(options.lengths)
     step = KITTI_STEP if options.step is None else parse_whole("--step", options.step)
-    # Short names where they tell the sequences apart.
-    stems = [Path(path).stem for path in options.truth]
-    names = stems if len(set(stems)) == len(stems) else options.truth
-    read_pair = read_kitti_pair if options.format == "kitti" else read_tum_pair
-    pairs = [
-        (name, *read_pair(truth, estimate))
-        for name, truth, estimate in zip(names, options.truth, options.estimate, strict=True)
-    ]
     delta = parse_whole("--delta", options.delta)
-    result = evaluate(pairs, lengths, step, Alignment(options.alignment), delta)
+    files = [options.estimate[i * len(options.truth) :][: len(options.truth)] for i in range(count)]
+    labels = _labels(options.names, files)
+    names = _distinct([[truth] for truth in options.truth])
+    read = [_read(options.format, gt, of_one) for gt, *of_one in zip(options.truth, *files, strict=True)]
+    systems = []
+    for which, label in enumerate(labels):
+        pairs = [(truth, estimates[which]) for truth, estimates in read]
+        named = [(name, *pair) for name, pair in zip(names, pairs, strict=True)]
+        result = evaluate(named, lengths, step, Alignment(options.alignment), delta)
+        turned = [fit_axes(*pair, lengths, step) for pair in pairs] if options.axes else []
+        systems.append(System(label, pairs, result, turned))
+    data = json.dumps(as_json(systems), indent=2, allow_nan=False)
+    if options.out is not None:
+        with run_folder(options.out) as folder:
+            write_text_atomic(folder / "evaluation.json", data + "\n")
+            write_text_atomic(folder / "evaluation.csv", as_csv(systems))
+    if options.plot is not None:
+        with run_folder(options.plot) as folder:
+            write_pictures(folder, systems)
     if options.json:
-        print(json.dumps(result.to_dict(), indent=2, allow_nan=False))
-    else:
-        _show(result)
+        print(data)
+        return 0
+    _show(systems)
+    if not any(len(system.result.pooled) for system in systems):
+        say(f"no path holds a sub-sequence of {min(lengths):g} m: try --lengths 20,50,100 --step 1")
+    for folder in dict.fromkeys(filter(None, (options.out, options.plot))):
+        say(f"written to {folder}")
     return 0
 
 
-def _show(result: Evaluation) -> None:
+def _labels(names: str | None, files: list[list[str]]) -> list[str]:
+    """What the systems are called: by `names`, else by their files; nothing where there is one."""
+    if names is None:
+        return _distinct(files) if len(files) > 1 else [""]
+    labels = names.split(",")
+    if len(labels) != len(files) or len(set(labels)) < len(labels) or "" in labels:
+        raise DataError(f"--names {names}: expected {len(files)} different names")
+    return labels
+
+
+def _distinct(groups: list[list[str]]) -> list[str]:
+    """The shortest names that tell groups of files apart: a file's own, its folder's, the whole path."""
+    firsts = [Path(group[0]) for group in groups]
+    folders = [path.parent.name for path in firsts]
+    files = [
+        folder if path.stem in NO_NAME else path.stem for path, folder in zip(firsts, folders, strict=True)
+    ]
+    for names in (files, folders, list(map(str, firsts))):
+        if len(set(names)) == len(names) and all(names):
+            return names
+    return [f"{path}, {number}" for number, path in enumerate(firsts, start=1)]
+
+
+def _read(form: str, truth_file: str, files: list[str]) -> tuple[Array, list[Array]]:
+    """Truth and the estimates of it, (N, 4, 4) each; by time, the poses that all of them have."""
+    if form == "kitti":
+        pairs = [read_kitti_pair(truth_file, file) for file in files]
+        return pairs[0][0], [estimate for _, estimate in pairs]
+    return read_by_time(truth_file, files, {"tum": read_tum, "euroc": read_euroc}[form])
+
+
+def _show(systems: list[System]) -> None:
     """Errors by length, a column for each sequence, a few to a table; then by sequence with both averages."""
-    everything = [(s.name, s.kitti) for s in result.sequences] + [("pooled", result.pooled)]
-    for first in range(0, len(everything), SEQUENCES_A_TABLE):
-        part = everything[first : first + SEQUENCES_A_TABLE]
+    first = systems[0].result
+    named = [(_name(s, name), e) for s in systems for name, e in s.errors.items()]
+    for start in range(0, len(named), SEQUENCES_A_TABLE):
+        part = named[start : start + SEQUENCES_A_TABLE]
         rows = []
-        for length in result.lengths:
+        for length in first.lengths:
             cells = [errors.by_length([length])[length] for _, errors in part]
             rows.append([f"{length:g} m", *(_pair(cell.te, cell.re) for cell in cells)])
-        title = f"TE % / RE deg/100 m by length, a start every {result.step} frames"
+        title = f"TE % / RE deg/100 m by length, a start every {first.step} frames"
         show_table(title, ["length", *(name for name, _ in part)], rows)
-    rows = [
-        [s.name, str(s.frames), str(len(s.kitti)), _pair(s.kitti.te, s.kitti.re)] for s in result.sequences
-    ]
-    pooled, mean = result.pooled, result.mean()
-    rows.append(["pooled, as the devkit", "", str(len(pooled)), _pair(pooled.te, pooled.re)])
-    rows.append(["plain mean", "", "", _pair(mean["te_percent"], mean["re_deg_per_100m"])])
-    show_table("all lengths", ["sequence", "frames", "sub-sequences", "TE / RE"], rows)
-    rows = []
-    for sequence in result.sequences:
-        ate, rpe = sequence.ate.to_dict(), sequence.rpe.to_dict()
-        values = [ate["rmse_m"], rpe["translation"]["rmse_m"], rpe["rotation"]["rmse_deg"]]
-        rows.append([sequence.name, *(number(value, 4) for value in values)])
-    show_table("ATE and RPE, root mean squares", ["sequence", "ATE m", "RPE m", "RPE deg"], rows)
-    alignment, delta = result.sequences[0].ate.alignment, result.sequences[0].rpe.delta
+    everything, others = [], []
+    for system in systems:
+        for s in system.result.sequences:
+            name, errors = _name(system, s.name), _pair(s.kitti.te, s.kitti.re)
+            everything.append([name, str(s.frames), str(len(s.kitti)), errors])
+            ate, rpe = s.ate.to_dict(), s.rpe.to_dict()
+            values = [ate["rmse_m"], rpe["translation"]["rmse_m"], rpe["rotation"]["rmse_deg"]]
+            others.append([name, *(number(value, 4) for value in values)])
+        pooled, mean = system.result.pooled, system.result.mean()
+        name = _name(system, "pooled, as the devkit")
+        everything.append([name, "", str(len(pooled)), _pair(pooled.te, pooled.re)])
+        mean_errors = _pair(mean["te_percent"], mean["re_deg_per_100m"])
+        everything.append([_name(system, "plain mean"), "", "", mean_errors])
+    show_table("all lengths", ["sequence", "frames", "sub-sequences", "TE / RE"], everything)
+    show_table("ATE and RPE, root mean squares", ["sequence", "ATE m", "RPE m", "RPE deg"], others)
+    alignment, delta = first.sequences[0].ate.alignment, first.sequences[0].rpe.delta
     say(f"ATE {alignment.words}; RPE from frame to frame + {delta}, which needs no alignment")
+    if systems[0].turned:
+        _show_axes(systems)
+
+
+def _name(system: System, name: str) -> str:
+    """What a row or column is called: the sequence, with several systems the system too."""
+    return f"{system.label} {name}" if system.label else name
+
+
+def _show_axes(systems: list[System]) -> None:
+    rows = []
+    for system in systems:
+        for s, t in zip(system.result.sequences, system.turned, strict=True):
+            errors = _pair(s.kitti.te, s.kitti.re), _pair(t.kitti.te, t.kitti.re)
+            rows.append([_name(system, s.name), f"{t.pitch:+.2f}", f"{t.yaw:+.2f}", *errors])
+        both = system.result.pooled, pooled(t.kitti for t in system.turned)
+        rows.append([_name(system, POOLED), "", "", *(_pair(errors.te, errors.re) for errors in both)])
+    columns = ["sequence", "pitch °", "yaw °", "TE / RE\nmeasured", "TE / RE\nturned"]
+    show_table("axes turned by one pitch and yaw", columns, rows)
+    say("the angles that make TE smallest: a look at the truth, not KITTI's measure")
 
 
 def _pair(te: float | None, re: float | None) -> str:

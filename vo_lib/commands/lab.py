@@ -12,7 +12,8 @@ from typing import Any
 
 from ..core.errors import DataError
 from .console import say
-from .script import Ended, unbroken
+from .lab_html import write_pages
+from .script import Ended, install, unbroken
 
 FIRST = "00_start_here.ipynb"
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -27,6 +28,9 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--port", default="8888", metavar="N", help="port of the server (default %(default)s)"
     )
+    parser.add_argument(
+        "--html", metavar="DIR", help="write all notebooks, executed, as pages into DIR, and open nothing"
+    )
     parser.add_argument("--no-browser", action="store_true", help="only start the server")
     parser.set_defaults(command=_lab)
 
@@ -36,9 +40,12 @@ def _lab(options: argparse.Namespace) -> int:
     if options.copy is not None:
         folder = copy_notebooks(folder, Path(options.copy))
     if importlib.util.find_spec("jupyterlab") is None:
-        raise DataError("JupyterLab is not installed: pip install -r environment.txt")
+        raise DataError(f"JupyterLab is not installed: {install()}")
     if not (options.port.isdecimal() and 1 <= int(options.port) <= 65535):
         raise DataError(f"--port {options.port!r}: expected a whole number from 1 to 65535")
+    if options.html is not None:
+        write_pages(folder, Path(options.html))
+        return 0
     say(f"JupyterLab opens {folder / FIRST}; Ctrl-C twice ends it")
     server: subprocess.Popen[bytes] | None = None
     while True:

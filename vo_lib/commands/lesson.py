@@ -55,6 +55,8 @@ def _show(table: Table, what: str) -> None:
     names = list(table)
     for first in range(0, len(names), SCENES_A_TABLE):
         part = names[first : first + SCENES_A_TABLE]
-        rows = [[way, *(table[name][way].text for name in part)] for way in table[names[0]]]
+        rows = [
+            [way, *(table[name][way].text.replace(" (", "\n(") for name in part)] for way in table[names[0]]
+        ]
         show_table("", ["", *part], rows)
     say(what)

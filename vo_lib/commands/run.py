@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..beyond.calibration import read_calibration
-from ..config import METHODS, Config, DetectorConfig, PublishedConfig, change, preset
+from ..config import Config, DetectorConfig, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
 from ..core.files import write_bytes_atomic
 from ..data.sequence import Sequence
 from ..data.stereo_check import doubts
 from ..detection.label_cache import detected_sequence
-from ..runs.match_cache import match_folder
+from ..runs.match_cache import CachedMatches, match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
+from ..runs.runner import Run
+from ..tables.film import Film, require_film, shown_frames
 from ..tables.plots import png, trajectory_figure
-from .common import add_part, add_variant, open_part
+from ..tables.view import View
+from .common import add_method, add_part, add_sequence, add_variant, open_part
 from .console import reporting, say, show_run
 from .setting_options import add_option, given
 
@@ -33,10 +36,11 @@ def add(commands: Any) -> None:
     parser = commands.add_parser(
         "run",
         help="one run over one sequence",
-        epilog="example: vo run kitti/07 --method feature_selection --out runs/07 --selection.sets 100",
+        epilog="example: vo run kitti/07 --method feature_selection --out runs/07 --selection.sets 100. "
+        "--help-settings lists the thresholds.",
     )
-    parser.add_argument("sequence", help="a KITTI-layout folder, or a name from `vo list` such as kitti/07")
-    parser.add_argument("--method", default="feature_selection", help=f"one of {', '.join(METHODS)}")
+    add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list` such as kitti/07")
+    add_method(parser)
     add_variant(parser, "kit")
     parser.add_argument(
         "--out",
@@ -64,19 +68,55 @@ def add(commands: Any) -> None:
         "are drawn are kept there too"
     )
     parser.add_argument("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
+    parser.add_argument(
+        "--video",
+        type=Path,
+        metavar="FILE",
+        help="a film (.mp4, .avi): features, boxes, path and errors; goes through the frames once more",
+    )
+    parser.add_argument(
+        "--view",
+        type=Path,
+        metavar="FILE",
+        help="a page (.html) that shows path and points in three dimensions",
+    )
     parser.add_argument("--fresh", action="store_true", help="start anew whatever the folder holds")
-    add_settings(parser)
+    groups = list(dict.fromkeys(map(section, every_setting())))
+    parser.add_argument(
+        "--help-settings",
+        action=SettingsHelp,
+        nargs="?",
+        choices=groups,
+        help=f"the thresholds, which are options too: all of them, or a GROUP: {', '.join(groups)}",
+        metavar="GROUP",
+    )
+    for item in every_setting():  # not in the short help
+        add_option(parser, item, item.name, shown=False)
     parser.set_defaults(command=_run)
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
-    """An option for every declared setting, in a group for each section."""
-    group = None
-    for item in (*settings.declared(Config), *settings.declared(DetectorConfig, DETECTOR)):
-        section = item.name.partition(".")[0] if "." in item.name else "run"
-        if group is None or group.title != section:
-            group = parser.add_argument_group(section)
-        add_option(group, item, item.name)
+def every_setting() -> list[settings.Setting]:
+    """The method's thresholds, then the detector's."""
+    return [*settings.declared(Config), *settings.declared(DetectorConfig, DETECTOR)]
+
+
+def section(item: settings.Setting) -> str:
+    """The group of a setting."""
+    return item.name.partition(".")[0] if "." in item.name else "run"
+
+
+class SettingsHelp(argparse.Action):
+    """Print the thresholds with their ranges and defaults, a group for each section, and end."""
+
+    def __call__(self, parser: argparse.ArgumentParser, space: Any, chosen: Any, option: Any = None) -> None:
+        """Of the section chosen, or of all."""
+        page = argparse.ArgumentParser(prog=parser.prog, usage="vo run … [--SETTING X …]", add_help=False)
+        groups = {section(item): page.add_argument_group(section(item)) for item in every_setting()}
+        for item in every_setting():
+            if chosen in (None, section(item)):
+                add_option(groups[section(item)], item, item.name)
+        page.print_help()
+        parser.exit()
 
 
 def config_from_options(options: argparse.Namespace) -> PublishedConfig:
@@ -97,6 +137,10 @@ def _run(options: argparse.Namespace) -> int:
     config = config_from_options(options)
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
+    if options.video is not None:
+        require_film(options.video)
+    if options.view is not None and options.view.suffix != ".html":
+        raise DataError("expected a page's name, ending in .html", options.view)
     cache = Path(options.cache) if options.cache else None
     sequence = open_part(options, cache)
     if options.calibration is not None:
@@ -120,12 +164,35 @@ def _run(options: argparse.Namespace) -> int:
             )
         picture = trajectory_figure(label, sequence.truth, {options.method: result.poses})
         write_bytes_atomic(folder / "trajectory.png", png(picture))
+        if options.video is not None or options.view is not None:
+            _draw_frames(result, label, options, cache)
     show_run(result, options.method, evaluate_run(result), folder)
+    for kind, path in (("film", options.video), ("view", options.view)):
+        if path is not None:
+            say(f"{kind}: {path}")
     for sentence in doubts(sequence, (motion.matches for motion in result.motions)):
         say(f"warning: {sentence}")
     if done_before:
         say("this run was finished before; --fresh does it again")
     return 0
+
+
+def _draw_frames(result: Run, label: str, options: argparse.Namespace, cache: Path | None) -> None:
+    """Go through the frames of the run once more, for a film of them and the page in three dimensions."""
+    matches = None
+    if options.cache is not None:
+        matches = CachedMatches(result.sequence, result.config.features, result.config.matching, cache)
+    view = View(result, label)
+    with reporting("drawing frames") as report, ExitStack() as stack:
+        film = None if options.video is None else stack.enter_context(Film(options.video, result, label))
+        for shown in shown_frames(result, matches):
+            if film is not None:
+                film.add(shown)
+            if options.view is not None:
+                view.add(shown)
+            report(shown.index + 1, len(result.sequence))
+    if options.view is not None:
+        view.write(options.view)
 
 
 @contextmanager

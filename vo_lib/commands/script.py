@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import shlex
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from threading import current_thread, main_thread
 from typing import NoReturn
 
@@ -20,6 +23,22 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def typed(command: str) -> str:
+    """A command `vo …` as this shell takes it: with the program's path where it would not find `vo`."""
+    program = Path(sys.argv[0])
+    if program.stem != "vo" or shutil.which("vo"):
+        return command
+    return shlex.quote(str(program)) + command.removeprefix("vo")
+
+
+def install(extra: str = "") -> str:
+    """The command that installs what the kit needs, or an extra: from its folder, or by name."""
+    words = f"[{extra}]" if extra else ""
+    if not (Path(__file__).resolve().parents[2] / "environment.txt").exists():
+        return f'pip install "stereo-vo-kit{words}"'
+    return f'pip install ".{words}"' if extra else "pip install -r environment.txt"
 
 
 class Ended(KeyboardInterrupt):
@@ -35,9 +54,10 @@ def guarded(program: str, work: Callable[[], int]) -> int:
         sys.stdout.reconfigure(errors="replace")  # a terminal that cannot show a letter shows "?"
     try:
         with _on_sigterm(_end):
-            code = work()
-            sys.stdout.flush()
-            return code
+            try:
+                return work()
+            finally:
+                sys.stdout.flush()  # here it is said whether somebody still reads
     except DataError as error:
         print(f"{program}: error: {error}", file=sys.stderr)
         return 2

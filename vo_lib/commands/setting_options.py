@@ -17,13 +17,17 @@ class Options(Protocol):
     def add_argument(self, *names: str, **about: Any) -> Any: ...
 
 
-def add_option(group: Options, item: Setting, name: str, default: bool = True) -> None:
-    """The option `--name` for a setting: its help says the range and, unless told otherwise, the default."""
+def add_option(group: Options, item: Setting, name: str, default: bool = True, shown: bool = True) -> None:
+    """The option `--name` for a setting: its help says the range and, unless told otherwise, the default.
+
+    `shown` : in the parser's help.
+    """
     text = f"{item.text.removesuffix('.')}; {item.describe()}"
     if default:
         value = ",".join(map(str, item.default)) if isinstance(item.default, tuple) else item.default
         text += f"; default {value}"
-    group.add_argument(f"--{name}", metavar="X", dest=item.name, help=text.replace("%", "%%"))
+    about = text.replace("%", "%%") if shown else argparse.SUPPRESS
+    group.add_argument(f"--{name}", metavar="X", dest=item.name, help=about)
 
 
 def given(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:

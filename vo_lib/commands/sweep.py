@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..config import METHODS
 from ..core.files import write_bytes_atomic, write_text_atomic
 from ..runs.jobs import run_jobs
 from ..runs.results import run_folder
 from ..tables.plots import heat_map_figure, png
 from ..tables.sweep import Sweep, mean_and_spread, parse_axis, run_sweep, sweep_csv, sweep_table
-from .common import add_cache, add_part, add_variant, open_part, parse_whole
+from .common import add_cache, add_method, add_part, add_sequence, add_variant, open_part, parse_whole
 from .console import reporting, say, show_report_table
 
 
@@ -23,12 +22,12 @@ def add(commands: Any) -> None:
     parser = commands.add_parser(
         "sweep",
         help="a grid over settings on cached matches: table, CSV, heat map",
-        epilog="example: vo sweep --sequence kitti/00 --method feature_selection --jobs 2 "
-        "--set selection.sets=50,100,200 --set filter.margin=0,0.1. Started again it does not do "
+        epilog="example: vo sweep --sequence synthetic/traffic --variant published --jobs 2 "
+        "--set selection.sets=50,200 --set filter.margin=0,0.1. Started again it does not do "
         "finished runs again; with more values or seeds it adds them. Exit code 1: a run failed.",
     )
-    parser.add_argument("--sequence", required=True, metavar="S", help="a name from `vo list`, or a path")
-    parser.add_argument("--method", default="feature_selection", help=f"one of {', '.join(METHODS)}")
+    add_sequence(parser, "--sequence", "a name from `vo list`, or a path", required=True, metavar="S")
+    add_method(parser)
     add_variant(parser, "kit")
     parser.add_argument(
         "--set",
@@ -36,8 +35,8 @@ def add(commands: Any) -> None:
         action="append",
         required=True,
         metavar="SETTING=V,V,…",
-        help="values of a setting that `vo run --help` lists; once for each setting. Values that are lists "
-        "are parted by semicolons: filter.classes='2;2,5,7'",
+        help="values of a setting that `vo run --help-settings` lists; once for each setting. Values that "
+        "are lists are parted by semicolons: filter.classes='2;2,5,7'",
     )
     add_part(parser)
     parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")

@@ -1,4 +1,4 @@
-"""Trajectory files: KITTI (12 numbers a row) and TUM (t x y z qx qy qz qw).
+"""Trajectory files: KITTI (12 numbers a row), TUM (t x y z qx qy qz qw) and EuRoC's truth.
 
 A trajectory is an array (N, 4, 4) of poses `T_w_c`: each takes a point from camera c into the world
 (for KITTI, the first left camera). Metres; times in seconds.
@@ -7,9 +7,11 @@ A trajectory is an array (N, 4, 4) of poses `T_w_c`: each takes a point from cam
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import DataError
 from .files import read_text, write_text_atomic
@@ -18,6 +20,7 @@ from .types import Array
 
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
+EUROC_ROW = "8 numbers or more between commas, t in ns, x y z, qw qx qy qz"
 # Wide enough for files printed with three digits, narrow enough to catch rows in another format.
 ROTATION_TOLERANCE = 1e-2
 FARTHEST = 1e9  # metres; a larger coordinate is no position on Earth and would overflow later on
@@ -74,7 +77,18 @@ def read_tum(path: str | Path) -> tuple[Array, Array]:
     ------
     DataError : with file and line, when a row is not a time and a pose, or time does not increase.
     """
-    rows, lines = read_rows(path, TUM_ROW, 8, comment="#")
+    return _timed_poses(*read_rows(path, TUM_ROW, 8, comment="#"), path, TUM_ROW)
+
+
+def read_euroc(path: str | Path) -> tuple[Array, Array]:
+    """Times (N,), seconds, and poses (N, 4, 4) of the body in a EuRoC truth file; raises as `read_tum`."""
+    rows, lines = read_rows(path, EUROC_ROW, 8, comment="#", separator=",")
+    rows[:, 0] *= 1e-9
+    return _timed_poses(rows[:, [0, 1, 2, 3, 5, 6, 7, 4]], lines, path, EUROC_ROW)
+
+
+def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str) -> tuple[Array, Array]:
+    """Times and poses of rows (N, 8) in TUM's order, checked."""
     times = rows[:, 0]
     late = np.diff(times) <= 0
     if late.any():
@@ -83,7 +97,7 @@ def read_tum(path: str | Path) -> tuple[Array, Array]:
         wrong = ~(np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1.0) < ROTATION_TOLERANCE)
     if wrong.any():
         first = int(np.argmax(wrong))
-        raise DataError(f"the quaternion is not of length 1; expected {TUM_ROW}", path, lines[first])
+        raise DataError(f"the quaternion is not of length 1; expected {expected}", path, lines[first])
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, :3, :3] = [rotation_from_quaternion(q) for q in rows[:, 4:]]
     T[:, :3, 3] = rows[:, 1:4]
@@ -99,20 +113,43 @@ def read_tum_pair(
     Each pose of the shorter file goes with the one nearest in time of the other, at most `tolerance` seconds
     away; poses without a partner are left out. `DataError` where fewer than two go together.
     """
-    (times_t, truth), (times_e, estimate) = read_tum(truth_path), read_tum(estimate_path)
-    few, many = (times_t, times_e) if len(times_t) <= len(times_e) else (times_e, times_t)
+    truth, (estimate,) = read_by_time(truth_path, [estimate_path], read_tum, tolerance)
+    return truth, estimate
+
+
+def read_by_time(
+    truth_path: str | Path,
+    estimate_paths: Sequence[str | Path],
+    read_truth: Callable[[str | Path], tuple[Array, Array]],
+    tolerance: float = 0.01,
+) -> tuple[Array, list[Array]]:
+    """Truth and estimates of it (TUM, or EuRoC's .csv), (N, 4, 4) each: the poses that all of them have.
+
+    Times go together as `read_tum_pair` says.
+    """
+    times, truth = read_truth(truth_path)
+    common, found = np.arange(len(truth)), []
+    for path in estimate_paths:
+        times_e, estimate = read_euroc(path) if Path(path).suffix == ".csv" else read_tum(path)
+        at_truth, at = match_times(times, times_e, tolerance)
+        common = np.intersect1d(common, at_truth)
+        if len(common) < 2:
+            raise DataError(f"fewer than two times are within {tolerance:g} s of one in {truth_path}", path)
+        found.append((at_truth, estimate[at]))
+    return truth[common], [estimate[np.searchsorted(at_truth, common)] for at_truth, estimate in found]
+
+
+def match_times(
+    times_a: Array, times_b: Array, tolerance: float = 0.01
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Places in two increasing lists of times, seconds, that go together, as `read_tum_pair` says."""
+    few, many = (times_a, times_b) if len(times_a) <= len(times_b) else (times_b, times_a)
     after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
     nearest = after - (np.abs(few - many[after - 1]) <= np.abs(few - many[np.minimum(after, len(many) - 1)]))
     close = np.flatnonzero(np.abs(few - many[nearest]) <= tolerance)
     # A pose goes with one other only.
     chosen, first = np.unique(nearest[close], return_index=True)
-    if len(chosen) < 2:
-        raise DataError(
-            f"fewer than two times are within {tolerance:g} s of one in {truth_path}", estimate_path
-        )
-    pair = close[first], chosen
-    at_t, at_e = pair if few is times_t else pair[::-1]
-    return truth[at_t], estimate[at_e]
+    return (close[first], chosen) if few is times_a else (chosen, close[first])
 
 
 def format_kitti_poses(T: Array) -> str:
@@ -157,21 +194,26 @@ def _check_positions(T: Array, lines: list[int], path: str | Path) -> None:
 
 
 def read_rows(
-    path: str | Path, expected: str, columns: int, comment: str | None = None
+    path: str | Path, expected: str, columns: int, comment: str | None = None, separator: str | None = None
 ) -> tuple[Array, list[int]]:
-    """Finite numbers of a text table, (N, columns), and the line each row stands in, from 1."""
+    """Finite numbers of a text table, (N, columns), and the line each row stands in, from 1.
+
+    With a `separator` a row may have more columns, which are not read; without, blanks stand between numbers.
+    """
     text = read_text(path)
     rows: list[list[float]] = []
     numbers: list[int] = []
     for number, line in enumerate(text.rstrip().split("\n"), start=1):
-        words = line.split()
+        words = line.split() if separator is None else line.strip().split(separator)
         if comment is not None and line.lstrip().startswith(comment):
             continue
-        if len(words) != columns:
-            found = f"{len(words)} columns" if words else "blank" if text.strip() else "nothing in the file"
+        if len(words) < columns or (separator is None and len(words) > columns):
+            found = (
+                f"{len(words)} columns" if any(words) else "blank" if text.strip() else "nothing in the file"
+            )
             raise DataError(f"{found}; expected {expected}", path, number)
         try:
-            rows.append([_number(word) for word in words])
+            rows.append([_number(word) for word in words[:columns]])
         except ValueError as error:
             raise DataError(f"{error}; expected {expected}", path, number) from None
         numbers.append(number)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -94,10 +95,39 @@ class KittiErrors(Rows):
         }
 
 
-def trajectory_distances(T: Array, dtype: type[np.floating[Any]] = np.float64) -> NDArray[np.floating[Any]]:
-    """Path length from the first pose to each pose, (N,), metres, summed in `dtype`."""
-    steps = np.linalg.norm(np.diff(T[:, :3, 3], axis=0).astype(dtype), axis=1)
-    return np.concatenate([np.zeros(1, dtype), np.cumsum(steps, dtype=dtype)])
+def trajectory_distances(T: Array) -> Array:
+    """Path length from the first pose to each pose, (N,), metres."""
+    steps = np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1)
+    return np.concatenate([np.zeros(1), np.cumsum(steps)])
+
+
+def _devkit_distances(T: Array) -> NDArray[np.float32]:
+    """Path length to each pose, (N,), metres, with the devkit's rounding, which decides where a path ends.
+
+    Squares and their sum are in single precision, the root and each addition in double, each total in single.
+    """
+    steps = _norm(np.diff(T[:, :3, 3], axis=0).astype(np.float32)).tolist()
+    return np.array([*accumulate(steps, lambda a, b: float(np.float32(a + b)), initial=0.0)], np.float32)
+
+
+def _norm(t: NDArray[Any]) -> Array:
+    """Lengths (N,) of vectors (N, 3): squares and sum in the precision of `t`, the root in double."""
+    squares = t * t
+    return np.asarray(np.sqrt((squares[:, 0] + squares[:, 1] + squares[:, 2]).astype(np.float64)))
+
+
+def _sizes(error: Array, length: Array, dtype: type[np.floating[Any]]) -> tuple[Array, Array]:
+    """Translation (no unit) and angle (rad/m) of error motions (S, 4, 4) over lengths (S,), metres.
+
+    `dtype` : the precision of what the devkit keeps in variables of single precision.
+    """
+    a, b, c = (error[:, axis, axis].astype(dtype) for axis in range(3))
+    cosine = (0.5 * ((a + b + c).astype(np.float64) - 1.0)).astype(dtype)
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0).astype(np.float64))
+    t_err, r_err = (
+        size.astype(dtype) / length.astype(dtype) for size in (_norm(error[:, :3, 3].astype(dtype)), angle)
+    )
+    return t_err.astype(np.float64), r_err.astype(np.float64)
 
 
 def kitti_errors(
@@ -110,6 +140,9 @@ def kitti_errors(
 
     From every `step`-th frame and for each length, a sub-sequence ends at the first frame whose true path
     exceeds start + length. Both errors of inverse(Δest) Δgt are divided by the nominal length.
+
+    Over KITTI's own lengths numbers have the devkit's single precision, to agree with it to the last digit.
+    It knows angles to some 0.02° only, too coarse for shorter paths: other lengths are in double precision.
 
     Parameters
     ----------
@@ -126,8 +159,7 @@ def kitti_errors(
         raise DataError(f"lengths: expected positive numbers of metres, got {list(lengths)}")
     if step < 1:
         raise DataError(f"step: expected 1 frame or more, got {step}")
-    # Single precision as in the devkit: it decides which frame is the first beyond the length.
-    path = trajectory_distances(truth, np.float32)
+    path = _devkit_distances(truth)
     nominal = np.asarray(lengths, dtype=np.float32)
     starts = np.arange(0, len(truth), step)
     ends = np.searchsorted(path, path[starts, None] + nominal, side="right")
@@ -135,14 +167,15 @@ def kitti_errors(
     first, last = starts[start], ends[start, which]
     length = np.asarray(lengths, dtype=np.float64)[which]
     error = motion_error(truth, estimate, first, last)
-    cosine = 0.5 * (np.trace(error[:, :3, :3], axis1=1, axis2=2) - 1.0)
+    single, double = (_sizes(error, length, dtype) for dtype in (np.float32, np.float64))
+    t_err, r_err = np.where(np.isin(length, KITTI_LENGTHS), single, double)
     speed = length / (KITTI_FRAME_TIME * (last - first + 1))
     return KittiErrors(
         first=first,
         last=last,
         length=length,
-        t_err=np.linalg.norm(error[:, :3, 3], axis=1) / length,
-        r_err=np.arccos(np.clip(cosine, -1.0, 1.0)) / length,
+        t_err=t_err,
+        r_err=r_err,
         # Rounded as the devkit's, so that a speed on the edge of a bin falls on the same side.
         speed=speed.astype(np.float32).astype(np.float64),
     )

@@ -10,11 +10,13 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, TypeVar
 
 import cv2
 import joblib
+from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from ..core.errors import DataError
@@ -23,6 +25,7 @@ Item = TypeVar("Item")
 Task = tuple[int, Callable[[Any], None], Any, int]
 
 KILLED = "its process was killed, perhaps for too much memory"
+HOLDS_BACK = hasattr(signal, "pthread_sigmask")  # not Windows
 WATCH = 0.5  # seconds between two looks at whether the first process is there
 CONNECT = 10.0  # seconds to wait for a scheduler
 
@@ -80,8 +83,23 @@ def parallel(
 def _pool(tasks: list[Task], done: dict[int, str | None]) -> None:
     """Do tasks with joblib's present backend; each is noted in `done` as it ends."""
     run = joblib.Parallel(batch_size=1, max_nbytes=None, return_as="generator_unordered")
-    with closing(run(joblib.delayed(_attempt)(task) for task in tasks)) as ended:
+    with _interrupts_held_back():
+        running = run(joblib.delayed(_attempt)(task) for task in tasks)
+    with closing(running) as ended:
         done.update(ended)
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """A context that Ctrl-C does not reach, nor the processes started in it, before they ignore it."""
+    if not HOLDS_BACK:
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _attempt(task: Task) -> tuple[int, str | None]:
@@ -120,6 +138,8 @@ def _end_with(parent: int) -> None:
 def _backend(workers: int, scheduler: str | None) -> Iterator[type[Exception]]:
     """Joblib set up for local processes or a Dask cluster; yields the exception that means a killed task."""
     if scheduler is None:
+        for tracker in (loky_tracker, resource_tracker) if HOLDS_BACK else ():
+            tracker.ensure_running()  # started later, it would let through interrupts that are held back
         with joblib.parallel_config("loky", n_jobs=workers, initializer=_set_up_worker):
             yield BrokenProcessPool
         return

@@ -74,11 +74,14 @@ def run_folder(folder: str | Path) -> Iterator[Path]:
 
 
 def evaluate_run(result: Run) -> dict[str, Evaluation]:
-    """Errors of a run with truth: "kitti" as the benchmark has it, "short" where the path is short."""
+    """Errors of a run with truth, as `evaluate_path` has them; none without."""
     truth = result.sequence.truth
-    if truth is None:
-        return {}
-    pairs = [(result.sequence.name, truth, result.poses)]
+    return {} if truth is None else evaluate_path(result.sequence.name, truth, result.poses)
+
+
+def evaluate_path(name: str, truth: Array, poses: Array) -> dict[str, Evaluation]:
+    """Errors of poses (N, 4, 4): "kitti" as the benchmark has it, "short" where the path is short."""
+    pairs = [(name, truth, poses)]
     errors = {"kitti": evaluate(pairs, KITTI_LENGTHS, KITTI_STEP)}
     if trajectory_distances(truth)[-1] < KITTI_LENGTHS[-1]:
         errors["short"] = evaluate(pairs, SHORT_LENGTHS, 1)

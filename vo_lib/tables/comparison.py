@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..core.errors import DataError
 from ..core.poses import read_kitti_poses
 from ..core.types import Array
 from ..evaluation.kitti import KITTI_BIN_MINIMUM
-from ..runs.results import read_config, read_metrics
+from ..runs.results import evaluate_path, read_config, read_metrics
 from .report import ReportTable, number
 
 KINDS = {"kitti": "as KITTI, 100 m and more", "short": "20, 50, 100 m, every frame"}
@@ -74,7 +77,26 @@ def read_stored_runs(folders: list[str]) -> dict[str, list[StoredRun]]:
         whole = len(parts[run.sequence]) == 1
         name = run.sequence if whole else f"{run.sequence}, frames {run.frames[0]}-{run.frames[1]}"
         groups.setdefault(name, []).append(run)
-    return {name: _distinct(group) for name, group in groups.items()}
+    return {name: distinct(group) for name, group in groups.items()}
+
+
+def foreign_run(file: str, like: StoredRun, truth: Array | None) -> StoredRun:
+    """Another system's poses, a file in KITTI's format, as a run over the frames of `like`.
+
+    Raises `DataError` where the truth is not known, or the file does not have a row for each frame.
+    """
+    if truth is None:
+        raise DataError(f"the truth of {like.sequence} is not found: no errors of", file)
+    poses = read_kitti_poses(file)
+    if len(poses) != len(truth):
+        raise DataError(f"has {len(poses)} rows; the runs have {len(truth)} frames", file)
+    errors = evaluate_path(like.sequence, truth, poses)
+    start = np.linalg.inv(poses[0]) @ poses
+    metrics = {kind: found.to_dict() for kind, found in errors.items()}
+    name = Path(file).stem
+    return dataclasses.replace(
+        like, folder=Path(file), label=name, method=name, poses=start, metrics=metrics, ms_per_frame=math.nan
+    )
 
 
 def comparison_table(name: str, runs: list[StoredRun]) -> ReportTable:
@@ -102,11 +124,17 @@ def comparison_table(name: str, runs: list[StoredRun]) -> ReportTable:
 
 
 def common_kind(runs: list[StoredRun]) -> str | None:
-    """The errors that all runs have: KITTI's, else those of short paths; None where one has none."""
-    for kind in KINDS:
-        if all(kind in run.metrics and run.metrics[kind]["sequences"][0]["subsequences"] for run in runs):
-            return kind
-    return None
+    """The errors that all runs have: KITTI's where they make a curve, else those of short paths.
+
+    None where a run has no sub-sequence at all.
+    """
+    kinds = [
+        kind
+        for kind in KINDS
+        if all(kind in run.metrics and run.metrics[kind]["sequences"][0]["subsequences"] for run in runs)
+    ]
+    drawn = [kind for kind in kinds if all(len(curve(run, kind, "length")) > 1 for run in runs)]
+    return next(iter(drawn + kinds), None)
 
 
 def curve(run: StoredRun, kind: str, by: str) -> list[tuple[float, float | None, float | None]]:
@@ -119,7 +147,7 @@ def curve(run: StoredRun, kind: str, by: str) -> list[tuple[float, float | None,
     ]
 
 
-def _distinct(runs: list[StoredRun]) -> list[StoredRun]:
+def distinct(runs: list[StoredRun]) -> list[StoredRun]:
     """The runs with the shortest labels that tell them apart: method, seed, folder."""
     named = runs
     for make in (

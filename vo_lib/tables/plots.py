@@ -67,7 +67,7 @@ def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: di
 
 
 def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None:
-    """Distance from the truth along the true path, metres both, first poses made equal.
+    """Distance of estimates from the truth, which is moved to the origin, along the true path, metres both.
 
     Paths that coincide from above still differ here.
     """
@@ -88,8 +88,13 @@ def trajectory_figure(title: str, truth: Array | None, estimates: dict[str, Arra
     return trajectories_figure({title: (truth, estimates)})
 
 
-def trajectories_figure(panels: Mapping[str, tuple[Array | None, dict[str, Array]]]) -> Figure:
-    """Sequences by title, truth and named estimates: a row each, from above and, with truth, the drift."""
+def trajectories_figure(
+    panels: Mapping[str, tuple[Array | None, dict[str, Array]]], words: Mapping[str, str] | None = None
+) -> Figure:
+    """Sequences by title, truth and named estimates: a row each, from above and, with truth, the drift.
+
+    `words` : what the legend says in place of an estimate's name; then each has a line of its own.
+    """
     rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
     figure = Figure(figsize=(width * columns, (height - 1.0) * rows + 1.0), dpi=160, layout="constrained")
@@ -101,7 +106,8 @@ def trajectories_figure(panels: Mapping[str, tuple[Array | None, dict[str, Array
         labels |= {name: line for name, line in lines.items() if not name.startswith("_")}
         if truth is not None:
             draw_drift(figure.add_subplot(rows, columns, row * columns + 2), truth, estimates)
-    figure.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=2 * columns)
+    texts = [(words or {}).get(name, name) for name in labels]
+    figure.legend(labels.values(), texts, loc="outside lower center", ncols=1 if words else 2 * columns)
     return figure
 
 
@@ -123,6 +129,8 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, Curve]) -> Fig
             "markersize": 3 + widths[number],
             "linewidth": widths[number],
             "markerfacecolor": "none",
+            "clip_on": False,  # a marker on the edge is seen whole, and asks for no room
+            "in_layout": False,
             "label": name,
         }
         at, te, re = np.reshape(np.asarray(points, np.float64), (-1, 3)).T
@@ -174,6 +182,8 @@ def heat_map_figure(
 
 # Features in BGR: kept in blue, removed in orange; boxes in white.
 KEPT, REMOVED, BOX = (178, 114, 0), (0, 94, 213), (255, 255, 255)
+# Kept features from new to old, from blue to green, where their age is shown.
+AGE_COLOURS = [(255 - 13 * n, 90 + 11 * n, 12 * n // 2) for n in range(16)]
 
 
 def match_image(
@@ -183,12 +193,13 @@ def match_image(
     boxes: Boxes,
     state: Whole | None = None,
     words: Sequence[str] = (),
+    by_age: bool = False,
 ) -> Image:
     """The current left image (H, W), each match a line from its previous place to a dot; BGR (H, W, 3).
 
-    Kept matches are blue, those removed by boxes orange. With the boxes' `state` (K,), as `box_tracks` has
-    it, boxes that move have a thick whole line, parked ones a dashed one, unknown ones dots. `words` are
-    written above the boxes.
+    Kept matches are blue (`by_age`: greener the older), those removed by boxes orange. With the boxes'
+    `state` (K,), as `box_tracks` has it, boxes that move have a thick whole line, parked ones a dashed one,
+    unknown ones dots. `words` are written above the boxes.
     """
     picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), np.uint8)
     states = [MOVING] * len(boxes) if state is None else state.tolist()
@@ -202,8 +213,9 @@ def match_image(
                 )
     # Sub-pixel drawing: OpenCV takes fixed-point coordinates with four binary digits.
     ends = np.rint(np.stack([matches.prev_left, matches.cur_left], axis=1) * 16).astype(int)
-    for (start, end), keep in zip(ends.tolist(), kept.tolist(), strict=True):
-        colour = KEPT if keep else REMOVED
+    ages = np.clip(matches.age, 1, len(AGE_COLOURS)).tolist()
+    for (start, end), keep, age in zip(ends.tolist(), kept.tolist(), ages, strict=True):
+        colour = (AGE_COLOURS[age - 1] if by_age else KEPT) if keep else REMOVED
         cv2.line(picture, start, end, colour, 1, cv2.LINE_AA, shift=4)
         cv2.circle(picture, end, 2 * 16, colour, -1, cv2.LINE_AA, shift=4)
     return np.asarray(picture, np.uint8)

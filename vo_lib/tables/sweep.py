@@ -98,7 +98,7 @@ def parse_axis(text: str) -> Axis:
         raise DataError("--set seed: every cell runs with the same seeds; choose their number with --seeds")
     if item is None or not equals:
         raise DataError(
-            f"--set {text!r}: expected SETTING=VALUE,VALUE,… with a setting that `vo run --help` lists"
+            f"--set {text!r}: expected SETTING=VALUE,VALUE,… with a setting of `vo run --help-settings`"
         )
     values = tuple(item.parse(word) for word in rest.split(";" if isinstance(item.default, tuple) else ","))
     for value in values:

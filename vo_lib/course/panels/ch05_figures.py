@@ -126,7 +126,8 @@ def errors_chart(axis: Axes, errors: dict[str, Array], reference: str, title: st
     for (name, error), (colour, size) in zip(errors.items(), DOTS, strict=True):
         axis.plot(*error[[0, 2]], "o", color=colour, markeredgecolor=DARK, markersize=size, label=name)
     largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
-    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title)
+    dots = np.array([(0.0, 0.0), *(error[[0, 2]] for error in errors.values())])
+    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title, dots)
 
 
 def rules_figure(errors: dict[str, Array], first: int, height: int = 290) -> Figure:

@@ -209,7 +209,7 @@ class FilteringPanel(Panel):
         if judged is not None and removed:
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
         if state.view.model.strip() == "street" and truth(sequence) is None:
-            sentence += " Mind: `street` knows drawn streets only; on real images it finds little."
+            sentence += " Mind: `street` was trained on drawn streets; do not trust it on real images."
         if "filter_off" in result.flags:
             sentence += " Too few features would be left, so the filter is off in this frame."
         facts = [

@@ -102,14 +102,14 @@ class EvaluationPanel(Panel):
     long_job = "Run the method"
     controls = (
         Control("view.estimate", "estimate"),
-        Control("view.lengths", "lengths", tries=("20", "10,40")),
-        Control("view.step", "step", high=20),
         Control("view.alignment", "alignment"),
+        Control("view.file", "a file of your own"),
         Control("view.scale", "scale error", step=0.1),
         Control("view.yaw", "yaw error", step=0.1),
         Control("view.noise", "noise", step=1),
         Control("view.jitter", "jitter", step=0.01),
-        Control("view.file", "a file of your own"),
+        Control("view.lengths", "lengths", tries=("20", "10,40")),
+        Control("view.step", "step", high=20),
     )
 
     def draw(self, state: State) -> Drawing:

@@ -1,0 +1,130 @@
+"""EuRoC folders (mav0): images, calibration, and the rectified left camera's path from the body's truth."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vo_lib.core.errors import DataError
+from vo_lib.core.files import read_text
+from vo_lib.core.geometry import inverse, rigid
+from vo_lib.core.poses import ROTATION_TOLERANCE, match_times, read_euroc
+from vo_lib.core.types import Array
+
+from .stereo_calibration import Rig, rig_from_matrices
+
+TRUTH = Path("state_groundtruth_estimate0") / "data.csv"
+TOLERANCE = 0.003  # seconds from an image to its pose; the truth has 200 Hz
+LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  # of a 4×4 pose
+
+
+@dataclass(frozen=True)
+class EurocDrive:
+    """N stereo pairs: image files, the rig that rectifies them, times in seconds from the first pair.
+
+    poses : (N, 4, 4) T_w_c of the rectified left camera, the first one the identity; None without truth.
+    note : what was left out, or "".
+    """
+
+    paths: list[tuple[Path, Path]]
+    rig: Rig
+    times: Array
+    poses: Array | None
+    note: str
+
+
+def read_euroc_drive(folder: Path) -> EurocDrive:
+    """A folder mav0, or the one it is in; `DataError` with the file, where something is missing or wrong.
+
+    Pairs without a true pose are left out at the start and the end; without truth all are taken.
+    """
+    base = folder / "mav0" if (folder / "mav0").is_dir() else folder
+    if not (base / "cam0").is_dir():
+        raise DataError("is no EuRoC folder: expected mav0/cam0 and mav0/cam1 in it", folder)
+    images = [_images(base / f"cam{camera}") for camera in (0, 1)]
+    moments = sorted(images[0].keys() & images[1].keys())
+    if len(moments) < 2:
+        raise DataError(f"expected two pairs of equal times or more, found {len(moments)}", base)
+    rig, T_body_camera = _rig(base)
+    times = 1e-9 * np.array(moments, np.float64)
+    single = len(images[0].keys() ^ images[1].keys())
+    notes = [f"{single} images without a partner are left out"] if single else []
+    chosen, poses = slice(0, len(moments)), None
+    if (base / TRUTH).exists():
+        true_times, bodies = read_euroc(base / TRUTH)
+        at, at_truth = match_times(times, true_times, TOLERANCE)
+        if len(at) < 2 or len(at) < at[-1] - at[0] + 1:
+            notes.append(f"no true poses: {base / TRUTH} does not have one for every pair")
+        else:
+            chosen = slice(int(at[0]), int(at[-1]) + 1)
+            poses = bodies[at_truth] @ T_body_camera
+            poses = inverse(poses[:1]) @ poses
+            left_out = len(moments) - len(at)
+            notes += [f"{left_out} pairs before or after the truth are left out"] if left_out else []
+    else:
+        notes.append(f"no true poses: {base / TRUTH} is missing")
+    paths = [(images[0][moment], images[1][moment]) for moment in moments[chosen]]
+    times = times[chosen]
+    return EurocDrive(paths, rig, times - times[0], poses, "; ".join(notes))
+
+
+def _images(camera: Path) -> dict[int, Path]:
+    """Image files of a camera by their time, nanoseconds, as its data.csv lists them."""
+    path = camera / "data.csv"
+    found: dict[int, Path] = {}
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        words = [word.strip() for word in line.split(",")]
+        if not line.strip() or line.startswith("#"):
+            continue
+        if len(words) != 2 or not words[0].isdecimal():
+            raise DataError("expected a time in ns and a file name, with a comma between", path, number)
+        found[int(words[0])] = camera / "data" / words[1]
+        if not found[int(words[0])].is_file():
+            raise DataError(f"names {words[1]}, which is missing in {camera / 'data'}", path, number)
+    return found
+
+
+def _rig(base: Path) -> tuple[Rig, Array]:
+    """The rig of both cameras, and T_body_camera (4, 4) of the rectified left one."""
+    found: dict[str, Array] = {}
+    T_body, sizes = [], []
+    for number, camera in (("1", "cam0"), ("2", "cam1")):
+        path = base / camera / "sensor.yaml"
+        text = re.sub(r"#.*", "", read_text(path))
+        model = re.search(r"^distortion_model:\s*(\S+)", text, re.M)
+        if model is None or model[1] not in ("radial-tangential", "radtan"):
+            given = "none" if model is None else model[1]
+            raise DataError(f"distortion_model {given}: only radial-tangential is rectified", path)
+        fu, fv, cu, cv = _numbers(text, "intrinsics", 4, path)
+        found[f"K{number}"] = np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
+        found[f"D{number}"] = _numbers(text, "distortion_coefficients", 4, path)
+        sizes.append(_numbers(text, "resolution", 2, path))
+        T = _numbers(text, r"T_BS:[^\[]*data", 16, path).reshape(4, 4)
+        off = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
+        if off > ROTATION_TOLERANCE or np.linalg.det(T[:3, :3]) < 0 or (T[3] != LAST_ROW).any():
+            raise DataError("T_BS is no pose: expected a rotation and a translation, row by row", path)
+        T_body.append(T)
+    if (sizes[0] != sizes[1]).any():
+        raise DataError("resolution differs from that of cam0", base / "cam1" / "sensor.yaml")
+    T_10 = inverse(T_body[1]) @ T_body[0]
+    width, height = (int(side) for side in sizes[0])
+    found |= {"R": T_10[:3, :3], "T": T_10[:3, 3]}
+    rig = rig_from_matrices(found, (width, height), base / "cam0" / "sensor.yaml")
+    # Rectification turns the left camera by R1, from its own axes to the rectified ones.
+    return rig, T_body[0] @ rigid(rig.R1.T, np.zeros(3))
+
+
+def _numbers(text: str, name: str, count: int, path: Path) -> Array:
+    """The numbers of `name: [a, b, …]`."""
+    found = re.search(rf"^\s*{name}:\s*\[([^\]]*)\]", text, re.M)
+    try:
+        numbers = np.array([float(word) for word in found[1].split(",")]) if found else np.zeros(0)
+    except ValueError:
+        numbers = np.zeros(0)
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        label = name.partition(":")[0]
+        raise DataError(f"{label}: expected {count} numbers in brackets", path)
+    return numbers

@@ -1,0 +1,100 @@
+"""`vo lab --html`: the notebooks, executed, as pages that need neither Python nor a network."""
+
+from __future__ import annotations
+
+import html
+import re
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from .console import say
+from .mathml import with_mathml
+
+WIDGETS = "application/vnd.jupyter.widget-state+json"
+VIEW = "application/vnd.jupyter.widget-view+json"
+LONGEST_CELL = 1200  # seconds
+REFERENCE = "IPY_MODEL_"
+PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{style}
+body {{ max-width: 1010px; margin: 24px auto; padding: 0 12px; font: 15px/1.5 sans-serif; color: #222 }}
+pre {{ font: 13px/1.35 monospace; overflow-x: auto }} img {{ max-width: 100% }}
+.jp-InputArea, .highlight {{ background: #f6f6f6; padding: 2px 10px }}
+.prompt, .jp-InputPrompt, .jp-OutputPrompt, .anchor-link {{ display: none }}
+table {{ border-collapse: collapse }}
+td, th {{ padding: 2px 10px; border-bottom: 1px solid #ddd; text-align: left }}
+math[display="block"] {{ margin: 12px 0 }} .panel {{ border: 1px solid #bbb; padding: 8px }}
+</style></head><body>{body}</body></html>
+"""
+
+
+def write_pages(source: Path, target: Path) -> None:
+    """Execute every notebook below `source`; write it, and the texts beside them, as pages into `target`."""
+    import nbformat  # with JupyterLab; slow to import
+
+    target.mkdir(parents=True, exist_ok=True)
+    for path in sorted([*source.glob("*.ipynb"), *source.glob("solutions/*.ipynb"), *source.glob("*.md")]):
+        say(f"{path.relative_to(source)} …")
+        if path.suffix == ".md":
+            text = nbformat.v4.new_markdown_cell(path.read_text(encoding="utf-8"))  # type: ignore[no-untyped-call]
+            notebook = nbformat.v4.new_notebook(cells=[text])  # type: ignore[no-untyped-call]
+        else:
+            notebook = executed(nbformat.read(path, as_version=4))  # type: ignore[no-untyped-call]
+        place = (target / path.relative_to(source)).with_suffix(".html")
+        place.parent.mkdir(exist_ok=True)
+        place.write_text(page(notebook, path.stem), encoding="utf-8")
+    if (source / "images").is_dir():
+        shutil.copytree(source / "images", target / "images", dirs_exist_ok=True)
+    say(f"open {target / '00_start_here.html'}")
+
+
+def executed(notebook: Any) -> Any:
+    """A notebook with its outputs; it runs in an empty folder, and errors stand in the page."""
+    import nbclient
+
+    with tempfile.TemporaryDirectory() as folder:
+        about = {"metadata": {"path": folder}}
+        client = nbclient.NotebookClient(
+            notebook, timeout=LONGEST_CELL, kernel_name="python3", allow_errors=True, resources=about
+        )
+        client.execute()
+    return notebook
+
+
+def page(notebook: Any, title: str) -> str:
+    """A notebook as one page: formulas as MathML, panels as the picture and the words they show."""
+    from nbconvert import HTMLExporter
+    from pygments.formatters import HtmlFormatter  # type: ignore[import-untyped]
+
+    state = notebook.metadata.pop("widgets", {}).get(WIDGETS, {}).get("state", {})
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            text = re.sub(r"\]\((?!\w+://)([^)#\s]+)\.(?:ipynb|md)", r"](\1.html", cell.source)
+            cell.source = with_mathml(text)
+        for output in cell.get("outputs", []):
+            data = output.get("data", {})
+            if VIEW in data:
+                shown = "".join(_shown(state, data[VIEW]["model_id"]))
+                output["data"] = {"text/html": f'<div class="panel">{shown}</div>' if shown else ""}
+    exporter = HTMLExporter(template_name="basic")  # type: ignore[no-untyped-call]
+    body, _ = exporter.from_notebook_node(notebook)
+    style = HtmlFormatter().get_style_defs(".highlight")
+    return PAGE.format(title=html.escape(title), style=style, body=body)
+
+
+def _shown(state: dict[str, Any], model: str) -> list[str]:
+    """Pictures and words of a widget and of all that it holds, as HTML."""
+    widget = state.get(model, {"state": {}})
+    values, name = widget["state"], widget.get("model_name")
+    if values.get("layout", "").startswith(REFERENCE):
+        layout = state.get(values["layout"].removeprefix(REFERENCE), {"state": {}})["state"]
+        if layout.get("display") == "none":
+            return []
+    if name == "ImageModel":
+        data = next(each["data"] for each in widget["buffers"] if each["path"] == ["value"])
+        return [f'<img alt="the panel" src="data:image/{values["format"]};base64,{data}">']
+    if name == "HTMLModel":
+        return [str(values.get("value", ""))]
+    children = values.get("children", [])
+    return [part for child in children for part in _shown(state, child.removeprefix(REFERENCE))]

@@ -1,0 +1,204 @@
+"""A film of a run: features, boxes, the path and how far it strays, ten frames a second, drawn by OpenCV."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.boxes import Boxes
+from ..core.errors import DataError
+from ..core.frame import FrameResult
+from ..core.matches import StereoMatches
+from ..core.types import Array, Image, Mask
+from ..evaluation.kitti import trajectory_distances
+from ..method.boxes import on_vehicles
+from ..runs.runner import FoundMatches, MethodRun, Run, TimedMatches, one_blas_thread
+from .plots import AGE_COLOURS, REMOVED, match_image
+
+FPS = 10
+CODES = {".mp4": "mp4v", ".avi": "MJPG"}
+NARROW = 800  # pixels; smaller images are shown at twice their size
+STRIP = 60  # pixels, the lines of words below
+DARK, PALE, WHITE, TRUTH, PATH = (28, 28, 28), (110, 110, 110), (235, 235, 235), (60, 60, 240), (240, 190, 80)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is seen of a frame but the first: N matches, which of them boxes left (N,), boxes and their state.
+
+    `state` : (K,) as `box_tracks` has it, None where nothing judges boxes.
+    """
+
+    index: int
+    matches: StereoMatches
+    keep: Mask
+    boxes: Boxes
+    state: NDArray[np.int64] | None
+    motion: FrameResult
+
+
+def shown_frames(run: Run, matches: Iterable[TimedMatches] | None = None) -> Iterator[Shown]:
+    """The frames of a finished run, gone through once more; `matches` as in `run_methods`."""
+    sequence, config = run.sequence, run.config
+    method = MethodRun(sequence, config)
+    with one_blas_thread():
+        found = FoundMatches(sequence, config.features, config.matching) if matches is None else matches
+        before = sequence.boxes(0)
+        for index, frame in enumerate(found):
+            boxes = sequence.boxes(index)
+            method.step(index, frame, boxes)
+            if index == 0:
+                continue
+            filtered = getattr(method.odometry, "filtered", None)  # the paper's own keeps nothing to show
+            if filtered is not None:
+                judged = filtered.judgement
+                keep, state = filtered.keep, None if judged is None else judged.state
+                shown = boxes if judged is None else judged.boxes
+            else:
+                keep, state, shown = np.ones(len(frame[0]), np.bool_), None, boxes
+                if config.filter.rule != "none":
+                    keep = ~on_vehicles(frame[0], before, boxes, config.filter)
+            before = boxes
+            yield Shown(index, frame[0], keep, shown, state, method.motions[-1])
+
+
+def require_film(path: Path) -> None:
+    """`DataError` unless a film can have this name."""
+    if path.suffix.lower() not in CODES:
+        raise DataError(f"expected a film's name, ending in {' or '.join(CODES)}", path)
+    if not path.absolute().parent.is_dir():
+        raise DataError("the film's folder is missing", path.parent)
+
+
+class Film:
+    """A video file that frames of a run are added to; it appears whole when it is closed, or not at all."""
+
+    def __init__(self, path: Path, run: Run, label: str):
+        require_film(path)
+        self.path, self.run, self.label = path, run, label
+        camera = run.sequence.camera
+        self._zoom = 2 if camera.width < NARROW else 1
+        self._size = self._zoom * camera.width, self._zoom * camera.height
+        side = max(self._size[1], 300)
+        self._shape = side + STRIP, self._size[0] + side
+        truth = run.sequence.truth
+        self._truth = None if truth is None else np.linalg.inv(truth[0]) @ truth
+        self._drift = None if self._truth is None else _apart(run.poses, self._truth)
+        self._driven = trajectory_distances(run.poses if truth is None else truth)
+        self._working = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
+        height, width = (length + length % 2 for length in self._shape)
+        code = cv2.VideoWriter.fourcc(*CODES[path.suffix.lower()])
+        self._writer = cv2.VideoWriter(str(self._working), code, FPS, (width, height))
+        if not self._writer.isOpened():
+            raise DataError("the film cannot be written there, or OpenCV lacks its encoder", path)
+
+    def __enter__(self) -> Film:
+        return self
+
+    def __exit__(self, kind: object, *details: object) -> None:
+        self._writer.release()
+        if kind is None:
+            os.replace(self._working, self.path)
+        else:
+            self._working.unlink(missing_ok=True)
+
+    def add(self, shown: Shown) -> None:
+        """Write a frame."""
+        height, width = (length + length % 2 for length in self._shape)
+        page = np.full((height, width, 3), DARK, np.uint8)
+        page[: self._shape[0], : self._shape[1]] = self.picture(shown)
+        self._writer.write(page)
+
+    def picture(self, shown: Shown) -> Image:
+        """The page of a frame, BGR: image, path and drift beside it, words below."""
+        page = np.full((*self._shape, 3), DARK, np.uint8)
+        left, _ = self.run.sequence.stereo(shown.index)
+        image = match_image(left, shown.matches, shown.keep, shown.boxes, shown.state, by_age=True)
+        width, height = self._size
+        page[:height, :width] = cv2.resize(image, self._size, interpolation=cv2.INTER_LINEAR)
+        side = self._shape[0] - STRIP
+        lower = 0 if self._drift is None else side // 4
+        self._draw_path(page[: side - lower, width:], shown.index)
+        if self._drift is not None:
+            self._draw_drift(page[side - lower : side, width:], self._drift, shown.index)
+        self._write_words(page[side:], shown)
+        return page
+
+    def _draw_path(self, part: Image, index: int) -> None:
+        """The path from above up to a frame, the whole truth pale; all of it fits."""
+        paths = [self.run.poses] if self._truth is None else [self._truth, self.run.poses]
+        points = np.concatenate([poses[:, [0, 2], 3] for poses in paths])
+        low, high = points.min(axis=0), points.max(axis=0)
+        room = np.array(part.shape[1::-1]) - 50.0
+        scale = float((room / np.maximum(high - low, 1.0)).min())
+
+        def pixels(poses: Array) -> Array:
+            off = scale * (poses[:, [0, 2], 3] - (low + high) / 2) * [1.0, -1.0]
+            return np.asarray(off + np.array(part.shape[1::-1]) / 2)
+
+        if self._truth is not None:
+            _line(part, pixels(self._truth), PALE, 1)
+            _line(part, pixels(self._truth[: index + 1]), TRUTH, 4)
+        path = pixels(self.run.poses[: index + 1])
+        _line(part, path, PATH, 2)
+        cv2.circle(part, np.rint(path[-1]).astype(int).tolist(), 4, WHITE, -1, cv2.LINE_AA)
+        bar = float(10.0 ** np.floor(np.log10(0.5 * room[0] / scale)))  # metres
+        ends = np.array([[12.0, part.shape[0] - 10.0], [12.0 + scale * bar, part.shape[0] - 10.0]])
+        _line(part, ends, WHITE, 2)
+        _words(part, f"{bar:g} m", (12, part.shape[0] - 16))
+
+    def _draw_drift(self, part: Image, drift: Array, index: int) -> None:
+        """The distance from the truth along the path, up to a frame."""
+        top, length = max(float(drift.max()), 1e-9), max(float(self._driven[-1]), 1e-9)
+        width, height = part.shape[1] - 24, part.shape[0] - 30
+        x, y = 12 + width * self._driven / length, 22 + height * (1 - drift / top)
+        _line(part, np.array([[12.0, 22.0 + height], [12.0 + width, 22.0 + height]]), PALE, 1)
+        _line(part, np.stack([x, y], axis=1)[: index + 1], PATH, 2)
+        _words(part, f"distance from the truth, up to {top:.2f} m", (12, 14))
+
+    def _write_words(self, part: Image, shown: Shown) -> None:
+        index, sequence, motion = shown.index, self.run.sequence, shown.motion
+        speed = np.linalg.norm(motion.T_cp[:3, 3]) / max(
+            sequence.times[index] - sequence.times[index - 1], 1e-9
+        )
+        first = (
+            f"{self.label}  frame {sequence.frames[index]}  {sequence.times[index] - sequence.times[0]:.1f} s"
+        )
+        first += f"  {3.6 * speed:.0f} km/h  {self._driven[index]:.0f} m driven"
+        if self._drift is not None:
+            off = float(self._drift[index])
+            first += f"  {off:.2f} m from the truth ({100 * off / max(self._driven[index], 1e-9):.2f} %)"
+        _words(part, f"{first}  {' '.join(motion.flags)}", (12, 22))
+        counts = f"{motion.matches} matches  {motion.removed} removed  {motion.used} used  "
+        counts += f"{motion.inliers} inliers"
+        at = _words(part, counts, (12, 46)) + 30
+        for number, colour in enumerate(AGE_COLOURS):
+            cv2.rectangle(part, (at + 5 * number, 36), (at + 5 * number + 4, 46), colour, -1)
+        at = _words(part, f"kept, new to {len(AGE_COLOURS)} frames old", (at + 5 * len(AGE_COLOURS) + 6, 46))
+        at = _words(part, "removed", (at + 20, 46), REMOVED)
+        if shown.state is not None:
+            at = _words(part, "boxes: whole line moves, dashed parked, dots unknown", (at + 20, 46))
+        at = _words(part, "path", (at + 20, 46), PATH)
+        if self._truth is not None:
+            _words(part, "truth", (at + 12, 46), TRUTH)
+
+
+def _apart(poses: Array, truth: Array) -> Array:
+    return np.asarray(np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1))
+
+
+def _line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:
+    fixed = np.rint(points * 16).astype(np.int32)  # four binary digits, as OpenCV takes them
+    cv2.polylines(part, [fixed], False, colour, width, cv2.LINE_AA, shift=4)
+
+
+def _words(part: Image, text: str, at: tuple[int, int], colour: tuple[int, int, int] = WHITE) -> int:
+    """Write a line of words; returns where it ends, pixels."""
+    cv2.putText(part, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
+    return at[0] + cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]
