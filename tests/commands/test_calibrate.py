@@ -89,6 +89,6 @@ def test_another_cameras_calibration_is_refused(
     ):
         assert main(words) == 2
         *_, line = capsys.readouterr().err.splitlines()  # the bar of the first drive may stand above
-        assert "another camera: baseline is 0.5 there" in line
+        assert "another camera: baseline is 0.5 and" in line
     assert not out.exists()
     assert not (bands.parent / "both.json").exists()

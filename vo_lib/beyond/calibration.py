@@ -49,12 +49,7 @@ class Calibration:
 
     def check(self, camera: StereoCamera) -> None:
         """`DataError` unless this was learnt with a camera like the one given."""
-        for name in ("f", "baseline"):
-            mine, other = getattr(self.camera, name), getattr(camera, name)
-            if abs(mine - other) > ALIKE * other:
-                raise DataError(
-                    f"the calibration is of another camera: {name} is {mine:g} there, {other:g} here"
-                )
+        require_same_camera(self.camera, camera, "the calibration")
 
     def in_use(self, config: CalibrationConfig) -> tuple[Array, Array]:
         """The field's coefficients (15,) and the lens's p1, p2 (2,) that correct matches, pixels."""
@@ -79,6 +74,14 @@ class Calibration:
             "lens_vector": self.lens_vector.tolist(),
         }
         return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def require_same_camera(one: StereoCamera, other: StereoCamera, name: str) -> None:
+    """`DataError` naming what differs, unless both have one focal length and baseline, within a hundredth."""
+    for field in ("f", "baseline"):
+        mine, theirs = getattr(one, field), getattr(other, field)
+        if abs(mine - theirs) > ALIKE * theirs:
+            raise DataError(f"{name} is of another camera: {field} is {mine:g} and {theirs:g}")
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -131,10 +134,12 @@ def in_words(coefficients: Array, lens: Array, camera: StereoCamera) -> str:
     said = []
     if abs(disparity[worst]) >= NOTHING:
         size = "large" if disparity[worst] > 0 else "small"
-        place = _place(grid[worst], width, height)
+        alike = np.ptp(disparity) < 0.3 * abs(disparity[worst])
+        place = "everywhere" if alike else _place(grid[worst], width, height)
         said.append(f"disparities are up to {abs(disparity[worst]):.1f} px too {size} {place}")
     if abs(row[worst_row]) >= NOTHING:
-        place = _place(grid[worst_row], width, height)
+        alike = np.ptp(row) < 0.3 * abs(row[worst_row])
+        place = "everywhere" if alike else _place(grid[worst_row], width, height)
         said.append(f"rows differ by up to {abs(row[worst_row]):.1f} px {place}")
     if lens.any():
         said.append(f"the lens is decentered, p1 {-lens[0]:+.1f} px and p2 {-lens[1]:+.1f} px")

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..beyond.calibration import require_same_camera
 from ..config import Config, preset
 from ..core.errors import DataError
 from ..core.files import write_bytes_atomic, write_text_atomic
@@ -38,11 +39,13 @@ def _calibrate(options: argparse.Namespace) -> int:
             raise DataError(f"expected a name ending in {ending}, in a folder that exists", path)
     config = preset("solution_selection")
     assert isinstance(config, Config)
+    sequences = [open_with_bar(name, options.cache) for name in options.sequences]
+    for other in sequences[1:]:
+        require_same_camera(sequences[0].camera, other.camera, other.name)
     known = None
-    for name in options.sequences:
-        sequence = replace(open_with_bar(name, options.cache), calibration=known)
+    for sequence in sequences:
         with reporting(sequence.name) as report:
-            known = run(sequence, config, report).calibration
+            known = run(replace(sequence, calibration=known), config, report).calibration
         assert known is not None
         say(f"after {sequence.name}: {known.in_words(config.calibration)}")
     assert known is not None
