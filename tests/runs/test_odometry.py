@@ -14,6 +14,7 @@ from vo_lib import Run, open_sequence, preset, run
 from vo_lib.config import Config
 from vo_lib.core import settings
 from vo_lib.core.poses import format_kitti_poses
+from vo_lib.evaluation.axes import fit_axes
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.runner import run_methods
 
@@ -97,12 +98,16 @@ def test_real_clip_00_is_as_good_as_promised(clips: Path) -> None:
     seeds = {str(seed): preset("feature_selection", seed=seed) for seed in range(5)}
     assert sequence.truth is not None
     for result in run_methods(sequence, seeds).values():
-        for length, te, re in ((100.0, 1.00, 1.17), (50.0, 1.25, 1.7)):
+        # KITTI's truth looks aside: a principal point that is off imitates that, so TE is judged without it.
+        for length, te, turned, re in ((100.0, 1.20, 0.70, 1.17), (50.0, 1.65, 1.45, 1.7)):
             errors = kitti_errors(sequence.truth, result.poses, [length], 1)
             assert errors.te is not None
             assert errors.te < te
             assert errors.re is not None
             assert errors.re < re
+            without = fit_axes(sequence.truth, result.poses, [length], 1).kitti.te
+            assert without is not None
+            assert without < turned
 
 
 def test_real_clip_01_runs_without_a_jump(clips: Path) -> None:

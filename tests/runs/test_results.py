@@ -61,7 +61,7 @@ LOG_HEADING = "matches,removed_by_boxes,used,inliers,prior_angle_deg,flags\n"
         ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n"),
         ("frames.csv", "frame\n1\n"),
         ("frames.csv", "frame\n1\n2\n3\n4\n5\n"),
-        ("frames.csv", LOG_HEADING + "1,0,1,1,,\n" * 5),
+        ("frames.csv", LOG_HEADING + "1,0,1,1,\n" * 5),
     ],
 )
 def test_a_broken_file_is_named(
