@@ -343,7 +343,7 @@ def test_the_whole_table_is_made_and_names_what_is_missing(
     assert 0 < te < 5
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "kitti/08" in page
-    assert page.count("<img") == page.count("data:image/png;base64,") == 12
+    assert page.count("<img") == page.count("data:image/png;base64,") == 15
     assert not re.search(r'(?:src|href)="(?!data:)', page)
     assert len(re.findall(r'alt="[^"]{10,}"', page)) == 12
 
