@@ -345,7 +345,7 @@ def test_the_whole_table_is_made_and_names_what_is_missing(
     assert "kitti/08" in page
     assert page.count("<img") == page.count("data:image/png;base64,") == 15
     assert not re.search(r'(?:src|href)="(?!data:)', page)
-    assert len(re.findall(r'alt="[^"]{10,}"', page)) == 12
+    assert len(re.findall(r'alt="[^"]{10,}"', page)) == 15
 
 
 def test_a_run_that_fails_is_told_with_its_cause_while_the_others_finish(
