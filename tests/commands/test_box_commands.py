@@ -97,8 +97,8 @@ def test_results_are_measured_by_one_command_with_other_seeds_to_check_them(
     text = page.read_text(encoding="utf-8")
     assert "vo data measure_results" in text
     rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| bands, 1 m")]
-    # A row a variant, then the rules of two methods; nobody knows the truth of what moves here.
-    assert [len(row) for row in rows] == [5, 6, 5, 5]
+    # A row a variant, the rules of two methods, what learning does; nobody knows the truth of what moves.
+    assert [len(row) for row in rows] == [5, 6, 5, 5, 8]
     assert rows[2][-1].startswith("–")
     removed = [int(re.findall(r"(\d+) % gone", cell)[0]) for cell in rows[3][1:4]]
     assert removed[0] == 0 < removed[1]
