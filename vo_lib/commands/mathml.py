@@ -9,7 +9,8 @@ TOKEN = re.compile(r"\\[a-zA-Z]+|\\.|\d+(?:\.\d+)?|\s+|.", re.DOTALL)
 FORMULA = re.compile(r"(```.*?```|`[^`\n]*`)|\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 SYMBOLS = {
     "alpha": "α", "beta": "β", "delta": "δ", "Delta": "Δ", "tau": "τ", "sigma": "σ", "theta": "θ", "pi": "π",
-    "psi": "ψ", "times": "×", "cdot": "·", "top": "⊤", "sum": "∑", "approx": "≈", "le": "≤", "ge": "≥", "neq": "≠",
+    "psi": "ψ",
+    "times": "×", "cdot": "·", "top": "⊤", "sum": "∑", "approx": "≈", "le": "≤", "ge": "≥", "neq": "≠",
     "lVert": "‖", "rVert": "‖", "lvert": "|", "rvert": "|", "cap": "∩", "cup": "∪", "in": "∈", "to": "→",
     "ldots": "…", "dots": "…", "pm": "±", "angle": "∠", "infty": "∞", "rightarrow": "→", "{": "{", "}": "}",
     "|": "‖", "%": "%", "_": "_", "lambda": "λ", "Vert": "‖", "vert": "|", "mid": "|", "circ": "°",
