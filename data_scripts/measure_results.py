@@ -29,7 +29,13 @@ from vo_lib.core.files import write_text_atomic
 from vo_lib.data.sequence import SYNTHETIC, Sequence, parse_sequences
 from vo_lib.detection.label_cache import labelled_sequence
 from vo_lib.evaluation.axes import fit_axes
-from vo_lib.evaluation.kitti import KITTI_MEASURE, SHORT_LENGTHS, Measure, suitable_measure
+from vo_lib.evaluation.kitti import (
+    KITTI_MEASURE,
+    SHORT_LENGTHS,
+    Measure,
+    suitable_measure,
+    trajectory_distances,
+)
 from vo_lib.runs.identity import git_commit
 from vo_lib.runs.jobs import Job, run_jobs
 from vo_lib.runs.results import read_run, run_folder
@@ -214,10 +220,7 @@ def _turned(sequence: Sequence, runs: list[Run], measure: Measure) -> str:
 def _length(sequence: Sequence, runs: list[Run]) -> str:
     """How much longer the path is than the truth's, mean over seeds, percent."""
     assert sequence.truth is not None
-    true, *found = (
-        np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()
-        for poses in (sequence.truth, *(run.poses for run in runs))
-    )
+    true, *found = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
     return f"{100 * (np.mean(found) / true - 1):+.2f} %"
 
 

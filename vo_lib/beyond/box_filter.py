@@ -68,11 +68,6 @@ class BoxFilter:
         if self._classifier is not None:
             self._classifier.start(boxes)
 
-    def use(self, camera: StereoCamera) -> None:
-        """From now on judge with this stereo camera: more is known of it."""
-        if self._classifier is not None:
-            self._classifier.camera = camera
-
     def step(self, matches: StereoMatches, boxes: Boxes, on_moving: Mask | None = None) -> Filtered:
         """Which matches of the next frame stay.
 

@@ -126,29 +126,29 @@ def _covariance(values: Any, size: int) -> Array:
 
 def in_words(coefficients: Array, lens: Array, camera: StereoCamera) -> str:
     """What a field's coefficients (15,) and a lens's p1 and p2 (2,), pixels, do in the image."""
-    width, height = camera.width or 2 * camera.cx, camera.height or 2 * camera.cy
-    u, v = (np.linspace(EDGE, 1.0 - EDGE, 9) * size for size in (width, height))
+    u, v = (np.linspace(EDGE, 1.0 - EDGE, 9) * size for size in camera.size)
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     disparity, row = field_at(coefficients, *camera.normalise(grid).T)
-    worst, worst_row = (int(np.argmax(np.abs(error))) for error in (disparity, row))
     said = []
-    if abs(disparity[worst]) >= NOTHING:
-        size = "large" if disparity[worst] > 0 else "small"
-        alike = np.ptp(disparity) < 0.3 * abs(disparity[worst])
-        place = "everywhere" if alike else _place(grid[worst], width, height)
-        said.append(f"disparities are up to {abs(disparity[worst]):.1f} px too {size} {place}")
-    if abs(row[worst_row]) >= NOTHING:
-        alike = np.ptp(row) < 0.3 * abs(row[worst_row])
-        place = "everywhere" if alike else _place(grid[worst_row], width, height)
-        said.append(f"rows differ by up to {abs(row[worst_row]):.1f} px {place}")
+    if np.abs(disparity).max() >= NOTHING:
+        worst, place = _worst(disparity, grid, camera)
+        said.append(
+            f"disparities are up to {abs(worst):.1f} px too {'large' if worst > 0 else 'small'} {place}"
+        )
+    if np.abs(row).max() >= NOTHING:
+        worst, place = _worst(row, grid, camera)
+        said.append(f"rows differ by up to {abs(worst):.1f} px {place}")
     if lens.any():
         said.append(f"the lens is decentered, p1 {-lens[0]:+.1f} px and p2 {-lens[1]:+.1f} px")
     return "; ".join(said) or "nothing that needs correction"
 
 
-def _place(uv: Array, width: float, height: float) -> str:
-    side, end = abs(uv[0] / width - 0.5) > 0.25, abs(uv[1] / height - 0.5) > 0.25
-    above = "at the top" if uv[1] < 0.5 * height else "at the bottom"
-    return {(True, True): "in the corners", (True, False): "at the sides", (False, True): above}.get(
-        (side, end), "in the middle"
-    )
+def _worst(error: Array, grid: Array, camera: StereoCamera) -> tuple[float, str]:
+    """The largest of the errors (N,) at pixels (N, 2), and where in the image it is."""
+    at = int(np.argmax(np.abs(error)))
+    if np.ptp(error) < 0.3 * abs(error[at]):
+        return float(error[at]), "everywhere"
+    u, v = grid[at] / camera.size - 0.5
+    above = "at the top" if v < 0 else "at the bottom"
+    places = {(True, True): "in the corners", (True, False): "at the sides", (False, True): above}
+    return float(error[at]), places.get((bool(abs(u) > 0.25), bool(abs(v) > 0.25)), "in the middle")

@@ -31,6 +31,11 @@ class StereoCamera:
     height: int = 0
 
     @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the image, pixels; where unknown, twice the principal point's place."""
+        return self.width or 2 * self.cx, self.height or 2 * self.cy
+
+    @property
     def K(self) -> Array:
         """Intrinsic matrix, (3, 3)."""
         return np.array([[self.f, 0.0, self.cx], [0.0, self.f, self.cy], [0.0, 0.0, 1.0]])

@@ -26,6 +26,11 @@ ROTATION_TOLERANCE = 1e-2
 FARTHEST = 1e9  # metres; a larger coordinate is no position on Earth and would overflow later on
 
 
+def from_first(T: Array) -> Array:
+    """The same path (N, 4, 4) in the axes of its first pose, which becomes the identity."""
+    return np.asarray(np.linalg.inv(T[0]) @ T)
+
+
 def read_kitti_poses(path: str | Path) -> Array:
     """Poses of a file in KITTI's format, one row a frame.
 

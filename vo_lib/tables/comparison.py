@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..core.errors import DataError
-from ..core.poses import read_kitti_poses
+from ..core.poses import from_first, read_kitti_poses
 from ..core.types import Array
 from ..evaluation.kitti import KITTI_BIN_MINIMUM
 from ..runs.results import evaluate_path, read_config, read_metrics
@@ -91,7 +89,7 @@ def foreign_run(file: str, like: StoredRun, truth: Array | None) -> StoredRun:
     if len(poses) != len(truth):
         raise DataError(f"has {len(poses)} rows; the runs have {len(truth)} frames", file)
     errors = evaluate_path(like.sequence, truth, poses)
-    start = np.linalg.inv(poses[0]) @ poses
+    start = from_first(poses)
     metrics = {kind: found.to_dict() for kind, found in errors.items()}
     name = Path(file).stem
     return dataclasses.replace(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..core.files import csv_text
 from ..core.types import Array
 from ..evaluation.ate_rpe import align
 from ..evaluation.axes import TurnedErrors
@@ -64,15 +63,13 @@ def as_json(systems: list[System]) -> dict[str, Any]:
 
 def as_csv(systems: list[System]) -> str:
     """A row for each system, sequence and length; over all lengths with ATE, RPE and the turned axes."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(HEADING)
+    rows = [HEADING]
 
     def write(label: str, name: str, length: str, errors: dict[str, Any], *more: float | None) -> None:
         te, re = errors["te_percent"], errors["re_deg_per_100m"]
         numbers = ["" if value is None else f"{value:.6f}" for value in (te, re, *more)]
         row = [label, name, length, str(errors["subsequences"]), *numbers]
-        writer.writerow(row + [""] * (len(HEADING) - len(row)))
+        rows.append(row + [""] * (len(HEADING) - len(row)))
 
     for system in systems:
         data = system.to_dict()
@@ -87,7 +84,7 @@ def as_csv(systems: list[System]) -> str:
             write(system.label, s["name"], "all", s, *more)
             for part in s["by_length"]:
                 write(system.label, s["name"], f"{part['length_m']:g}", part)
-    return buffer.getvalue()
+    return csv_text(rows)
 
 
 def write_pictures(folder: Path, systems: list[System]) -> None:

@@ -17,7 +17,7 @@ def field_figure(coefficients: Array, camera: StereoCamera, title: str = "") -> 
 
     White is right, blue too small, red too large; lines are 0.2 px apart.
     """
-    width, height = camera.width or 2 * camera.cx, camera.height or 2 * camera.cy
+    width, height = camera.size
     u, v = np.linspace(0, width - 1, 120), np.linspace(0, height - 1, 40)
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     errors = field_at(coefficients, *camera.normalise(grid).T).reshape(2, len(v), len(u))

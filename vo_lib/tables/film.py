@@ -15,11 +15,12 @@ from ..core.boxes import Boxes
 from ..core.errors import DataError
 from ..core.frame import FrameResult
 from ..core.matches import StereoMatches
+from ..core.poses import from_first
 from ..core.types import Array, Image, Mask
 from ..evaluation.kitti import trajectory_distances
 from ..method.boxes import on_vehicles
 from ..runs.runner import FoundMatches, MethodRun, Run, TimedMatches, one_blas_thread
-from .plots import AGE_COLOURS, REMOVED, match_image
+from .plots import AGE_COLOURS, REMOVED, distance_from_truth, match_image
 
 FPS = 10
 CODES = {".mp4": "mp4v", ".avi": "MJPG"}
@@ -88,8 +89,8 @@ class Film:
         side = max(self._size[1], 300)
         self._shape = side + STRIP, self._size[0] + side
         truth = run.sequence.truth
-        self._truth = None if truth is None else np.linalg.inv(truth[0]) @ truth
-        self._drift = None if self._truth is None else _apart(run.poses, self._truth)
+        self._truth = None if truth is None else from_first(truth)
+        self._drift = None if truth is None else distance_from_truth(run.poses, truth)
         self._driven = trajectory_distances(run.poses if truth is None else truth)
         self._working = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
         height, width = (length + length % 2 for length in self._shape)
@@ -187,10 +188,6 @@ class Film:
         at = _words(part, "path", (at + 20, 46), PATH)
         if self._truth is not None:
             _words(part, "truth", (at + 12, 46), TRUTH)
-
-
-def _apart(poses: Array, truth: Array) -> Array:
-    return np.asarray(np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1))
 
 
 def _line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:

@@ -15,6 +15,7 @@ from matplotlib.text import Text
 from ..beyond.box_tracks import MOVING, PARKED
 from ..core.boxes import Boxes
 from ..core.matches import StereoMatches
+from ..core.poses import from_first
 from ..core.types import Array, Image, Mask, Whole
 from ..evaluation.kitti import trajectory_distances
 
@@ -55,8 +56,7 @@ def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: di
     widths = np.linspace(1.0 + 0.9 * len(estimates), 1.0, len(estimates) + 1)
     if truth is not None:
         # An estimate starts at the identity; the truth of a part of a sequence does not.
-        start = np.linalg.inv(truth[0]) @ truth
-        draw_trajectory(axis, start, "ground truth", TRUTH_COLOUR, width=float(widths[0]))
+        draw_trajectory(axis, from_first(truth), "ground truth", TRUTH_COLOUR, width=float(widths[0]))
     for number, (name, poses) in enumerate(estimates.items()):
         draw_trajectory(axis, poses, name, method_colour(name, number), width=float(widths[number + 1]))
     axis.set_aspect("equal", adjustable="datalim")
@@ -66,16 +66,20 @@ def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: di
     axis.grid(alpha=0.3)
 
 
+def distance_from_truth(poses: Array, truth: Array) -> Array:
+    """Distance (N,) of poses from the truth moved to the origin, (N, 4, 4) each, metres."""
+    return np.asarray(np.linalg.norm(poses[:, :3, 3] - from_first(truth)[:, :3, 3], axis=1))
+
+
 def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None:
     """Distance of estimates from the truth, which is moved to the origin, along the true path, metres both.
 
     Paths that coincide from above still differ here.
     """
-    start = np.linalg.inv(truth[0]) @ truth
     path = trajectory_distances(truth)
     widths = np.linspace(1.0 + 0.6 * len(estimates), 1.0, max(len(estimates), 1))
     for number, (name, poses) in enumerate(estimates.items()):
-        off = np.linalg.norm(poses[:, :3, 3] - start[:, :3, 3], axis=1)
+        off = distance_from_truth(poses, truth)
         axis.plot(path, off, color=method_colour(name, number), linewidth=widths[number], label=name)
     axis.set_ylim(bottom=0.0)
     axis.set_xlabel("along the path [m]")

@@ -10,6 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ..core.files import write_text_atomic
 from ..core.geometry import transform
+from ..core.poses import from_first
 from ..core.types import Array
 from ..runs.runner import Run
 from .film import Shown
@@ -43,7 +44,7 @@ class View:
         truth = self.run.sequence.truth
         lines = [("#50bef0", self.run.poses)]
         if truth is not None:
-            lines.insert(0, ("#f03c3c", np.linalg.inv(truth[0]) @ truth))
+            lines.insert(0, ("#f03c3c", from_first(truth)))
         place = self.run.poses[:, :3, 3]
         low, high = place.min(axis=0), place.max(axis=0)
         points = np.array([X for X, _ in chosen]).reshape(-1)
