@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path, PurePosixPath
 
 from vo_lib.core.errors import DataError
-from vo_lib.core.files import write_bytes_atomic
+from vo_lib.core.files import read_bytes, write_bytes_atomic
 from vo_lib.core.types import Progress
 
 from .zip_archives import Archives, Member
@@ -90,10 +90,7 @@ def absent(members: list[Member], root: Path, progress: Progress | None = None) 
 
 
 def _file_crc(path: Path) -> int:
-    try:
-        return zlib.crc32(path.read_bytes())
-    except OSError as error:
-        raise DataError(f"cannot be read: {error.strerror}", path) from None
+    return zlib.crc32(read_bytes(path))
 
 
 def fetch(
@@ -112,6 +109,8 @@ def fetch(
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise DataError(f"the folder cannot be made: {error.strerror}", folder) from None
+        if not folder.resolve().is_relative_to(root.resolve()):
+            raise DataError("leads outside of the tree by a link: nothing is written there", folder)
     total, done = sum(member.packed for member in members), 0
     pool = ThreadPoolExecutor(max_workers=jobs)
     try:

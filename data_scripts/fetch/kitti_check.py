@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import struct
 from collections import Counter
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from vo_lib.core.errors import DataError
+from vo_lib.core.files import opened
 from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Progress
 from vo_lib.data.kitti import EXPECTED_FRAMES, numbered, read_calibration, read_image, read_times
@@ -109,25 +111,25 @@ def _check_sequence(
     expected = EXPECTED_FRAMES.get(folder.name)
     everything = set().union(*sides.values())
     # A clip of one's own may start anywhere; the benchmark's sequences start at 0.
-    if expected is not None:
-        wanted = range(expected)
-    else:
-        wanted = range(min(everything, default=0), max(everything, default=-1) + 1)
+    start, stop = 0, expected
+    if stop is None:
+        start, stop = min(everything, default=0), max(everything, default=-1) + 1
     problems: list[str] = []
     parts: list[tuple[str, str]] = []
     for side, images in sides.items():
-        count = f"{len(images)} of {len(wanted)}" if expected is not None else str(len(images))
-        lost = [number for number in wanted if number not in images]
+        count = f"{len(images)} of {stop}" if expected is not None else str(len(images))
+        inside = [number for number in images if start <= number < stop]
+        lost = _gaps(inside, start, stop)
         if lost or not images:
             problems.append(f"{side}: missing {in_ranges(lost)}" if images else f"{side}: no images")
-        surplus = [number for number in images if number not in wanted]
+        surplus = [(number, number) for number in images.keys() - set(inside)]
         if surplus:
             problems.append(f"{side}: not of this sequence: {in_ranges(surplus)}")
         size, wrong = _look_at_images(folder / side, images, deep, looked)
         problems += [f"{side}/{words}" for words in wrong]
         parts.append((side, f"{count} images{size}"))
     pairs = len(set(sides["image_0"]) & set(sides["image_1"]))
-    numbers = len(wanted)
+    numbers = stop - start
     files: list[tuple[str, Path, Callable[[Path], str]]] = [
         ("calib.txt", folder / "calib.txt", _camera),
         ("times.txt", folder / "times.txt", lambda path: _rows(len(read_times(path)), numbers)),
@@ -183,11 +185,8 @@ def _look_at_images(
 
 def _png_size(path: Path) -> tuple[int, int]:
     """Width and height from the first bytes of a PNG file."""
-    try:
-        with open(path, "rb") as file:
-            start = file.read(24)
-    except OSError as error:
-        raise DataError(f"cannot be read: {error.strerror}", path) from None
+    with opened(path) as file:
+        start = file.read(24)
     if len(start) < 24 or not start.startswith(PNG_START):
         raise DataError("is empty or no PNG file", path)
     width, height = struct.unpack(">II", start[16:24])
@@ -210,14 +209,20 @@ def _rows(found: int, frames: int) -> str:
     return f"{found} rows"
 
 
-def in_ranges(numbers: list[int], most: int = 4) -> str:
-    """Rising frame numbers in words: "3, 7-12 and 40 more"."""
+def _gaps(numbers: list[int], start: int, stop: int) -> list[tuple[int, int]]:
+    """Ranges (first, last) of start … stop - 1 without any of the numbers, by their edges."""
+    edges = [start - 1, *sorted(numbers), stop]
+    return [(a + 1, b - 1) for a, b in itertools.pairwise(edges) if b - a > 1]
+
+
+def in_ranges(ranges: Iterable[tuple[int, int]], most: int = 4) -> str:
+    """Ranges of frame numbers (first, last), rising: "3, 7-12 and 40 more"; those that touch are one."""
     runs: list[list[int]] = []
-    for number in sorted(numbers):
-        if runs and number == runs[-1][1] + 1:
-            runs[-1][1] = number
+    for first, last in sorted(ranges):
+        if runs and first == runs[-1][1] + 1:
+            runs[-1][1] = last
         else:
-            runs.append([number, number])
+            runs.append([first, last])
     shown = [str(a) if a == b else f"{a}-{b}" for a, b in runs[:most]]
     more = sum(b - a + 1 for a, b in runs[most:])
     return ", ".join(shown) + (f" and {more} more" if more else "")

@@ -29,6 +29,7 @@ NAMES = {
     "T": ("t", "translation"),
 }
 SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
+MOST_NODES = 1000  # opening brackets and dashes in a file; a calibration has a few dozen
 LONGEST_BASELINE = 10.0  # metres; a longer one was given in millimetres
 
 
@@ -82,6 +83,9 @@ def read_opencv(paths: list[Path]) -> dict[str, Array]:
 
 def _matrices(path: Path) -> dict[str, Array]:
     text = read_text(path)
+    # OpenCV reads what is nested by calling itself, and dies of what is nested deep.
+    if sum(map(text.count, ("[", "{", "<", "- ", "-\t"))) > MOST_NODES:
+        raise DataError("is no stereo calibration: it has too many brackets", path)
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         root = storage.root()

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from vo_lib.core.errors import DataError
+from vo_lib.core.files import read_bytes
 from vo_lib.core.types import Image
 from vo_lib.data.kitti import decode_image, read_image
 from vo_lib.data.stereo_check import SAMPLE, sample_of
@@ -149,8 +150,4 @@ def _read_pair(paths: tuple[Path, Path]) -> Pair:
 def _read_grey(path: Path) -> Image:
     if path.suffix.lower() == ".png":
         return read_image(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"the image cannot be read: {error.strerror}", path) from None
-    return decode_image(data, path)
+    return decode_image(read_bytes(path), path)

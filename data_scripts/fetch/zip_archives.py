@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import lzma
+import struct
 import threading
 import time
 import zipfile
@@ -16,11 +18,17 @@ import requests
 from remotezip import RangeNotSupported, RemoteZip, RemoteZipError
 
 from vo_lib.core.errors import DataError
+from vo_lib.core.files import opened
 
 from . import download
 from .download import LOST, open_session, what_failed
 
 Answer = TypeVar("Answer")
+# Of members that are encrypted, packed in another way, cut or garbled.
+DAMAGED = (
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error),
+    *(EOFError, ValueError, RuntimeError, OverflowError),
+)
 
 
 @dataclass(frozen=True)
@@ -79,13 +87,19 @@ class Archives:
             info = archive.NameToInfo.get(member.name)
             if info is None or (info.file_size, info.CRC) != (member.size, member.crc):
                 raise DataError("the archive changed meanwhile; call again to use the new one", place)
-            return archive.read(info)
+            data = archive.read(info)
+            if len(data) != member.size:
+                raise zipfile.BadZipFile(f"{len(data)} bytes, {member.size} declared")
+            return data
 
         return self._again(place, once, member.name)
 
     def _open(self, place: str) -> zipfile.ZipFile:
         mine: dict[str, zipfile.ZipFile] = self._here.__dict__
         if place not in mine:
+            if not _is_url(place):
+                with opened(place):
+                    pass  # no pipe, no device
             remote = partial(RemoteZip, session=self._session, timeout=download.TIMEOUT)
             mine[place] = remote(place) if _is_url(place) else zipfile.ZipFile(place)
             self._opened.append(mine[place])
@@ -104,15 +118,17 @@ class Archives:
                     "and call again with --from-zip FILE",
                     place,
                 ) from None
-            except (*LOST, RemoteZipError, zipfile.BadZipFile, zlib.error, EOFError, OSError) as error:
+            except (*LOST, RemoteZipError, *DAMAGED, OSError) as error:
                 failure = error.__context__ if isinstance(error, RemoteZipError) else error
                 broken = self._here.__dict__.pop(place, None)
                 if broken is not None:
                     _close(broken)
                 if isinstance(failure, requests.RequestException) or not _is_url(place):
                     break
-        if isinstance(failure, (zipfile.BadZipFile, zlib.error, EOFError)):
-            what = f"the member {name} is damaged" if name else "is not a whole zip file"
+        # What LZMA and bz2 cannot unpack, and a wrong place in the file, are errors without a number.
+        damaged = isinstance(failure, OSError) and failure.strerror is None and not _is_url(place)
+        if isinstance(failure, DAMAGED) or damaged:
+            what = f"the member {name} is damaged or packed otherwise" if name else "is not a whole zip file"
             raise DataError(f"{what} ({failure}); nothing of it was written", place) from None
         if not _is_url(place):
             raise DataError(f"cannot be read: {getattr(failure, 'strerror', failure)}", place) from None

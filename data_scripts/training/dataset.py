@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from vo_lib.commands.script import install
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.errors import DataError
-from vo_lib.core.files import read_text
+from vo_lib.core.files import fits, read_bytes, read_text
 from vo_lib.core.types import Image
+from vo_lib.data.kitti import decode_image
 from vo_lib.data.labels import read_labels
 
 IMAGE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp")
@@ -60,9 +60,7 @@ class DetectionSet:
 
     def read(self, path: Path) -> Example:
         """An image, grey as the odometry's are, with its labels; an image without label file has none."""
-        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-        if image is None:
-            raise DataError("this image cannot be read", path)
+        image = decode_image(read_bytes(path), path)
         height, width = image.shape
         labels, ignored = beside(path, "labels"), beside(path, "ignored")
         boxes = read_labels(labels, width, height) if labels.exists() else no_boxes()
@@ -74,7 +72,7 @@ class DetectionSet:
         other = read_labels(ignored, width, height) if ignored.exists() else no_boxes()
         if self.merged is not None:
             boxes = dataclasses.replace(boxes, class_id=np.zeros(len(boxes), np.int64))
-        return Example(np.asarray(image, np.uint8), boxes, other)
+        return Example(image, boxes, other)
 
 
 def beside(image: Path, kind: str) -> Path:
@@ -92,7 +90,7 @@ def open_set(where: Path, splits: Sequence[str] = ("train", "valid")) -> Detecti
     names = about.get("names")
     if isinstance(names, dict):
         names = [names.get(k) for k in range(len(names))]
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+    if not names or not fits(names, [str]):
         raise DataError("expected `names:` with a list of class names", path)
     found = {}
     for split, key in SPLITS.items():
@@ -111,10 +109,10 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     text = read_text(path)
     try:
         about = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:  # of dates too
         mark = getattr(error, "problem_mark", None)
         raise DataError("is not YAML", path, None if mark is None else mark.line + 1) from None
-    if not isinstance(about, dict):
+    if not fits(about, {}):
         raise DataError("expected the keys train, val and names", path)
     return about
 

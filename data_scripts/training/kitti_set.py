@@ -7,17 +7,18 @@ than 8 px, are ignored: neither object nor background. Pedestrian, Person_sittin
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError
-from vo_lib.core.files import read_text, write_text_atomic
+from vo_lib.core.files import read_bytes, read_text, write_text_atomic
 from vo_lib.core.types import Progress, Whole
+from vo_lib.data.kitti import decode_image
 from vo_lib.data.labels import write_labels
 
 from .evaluated import DRIVE, WHY, evaluated_sequence
@@ -28,6 +29,7 @@ CLASS_OF = {"Car": 0, "Van": 0, "Truck": 1, "Tram": 2}
 IGNORED = ("Misc", "DontCare")
 OTHERS = ("Pedestrian", "Person_sitting", "Person", "Cyclist")
 MIN_HEIGHT = 8.0  # px
+NUMBER = re.compile(r"[0-9]{1,9}")
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def read_tracking_set(root: Path, drives: dict[str, str] | None = None) -> list[
         for number, line in enumerate(read_text(path).splitlines(), 1):
             words = line.split()
             if words:
-                if not words[0].isdecimal() or len(words) < 10:
+                if not NUMBER.fullmatch(words[0]) or len(words) < 10:
                     raise DataError("expected frame, track, type and at least 7 numbers", path, number)
                 # Behind frame and track the fields are those of the object labels.
                 frames.setdefault(int(words[0]), []).append((number, words[2:]))
@@ -123,9 +125,13 @@ def _as_boxes(rows: list[tuple[int, list[float]]]) -> Boxes:
 
 
 def _listed(folder: Path, pattern: str) -> list[Path]:
+    """Files of a folder, all of which are called by a number."""
     files = sorted(folder.glob(pattern))
     if not files:
         raise DataError(f"expected files {pattern}", folder)
+    for path in files:
+        if not NUMBER.fullmatch(path.stem):
+            raise DataError(f"does not belong here: expected names such as 000000{path.suffix}", path)
     return files
 
 
@@ -204,9 +210,7 @@ def write_set(parts: dict[str, list[Labelled]], folder: Path, progress: Progress
 
 
 def _size(path: Path) -> tuple[int, int]:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise DataError("this image cannot be read", path)
+    image = decode_image(read_bytes(path), path)
     return int(image.shape[0]), int(image.shape[1])
 
 

@@ -146,7 +146,7 @@ def test_a_file_that_is_missing_empty_binary_or_a_folder_is_refused(tmp_path: Pa
         (tmp_path / "missing", "the file is missing"),
         (empty, "nothing in the file"),
         (binary, "not a text file"),
-        (tmp_path, "cannot be read"),
+        (tmp_path, "is a folder, expected a file"),
     ]:
         with pytest.raises(DataError, match=message) as caught:
             read_kitti_poses(path)

@@ -183,7 +183,7 @@ def test_archives_on_disk_are_unpacked_and_the_calibration_archive_wins(
 
 def test_a_file_that_is_no_archive_is_said(tmp_path: Path) -> None:
     (tmp_path / "page.zip").write_text("<html>log in first</html>", encoding="utf-8")
-    for name, words in (("page.zip", "not a whole zip"), ("nowhere.zip", "cannot be read: No such file")):
+    for name, words in (("page.zip", "not a whole zip"), ("nowhere.zip", "the file is missing")):
         with Archives() as archives, pytest.raises(DataError, match=words):
             plan(archives, [str(tmp_path / name)], ["07"])
 

@@ -143,9 +143,9 @@ def test_sequences_are_named_by_numbers_and_ranges() -> None:
 
 
 def test_frame_numbers_are_put_in_ranges() -> None:
-    assert in_ranges([5]) == "5"
-    assert in_ranges([3, 1, 2, 7, 9]) == "1-3, 7, 9"
-    assert in_ranges(list(range(0, 20, 2))) == "0, 2, 4, 6 and 6 more"
+    assert in_ranges([(5, 5)]) == "5"
+    assert in_ranges([(3, 3), (1, 2), (7, 7), (9, 9)]) == "1-3, 7, 9"
+    assert in_ranges((n, n) for n in range(0, 20, 2)) == "0, 2, 4, 6 and 6 more"
 
 
 def test_real_clips_are_said_to_be_parts(clips: Path) -> None:

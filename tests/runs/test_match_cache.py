@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import time
 from pathlib import Path
 
 import cv2
@@ -83,13 +85,20 @@ def test_front_end_settings_camera_and_images_have_a_folder_of_their_own(sequenc
     assert cached(sequence, small()).folder != folder
 
 
-def test_matches_of_older_code_are_removed(sequence: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_matches_of_older_code_are_removed_after_a_day(
+    sequence: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sequence = sequence.part(0, 3)
     kept = [cached(sequence, small()), cached(sequence, small(matching__window=11))]
     for matches in kept:
         matches.fill()
     monkeypatch.setattr("vo_lib.runs.match_cache.code_digest", lambda *modules: "changed")
     newer = cached(sequence, small())
+    newer.fill()
+    assert all(matches.folder.exists() for matches in kept)  # a run of that code may be at work
+    for matches in kept:
+        os.utime(matches.folder, (time.time() - 90_000,) * 2)
+    (newer.folder / "000000.npz").unlink()
     newer.fill()
     assert [matches.folder.exists() for matches in (*kept, newer)] == [False, True, True]
     assert all_bytes(matches_of(newer)) == all_bytes(matches_of(kept[0]))

@@ -17,9 +17,9 @@ from conftest import write_bands
 from vo_lib import DataError, Sequence, open_sequence, preset, run
 from vo_lib.config import Config
 from vo_lib.core import settings
-from vo_lib.core.files import write_text_atomic
+from vo_lib.core.files import only_process, write_text_atomic
 from vo_lib.runs.results import is_finished, read_run, write_run
-from vo_lib.runs.run_once import only_process, run_once
+from vo_lib.runs.run_once import run_once
 
 FRAMES = 14
 
@@ -266,7 +266,7 @@ def test_a_result_of_another_program_is_not_written_over(sequence: Sequence, fol
 
 def test_one_process_at_a_time_and_the_lock_of_a_killed_one_is_gone(sequence: Sequence, folder: Path) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from vo_lib.runs.run_once import only_process\n"
+        "import sys, time; from pathlib import Path; from vo_lib.core.files import only_process\n"
         "with only_process(Path(sys.argv[1])):\n    print('in', flush=True); time.sleep(600)"
     )
     other = subprocess.Popen([sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE, text=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.camera import StereoCamera
 from ..core.errors import DataError
-from ..core.files import read_text
+from ..core.files import NUMBER, read_json
 from ..core.settings import to_dict
 from ..core.types import Array
 from .config import CalibrationConfig
@@ -19,6 +19,13 @@ from .lens import Lens
 from .stereo_field import COLUMNS, FAULTS, ROWS, StereoField, field_at
 
 SIZE = len(COLUMNS) + len(ROWS)
+SHAPE = {
+    "camera": {str: NUMBER},
+    "field": {str: NUMBER},
+    "field_covariance": [[NUMBER]],
+    "lens_information": [[NUMBER]],
+    "lens_vector": [NUMBER],
+}
 ALIKE = 0.01  # share by which focal length and baseline of a camera that is the same may differ
 NOTHING = 0.05  # pixels; a smaller error is not worth a word
 EDGE = 0.08  # share of the image at each side that is left out where an error is said in words
@@ -86,27 +93,21 @@ def require_same_camera(one: StereoCamera, other: StereoCamera, name: str) -> No
 
 def read_calibration(path: Path) -> Calibration:
     """A calibration from its file; `DataError` where it is not as the kit writes it."""
-    text = read_text(path)
+    expected = "a calibration.json, as `vo run` and `vo calibrate` write it"
+    data = read_json(path, SHAPE, expected)
     try:
-        data = json.loads(text)
-        numbers: dict[str, Any] = {name: _number(value) for name, value in data["camera"].items()}
+        camera = StereoCamera(**data["camera"])
+        if min(camera.f, camera.baseline, *camera.size) <= 0:
+            raise ValueError
         return Calibration(
-            StereoCamera(**numbers),
+            camera,
             _array(list(data["field"].values()), SIZE),
             _covariance(data["field_covariance"], SIZE),
             _covariance(data["lens_information"], 3),
             _array(data["lens_vector"], 3),
         )
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise DataError(
-            "expected a calibration.json, as `vo run` and `vo calibrate` write it", path
-        ) from None
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-        raise ValueError
-    return value
+    except (ValueError, TypeError, OverflowError):
+        raise DataError(f"expected {expected}", path) from None
 
 
 def _array(values: Any, *shape: int) -> Array:

@@ -57,11 +57,12 @@ def open_part(options: argparse.Namespace, cache: Path | None) -> Sequence:
     return sequence.part(*parse_frames(options.frames, len(sequence)))
 
 
-def parse_whole(name: str, text: str, least: int = 1) -> int:
-    """A whole number of `least` or more; `DataError` names the option."""
-    if not text.isdecimal() or int(text) < least:
-        raise DataError(f"{name} {text!r}: expected a whole number of {least} or more")
-    return int(text)
+def parse_whole(name: str, text: str, least: int = 1, most: int = 1_000_000) -> int:
+    """A whole number from `least` to `most`; `DataError` names the option."""
+    digits = text.lstrip("0") or "0"
+    if not text.isdecimal() or len(digits) > len(str(most)) or not least <= int(digits) <= most:
+        raise DataError(f"{name} {text[:40]!r}: expected a whole number of {least} or more, {most} at most")
+    return int(digits)
 
 
 def parse_frames(text: str, number: int) -> tuple[int, int]:

@@ -31,7 +31,7 @@ from ..tables.report import ReportTable
 def reporting(label: str, in_bytes: bool = False) -> Iterator[Report]:
     """A progress function with a bar on standard error, which appears with its first call."""
     count = (DownloadColumn(), TransferSpeedColumn()) if in_bytes else (MofNCompleteColumn(),)
-    columns = TextColumn("{task.description}"), BarColumn(), *count, TimeRemainingColumn()
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), *count, TimeRemainingColumn()
     bar = Progress(*columns, console=Console(stderr=True))
     task = bar.add_task(label, total=None)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.errors import DataError
+from .common import parse_whole
 from .console import say
 from .lab_html import write_pages
 from .script import Ended, install, unbroken
@@ -41,8 +42,7 @@ def _lab(options: argparse.Namespace) -> int:
         folder = copy_notebooks(folder, Path(options.copy))
     if importlib.util.find_spec("jupyterlab") is None:
         raise DataError(f"JupyterLab is not installed: {install()}")
-    if not (options.port.isdecimal() and 1 <= int(options.port) <= 65535):
-        raise DataError(f"--port {options.port!r}: expected a whole number from 1 to 65535")
+    port = parse_whole("--port", options.port, most=65535)
     if options.html is not None:
         write_pages(folder, Path(options.html))
         return 0
@@ -52,7 +52,7 @@ def _lab(options: argparse.Namespace) -> int:
         try:
             if server is None:
                 with unbroken():
-                    server = subprocess.Popen(command(folder, int(options.port), not options.no_browser))
+                    server = subprocess.Popen(command(folder, port, not options.no_browser))
             return server.wait()
         except KeyboardInterrupt as end:
             if server is None:

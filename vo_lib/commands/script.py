@@ -13,13 +13,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import current_thread, main_thread
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ..core.errors import DataError
 
 
 class OneLineParser(argparse.ArgumentParser):
     """Wrong options get one line and exit code 2; the list of all options only on --help."""
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As `argparse` does it; a NUL character, which no option and no file can hold, is refused."""
+        if any("\0" in word for word in (sys.argv[1:] if args is None else args)):
+            self.error("an option holds a NUL character")
+        return super().parse_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")

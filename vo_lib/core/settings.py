@@ -153,6 +153,8 @@ def to_dict(config: Any) -> dict[str, Any]:
 
 def from_dict(cls: Any, data: dict[str, Any]) -> Any:
     """Settings from a nested dict as `to_dict` gives it; absent fields keep their defaults."""
+    if not isinstance(data, dict):
+        raise DataError(f"expected the settings of {cls.__name__} by name")
     hints = _hints(cls)
     values: dict[str, Any] = {}
     for name, value in data.items():

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.camera import StereoCamera
 from ..core.errors import DataError
-from ..core.files import read_text
+from ..core.files import read_bytes, read_text
 from ..core.poses import read_rows
 from ..core.types import Array, Image
 
@@ -124,10 +124,7 @@ def count_pairs(folder: Path) -> int:
 
 def read_image(path: Path) -> Image:
     """A grey PNG, (H, W) uint8. A truncated or damaged file raises `DataError`, never a half image."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"the image cannot be read: {error.strerror}", path) from None
+    data = read_bytes(path)
     if not _png_is_whole(data):
         raise DataError("the image is truncated or damaged: expected a whole PNG file", path)
     return decode_image(data, path)

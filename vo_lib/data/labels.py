@@ -8,8 +8,9 @@ import numpy as np
 
 from ..core.boxes import Boxes, no_boxes
 from ..core.errors import DataError
-from ..core.files import read_text, write_text_atomic
+from ..core.files import file_sha256, read_csv, read_text, write_text_atomic
 
+WRITTEN = "written.csv"  # in a label folder: each file that a detector wrote, and its SHA-256
 HIGHEST_CLASS = 10**6  # far above any data set's; a larger number is another column
 
 
@@ -41,6 +42,27 @@ def read_labels(path: str | Path, width: int, height: int) -> Boxes:
     # YOLO measures from the outer edge of the first pixel, the kit from its centre.
     xyxy = np.concatenate([centre - size / 2, centre + size / 2], axis=1) - 0.5
     return Boxes(xyxy, data[:, 0].astype(np.int64), data[:, 5])
+
+
+def written_labels(folder: Path) -> dict[str, str]:
+    """SHA-256 of each label file as a detector wrote it, by its name; none where the folder does not say.
+
+    The last line holds where a file was written twice; one that a killed process did not end is left out.
+    """
+    path = folder / WRITTEN
+    rows = read_csv(path) if path.exists() else []
+    return {cells[0]: cells[1] for _, cells in rows if len(cells) == 2 and len(cells[1]) == 64}
+
+
+def require_written(path: Path, written: dict[str, str]) -> None:
+    """`DataError` where a label file is not as `written_labels` has it: emptied, cut, or lost."""
+    sha256 = written.get(path.name)
+    if sha256 is not None and not (path.exists() and file_sha256(path) == sha256):
+        raise DataError(
+            "was emptied, cut or changed since the detector wrote it: write the labels again, or delete "
+            f"{WRITTEN} there to take them as they are",
+            path,
+        )
 
 
 def write_labels(path: str | Path, boxes: Boxes, width: int, height: int, scores: bool = True) -> None:

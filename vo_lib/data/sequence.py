@@ -24,7 +24,7 @@ from ..core.poses import read_kitti_poses
 from ..core.types import Array, Image, Mask, Progress
 from ..synthetic import SCENES, ensure_scene, open_truth
 from .kitti import list_frames, read_calibration, read_image, read_times
-from .labels import read_labels
+from .labels import read_labels, require_written, written_labels
 
 Prepared = TypeVar("Prepared")
 
@@ -77,10 +77,18 @@ class Sequence:
 
     def boxes(self, index: int) -> Boxes:
         """Labelled boxes of a frame's left image; none where there is no label file."""
-        path = None if self.labels is None else self.labels / f"{self.frames[index]}.txt"
-        if path is None or not path.exists():
+        if self.labels is None:
+            return no_boxes()
+        path = self.labels / f"{self.frames[index]}.txt"
+        require_written(path, self._written)
+        if not path.exists():
             return no_boxes()
         return read_labels(path, self.camera.width, self.camera.height)
+
+    @functools.cached_property
+    def _written(self) -> dict[str, str]:
+        """The label files as a detector wrote them."""
+        return {} if self.labels is None else written_labels(self.labels)
 
     def labels_identity(self) -> str | None:
         """What decides the boxes where they may not all be written yet; None: the label files as they are."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -48,8 +49,10 @@ def names_from_metadata(text: str, count: int) -> tuple[str, ...] | None:
     `count` is the number of classes that the network has.
     """
     try:
-        found = ast.literal_eval(text)
-    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of escapes that a text does not have
+            found = ast.literal_eval(text)
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
         return None
     if isinstance(found, dict):
         found = [found.get(k) for k in range(count)]
@@ -76,7 +79,7 @@ def choose_classes(words: Sequence[str], names: Sequence[str]) -> Mask:
     for word in words:
         plain = word.strip().lower()
         own = np.array([name.lower() == plain for name in names], np.bool_)
-        number = int(plain) if plain.isdecimal() else coco_number(plain)
+        number = int(plain) if plain.isdecimal() and len(plain) < 10 else coco_number(plain)
         if number is None and not own.any():
             raise DataError(
                 f"class {word!r}: expected a COCO name or number, or one of {', '.join(names)[:200]}"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
 import platformdirs
 
 from ..core.errors import DataError
-from ..core.files import read_text
+from ..core.files import read_json
 
 YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0/"
 REGISTRY = "detectors.json"
@@ -100,7 +100,9 @@ def registered(folder: Path) -> dict[str, Detector]:
     path = folder / REGISTRY
     if not path.exists():
         return {}
-    try:
-        return {name: Detector(**entry) for name, entry in json.loads(read_text(path)).items()}
-    except (ValueError, TypeError, AttributeError):
-        raise DataError("is damaged; delete it and register the detectors again", path) from None
+    fields = {item.name: int if item.name == "size" else str for item in dataclasses.fields(Detector)}
+    expected = "a record of detectors: it is damaged; delete it and register the detectors again"
+    entries = read_json(path, {str: fields}, expected)
+    if any(Path(entry["file"]).name != entry["file"] for entry in entries.values()):
+        raise DataError(f"expected {expected}", path)
+    return {key: Detector(**{name: entry[name] for name in fields}) for key, entry in entries.items()}

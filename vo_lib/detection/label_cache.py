@@ -3,7 +3,8 @@
     with detected_sequence(sequence, "street", DetectorConfig()) as sequence:
         run(sequence, config)               # sequence.boxes(i) waits for frame i where it is not there yet
 
-A label folder holds `000000.txt` … and `detector.json`: the model's SHA-256 and the settings that made it.
+A label folder holds `000000.txt` …, `detector.json`: the model's SHA-256 and the settings that made it, and
+`written.csv`: the files' own, so that one that was cut since is noticed.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import threading
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -20,11 +22,11 @@ from typing import Any
 
 from ..core.boxes import Boxes
 from ..core.errors import DataError
-from ..core.files import file_sha256, read_text, write_text_atomic
+from ..core.files import file_sha256, only_process, read_json, write_text_atomic
 from ..core.settings import to_dict
 from ..core.types import Progress
 from ..data.kitti import read_image
-from ..data.labels import read_labels, write_labels
+from ..data.labels import WRITTEN, read_labels, write_labels, written_labels
 from ..data.sequence import Sequence
 from ..synthetic import cache_folder
 from .config import DetectorConfig
@@ -74,8 +76,8 @@ def claim_folder(folder: Path, record: dict[str, Any], replace: bool = False) ->
             raise DataError(f"holds {other}: give another folder, or replace them", folder)
         # The record goes first: labels must never stand beside the record of another detector.
         path.unlink(missing_ok=True)
-        for label in labels:
-            label.unlink()
+        for label in (*labels, folder / WRITTEN):
+            label.unlink(missing_ok=True)
     except OSError as error:
         raise DataError(f"cannot be written: {error.strerror}", folder) from None
     write_text_atomic(path, json.dumps(record, indent=1) + "\n")
@@ -83,22 +85,28 @@ def claim_folder(folder: Path, record: dict[str, Any], replace: bool = False) ->
 
 def _read_record(path: Path, replace: bool) -> Any:
     try:
-        return json.loads(read_text(path))
-    except json.JSONDecodeError as error:
+        return read_json(path, {}, "the record of a detector")
+    except DataError:
         if replace:
             return None
-        raise DataError("is not JSON", path, error.lineno) from None
+        raise
 
 
 def missing_frames(sequence: Sequence, folder: Path) -> list[str]:
     """Frames whose label file is not there, damaged, or older than the image."""
-    return [frame for frame in sequence.frames if not _current(sequence, folder, frame)]
+    try:
+        written = written_labels(folder)
+    except DataError:
+        written = {"": ""}  # damaged: nothing is known of any label
+    return [frame for frame in sequence.frames if not _current(sequence, folder, frame, written)]
 
 
-def _current(sequence: Sequence, folder: Path, frame: str) -> bool:
+def _current(sequence: Sequence, folder: Path, frame: str, written: dict[str, str]) -> bool:
     path = folder / f"{frame}.txt"
     try:
         if path.stat().st_mtime_ns < _left(sequence, frame).stat().st_mtime_ns:
+            return False
+        if written and written.get(path.name) != file_sha256(path):
             return False
         read_labels(path, sequence.camera.width, sequence.camera.height)
     except (OSError, DataError):
@@ -120,7 +128,27 @@ def write_label_folder(
     replace: bool = False,
     progress: Progress | None = None,
 ) -> int:
-    """Write the labels of a whole sequence; called again it goes on. Returns how many were detected."""
+    """Write the labels of a whole sequence; called again it goes on. Returns how many were detected.
+
+    `DataError` where another process writes labels there, or they were made otherwise.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"cannot be written: {error.strerror}", folder) from None
+    with only_process(folder):
+        return _write_all(sequence, model, config, folder, provider, replace, progress)
+
+
+def _write_all(
+    sequence: Sequence,
+    model: str | Path,
+    config: DetectorConfig,
+    folder: Path,
+    provider: str,
+    replace: bool,
+    progress: Progress | None,
+) -> int:
     claim_folder(folder, detection_record(model, config, provider), replace)
     missing = missing_frames(sequence, folder)
     detector = YoloDetector(model, config, provider=provider) if missing else None
@@ -148,7 +176,8 @@ def labelled_sequence(
     """The sequence with a detector's labels from the cache, all written now: for runs in many processes."""
     config = config or DetectorConfig()
     folder = label_folder(sequence, detection_record(model, config, provider), cache)
-    write_label_folder(sequence, model, config, folder, provider=provider, replace=True, progress=progress)
+    # Nobody else is kept out: all who write into this folder write the same.
+    _write_all(sequence, model, config, folder, provider, True, progress)
     return dataclasses.replace(sequence, labels=folder)
 
 
@@ -159,6 +188,7 @@ class LabelWriter:
         self._sequence, self._folder, self._missing, self._detector = sequence, folder, missing, detector
         self._pool = ThreadPoolExecutor(AT_ONCE, "detector")
         self._written: dict[str, Future[None]] = {}
+        self._one_line = threading.Lock()
 
     def start(self) -> None:
         """Begin to write."""
@@ -180,7 +210,10 @@ class LabelWriter:
         assert self._detector is not None
         image = read_image(_left(self._sequence, frame))
         boxes = self._detector.detect(image)
-        write_labels(self._folder / f"{frame}.txt", boxes, image.shape[1], image.shape[0])
+        path = self._folder / f"{frame}.txt"
+        write_labels(path, boxes, image.shape[1], image.shape[0])
+        with self._one_line, open(self._folder / WRITTEN, "a", encoding="utf-8", newline="") as file:
+            file.write(f"{path.name},{file_sha256(path)}\n")
 
 
 @dataclass(frozen=True)
@@ -199,6 +232,11 @@ class DetectedSequence(Sequence):
         """The detector's boxes in a frame's left image; waits until they are there."""
         self.writer.wait(self.frames[index])
         return super().boxes(index)
+
+    @property
+    def _written(self) -> dict[str, str]:
+        """Nothing: they are being written, and were looked at when this began."""
+        return {}
 
     def labels_identity(self) -> str:
         """Digest of model and settings."""

@@ -5,7 +5,6 @@ Coordinates of the network's image are measured from the outer edge of its first
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.boxes import Boxes, no_boxes
+from ..core.files import parse_json
 from ..core.types import Array, Image, Mask
 
 Float32 = NDArray[np.float32]
@@ -56,9 +56,9 @@ def fit_size(width: int, height: int, size: int, stride: int = STRIDE) -> tuple[
 def size_from_metadata(text: str) -> int | None:
     """Longer side, pixels, of the images a model was made for, told as "[640, 640]" or "640"; else None."""
     try:
-        told = json.loads(text)
+        told = parse_json(text)
         sides = [int(side) for side in (told if isinstance(told, list) else [told])]
-    except (ValueError, TypeError, OverflowError, RecursionError):
+    except (ValueError, TypeError):
         return None
     return max(sides) if sides and min(sides) >= LEAST_SIZE and max(sides) <= MOST_SIZE else None
 

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from ..core.errors import DataError
-from ..core.files import file_sha256, write_text_atomic
+from ..core.files import file_sha256, fits, read_bytes, read_json, write_text_atomic
 from ..core.settings import to_dict
 from ..data.sequence import Sequence
 from ..synthetic import cache_folder
@@ -67,11 +67,10 @@ def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
 
 def _remembered(memory: Path) -> dict[str, list[Any]]:
     """Size, time and hash of files by name; nothing where it is missing or damaged."""
-    try:
-        known = json.loads(memory.read_text(encoding="utf-8"))
-        return {n: entry for n, entry in known.items() if isinstance(entry, list) and len(entry) == 3}
-    except (OSError, ValueError, AttributeError):
-        return {}
+    with suppress(DataError):
+        known = read_json(memory, {str: [(int, str)]}, "hashes")
+        return {n: entry for n, entry in known.items() if len(entry) == 3 and fits(entry[2:], [str])}
+    return {}
 
 
 def labels_digest(sequence: Sequence) -> str:
@@ -85,12 +84,8 @@ def labels_digest(sequence: Sequence) -> str:
     digest = hashlib.sha256()
     for frame in sequence.frames if sequence.labels is not None else ():
         path = Path(sequence.labels or "") / f"{frame}.txt"
-        try:
-            digest.update(f"{frame} ".encode() + path.read_bytes())
-        except FileNotFoundError:
-            continue
-        except OSError as error:
-            raise DataError(f"cannot be read: {error.strerror}", path) from None
+        if path.exists():
+            digest.update(f"{frame} ".encode() + read_bytes(path))
     return digest.hexdigest()[:DIGITS]
 
 

@@ -11,12 +11,13 @@ from threading import Event, Thread
 
 from ..config import PublishedConfig
 from ..core.errors import DataError
+from ..core.files import LOCK
 from ..core.types import Progress
 from ..data.sequence import Sequence
 from .match_cache import CachedMatches
 from .parallel import parallel
 from .results import CONFIG, is_finished, run_folder
-from .run_once import LOCK, run_once
+from .run_once import run_once
 from .runner import one_blas_thread
 
 POLL = 0.3  # seconds between two looks at what was done

@@ -12,8 +12,10 @@ import io
 import json
 import re
 import shutil
+import time
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -22,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import DataError
-from ..core.files import write_bytes_atomic, write_text_atomic
+from ..core.files import read_arrays, read_json, write_bytes_atomic, write_text_atomic
 from ..core.frame import Clock
 from ..core.matches import StereoMatches, empty_matches
 from ..core.settings import to_dict
@@ -35,6 +37,7 @@ from .runner import FoundMatches, TimedMatches
 CHUNK = 50  # frames in a file
 CHECK = 4  # bytes of the checksum at the end of a file
 KEY = "key.json"
+OUTDATED = 24 * 3600.0  # seconds without a new file, after which matches of other code are thrown away
 
 
 def match_folder(cache: Path | None) -> Path:
@@ -113,7 +116,7 @@ class CachedMatches:
         """Matches of the frames of a file; None where it is missing or damaged."""
         try:
             frames = unpack(self._path(first).read_bytes())
-        except (OSError, ValueError):
+        except (OSError, ValueError, KeyError, TypeError, IndexError):
             return None
         return frames if len(frames) == min(CHUNK, len(self.sequence) - first) else None
 
@@ -137,15 +140,20 @@ class CachedMatches:
         write_text_atomic(self.folder / KEY, json.dumps(self._key, indent=2) + "\n")
 
     def _drop_outdated(self) -> None:
-        """Remove the same matches as other code or other libraries found them: the cache does not pile up."""
+        """Remove the same matches as other code or other libraries found them: the cache does not pile up.
+
+        Those written a short time ago stay: another version of the kit may be at work on them.
+        """
         for path in self.folder.parent.glob(f"*/{KEY}"):
-            try:
-                other = json.loads(path.read_text(encoding="utf-8"))
+            with suppress(DataError, OSError):
+                other = read_json(path, {}, "a key")
                 same = other | {"made_with": None} == self._key | {"made_with": None}
-            except (OSError, ValueError, TypeError):
-                continue
-            if same and path.parent != self.folder:
-                shutil.rmtree(path.parent, ignore_errors=True)
+                if (
+                    same
+                    and path.parent != self.folder
+                    and time.time() - path.parent.stat().st_mtime > OUTDATED
+                ):
+                    shutil.rmtree(path.parent, ignore_errors=True)
 
 
 def pack(frames: list[StereoMatches]) -> bytes:
@@ -165,10 +173,10 @@ def unpack(data: bytes) -> list[StereoMatches]:
     # Nothing but zeros would pass: the checksum of no bytes is 0.
     if not content or zlib.crc32(content).to_bytes(CHECK, "little") != check:
         raise ValueError("the checksum is wrong")
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        ends = np.cumsum(arrays["counts"])
-        kinds = {name: getattr(empty_matches(), name).dtype for name in _names()}
-        columns = [np.split(arrays[name].astype(kind), ends[:-1]) for name, kind in kinds.items()]
+    arrays = read_arrays(content)
+    ends = np.cumsum(arrays["counts"])
+    kinds = {name: getattr(empty_matches(), name).dtype for name in _names()}
+    columns = [np.split(arrays[name].astype(kind), ends[:-1]) for name, kind in kinds.items()]
     return [StereoMatches(*fields) for fields in zip(*columns, strict=True)]
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Iterator
@@ -17,7 +15,16 @@ from ..beyond.calibration import read_calibration
 from ..config import config_class
 from ..core import settings
 from ..core.errors import DataError
-from ..core.files import csv_text, read_text, write_bytes_atomic, write_text_atomic
+from ..core.files import (
+    NUMBER,
+    csv_text,
+    file_sha256,
+    fits,
+    read_csv,
+    read_json,
+    write_bytes_atomic,
+    write_text_atomic,
+)
 from ..core.frame import FrameResult
 from ..core.geometry import inverse
 from ..core.poses import format_kitti_poses, format_tum, read_kitti_poses
@@ -39,7 +46,26 @@ LOG = "frames.csv"
 METRICS = "metrics.json"
 POSES = "poses.txt"
 CALIBRATION = "calibration.json"
+RESULTS = (POSES, LOG, CALIBRATION)  # errors follow from the poses
 UNFINISHED = "unfinished"
+FILES = "files"
+NUMBER_OR_NONE = (*NUMBER, type(None))
+# What is read of metrics.json again; whole runs are measured anew where it is missing.
+_ERRORS = {"subsequences": int, "te_percent": NUMBER_OR_NONE, "re_deg_per_100m": NUMBER_OR_NONE}
+METRICS_SHAPE = {
+    "sequences": [
+        _ERRORS
+        | {
+            "by_length": [{"length_m": NUMBER} | _ERRORS],
+            "by_speed": [{"speed_m_s": NUMBER} | _ERRORS],
+            "ate": {"alignment": str, "rmse_m": NUMBER_OR_NONE},
+            "rpe": {
+                "translation": {"rmse_m": NUMBER_OR_NONE},
+                "rotation": {"rmse_deg": NUMBER_OR_NONE},
+            },
+        }
+    ]
+}
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
 
@@ -105,8 +131,11 @@ def write_run(
     write_text_atomic(folder / LOG, frames_csv(sequence.frames[1:], result.motions))
     if result.calibration is not None:
         write_text_atomic(folder / CALIBRATION, result.calibration.to_json())
+    else:
+        (folder / CALIBRATION).unlink(missing_ok=True)
     _write_metrics(folder, errors)
     config = config | {"timing": timing(result), "surroundings": surroundings()}
+    config[FILES] = {n: file_sha256(folder / n) for n in RESULTS if (folder / n).exists()}
     write_text_atomic(folder / CONFIG, _json(config))
     return errors
 
@@ -124,15 +153,11 @@ def read_metrics(folder: Path) -> dict[str, Any]:
     path = folder / METRICS
     if not path.exists():
         return {}
-    try:
-        data = json.loads(read_text(path))
-        for kind in data.values():
-            entry = kind["sequences"][0]
-            _ = entry["te_percent"], entry["ate"]["alignment"], entry["by_length"], entry["by_speed"]
-            _ = entry["subsequences"] + 0, entry["rpe"]["rotation"]
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError):
-        raise DataError("expected the errors of a run, as `vo run` writes them", path) from None
-    return dict(data)
+    expected = "the errors of a run, as `vo run` writes them"
+    data: dict[str, Any] = read_json(path, {str: METRICS_SHAPE}, expected)
+    if not all(kind["sequences"] for kind in data.values()):
+        raise DataError(f"expected {expected}", path)
+    return data
 
 
 def mend_metrics(folder: Path, result: Run) -> None:
@@ -156,15 +181,21 @@ def read_config(folder: Path, unfinished: bool = False) -> dict[str, Any]:
     unfinished : take that of a run that was stopped while its files were written, too.
     """
     path = folder / CONFIG
-    try:
-        data = json.loads(read_text(path))
-    except ValueError:
-        data = None
-    if not isinstance(data, dict) or not isinstance(data.get("settings"), dict):
-        raise DataError("expected the settings of a run, as `vo run` writes them", path)
+    expected = "the settings of a run, as `vo run` writes them"
+    data: dict[str, Any] = read_json(path, {"settings": {}}, expected)
+    if not fits(data.get(FILES, {}), {str: str}):
+        raise DataError(f"expected {expected}", path)
     if data.get(UNFINISHED) and not unfinished:
         raise DataError("the run was stopped while its files were written: do it again", path)
     return data
+
+
+def require_unchanged(folder: Path, *names: str) -> None:
+    """`DataError` where a file of a finished run is not as the run wrote it; older kits do not say."""
+    written = read_config(folder).get(FILES, {})
+    for name in names:
+        if written.get(name) not in (None, file_sha256(folder / name)):
+            raise DataError("was cut or changed since the run wrote it: do the run again", folder / name)
 
 
 def is_finished(folder: Path) -> bool:
@@ -187,18 +218,20 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     DataError : a file is missing or broken, or does not have a row for each frame.
     """
     stored = read_config(folder)
-    config = settings.from_dict(config_class(stored.get("variant", "kit")), stored["settings"])
+    config = settings.from_dict(config_class(str(stored.get("variant", "kit"))), stored["settings"])
+    kept = folder / CALIBRATION
+    require_unchanged(folder, POSES, LOG, *([CALIBRATION] if kept.exists() else []))
     poses = read_kitti_poses(folder / POSES)
     path = folder / LOG
-    rows = list(csv.DictReader(io.StringIO(read_text(path))))
+    (_, heading), *lines = read_csv(path) or [(1, [])]
+    rows = [dict(zip(heading, cells, strict=False)) for _, cells in lines]
     if len(poses) != len(sequence) or len(rows) != len(sequence) - 1:
         raise DataError(f"expected a row for each of the {len(sequence)} frames of {sequence.name}", path)
     T_cp = inverse(poses[1:]) @ poses[:-1]
     try:
         motions = [_read_motion(row, T) for row, T in zip(rows, T_cp, strict=True)]
-    except (KeyError, ValueError, TypeError, AttributeError):
+    except (KeyError, ValueError):
         raise DataError("expected the columns of a per-frame log, as `vo run` writes it", path) from None
-    kept = folder / CALIBRATION
     return Run(sequence, config, poses, motions, read_calibration(kept) if kept.exists() else None)
 
 

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from ..config import PublishedConfig
 from ..core.errors import DataError
+from ..core.files import only_process
 from ..core.types import Progress
 from ..data.sequence import Sequence
 from .identity import NOT_USED, run_identity
 from .match_cache import CachedMatches
 from .results import CONFIG, METRICS, POSES, is_finished, mend_metrics, read_config, read_run, write_run
 from .runner import Run, run_methods
-
-LOCK = ".lock"
-ABANDONED = 60.0  # seconds; no write takes so long
 
 
 def run_once(
@@ -72,34 +66,6 @@ def run_once(
     return result, False
 
 
-@contextmanager
-def only_process(folder: Path) -> Iterator[None]:
-    """A context in which no other process works in the folder; the system's lock ends with the process."""
-    lock = FileLock(folder / LOCK, timeout=0)
-    try:
-        lock.acquire()
-    except Timeout:
-        raise DataError("another process is working in this folder", folder) from None
-    except (OSError, NotImplementedError) as error:
-        raise DataError(f"the folder cannot be locked: {error}", folder) from None
-    try:
-        _clear_abandoned(folder)
-        yield
-    finally:
-        # Removed while it is held: whoever waits for it sees that the name is gone, and starts over.
-        with suppress(OSError):
-            (folder / LOCK).unlink()
-        lock.release()
-
-
-def _clear_abandoned(folder: Path) -> None:
-    """Remove the half-written files of processes that were killed."""
-    with suppress(OSError):
-        for left in folder.glob(".*.tmp"):
-            if time.time() - left.stat().st_mtime > ABANDONED:
-                left.unlink()
-
-
 def _refuse_another(folder: Path, wanted: dict[str, Any]) -> None:
     """`DataError` naming what differs, where the folder holds anything else than the run that is wanted."""
     if not (folder / CONFIG).exists():
@@ -114,7 +80,7 @@ def _refuse_another(folder: Path, wanted: dict[str, Any]) -> None:
     there = read_config(folder, unfinished=True)
     try:
         differs = list(_differences(there, wanted))
-    except (AttributeError, TypeError, ValueError):
+    except (AttributeError, TypeError, ValueError, RecursionError):
         differs = ["what it says of that run is damaged"]
     if differs:
         more = f" and {len(differs) - 3} more" if len(differs) > 3 else ""

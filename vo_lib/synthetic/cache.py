@@ -19,6 +19,7 @@ import numpy as np
 import platformdirs
 
 from ..core.errors import DataError
+from ..core.files import read_json
 from ..core.settings import to_dict
 from ..core.types import Progress
 from .folder import write_scene
@@ -103,11 +104,9 @@ def is_complete(folder: Path) -> bool:
     try:
         manifest = folder / MANIFEST
         finished = manifest.stat().st_mtime_ns
-        return all(
-            _unchanged(folder / name, expected, finished)
-            for name, expected in json.loads(manifest.read_text()).items()
-        )
-    except (OSError, ValueError, AttributeError, TypeError, IndexError):
+        files = read_json(manifest, {str: [int]}, "a list of files")
+        return all(_unchanged(folder / name, expected, finished) for name, expected in files.items())
+    except (OSError, DataError, ValueError, IndexError):
         return False
 
 

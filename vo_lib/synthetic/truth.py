@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import functools
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..core.camera import StereoCamera
 from ..core.errors import DataError
+from ..core.files import read_arrays, read_bytes, read_json
 from ..core.geometry import inverse
 from ..core.matches import StereoMatches
 from ..core.poses import read_kitti_poses
@@ -177,22 +176,21 @@ def open_truth(folder: Path | str) -> Truth:
     """The truth of a synthetic sequence; `DataError` if the folder has none."""
     folder = Path(folder)
     try:
-        about: dict[str, Any] = json.loads((folder / "truth" / "scene.json").read_text())
-        with np.load(folder / "truth" / "objects.npz", allow_pickle=False) as found:
-            arrays = {name: found[name] for name in found.files}
-    except (OSError, ValueError) as error:
+        about = read_json(folder / "truth" / "scene.json", {"config": {}}, "a scene's settings")
+        arrays = read_arrays(read_bytes(folder / "truth" / "objects.npz"))
+        return Truth(
+            folder=folder,
+            config=from_dict(SceneConfig, about["config"]),
+            poses=read_kitti_poses(folder / "poses.txt"),
+            instance=arrays["instance"],
+            kind=arrays["kind"],
+            size=arrays["size"],
+            objects=arrays["poses"],
+            speed=arrays["speed"],
+            moving=arrays["moving"],
+        )
+    except (DataError, ValueError, KeyError) as error:
         raise DataError(f"no synthetic truth here: {error}", folder) from None
-    return Truth(
-        folder=folder,
-        config=from_dict(SceneConfig, about["config"]),
-        poses=read_kitti_poses(folder / "poses.txt"),
-        instance=arrays["instance"],
-        kind=arrays["kind"],
-        size=arrays["size"],
-        objects=arrays["poses"],
-        speed=arrays["speed"],
-        moving=arrays["moving"],
-    )
 
 
 @functools.lru_cache(maxsize=8)

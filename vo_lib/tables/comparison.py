@@ -9,13 +9,22 @@ from pathlib import Path
 from typing import Any
 
 from ..core.errors import DataError
+from ..core.files import NUMBER, fits
 from ..core.poses import from_first, read_kitti_poses
 from ..core.types import Array
 from ..evaluation.kitti import KITTI_BIN_MINIMUM
-from ..runs.results import evaluate_path, read_config, read_metrics
+from ..runs.results import CONFIG, POSES, evaluate_path, read_config, read_metrics, require_unchanged
 from .report import ReportTable, number
 
 KINDS = {"kitti": "as KITTI, 100 m and more", "short": "20, 50, 100 m, every frame"}
+STORED = {
+    "frames": [str],
+    "settings": {"seed": int},
+    "timing": {"ms_per_frame": NUMBER},
+    "method": str,
+    "sequence": str,
+    "variant": str,
+}
 COLUMNS = ["run", "TE %", "RE deg/100 m", "ATE m", "RPE m", "RPE deg", "ms a frame"]
 
 
@@ -49,16 +58,14 @@ def read_stored_run(folder: str | Path) -> StoredRun:
     folder = Path(folder)
     if not folder.is_dir():
         raise DataError("the run folder is missing", folder)
-    config = read_config(folder)
-    poses = read_kitti_poses(folder / "poses.txt")
-    try:
-        first, last = config["frames"]
-        seed = int(config["settings"]["seed"])
-        ms = float(config.get("timing", {}).get("ms_per_frame", float("nan")))
-        method, sequence = str(config["method"]), str(config["sequence"])
-        variant = str(config.get("variant", "kit"))
-    except (KeyError, ValueError, TypeError, AttributeError):
-        raise DataError("expected method, sequence and frames of a run", folder / "config.json") from None
+    config = {"variant": "kit", "timing": {"ms_per_frame": math.nan}} | read_config(folder)
+    if not fits(config, STORED) or len(config["frames"]) != 2:
+        raise DataError("expected method, sequence and frames of a run", folder / CONFIG)
+    require_unchanged(folder, POSES)
+    poses = read_kitti_poses(folder / POSES)
+    first, last = config["frames"]
+    seed, ms = config["settings"]["seed"], config["timing"]["ms_per_frame"]
+    method, sequence, variant = config["method"], config["sequence"], config["variant"]
     metrics = read_metrics(folder)
     label = method if variant == "kit" else f"{method}, {variant}"
     return StoredRun(folder, label, method, variant, seed, sequence, (first, last), poses, metrics, ms)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass
 from importlib import resources
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.errors import DataError
-from ..core.files import read_text
+from ..core.files import read_csv
 from ..core.types import Array
 
 PAPER_METHODS = ("viso2", "mesvo_f", "solution_selection", "feature_selection")
@@ -98,12 +97,7 @@ def shipped_table() -> Path:
 def read_paper_table(path: str | Path | None = None) -> PaperTable:
     """The table from a CSV file like the kit's own, which is the default; `DataError` names file and line."""
     path = shipped_table() if path is None else Path(path)
-    lines = [
-        (number, line)
-        for number, line in enumerate(read_text(path).split("\n"), start=1)
-        if line.strip() and not line.startswith("#")
-    ]
-    rows = [(number, [cell.strip() for cell in next(csv.reader([line]))]) for number, line in lines]
+    rows = [(number, [cell.strip() for cell in cells]) for number, cells in read_csv(path)]
     if not rows or tuple(rows[0][1]) != COLUMNS:
         raise DataError(f"expected the heading {','.join(COLUMNS)}", path, rows[0][0] if rows else 1)
     table = PaperTable({}, {})

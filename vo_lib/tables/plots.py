@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -258,10 +259,13 @@ def pdf(figure: Figure) -> bytes:
 def _saved(figure: Figure, kind: str, metadata: dict[str, None]) -> bytes:
     for text in figure.findobj(Text):
         text.set_parse_math(False)  # a dollar sign in a folder's name begins no formula
-    if figure.get_layout_engine() is not None:
-        # Each drawing would lay the parts out again, starting from where they are: once is enough.
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        text.set_text(text.get_text().encode("utf-8", "replace").decode())  # nor is each name UTF-8
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, metadata=metadata)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # a letter that the font lacks is drawn as a frame
+        if figure.get_layout_engine() is not None:
+            # Each drawing would lay the parts out again, starting from where they are: once is enough.
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
+        figure.savefig(buffer, format=kind, metadata=metadata)
     return buffer.getvalue()
