@@ -11,12 +11,18 @@ import cv2
 import numpy as np
 import pytest
 from file_server import FileServer
+from hypothesis import settings
 
 from vo_lib.core.geometry import rigid, rotation_from_vector
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence, open_sequence
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
+
+# A busy machine is no fault: no example is timed. `--hypothesis-profile long` looks at many more of them.
+settings.register_profile("gate", deadline=None, max_examples=50)
+settings.register_profile("long", deadline=None, max_examples=2000)
+settings.load_profile("gate")
 
 BASELINE = 0.5
 FOCAL = 300.0

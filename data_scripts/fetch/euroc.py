@@ -18,6 +18,8 @@ from .stereo_calibration import Rig, rig_from_matrices
 
 TRUTH = Path("state_groundtruth_estimate0") / "data.csv"
 TOLERANCE = 0.003  # seconds from an image to its pose; the truth has 200 Hz
+MOMENT = re.compile(r"[0-9]{1,19}")
+LARGEST = 1e5  # of the numbers of a camera: pixels, metres
 LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  # of a 4×4 pose
 
 
@@ -79,7 +81,7 @@ def _images(camera: Path) -> dict[int, Path]:
         words = [word.strip() for word in line.split(",")]
         if not line.strip() or line.startswith("#"):
             continue
-        if len(words) != 2 or not words[0].isdecimal():
+        if len(words) != 2 or not MOMENT.fullmatch(words[0]):
             raise DataError("expected a time in ns and a file name, with a comma between", path, number)
         found[int(words[0])] = camera / "data" / words[1]
         if not found[int(words[0])].is_file():
@@ -102,6 +104,8 @@ def _rig(base: Path) -> tuple[Rig, Array]:
         found[f"K{number}"] = np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
         found[f"D{number}"] = _numbers(text, "distortion_coefficients", 4, path)
         sizes.append(_numbers(text, "resolution", 2, path))
+        if (sizes[-1] < 1).any() or (sizes[-1] % 1).any():
+            raise DataError("resolution: expected a width and a height, pixels", path)
         T = _numbers(text, r"T_BS:[^\[]*data", 16, path).reshape(4, 4)
         off = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
         if off > ROTATION_TOLERANCE or np.linalg.det(T[:3, :3]) < 0 or (T[3] != LAST_ROW).any():
@@ -124,7 +128,7 @@ def _numbers(text: str, name: str, count: int, path: Path) -> Array:
         numbers = np.array([float(word) for word in found[1].split(",")]) if found else np.zeros(0)
     except ValueError:
         numbers = np.zeros(0)
-    if len(numbers) != count or not np.isfinite(numbers).all():
+    if len(numbers) != count or not (np.abs(numbers) < LARGEST).all():
         label = name.partition(":")[0]
         raise DataError(f"{label}: expected {count} numbers in brackets", path)
     return numbers

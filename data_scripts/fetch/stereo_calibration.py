@@ -29,6 +29,7 @@ NAMES = {
     "T": ("t", "translation"),
 }
 SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
+LARGEST = 1e9  # of the numbers of a camera: pixels, millimetres
 MOST_NODES = 1000  # opening brackets and dashes in a file; a calibration has a few dozen
 LONGEST_BASELINE = 10.0  # metres; a longer one was given in millimetres
 
@@ -113,7 +114,7 @@ def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
 
 
 def _shaped(name: str, matrix: Array, path: Path) -> Array:
-    if not np.isfinite(matrix).all():
+    if not (np.abs(matrix) < LARGEST).all():
         raise DataError(f"{name}: expected finite numbers", path)
     if name == "T":
         expected, fits, matrix = "3 numbers", matrix.size == 3, matrix.reshape(-1)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from vo_lib.core.errors import DataError
@@ -40,7 +40,6 @@ def random_poses(seed: int, n: int, reach: float = 1000.0) -> Array:
 
 
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 20), reach=st.sampled_from([0.0, 1e-3, 1.0, 1e5]))
-@settings(max_examples=40, deadline=None)
 def test_kitti_poses_survive_a_round_trip(
     tmp_path_factory: pytest.TempPathFactory, seed: int, n: int, reach: float
 ) -> None:
@@ -56,7 +55,6 @@ def test_kitti_poses_survive_a_round_trip(
     seed=st.integers(0, 2**32 - 1),
     times=st.lists(st.integers(0, 10**15), min_size=1, max_size=20, unique=True),
 )
-@settings(max_examples=40, deadline=None)
 def test_tum_times_and_poses_survive_a_round_trip(
     tmp_path_factory: pytest.TempPathFactory, seed: int, times: list[int]
 ) -> None:
@@ -164,7 +162,6 @@ def test_a_file_that_is_missing_empty_binary_or_a_folder_is_refused(tmp_path: Pa
         ),
     )
 )
-@settings(max_examples=150, deadline=None)
 def test_any_file_gives_poses_or_one_line_that_names_it(
     tmp_path_factory: pytest.TempPathFactory, data: bytes
 ) -> None:

@@ -221,7 +221,7 @@ def test_identical_trajectories_have_no_error_even_when_printed_with_seven_digit
 
 
 @given(seed=seeds, world=seeds)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_another_world_frame_changes_no_error(seed: int, world: int) -> None:
     truth, estimate = random_pair(seed)
     moved = random_rigid(world)
@@ -243,7 +243,7 @@ def test_another_world_frame_changes_no_error(seed: int, world: int) -> None:
 
 
 @given(seed=seeds)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_path_length_is_that_of_the_steps(seed: int) -> None:
     truth, _ = random_pair(seed)
     expected = STEP_LENGTH * np.arange(len(truth))
@@ -252,7 +252,7 @@ def test_path_length_is_that_of_the_steps(seed: int) -> None:
 
 
 @given(seed=seeds, world=seeds, scale=st.floats(0.2, 5.0))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_alignment_finds_the_motion_and_scale_that_made_the_estimate(
     seed: int, world: int, scale: float
 ) -> None:
@@ -270,7 +270,7 @@ def test_alignment_finds_the_motion_and_scale_that_made_the_estimate(
 
 
 @given(seed=seeds, world=seeds)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_no_other_motion_gives_a_smaller_ate_than_the_alignment(seed: int, world: int) -> None:
     truth, estimate = random_pair(seed)
     best = absolute_error(truth, estimate).to_dict()["rmse_m"]

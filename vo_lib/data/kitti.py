@@ -73,7 +73,7 @@ def read_calibration(path: Path) -> StereoCamera:
 def read_times(path: Path) -> Array:
     """Seconds of each frame, one number a line, never falling. (N,)"""
     rows, lines = read_rows(path, "one number, the seconds of a frame", 1)
-    falls = np.diff(rows[:, 0]) < 0
+    falls = rows[1:, 0] < rows[:-1, 0]
     if falls.any():
         raise DataError("time goes back", path, lines[int(np.argmax(falls)) + 1])
     return rows[:, 0]

@@ -218,7 +218,10 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     DataError : a file is missing or broken, or does not have a row for each frame.
     """
     stored = read_config(folder)
-    config = settings.from_dict(config_class(str(stored.get("variant", "kit"))), stored["settings"])
+    try:
+        config = settings.from_dict(config_class(str(stored.get("variant", "kit"))), stored["settings"])
+    except DataError as error:
+        raise DataError(str(error), folder / CONFIG) from None
     kept = folder / CALIBRATION
     require_unchanged(folder, POSES, LOG, *([CALIBRATION] if kept.exists() else []))
     poses = read_kitti_poses(folder / POSES)

@@ -1,0 +1,230 @@
+"""Every reader of files, with a folder of valid ones: what the tests of bad input damage."""
+
+from __future__ import annotations
+
+import functools
+import io
+import json
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from conftest import write_bands
+
+from data_scripts.fetch.euroc import read_euroc_drive
+from data_scripts.fetch.kitti_archive import archives_of, fetch, plan
+from data_scripts.fetch.kitti_raw import read_raw_drive
+from data_scripts.fetch.stereo_calibration import read_opencv, rig_from_matrices
+from data_scripts.fetch.zip_archives import Archives
+from data_scripts.training.dataset import open_set
+from data_scripts.training.kitti_set import read_object_set, read_tracking_set
+from vo_lib import open_sequence, preset, run
+from vo_lib.beyond.calibration import read_calibration as read_learnt
+from vo_lib.core.poses import read_euroc, read_kitti_poses, read_tum
+from vo_lib.core.settings import to_dict
+from vo_lib.data.kitti import read_calibration, read_image, read_times
+from vo_lib.data.labels import read_labels, written_labels
+from vo_lib.detection.detectors import Detector, registered
+from vo_lib.detection.label_cache import claim_folder
+from vo_lib.runs.results import read_run, write_run
+from vo_lib.synthetic import open_truth
+from vo_lib.synthetic.scenes import scene_config
+from vo_lib.tables.comparison import comparison_table, read_stored_run
+from vo_lib.tables.paper import read_paper_table, shipped_table
+
+KITTI = "1 0 0 0 0 1 0 0 0 0 1 {}\n"
+CALIB = "P0: 300 0 240 0 0 300 120 0 0 0 1 0\nP1: 300 0 240 -150 0 300 120 0 0 0 1 0\n"
+LABEL = "2 0.25 0.5 0.3 0.8\n5 0.5 0.5 0.1 0.1 0.75\n"
+MATRIX = "{}: !!opencv-matrix\n   rows: {}\n   cols: {}\n   dt: d\n   data: [ {} ]\n"
+K, EYE = "400., 0., 318., 0., 400., 203., 0., 0., 1.", "1., 0., 0., 0., 1., 0., 0., 0., 1."
+OBJECT = "Car 0.00 0 -1.5 20.00 30.00 60.00 70.00 0 0 0 0 0 0 0\n"
+SENSOR = """T_BS:
+  cols: 4
+  rows: 4
+  data: [1, 0, 0, {}, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+resolution: [64, 48]
+intrinsics: [45.8, 45.7, 32.0, 24.0]
+distortion_model: radial-tangential
+distortion_coefficients: [-0.2, 0.07, 0.0002, 0.00002]
+"""
+TRUTH = "#timestamp, p, q\n1000000000, 0, 0, 0, 1, 0, 0, 0\n1050000000, 0, 0, 1, 1, 0, 0, 0\n"
+STAMPS = "2011-09-26 13:02:25.964389445\n2011-09-26 13:02:26.064389445\n"
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A file of a folder, how the folder is read, and the text or bytes of all files in it."""
+
+    file: str
+    read: Callable[[Path], Any]
+    files: dict[str, str | bytes]
+
+    @property
+    def valid(self) -> bytes:
+        """The file's bytes as they should be."""
+        content = self.files[self.file]
+        return content.encode() if isinstance(content, str) else content
+
+    def write(self, folder: Path) -> Path:
+        """Make the folder; returns the path of the file."""
+        for name, content in self.files.items():
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return folder / self.file
+
+
+def png(height: int = 48, width: int = 64) -> bytes:
+    """A grey image."""
+    return cv2.imencode(".png", np.arange(height * width, dtype=np.uint8).reshape(height, width))[1].tobytes()
+
+
+def _alone(file: str, read: Callable[[Path], Any], content: str | bytes) -> Reader:
+    return Reader(file, lambda folder: read(folder / file), {file: content})
+
+
+def _opencv() -> str:
+    parts = [("K1", 3, 3, K), ("D1", 1, 5, "0., 0., 0., 0., 0."), ("K2", 3, 3, K)]
+    parts += [("D2", 1, 5, "0., 0., 0., 0., 0."), ("R", 3, 3, EYE), ("T", 3, 1, "-0.25, 0., 0.")]
+    return "%YAML:1.0\n---\n" + "".join(MATRIX.format(*part) for part in parts)
+
+
+def _raw() -> dict[str, str | bytes]:
+    rigid = f"R: {EYE.replace(',', '')}\nT: 0.1 0.2 0.3\n"
+    cameras = "calib_time: 09-Jan-2012 13:57:47\nS_rect_00: 64 48\nR_rect_00: " + EYE.replace(",", "")
+    cameras += "\nP_rect_00: 300 0 32 0 0 300 24 0 0 0 1 0\nP_rect_01: 300 0 32 -150 0 300 24 0 0 0 1 0\n"
+    files: dict[str, str | bytes] = {
+        "calib_cam_to_cam.txt": cameras,
+        "calib_imu_to_velo.txt": rigid,
+        "calib_velo_to_cam.txt": rigid,
+        "image_00/timestamps.txt": STAMPS,
+    }
+    for frame in range(2):
+        files |= {f"image_0{side}/data/{frame:010d}.png": png() for side in range(2)}
+        files[f"oxts/data/{frame:010d}.txt"] = "49.0 8.4 116.0 0.01 0.02 0.7" + 24 * " 0" + "\n"
+    return files
+
+
+def _euroc() -> dict[str, str | bytes]:
+    files: dict[str, str | bytes] = {"mav0/state_groundtruth_estimate0/data.csv": TRUTH}
+    for side in range(2):
+        files[f"mav0/cam{side}/sensor.yaml"] = SENSOR.format(0.11 * side)
+        files[f"mav0/cam{side}/data.csv"] = "#t,file\n1000000000,a.png\n1050000000,b.png\n"
+        files |= {f"mav0/cam{side}/data/{name}.png": png() for name in "ab"}
+    return files
+
+
+def _archive() -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("dataset/sequences/07/calib.txt", CALIB)
+        archive.writestr("dataset/sequences/07/image_0/000000.png", png())
+    return buffer.getvalue()
+
+
+def _fetched(folder: Path) -> None:
+    with Archives() as archives:
+        members = plan(archives, archives_of([folder / "kitti.zip"]), ["07"])
+        fetch(archives, members, folder / "tree", jobs=1)
+
+
+def _truth() -> dict[str, str | bytes]:
+    buffer = io.BytesIO()
+    vehicles = {"instance": np.arange(1), "kind": np.full(1, 2), "size": np.ones((1, 3))}
+    drive = {"poses": np.tile(np.eye(4), (2, 1, 1, 1)), "speed": np.zeros((2, 1)), "moving": np.zeros((2, 1))}
+    np.savez(buffer, **vehicles, **drive)
+    scene = json.dumps({"config": to_dict(scene_config("traffic"))})
+    poses = KITTI.format(0) + KITTI.format(1)
+    return {"truth/scene.json": scene, "truth/objects.npz": buffer.getvalue(), "poses.txt": poses}
+
+
+@functools.cache
+def _run() -> tuple[dict[str, str | bytes], Callable[[Path], Any]]:
+    """The files of a run's folder, without the hashes of each other, and how it is read."""
+    place = Path(tempfile.mkdtemp())
+    try:
+        result = run(open_sequence(write_bands(place / "bands", frames=3)), preset("solution_selection"))
+        (place / "run").mkdir()
+        write_run(place / "run", result, "solution_selection")
+        names = ("config.json", "metrics.json", "frames.csv", "poses.txt", "calibration.json")
+        files: dict[str, str | bytes] = {name: (place / "run" / name).read_bytes() for name in names}
+        config = json.loads(files["config.json"])
+        del config["files"]
+        files["config.json"] = json.dumps(config)
+    finally:
+        shutil.rmtree(place)
+
+    def read(folder: Path) -> Any:
+        stored = read_stored_run(folder)
+        return comparison_table("", [stored]), read_run(folder, result.sequence).ms_per_frame, stored.poses
+
+    return files, read
+
+
+DETECTOR = {"sha256": "0" * 64, "settings": {"score": 0.25}}
+ENTRIES = json.dumps({"mine": vars(Detector("mine", "mine.onnx", "", 12, "0" * 64, "MIT", "registered"))})
+TRACKING = "".join(f"{frame} 0 {OBJECT}" for frame in range(2))
+
+
+@functools.cache
+def readers() -> dict[str, Reader]:
+    """All readers by name."""
+    run_files, read_folder = _run()
+    both = {"image_2/000000.png": png(), "label_2/000000.txt": OBJECT}
+    mapping = "2011_09_26 2011_09_26_drive_0005_sync 0000000000\n"
+    drives = both | {"mapping.txt": mapping, "order.txt": "1\n"}
+
+    def objects(folder: Path) -> Any:
+        return read_object_set(folder, folder / "mapping.txt", folder / "order.txt")
+
+    found = {
+        "poses": _alone("poses.txt", read_kitti_poses, KITTI.format(0) + KITTI.format(1)),
+        "tum": _alone("poses.txt", read_tum, "# t\n0 0 0 0 0 0 0 1\n1 0 0 1 0 0 0 1\n"),
+        "euroc truth": _alone("data.csv", read_euroc, TRUTH),
+        "calib": _alone("calib.txt", read_calibration, CALIB),
+        "times": _alone("times.txt", read_times, "0.0\n0.1\n0.2\n"),
+        "labels": _alone("000000.txt", lambda path: read_labels(path, 480, 240), LABEL),
+        "image": _alone("000000.png", read_image, png()),
+        "paper": _alone("table.csv", read_paper_table, shipped_table().read_bytes()),
+        "calibration.json": _alone("calibration.json", read_learnt, run_files["calibration.json"]),
+        "detector.json": Reader(
+            "detector.json",
+            lambda folder: claim_folder(folder, DETECTOR),
+            {"detector.json": json.dumps(DETECTOR), "000000.txt": LABEL},
+        ),
+        "detectors.json": Reader("detectors.json", registered, {"detectors.json": ENTRIES}),
+        "written.csv": Reader("written.csv", written_labels, {"written.csv": f"000000.txt,{'0' * 64}\n"}),
+        "data.yaml": Reader(
+            "data.yaml",
+            open_set,
+            {"data.yaml": "train: a\nval: b\nnames: [car, bus]\n", "a/0.png": png(), "b/0.png": png()},
+        ),
+        "opencv": _alone(
+            "stereo.yml", lambda path: rig_from_matrices(read_opencv([path]), (64, 48), path), _opencv()
+        ),
+        "objects": Reader("label_2/000000.txt", objects, drives),
+        "mapping": Reader("mapping.txt", objects, drives),
+        "order": Reader("order.txt", objects, drives),
+        "tracking": Reader(
+            "label_02/0000.txt",
+            lambda folder: read_tracking_set(folder, {"0000": "2011_09_26_drive_0005"}),
+            {"label_02/0000.txt": TRACKING} | {f"image_02/0000/{frame:06d}.png": png() for frame in range(2)},
+        ),
+        "archive": Reader("kitti.zip", _fetched, {"kitti.zip": _archive()}),
+        "scene.json": Reader("truth/scene.json", open_truth, _truth()),
+        "objects.npz": Reader("truth/objects.npz", open_truth, _truth()),
+    }
+    for name in ("config.json", "metrics.json", "frames.csv"):
+        found[name] = Reader(name, read_folder, run_files)
+    for name in ("calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "image_00/timestamps.txt"):
+        found[name.removeprefix("image_00/")] = Reader(name, read_raw_drive, _raw())
+    found["oxts"] = Reader("oxts/data/0000000001.txt", read_raw_drive, _raw())
+    for name in ("sensor.yaml", "data.csv"):
+        found[name] = Reader(f"mav0/cam1/{name}", read_euroc_drive, _euroc())
+    return found
