@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import io
 import json
+import re
 import shutil
 import tempfile
 import zipfile
@@ -55,6 +56,11 @@ distortion_coefficients: [-0.2, 0.07, 0.0002, 0.00002]
 """
 TRUTH = "#timestamp, p, q\n1000000000, 0, 0, 0, 1, 0, 0, 0\n1050000000, 0, 0, 1, 1, 0, 0, 0\n"
 STAMPS = "2011-09-26 13:02:25.964389445\n2011-09-26 13:02:26.064389445\n"
+
+
+def expanded(text: str) -> str:
+    """A text in which <words*times> stands for words so many times."""
+    return re.sub(r"<(.+?)\*(\d+)>", lambda run: run[1] * int(run[2]), text)
 
 
 @dataclass(frozen=True)
@@ -136,9 +142,10 @@ def _fetched(folder: Path) -> None:
 
 def _truth() -> dict[str, str | bytes]:
     buffer = io.BytesIO()
-    vehicles = {"instance": np.arange(1), "kind": np.full(1, 2), "size": np.ones((1, 3))}
-    drive = {"poses": np.tile(np.eye(4), (2, 1, 1, 1)), "speed": np.zeros((2, 1)), "moving": np.zeros((2, 1))}
-    np.savez(buffer, **vehicles, **drive)
+    arrays: dict[str, Any] = {"instance": np.arange(1), "kind": np.full(1, 2), "size": np.ones((1, 3))}
+    arrays |= {"poses": np.tile(np.eye(4), (2, 1, 1, 1)), "speed": np.zeros((2, 1))}
+    arrays["moving"] = np.zeros((2, 1))
+    np.savez(buffer, **arrays)
     scene = json.dumps({"config": to_dict(scene_config("traffic"))})
     poses = KITTI.format(0) + KITTI.format(1)
     return {"truth/scene.json": scene, "truth/objects.npz": buffer.getvalue(), "poses.txt": poses}
@@ -176,9 +183,12 @@ TRACKING = "".join(f"{frame} 0 {OBJECT}" for frame in range(2))
 def readers() -> dict[str, Reader]:
     """All readers by name."""
     run_files, read_folder = _run()
-    both = {"image_2/000000.png": png(), "label_2/000000.txt": OBJECT}
-    mapping = "2011_09_26 2011_09_26_drive_0005_sync 0000000000\n"
-    drives = both | {"mapping.txt": mapping, "order.txt": "1\n"}
+    drives: dict[str, str | bytes] = {
+        "image_2/000000.png": png(),
+        "label_2/000000.txt": OBJECT,
+        "mapping.txt": "2011_09_26 2011_09_26_drive_0005_sync 0000000000\n",
+        "order.txt": "1\n",
+    }
 
     def objects(folder: Path) -> Any:
         return read_object_set(folder, folder / "mapping.txt", folder / "order.txt")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from readers import Reader, readers
+from readers import Reader, expanded, readers
 
 from data_scripts.fetch.kitti_check import parse_numbers
 from data_scripts.kitti_to_yolo import parse_drives
@@ -85,6 +87,62 @@ def place(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 def test_the_valid_files_are_read(place: tuple[Reader, Path]) -> None:
     reader, folder = place
     reader.read(folder)
+
+
+def spoilt(how: str | list[str], valid: bytes) -> bytes:
+    """A file's bytes: as `how` says, or with the first of its two texts replaced by the second.
+
+    What is no UTF-8 is written as Python's surrogates.
+    """
+    if isinstance(how, str):
+        return expanded(how).encode("utf-8", "surrogateescape")
+    old, new = how
+    assert old.encode() in valid
+    return valid.replace(old.encode(), spoilt(new, valid), 1)
+
+
+BAD_FILES = json.loads((Path(__file__).parent / "bad_files.json").read_text(encoding="utf-8"))
+CASES = [(name, how, expected) for name, cases in BAD_FILES.items() for how, expected in cases]
+
+
+@pytest.mark.parametrize(
+    ("name", "how", "expected"), CASES, ids=[f"{name} {str(how)[:40]!a}" for name, how, _ in CASES]
+)
+def test_a_bad_file_is_one_line_that_says_what_is_wrong(
+    tmp_path: Path, name: str, how: str | list[str], expected: str
+) -> None:
+    reader = readers()[name]
+    path = reader.write(tmp_path)
+    path.write_bytes(spoilt(how, reader.valid))
+    there = sorted(tmp_path.rglob("*"))
+    _, said = outcome(lambda: reader.read(tmp_path))
+    assert said.startswith(str(tmp_path))
+    assert expected in said.replace(f"{tmp_path}/", "")
+    assert len(said.splitlines()) == 1
+    assert sorted(tmp_path.rglob("*")) == there
+
+
+def pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def endless(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+NO_FILES: dict[str, Callable[[Path], Any]] = {"folder": Path.mkdir, "pipe": pipe, "device": endless}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
+@pytest.mark.parametrize("kind", NO_FILES)
+@pytest.mark.parametrize("name", readers())
+def test_what_is_no_file_is_refused_before_it_is_read(tmp_path: Path, name: str, kind: str) -> None:
+    path = readers()[name].write(tmp_path)
+    path.unlink()
+    NO_FILES[kind](path)
+    _, said = outcome(lambda: readers()[name].read(tmp_path))
+    assert "expected a file" in said
+    assert len(said.splitlines()) == 1
 
 
 @given(data=st.data())

@@ -126,6 +126,8 @@ def _timestamps(path: Path) -> Array:
         whole, _, fraction = line.strip().partition(".")
         try:
             moment = datetime.datetime.fromisoformat(whole)
+            if not (fraction or "0").isdecimal():
+                raise ValueError
             part = float(f"0.{fraction or 0}")
         except ValueError:
             raise DataError("expected a time such as 2011-09-26 13:02:25.964389445", path, number) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import lzma
 import struct
 import threading
@@ -24,6 +25,7 @@ from . import download
 from .download import LOST, open_session, what_failed
 
 Answer = TypeVar("Answer")
+NO_DISK = (None, errno.EINVAL)  # numbers of errors that no disk made
 # Of members that are encrypted, packed in another way, cut or garbled.
 DAMAGED = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error),
@@ -125,8 +127,8 @@ class Archives:
                     _close(broken)
                 if isinstance(failure, requests.RequestException) or not _is_url(place):
                     break
-        # What LZMA and bz2 cannot unpack, and a wrong place in the file, are errors without a number.
-        damaged = isinstance(failure, OSError) and failure.strerror is None and not _is_url(place)
+        # What bz2 cannot unpack is an error without a number; a place before the file's start is EINVAL.
+        damaged = isinstance(failure, OSError) and failure.errno in NO_DISK and not _is_url(place)
         if isinstance(failure, DAMAGED) or damaged:
             what = f"the member {name} is damaged or packed otherwise" if name else "is not a whole zip file"
             raise DataError(f"{what} ({failure}); nothing of it was written", place) from None

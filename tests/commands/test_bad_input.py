@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 from conftest import write_bands
+from readers import expanded
 
 from vo_lib.commands.cli import main
 
-# A command line and a part of what is said; BANDS, LEFT, POSES and OUT stand for places.
+# A command line and a part of what is said; BANDS, LEFT, POSES and OUT stand for places, <9*50> for 50 nines.
 CASES = json.loads((Path(__file__).parent / "bad_input.json").read_text(encoding="utf-8"))
 
 
@@ -33,7 +34,7 @@ def test_bad_input_is_one_line_and_code_2_and_leaves_nothing(
 ) -> None:
     monkeypatch.setenv("KITTI_ROOT", places["LEFT"])  # no KITTI there
     try:
-        code = main([places.get(word, word) for word in shlex.split(line)])
+        code = main([places.get(word, expanded(word)) for word in shlex.split(line)])
     except SystemExit as stop:
         code = int(str(stop.code))
     error = capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import struct
 import zipfile
 from pathlib import Path
 
@@ -186,6 +187,70 @@ def test_a_file_that_is_no_archive_is_said(tmp_path: Path) -> None:
     for name, words in (("page.zip", "not a whole zip"), ("nowhere.zip", "the file is missing")):
         with Archives() as archives, pytest.raises(DataError, match=words):
             plan(archives, [str(tmp_path / name)], ["07"])
+
+
+def packed(how: int, **changes: int) -> bytes:
+    """An archive of one calib.txt, with fields of its two headers changed: `flag_bits`, `method`, `size`."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", how) as archive:
+        archive.writestr("sequences/07/calib.txt", b"P0: 1 2 3\n" * 40)
+    data = bytearray(buffer.getvalue())
+    central = data.index(b"PK\x01\x02")
+    for start, shift in ((0, 0), (central, 2)):
+        for field, place, kind in (("flag_bits", 6, "<H"), ("method", 8, "<H"), ("size", 22, "<I")):
+            if field in changes:
+                struct.pack_into(kind, data, start + place + shift, changes[field])
+    return bytes(data)
+
+
+def garbled(method: int) -> bytes:
+    """An archive whose member's packed bytes are changed behind their start."""
+    data = bytearray(packed(method))
+    start = 30 + len("sequences/07/calib.txt")
+    for place in range(start + 14, data.index(b"PK\x01\x02") - 2):
+        data[place] ^= 0x5A
+    return bytes(data)
+
+
+STORED, DEFLATED = zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED
+ODD_ARCHIVES = {
+    "encrypted": packed(STORED, flag_bits=1),
+    "unknown compression": packed(STORED, method=77),
+    "compression of 1990": packed(STORED, method=6),
+    "shorter than declared": packed(DEFLATED, size=4000),
+    "longer than declared": packed(DEFLATED, size=10),
+    "garbled": garbled(DEFLATED),
+    "garbled bz2": garbled(zipfile.ZIP_BZIP2),
+    "garbled lzma": garbled(zipfile.ZIP_LZMA),
+    "lzma that is none": packed(STORED, method=zipfile.ZIP_LZMA),
+    "bz2 that is none": packed(STORED, method=zipfile.ZIP_BZIP2),
+    "cut": packed(DEFLATED)[:60],
+    "its directory alone": packed(DEFLATED)[packed(DEFLATED).index(b"PK\x01\x02") :],
+}
+
+
+@pytest.mark.parametrize("kind", ODD_ARCHIVES)
+def test_an_archive_that_cannot_be_unpacked_is_one_line_and_leaves_no_file(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "odd.zip"
+    path.write_bytes(ODD_ARCHIVES[kind])
+    with (
+        Archives() as archives,
+        pytest.raises(DataError, match=r"odd\.zip: .*(damaged|no.* zip file)") as caught,
+    ):
+        fetch(archives, plan(archives, [str(path)], ["07"]), tmp_path / "root")
+    assert "None" not in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+    assert [path for path in (tmp_path / "root").rglob("*") if path.is_file()] == []
+
+
+def test_a_link_below_the_root_that_leads_outside_is_not_written_through(tmp_path: Path) -> None:
+    (tmp_path / "odd.zip").write_bytes(packed(DEFLATED))
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "root" / "sequences").mkdir(parents=True)
+    (tmp_path / "root" / "sequences" / "07").symlink_to(tmp_path / "elsewhere")
+    with Archives() as archives, pytest.raises(DataError, match="07: leads outside of the tree"):
+        fetch(archives, plan(archives, [str(tmp_path / "odd.zip")], ["07"]), tmp_path / "root")
+    assert list((tmp_path / "elsewhere").iterdir()) == []
 
 
 def test_a_member_larger_than_any_image_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -142,6 +142,15 @@ def test_sequences_are_named_by_numbers_and_ranges() -> None:
             parse_numbers(text)
 
 
+def test_numbers_far_apart_are_not_counted_through(tmp_path: Path) -> None:
+    for side in ("image_0", "image_1"):
+        (tmp_path / "sequences" / "mine" / side).mkdir(parents=True)
+        for name in ("0", "9999999999", "9" * 200):
+            (tmp_path / "sequences" / "mine" / side / f"{name}.png").write_bytes(b"")
+    (report,) = check_tree(tmp_path)
+    assert f"image_0: missing 1-9999999998, 10000000000-{'9' * 199}8" in report.problems
+
+
 def test_frame_numbers_are_put_in_ranges() -> None:
     assert in_ranges([(5, 5)]) == "5"
     assert in_ranges([(3, 3), (1, 2), (7, 7), (9, 9)]) == "1-3, 7, 9"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -54,6 +55,13 @@ def test_classes_and_regions_go_where_they_belong(objects: Path) -> None:
     assert first.boxes.xyxy[0].tolist() == [20, 30, 60, 70]
     # A car 5 px high and the DontCare region are ignored; a pedestrian is background.
     assert first.ignored.xyxy.tolist() == [[70, 40, 76, 45], [0, 0, 10, 10]]
+
+
+@pytest.mark.parametrize("stray", ["notes.txt", "._000000.txt", "0000003b.txt", "\u0663.txt"])
+def test_a_file_that_is_no_label_is_named(objects: Path, stray: str) -> None:
+    (objects / "label_2" / stray).write_text("x")
+    with pytest.raises(DataError, match=rf"{re.escape(stray)}: does not belong here"):
+        read_object_set(objects)
 
 
 def test_the_permutation_leads_to_each_images_drive(objects: Path) -> None:

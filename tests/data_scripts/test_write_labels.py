@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -83,6 +85,67 @@ def test_labels_made_otherwise_are_not_overwritten(
     assert write_labels([*words, "--replace"]) == 0
     assert write_labels([*words, "--score", "0.95"]) == 2
     assert "another detector's labels" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("keep", [None, 0, 5, -1])
+def test_a_label_that_was_cut_or_lost_since_is_noticed_and_detected_again(
+    bands: Path, model: Path, keep: int | None
+) -> None:
+    words = [str(bands), "--model", str(model)]
+    assert write_labels(words) == 0
+    whole = texts(bands / "labels")
+    label = bands / "labels" / "000003.txt"
+    if keep is None:
+        label.unlink()
+    else:
+        label.write_bytes(label.read_bytes()[:keep])
+    with pytest.raises(DataError, match=r"000003\.txt: was emptied, cut or changed since the detector"):
+        open_sequence(bands).boxes(3)
+    assert len(open_sequence(bands).boxes(2)) == 1
+    assert write_labels(words) == 0
+    assert texts(bands / "labels") == whole
+    assert len(open_sequence(bands).boxes(3)) == 1
+
+
+def test_labels_of_others_are_taken_as_they_are(bands: Path) -> None:
+    (bands / "labels").mkdir()
+    (bands / "labels" / "000003.txt").write_text("")
+    assert len(open_sequence(bands).boxes(3)) == 0
+
+
+def test_a_label_without_its_line_is_detected_again(bands: Path, model: Path) -> None:
+    words = [str(bands), "--model", str(model)]
+    assert write_labels(words) == 0
+    log = bands / "labels" / "written.csv"
+    log.write_text(log.read_text()[:-90])  # killed while it wrote the last but one
+    assert write_label_folder(open_sequence(bands), model, DetectorConfig(), bands / "labels") == 2
+    assert write_label_folder(open_sequence(bands), model, DetectorConfig(), bands / "labels") == 0
+
+
+def test_a_second_detector_is_refused_while_the_first_one_writes(
+    bands: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = (
+        "import sys, threading; from vo_lib.commands.cli import main\n"
+        "from vo_lib.detection.yolo import YoloDetector\n"
+        "def wait(*_): print('in', flush=True); threading.Event().wait(600)\n"
+        "YoloDetector.detect = wait; main(sys.argv[1:])"
+    )
+    words = ["data", "write_labels", str(bands), "--model", str(model), "--score", "0.5"]
+    first = subprocess.Popen([sys.executable, "-c", code, *words], stdout=subprocess.PIPE, text=True)
+    assert first.stdout is not None
+    try:
+        assert first.stdout.readline().startswith("in")
+        record = (bands / "labels" / RECORD).read_bytes()
+        assert write_labels([str(bands), "--model", str(model), "--replace"]) == 2
+        assert "labels: another process is working in this folder" in capsys.readouterr().err
+        assert (bands / "labels" / RECORD).read_bytes() == record
+    finally:
+        first.kill()
+        first.wait()
+        first.stdout.close()
+    assert write_labels([str(bands), "--model", str(model), "--replace"]) == 0
+    assert len(texts(bands / "labels")) == 6
 
 
 def test_pictures_show_the_boxes(bands: Path, model: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,25 @@ def test_a_broken_file_is_named(
     (tmp_path / name).write_text(text, encoding="utf-8")
     with pytest.raises(DataError):
         read_run(tmp_path, sequence)
+
+
+@pytest.mark.parametrize("name", ["frames.csv", "poses.txt", "calibration.json"])
+@pytest.mark.parametrize("cut", [1, 2])
+def test_a_file_cut_inside_its_last_number_is_noticed(tmp_path: Path, name: str, cut: int) -> None:
+    sequence = open_sequence(write_bands(tmp_path / "bands", frames=3))
+    (tmp_path / "run").mkdir()
+    write_run(tmp_path / "run", run(sequence, preset("solution_selection")), "m")
+    read_run(tmp_path / "run", sequence)
+    path = tmp_path / "run" / name
+    path.write_bytes(path.read_bytes()[:-cut])
+    with pytest.raises(DataError, match=rf"{name}: was cut or changed since the run wrote it"):
+        read_run(tmp_path / "run", sequence)
+
+
+def test_a_calibration_of_an_older_run_does_not_stay(result: Run, tmp_path: Path) -> None:
+    (tmp_path / "calibration.json").write_text("{}", encoding="utf-8")
+    write_run(tmp_path, dataclasses.replace(result, calibration=None), "m")
+    assert not (tmp_path / "calibration.json").exists()
 
 
 def test_a_sequence_keeps_its_truth(sequence: Sequence) -> None:

@@ -46,8 +46,11 @@ def test_kept_and_removed_matches_have_their_colours_where_they_are() -> None:
     assert np.abs(decoded.astype(int) - picture).mean() < 10
 
 
-def test_a_dollar_sign_in_a_name_is_no_formula() -> None:
-    assert png(trajectory_figure("a$b_{$c", None, {"d$": np.tile(np.eye(4), (2, 1, 1))}))
+@pytest.mark.parametrize("name", ["a$b_{$c", "[/x]", "日本", "\udcff", "x" * 5000, "a\tb", "\x1b[31m"])
+def test_any_name_of_a_folder_can_stand_in_a_picture(name: str) -> None:
+    figure = trajectory_figure(name, None, {f"{name} m": np.tile(np.eye(4), (2, 1, 1))})
+    assert png(figure)
+    assert pdf(figure)
 
 
 def test_the_truth_is_drawn_from_the_place_where_the_estimate_starts() -> None:

@@ -213,7 +213,7 @@ class LabelWriter:
         path = self._folder / f"{frame}.txt"
         write_labels(path, boxes, image.shape[1], image.shape[0])
         with self._one_line, open(self._folder / WRITTEN, "a", encoding="utf-8", newline="") as file:
-            file.write(f"{path.name},{file_sha256(path)}\n")
+            file.write(f"\n{path.name},{file_sha256(path)}")  # behind what a killed process began
 
 
 @dataclass(frozen=True)
