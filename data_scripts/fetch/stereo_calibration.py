@@ -150,9 +150,11 @@ def rig_from_matrices(
             R1, R2, P1, P2 = cv2.stereoRectify(
                 K1, D1, K2, D2, size, R, T.reshape(3, 1), flags=cv2.CALIB_ZERO_DISPARITY, alpha=0
             )[:4]
-        except cv2.error:
+            computed = {"R1": R1, "R2": R2, "P1": P1, "P2": P2}
+            if not all(np.isfinite(matrix).all() for matrix in computed.values()):
+                raise ValueError
+        except (cv2.error, ValueError):
             raise DataError("no rectification follows from these matrices", path) from None
-        computed = {"R1": R1, "R2": R2, "P1": P1, "P2": P2}
         found = {**found, **{name: np.asarray(matrix, np.float64) for name, matrix in computed.items()}}
     if not {"P1", "P2"} <= found.keys():
         missing = ", ".join(sorted({"K1", "D1", "K2", "D2", "R", "T"} - found.keys()))

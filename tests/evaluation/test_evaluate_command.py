@@ -137,3 +137,24 @@ def test_euroc_truth_is_met_by_tum_and_euroc_estimates_at_the_times_all_have(
     (tmp_path / "bad.csv").write_text("#head\n1,2,3,4\n", encoding="utf-8")
     with pytest.raises(DataError, match=r"bad\.csv, line 2: 4 columns; expected 8 numbers or more"):
         read_euroc(tmp_path / "bad.csv")
+
+
+@pytest.mark.parametrize("name", ["a$b_{", "[bold]x[x]", "日本", "no utf-8 \udcff", "x" * 240])
+def test_any_name_stands_in_tables_files_and_pictures(
+    files: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    for folder in ("truth", "ours"):
+        (files / folder / "07.txt").rename(files / folder / f"{name}.txt")
+    command = words(files, [f"truth/{name}.txt"], [f"ours/{name}.txt", f"truth/{name}.txt"])
+    out = ["--names", f"{name},other", "--out", str(files / "out"), "--plot", str(files / "plots")]
+    code = main([*command, *out])
+    said = capsys.readouterr()
+    if len(name) > 200:  # a picture's file is named after it
+        assert code == 2
+        assert "File name too long" in said.err
+        return
+    assert code == 0
+    assert said.err == ""
+    assert "".join(name.encode("utf-8", "replace").decode().split()) in "".join(said.out.split())
+    assert json.loads((files / "out" / "evaluation.json").read_text())["systems"][0]["system"] == name
+    assert len(list((files / "plots").glob("*.png"))) == 3

@@ -67,6 +67,8 @@ class Setting:
 
     def check(self, value: Any) -> None:
         """Raise `DataError` unless the value has the declared type, range and choices."""
+        if isinstance(value, tuple) != (typing.get_origin(self.kind) is tuple):
+            raise DataError(f"{self.name}: {value!r} is not {self.describe()}")
         values = value if isinstance(value, tuple) else (value,)
         kinds: tuple[Any, ...] = (self.kind,)
         if typing.get_origin(self.kind) is tuple or isinstance(self.kind, types.UnionType):
