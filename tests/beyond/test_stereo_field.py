@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from faulty_camera import CAMERA, KITTI, Faults, drive
@@ -25,6 +27,7 @@ from vo_lib.core import settings
 from vo_lib.core.boxes import no_boxes
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
+from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.runner import FoundMatches, make_odometry
 
@@ -202,6 +205,37 @@ def test_switched_off_nothing_is_learnt(method: str) -> None:
         odometry.step(matches, no_boxes())
     np.testing.assert_array_equal(odometry.field.coefficients, np.zeros(N + len(ROWS)))
     np.testing.assert_array_equal(odometry.lens.decentering, np.zeros(2))
+
+
+def test_a_street_seen_by_a_rig_like_kittis_has_its_length_from_frame_50_on(
+    street: Sequence, tmp_path: Path
+) -> None:
+    """The right images drawn anew as such a camera shows them."""
+    part = street.part(0, 112)
+    camera = part.camera
+    v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
+    x, y = (u - camera.cx) / camera.f, (v - camera.cy) / camera.f
+    places = (u + KITTI.disparities(x, y)).astype(np.float32), (v + KITTI.rows(x, y)).astype(np.float32)
+    shutil.copytree(part.folder / "image_0", tmp_path / "image_0")
+    (tmp_path / "image_1").mkdir()
+    for frame in part.frames:
+        image = cv2.imread(str(part.folder / "image_1" / f"{frame}.png"), cv2.IMREAD_GRAYSCALE)
+        image = cv2.remap(image, *places, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT)
+        cv2.imwrite(str(tmp_path / "image_1" / f"{frame}.png"), image)
+    for left in (tmp_path / "image_0").glob("*.png"):
+        if left.stem not in part.frames:
+            left.unlink()
+    shutil.copy(part.folder / "calib.txt", tmp_path)
+    np.savetxt(tmp_path / "times.txt", part.times)
+    assert part.truth is not None
+    te = []
+    for sequence in (part, open_sequence(tmp_path)):
+        errors = kitti_errors(
+            part.truth[50:], run(sequence, preset("solution_selection")).poses[50:], [50.0], 1
+        )
+        assert errors.te is not None
+        te.append(errors.te)
+    assert te[1] < te[0] + 0.05  # without learning 1.0
 
 
 # libviso2 has 7.84 % / 2.70 and ORB-SLAM2's published trajectory 5.47 % / 2.54 on the same frames.
