@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,7 +85,7 @@ def _images(camera: Path) -> dict[int, Path]:
         if len(words) != 2 or not MOMENT.fullmatch(words[0]):
             raise DataError("expected a time in ns and a file name, with a comma between", path, number)
         found[int(words[0])] = camera / "data" / words[1]
-        if not found[int(words[0])].is_file():
+        if not os.path.isfile(found[int(words[0])]):  # a name may be too long for any file
             raise DataError(f"names {words[1]}, which is missing in {camera / 'data'}", path, number)
     return found
 

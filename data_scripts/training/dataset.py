@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,7 +123,7 @@ def _images(path: Path, entry: Any) -> tuple[Path, ...]:
     if not isinstance(entry, str):
         return ()
     places = [path.parent / entry, path.parent / entry.removeprefix("../")]
-    folder = next((place for place in places if place.is_dir()), None)
+    folder = next((place for place in places if os.path.isdir(place)), None)  # of any length
     if folder is None:
         return ()
     return tuple(sorted(file for file in folder.iterdir() if file.suffix.lower() in IMAGE_ENDINGS))

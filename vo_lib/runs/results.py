@@ -25,7 +25,7 @@ from ..core.files import (
     write_bytes_atomic,
     write_text_atomic,
 )
-from ..core.frame import FrameResult
+from ..core.frame import LOST, FrameResult
 from ..core.geometry import inverse
 from ..core.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..core.types import Array
@@ -66,6 +66,7 @@ METRICS_SHAPE = {
         }
     ]
 }
+PATH = "path"  # in metrics.json, beside the errors: whether the path can be believed
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
 
@@ -133,29 +134,32 @@ def write_run(
         write_text_atomic(folder / CALIBRATION, result.calibration.to_json())
     else:
         (folder / CALIBRATION).unlink(missing_ok=True)
-    _write_metrics(folder, errors)
+    _write_metrics(folder, errors, result)
     config = config | {"timing": timing(result), "surroundings": surroundings()}
     config[FILES] = {n: file_sha256(folder / n) for n in RESULTS if (folder / n).exists()}
     write_text_atomic(folder / CONFIG, _json(config))
     return errors
 
 
-def _write_metrics(folder: Path, errors: dict[str, Evaluation]) -> None:
-    if errors:
-        write_text_atomic(folder / METRICS, _json({k: e.to_dict() for k, e in errors.items()}))
-    else:
-        # A folder used before may hold errors of another sequence.
-        (folder / METRICS).unlink(missing_ok=True)
+def _write_metrics(folder: Path, errors: dict[str, Evaluation], result: Run) -> None:
+    path = {"frames_in_doubt": sum(m.in_doubt for m in result.motions), "lost": path_lost(result)}
+    write_text_atomic(folder / METRICS, _json({k: e.to_dict() for k, e in errors.items()} | {PATH: path}))
+
+
+def path_lost(result: Run) -> bool:
+    """Whether more frames in a row were in doubt than the last good motion can stand for."""
+    return any(LOST in motion.flags for motion in result.motions)
 
 
 def read_metrics(folder: Path) -> dict[str, Any]:
-    """metrics.json, or nothing where the run has no truth; `DataError` where it is not as it was written."""
+    """The errors in metrics.json, none where the run has no truth; `DataError` where it is damaged."""
     path = folder / METRICS
     if not path.exists():
         return {}
     expected = "the errors of a run, as `vo run` writes them"
-    data: dict[str, Any] = read_json(path, {str: METRICS_SHAPE}, expected)
-    if not all(kind["sequences"] for kind in data.values()):
+    data: dict[str, Any] = read_json(path, {}, expected)
+    data.pop(PATH, None)
+    if not fits(data, {str: METRICS_SHAPE}) or not all(kind["sequences"] for kind in data.values()):
         raise DataError(f"expected {expected}", path)
     return data
 
@@ -163,9 +167,10 @@ def read_metrics(folder: Path) -> dict[str, Any]:
 def mend_metrics(folder: Path, result: Run) -> None:
     """Write metrics.json of a finished run again where it is missing or damaged."""
     with suppress(DataError):
-        if read_metrics(folder):
+        if (folder / METRICS).exists():
+            read_metrics(folder)
             return
-    _write_metrics(folder, evaluate_run(result))
+    _write_metrics(folder, evaluate_run(result), result)
 
 
 def timing(result: Run) -> dict[str, Any]:
