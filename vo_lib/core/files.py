@@ -68,8 +68,12 @@ def parse_json(text: str) -> Any:
             raise ValueError(f"{word[:20]} is not a finite number")
         return value
 
+    def whole(word: str) -> int:
+        finite(word)  # no more digits than a float can have
+        return int(word)
+
     try:
-        return json.loads(text, parse_float=finite, parse_constant=finite)
+        return json.loads(text, parse_float=finite, parse_int=whole, parse_constant=finite)
     except RecursionError:
         raise ValueError("is nested too deep") from None
 

@@ -64,7 +64,7 @@ def read_stored_run(folder: str | Path) -> StoredRun:
     require_unchanged(folder, POSES)
     poses = read_kitti_poses(folder / POSES)
     first, last = config["frames"]
-    seed, ms = config["settings"]["seed"], config["timing"]["ms_per_frame"]
+    seed, ms = config["settings"]["seed"], float(config["timing"]["ms_per_frame"])
     method, sequence, variant = config["method"], config["sequence"], config["variant"]
     metrics = read_metrics(folder)
     label = method if variant == "kit" else f"{method}, {variant}"
