@@ -80,7 +80,7 @@ def errors_figure(errors: dict[str, Array], first: int = 1, height: int = 230) -
     frames = first + np.arange(max(map(len, errors.values())))
     _plot_errors(axis, frames, named, ("-", "--", "-", "-"))
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    finish(axis, "rotation error, frame by frame", "frame", "error [deg]")
+    finish(axis, "rotation error, frame by frame", "frame", "error [deg]", "above")
     return made
 
 
