@@ -43,10 +43,18 @@ def write_pages(source: Path, target: Path) -> None:
             notebook = executed(nbformat.read(path, as_version=4))  # type: ignore[no-untyped-call]
         place = (target / path.relative_to(source)).with_suffix(".html")
         place.parent.mkdir(exist_ok=True)
-        place.write_text(page(notebook, path.stem), encoding="utf-8")
+        place.write_text(portable(page(notebook, path.stem), source.resolve().parent), encoding="utf-8")
     if (source / "images").is_dir():
         shutil.copytree(source / "images", target / "images", dirs_exist_ok=True)
     say(f"open {target / '00_start_here.html'}")
+
+
+def portable(text: str, kit: Path) -> str:
+    """A page without this machine's folders: the kit's is written as `.`, the user's as `~`."""
+    for folder, short in ((kit, "."), (Path.home(), "~")):
+        if folder.name:  # not the root, as a container's user may have it
+            text = text.replace(html.escape(str(folder)), short)
+    return text
 
 
 def executed(notebook: Any) -> Any:
