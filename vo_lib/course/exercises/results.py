@@ -84,8 +84,8 @@ def is_list(expected: Any) -> bool:
     return isinstance(expected, np.ndarray) and expected.dtype.kind in "iu" and expected.ndim == 1
 
 
-def unusable(got: Any, expected: Any, what: str) -> Unusable | None:
-    """Why a wrong result cannot even be compared with what is expected."""
+def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
+    """Why a wrong result cannot even be compared with what is expected; the hint is for another shape."""
     if isinstance(got, Unusable):
         return got
     if got is None:
@@ -93,7 +93,7 @@ def unusable(got: Any, expected: Any, what: str) -> Unusable | None:
         return Unusable(False, says, "does it end with `return`?")
     if expected is None or got.shape == expected.shape or is_list(expected):
         return None
-    hint = "a transpose is missing." if got.shape == expected.shape[::-1] else ""
+    hint = "a transpose is missing." if got.shape == expected.shape[::-1] else hint
     return Unusable(False, f"{what} has shape {got.shape}, expected {expected.shape or 'one number'}.", hint)
 
 
