@@ -24,6 +24,8 @@ pre {{ font: 13px/1.35 monospace; overflow-x: auto }} img {{ max-width: 100% }}
 .prompt, .jp-InputPrompt, .jp-OutputPrompt, .anchor-link {{ display: none }}
 table {{ border-collapse: collapse }}
 td, th {{ padding: 2px 10px; border-bottom: 1px solid #ddd; text-align: left }}
+/* Without a font for formulas Chromium draws subscripts on the line. */
+math {{ font-family: "Cambria Math", "STIX Two Math", "Latin Modern Math", "DejaVu Math TeX Gyre", math }}
 math[display="block"] {{ margin: 12px 0 }} .panel {{ border: 1px solid #bbb; padding: 8px }}
 </style></head><body>{body}</body></html>
 """
@@ -66,6 +68,7 @@ def executed(notebook: Any) -> Any:
         client = nbclient.NotebookClient(
             notebook, timeout=LONGEST_CELL, kernel_name="python3", allow_errors=True, resources=about
         )
+        client.extra_arguments = ["--log-level=ERROR"]  # the kernel's warnings say nothing to a reader
         client.execute()
     return notebook
 

@@ -33,12 +33,12 @@ class Verdict:
     def _repr_html_(self) -> str:
         colour, word = (RIGHT, "✓ Right:") if self.passed else (NOT_YET, "✗ Not yet:")
         name = RIGHT_CLASS if self.passed else NOT_YET_CLASS
-        hint = f"<br><i>Hint: {_marked(self.hint)}</i>" if self.hint else ""
+        hint = f"<br><i>Hint: {marked(self.hint)}</i>" if self.hint else ""
         style = f"border-left:4px solid {colour};padding:4px 10px;max-width:940px"
-        return f'<div class="{name}" style="{style}"><b>{word}</b> {_marked(self.message)}{hint}</div>'
+        return f'<div class="{name}" style="{style}"><b>{word}</b> {marked(self.message)}{hint}</div>'
 
 
-def _marked(text: str) -> str:
+def marked(text: str) -> str:
     """Text as HTML; what stands between backticks is code."""
     return re.sub("`([^`]+)`", r"<code>\1</code>", html.escape(text))
 

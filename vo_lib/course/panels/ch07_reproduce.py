@@ -101,7 +101,7 @@ class ReproducePanel(Panel):
         title = f"{plan.sequence.name}, frames 0 to {len(truth) - 1}"
         frame = min(state.frame, len(truth) - 1)
         made = plan_figure(truth, frame, title, words, PATHS_HEIGHT)
-        sentence = "Press Run; or type the folder of a finished vo reproduce."
+        sentence = "Press Run; or type the folder of a finished `vo reproduce`."
         return TableDrawing(stack([made], self.height), sentence, (Fact("runs", runs),))
 
     def _table(self, state: State, table: Table, sentence: str) -> Drawing:
