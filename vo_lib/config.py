@@ -18,6 +18,7 @@ from .beyond.config import (
 )
 from .core import settings
 from .core.errors import DataError
+from .core.vehicle import VehicleConfig
 from .detection.config import DetectorConfig
 from .front_end.config import FeatureConfig, MatchingConfig
 from .method import config as method
@@ -39,6 +40,7 @@ __all__ = [
     "ReprojectionConfig",
     "SelectionConfig",
     "TranslationConfig",
+    "VehicleConfig",
     "change",
     "config_class",
     "preset",

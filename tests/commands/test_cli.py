@@ -15,6 +15,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import HEIGHT, WIDTH
 
 from vo_lib.beyond.calibration import read_calibration
 from vo_lib.commands.cli import main
@@ -114,8 +115,21 @@ def test_a_run_without_truth_has_no_errors(bands: Path, capsys: pytest.CaptureFi
     (bands / "poses.txt").unlink()
     out = bands.parent / "out"
     assert main(["run", str(bands), "--out", str(out), *SMALL]) == 0
-    assert not (out / "metrics.json").exists()
-    assert "no ground truth" in capsys.readouterr().out
+    wanted = {"path": {"frames_in_doubt": 0, "lost": False}}
+    assert json.loads((out / "metrics.json").read_text(encoding="utf-8")) == wanted
+    said = capsys.readouterr().out
+    assert "no ground truth" in said
+    assert "lost" not in said
+
+
+def test_a_lost_path_is_said(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for frame in (3, 4, 5):
+        cv2.imwrite(str(bands / "image_1" / f"{frame:06d}.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
+    out = bands.parent / "out"
+    assert main(["run", str(bands), "--out", str(out), "--vehicle.patience", "2", *SMALL]) == 0
+    assert "The path was lost: 3 of 5 frames" in " ".join(capsys.readouterr().out.split())
+    found = json.loads((out / "metrics.json").read_text(encoding="utf-8"))["path"]
+    assert found == {"frames_in_doubt": 3, "lost": True}
 
 
 def read_log(out: Path) -> list[dict[str, str]]:

@@ -70,12 +70,21 @@ def test_after_a_black_frame_the_run_goes_on_with_the_last_motion(tmp_path: Path
     np.testing.assert_allclose(result.poses[:, 0, 3], BASELINE * np.arange(8), atol=0.03)
 
 
-def test_two_identical_frames_are_no_motion(bands: Path) -> None:
+def test_two_identical_frames_are_no_motion_and_no_vehicle_stops_like_that(bands: Path) -> None:
     for side in ("image_0", "image_1"):
         shutil.copy(bands / side / "000002.png", bands / side / "000003.png")
-    result = run(open_sequence(bands), small())
+    sequence = open_sequence(bands)
+    result = run(sequence, settings.replace(small(), "vehicle.check", False))
     np.testing.assert_allclose(result.poses[3], result.poses[2], atol=1e-12)
-    assert "standstill" in result.motions[2].flags
+    assert flags(result)[2] == {"standstill"}
+    # From 5 m/s to none and to 10 m/s in a tenth of a second each: the last good motion goes on.
+    result = run(sequence, small())
+    assert sequence.truth is not None
+    np.testing.assert_allclose(result.poses[:, :3, 3], sequence.truth[:, :3, 3], atol=0.03)
+    assert flags(result)[2:4] == [{"standstill", "doubtful_speed"}, {"doubtful_speed"}]
+    published = run(sequence, preset("solution_selection", variant="published"))
+    assert published.motions[2].flags == ("standstill", "doubtful_speed")
+    np.testing.assert_array_equal(published.motions[2].T_cp, np.eye(4))
 
 
 def test_boxes_remove_their_features_and_the_motion_stays(bands: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..core.settings import Checked, section, setting
+from ..core.vehicle import VehicleConfig
 from ..method.config import MethodConfig
 
 
@@ -39,3 +40,4 @@ class PublishedConfig(MethodConfig):
         choices=("essential", "reprojection"),
     )
     reprojection: ReprojectionConfig = section(ReprojectionConfig)
+    vehicle: VehicleConfig = section(VehicleConfig)

@@ -13,11 +13,12 @@ import numpy as np
 from ..baseline.viso2 import Viso2, refit_motion
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
-from ..core.frame import FrameResult
+from ..core.frame import LOST, FrameResult
 from ..core.geometry import rigid
 from ..core.matches import StereoMatches
 from ..core.reprojection import fit_motion
 from ..core.types import Array, Index, Mask
+from ..core.vehicle import Vehicle
 from ..method.odometry import Odometry, Rotation, median_flow
 from .box_filter import BoxFilter, Filtered
 from .calibration import Calibration
@@ -32,7 +33,7 @@ class Learning(Odometry):
     """A frame's matches corrected by what is known of the calibration, and boxes judged by a rule of the kit.
 
     Further flags: `filter_off` (boxes would have left too few matches), `few_background` (too little
-    outside the boxes to judge which of them move).
+    outside the boxes to judge which of them move), those of `Vehicle`: a doubtful motion is not believed.
 
     Attributes
     ----------
@@ -54,6 +55,8 @@ class Learning(Odometry):
             self.lens.know(known.lens_information, known.lens_vector)
         self._on_moving: Mask | None = None
         self._filter = BoxFilter(camera, config.filter)
+        self._vehicle = Vehicle(config.vehicle)
+        self._good = self._last
 
     @property
     def calibration(self) -> Calibration:
@@ -65,18 +68,33 @@ class Learning(Odometry):
         """The first frame: nothing but its boxes is needed."""
         self._filter.start(boxes)
 
-    def step(self, matches: StereoMatches, boxes: Boxes, on_moving: Mask | None = None) -> FrameResult:
-        """As the paper's, on corrected matches.
+    def step(
+        self, matches: StereoMatches, boxes: Boxes, on_moving: Mask | None = None, seconds: float = 0.0
+    ) -> FrameResult:
+        """As the paper's, on corrected matches; what no vehicle does is not believed.
 
-        `on_moving` : (N,) matches known to be on moving things; the box rule `truth` needs it.
+        on_moving : (N,) matches known to be on moving things; the box rule `truth` needs it.
+        seconds : since the previous frame, 0 where it is not known.
         """
         self._on_moving = on_moving
-        matches = self.lens.correct(matches)
+        field, lens = self.field, self.lens
+        before = self.e_prev, (field.estimate, field.covariance), (lens.information, lens.vector)
+        matches = lens.correct(matches)
         if self.config.calibration.estimate:
-            self.field.learn_rows(matches)
-        motion = super().step(self.field.correct(matches), boxes)
+            field.learn_rows(matches)
+        motion = super().step(field.correct(matches), boxes)
         assert self.filtered is not None
-        return replace(motion, flags=(*self.filtered.flags, *motion.flags))
+        motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
+        motion = self._vehicle.judge(motion, seconds)
+        if not motion.in_doubt:
+            self._good = motion.T_cp
+            return motion
+        # Nothing is learnt from it, and the last good motion goes on, but not for ever.
+        self.e_prev = before[0]
+        field.know(*before[1])
+        lens.know(*before[2])
+        self._last = np.eye(4) if LOST in motion.flags else self._good
+        return replace(motion, T_cp=self._last)
 
     def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
         """The matches that the kit's box rule leaves."""

@@ -5,10 +5,10 @@ both are off by a smooth field over the image, of some tenths of a pixel: far po
 and steps come out too long, on the KITTI highway by 6 %. The field is a polynomial for the disparities and
 one for the rows, in the normalised left position x, y.
 
-The two belong together, for each fault of a rig has a shape in both (`FAULTS`). Stereo matches show the rows
-at once, and with them roll and focal length, which a moving camera cannot tell from a longer step. The rest
-is learnt from the motion: disparities must agree with parallax. One frame knows little of that; a Kalman
-filter carries the coefficients along. Too few terms are worse than none: what they cannot hold ends up in the
+They belong together, for each fault of a rig has a shape in both (`FAULTS`). Stereo matches show the rows at
+once, and with them roll and focal length, which a moving camera cannot tell from a longer step. The rest is
+learnt from the motion: disparities must agree with parallax. One frame knows little of that; a Kalman filter
+carries the coefficients along. Too few terms are worse than none: the rest of the field ends up in the
 constant, which decides the length of the steps.
 """
 
@@ -26,12 +26,9 @@ from .config import CalibrationConfig
 
 Shape = dict[str, float]
 
-EXPONENTS = {
-    "1": (0, 0), "x": (1, 0), "y": (0, 1), "x²": (2, 0), "xy": (1, 1), "y²": (0, 2),
-    "x³": (3, 0), "x²y": (2, 1), "x⁴": (4, 0),
-}  # fmt: skip
 COLUMNS = ("1", "x", "y", "x²", "xy", "y²", "x³", "x²y", "x⁴")
-ROWS = ("1", "x", "y", "x²", "xy", "y²")
+ROWS = COLUMNS[:6]
+EXPONENTS = np.array([(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (4, 0)]).T
 N = len(COLUMNS)
 # What may be wrong with one camera against the other: its shape in the columns, in the rows, and how large it
 # may be, pixels (standard deviation before the first frame). To first order a yaw is a shift along the rows
@@ -45,17 +42,11 @@ FAULTS: dict[str, tuple[Shape, Shape, float]] = {
     "tilt about the horizontal": ({"xy": 1}, {"y²": 1}, 1.0),
     "decentering along the rows": ({"y²": 1}, {"xy": -1}, 5.0),
     "decentering across the rows": ({"xy": -1}, {"x²": 1}, 1.0),
-    # What an undistortion by other polynomials leaves has no shape of its own.
-    "columns, x²": ({"x²": 1}, {}, 1.0),
-    "columns, xy": ({"xy": 1}, {}, 0.2),
-    "columns, y²": ({"y²": 1}, {}, 1.5),
-    "columns, x³": ({"x³": 1}, {}, 0.5),
-    "columns, x²y": ({"x²y": 1}, {}, 1.0),
-    "columns, x⁴": ({"x⁴": 1}, {}, 4.0),
-    "rows, x²": ({}, {"x²": 1}, 0.5),
-    "rows, xy": ({}, {"xy": 1}, 0.5),
-    "rows, y²": ({}, {"y²": 1}, 0.5),
 }
+# What an undistortion by other polynomials leaves has no shape of its own.
+LEFT = {"x²": 1.0, "xy": 0.2, "y²": 1.5, "x³": 0.5, "x²y": 1.0, "x⁴": 4.0}
+FAULTS |= {f"columns, {term}": ({term: 1}, {}, deviation) for term, deviation in LEFT.items()}
+FAULTS |= {f"rows, {term}": ({}, {term: 1}, 0.5) for term in ("x²", "xy", "y²")}
 STIFF = 0.01  # pixels; what no fault explains, in each coefficient
 
 STEPS = 4  # Gauss-Newton steps; from the solved motion and the measured disparities two nearly do
@@ -83,14 +74,11 @@ class StereoField:
         self.covariance = self._prior = prior_covariance()
         self.know(np.zeros(N + len(ROWS)), self.covariance)
 
-    def at(self, left: Array, coefficients: Array | None = None) -> Array:
-        """Errors (2, N) of disparity and row, pixels, of features at left pixels (N, 2)."""
-        c = self.coefficients if coefficients is None else coefficients
-        return field_at(c, *self.camera.normalise(left).T)
-
     def correct(self, matches: StereoMatches, coefficients: Array | None = None) -> StereoMatches:
         """Matches without these errors: the right positions move. Which image is at fault cannot be told."""
-        before, now = (self.at(left, coefficients).T for left in (matches.prev_left, matches.cur_left))
+        c = self.coefficients if coefficients is None else coefficients
+        points = (self.camera.normalise(left).T for left in (matches.prev_left, matches.cur_left))
+        before, now = (field_at(c, *point).T for point in points)
         return dataclasses.replace(
             matches, prev_right=matches.prev_right + before, cur_right=matches.cur_right + now
         )
@@ -100,7 +88,7 @@ class StereoField:
         if len(matches) == 0:
             return
         A = np.zeros((len(self.estimate), len(matches)))
-        A[N:] = powers(ROWS, *self.camera.normalise(matches.cur_left).T)
+        A[N:] = powers(*self.camera.normalise(matches.cur_left).T)[: len(ROWS)]
         difference = matches.cur_left[:, 1] - matches.cur_right[:, 1]
         known = np.linalg.inv(self.covariance + self.config.drift**2 * self._prior)
         start, estimate = known @ self.estimate, self.estimate
@@ -114,26 +102,22 @@ class StereoField:
         self.know(estimate, np.asarray(np.linalg.inv(information)))
 
     def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> StereoMatches | None:
-        """Learn from a frame's corrected matches and its motion.
-
-        Returns the matches without what was learnt, or None where that hardly changed them.
-        """
+        """Learn from a frame's corrected matches and motion; matches without that, None if it is little."""
         found = parallax_information(self.camera, matches, R_cp, t_cp, self.config.scale)
         if found is None:
             return None
         in_use, known = self.coefficients, np.linalg.inv(self.covariance)
         information, vector = known.copy(), np.zeros(len(known))
         information[:N, :N] += found[0] / self.config.noise_inflation**2
-        # The matches were corrected by what is in use, not by the estimate.
+        # What corrected the matches is what is in use, not the estimate.
         vector[:N] = (found[1] - found[0] @ (self.estimate - in_use)[:N]) / self.config.noise_inflation**2
         change = np.linalg.solve(information, vector)
         change *= min(1.0, FARTHEST / max(float(np.sqrt(change @ known @ change)), 1e-12))
         self.know(self.estimate + change, np.linalg.inv(information))
         more = self.coefficients - in_use
         more[N:] = 0.0  # of the rows only their own measurements count in this frame
-        if float(np.sqrt(np.mean(self.at(matches.cur_left, more) ** 2))) < self.config.least_change:
-            return None
-        return self.correct(matches, more)
+        size = np.sqrt(np.mean(field_at(more, *self.camera.normalise(matches.cur_left).T) ** 2))
+        return None if size < self.config.least_change else self.correct(matches, more)
 
     def know(self, estimate: Array, covariance: Array) -> None:
         """From now on this is known: an estimate (15,) and its covariance (15, 15)."""
@@ -144,15 +128,14 @@ class StereoField:
 
 def field_at(coefficients: Array, x: Array, y: Array) -> Array:
     """Errors (2, N) of disparity and row, pixels, at normalised left positions x, y (N,)."""
-    disparity = coefficients[:N] @ powers(COLUMNS, x, y)
-    return np.stack([disparity, coefficients[N:] @ powers(ROWS, x, y)])
+    terms = powers(x, y)
+    return np.stack([coefficients[:N] @ terms, coefficients[N:] @ terms[: len(ROWS)]])
 
 
-def powers(terms: tuple[str, ...], x: Array, y: Array) -> Array:
-    """The polynomial's terms at normalised positions x, y (N,), (len(terms), N)."""
+def powers(x: Array, y: Array) -> Array:
+    """The terms of `COLUMNS` at normalised positions x, y (N,), (9, N); the first six are those of `ROWS`."""
     xs, ys = (np.stack([np.ones_like(a), a, a * a, a**3, (a * a) ** 2]) for a in (x, y))
-    i, j = np.array([EXPONENTS[term] for term in terms]).T
-    return np.asarray(xs[i] * ys[j])
+    return np.asarray(xs[EXPONENTS[0]] * ys[EXPONENTS[1]])
 
 
 def prior_covariance() -> Array:
@@ -186,7 +169,7 @@ def parallax_information(
     measured = np.stack([D, f * x_c[0], f * x_c[1], d_c])
     one, ray = np.ones_like(D), R_cp @ np.vstack([x_p, np.ones_like(D)])
     by_all = np.zeros((3 + N, 4, len(D)))
-    by_all[3:, 0], by_all[3:, 3] = powers(COLUMNS, *x_p), powers(COLUMNS, *x_c)
+    by_all[3:, 0], by_all[3:, 3] = powers(*x_p), powers(*x_c)
     try:
         for step in range(STEPS):
             X, Y, Z = ray + D / fb * t[:, None]

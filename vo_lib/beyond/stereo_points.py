@@ -21,8 +21,6 @@ from ..core.symmetric import outer
 from ..core.types import Array
 
 FAINTEST = 1e-8  # smallest d², a tenth of a pixel: below, the depth is as good as unknown
-
-
 _ONE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
@@ -68,21 +66,3 @@ def stereo_points(camera: StereoCamera, left: Array, right: Array) -> StereoPoin
     X[0] += 0.5 * camera.baseline
     residual_floor = 0.5 * camera.baseline**2 * (y - y_r) ** 2 / d2
     return StereoPoints(X, ray, np.array([0.0, 0.0, 1.0]), 4.0 / d2, residual_floor)
-
-
-def linearised_points(baseline: float, X: Array, left: Array, right: Array) -> StereoPoints:
-    """Points by one Gauss-Newton step on the reprojection error in both images, from X (3, N), z > 0.
-
-    The same form as `stereo_points`, but its coefficients come from X and not from noisy pixels.
-
-    Parameters
-    ----------
-    baseline : metres; left, right : (2, N) normalised points.
-    """
-    x, y, d = X[0] / X[2], X[1] / X[2], baseline / X[2]
-    u, v, u_r, v_r = left[0] - x, left[1] - y, right[0] - x + d, right[1] - y
-    ray = np.stack([x - 0.5 * d, y, np.ones_like(x)])
-    step = ray * (-(u - u_r) / d)
-    step[:2] += 0.5 * (u + u_r), 0.5 * (v + v_r)
-    residual_floor = 0.5 * (X[2] * (v - v_r)) ** 2
-    return StereoPoints(X + X[2] * step, ray, np.array([0.0, 0.0, 1.0]), 4.0 / (d * d), residual_floor)

@@ -7,6 +7,11 @@ from dataclasses import dataclass, field
 
 from .types import Array
 
+NO_MOTION = ("few_matches", "no_motion")  # flags of a frame whose images gave no motion
+DOUBTFUL = ("doubtful_speed", "doubtful_turn", "doubtful_tilt")  # and of one that no vehicle makes
+LOST = "lost"  # more frames in doubt, one after the other, than the last good motion can stand for
+IN_DOUBT = frozenset((*NO_MOTION, *DOUBTFUL))
+
 
 @dataclass(frozen=True)
 class FrameResult:
@@ -30,6 +35,11 @@ class FrameResult:
     prior_angle: float = float("nan")
     flags: tuple[str, ...] = ()
     ms: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the images of this frame gave no motion, or one that no vehicle makes."""
+        return any(flag in IN_DOUBT for flag in self.flags)
 
 
 class Clock:

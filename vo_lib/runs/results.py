@@ -18,7 +18,7 @@ from ..config import config_class
 from ..core import settings
 from ..core.errors import DataError
 from ..core.files import csv_text, read_text, write_bytes_atomic, write_text_atomic
-from ..core.frame import FrameResult
+from ..core.frame import LOST, FrameResult
 from ..core.geometry import inverse
 from ..core.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..core.types import Array
@@ -40,6 +40,7 @@ METRICS = "metrics.json"
 POSES = "poses.txt"
 CALIBRATION = "calibration.json"
 UNFINISHED = "unfinished"
+PATH = "path"  # in metrics.json, beside the errors: whether the path can be believed
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
 
@@ -105,27 +106,30 @@ def write_run(
     write_text_atomic(folder / LOG, frames_csv(sequence.frames[1:], result.motions))
     if result.calibration is not None:
         write_text_atomic(folder / CALIBRATION, result.calibration.to_json())
-    _write_metrics(folder, errors)
+    _write_metrics(folder, errors, result)
     config = config | {"timing": timing(result), "surroundings": surroundings()}
     write_text_atomic(folder / CONFIG, _json(config))
     return errors
 
 
-def _write_metrics(folder: Path, errors: dict[str, Evaluation]) -> None:
-    if errors:
-        write_text_atomic(folder / METRICS, _json({k: e.to_dict() for k, e in errors.items()}))
-    else:
-        # A folder used before may hold errors of another sequence.
-        (folder / METRICS).unlink(missing_ok=True)
+def _write_metrics(folder: Path, errors: dict[str, Evaluation], result: Run) -> None:
+    path = {"frames_in_doubt": sum(m.in_doubt for m in result.motions), "lost": path_lost(result)}
+    write_text_atomic(folder / METRICS, _json({k: e.to_dict() for k, e in errors.items()} | {PATH: path}))
+
+
+def path_lost(result: Run) -> bool:
+    """Whether more frames in a row were in doubt than the last good motion can stand for."""
+    return any(LOST in motion.flags for motion in result.motions)
 
 
 def read_metrics(folder: Path) -> dict[str, Any]:
-    """metrics.json, or nothing where the run has no truth; `DataError` where it is not as it was written."""
+    """The errors in metrics.json, none where the run has no truth; `DataError` where it is damaged."""
     path = folder / METRICS
     if not path.exists():
         return {}
     try:
         data = json.loads(read_text(path))
+        data.pop(PATH, None)
         for kind in data.values():
             entry = kind["sequences"][0]
             _ = entry["te_percent"], entry["ate"]["alignment"], entry["by_length"], entry["by_speed"]
@@ -138,9 +142,10 @@ def read_metrics(folder: Path) -> dict[str, Any]:
 def mend_metrics(folder: Path, result: Run) -> None:
     """Write metrics.json of a finished run again where it is missing or damaged."""
     with suppress(DataError):
-        if read_metrics(folder):
+        if (folder / METRICS).exists():
+            read_metrics(folder)
             return
-    _write_metrics(folder, evaluate_run(result))
+    _write_metrics(folder, evaluate_run(result), result)
 
 
 def timing(result: Run) -> dict[str, Any]:

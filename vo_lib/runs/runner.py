@@ -22,6 +22,7 @@ from ..core.frame import Clock, FrameResult
 from ..core.geometry import inverse, nearest_rotation
 from ..core.matches import StereoMatches
 from ..core.types import Array, Progress
+from ..core.vehicle import Vehicle
 from ..data.sequence import Sequence, stereo_ahead
 from ..front_end.front_end import make_front_end
 from ..method.config import FeatureConfig, MatchingConfig
@@ -69,6 +70,7 @@ class MethodRun:
         self.odometry = make_odometry(sequence.camera, config, sequence.calibration)
         self.motions: list[FrameResult] = []
         self._poses = [np.eye(4)]
+        self._vehicle = Vehicle(config.vehicle)
 
     def step(self, index: int, frame: TimedMatches, boxes: Boxes) -> None:
         """Take in a frame; the first one, 0, gives no motion."""
@@ -76,12 +78,15 @@ class MethodRun:
             self.odometry.start(boxes)
             return
         matches, ms = frame
+        seconds = float(self.sequence.times[index] - self.sequence.times[index - 1])
         if isinstance(self.odometry, Learning):
             truth = self.config.filter.rule == "truth"
             on_moving = self.sequence.on_moving(index, matches) if truth else None
-            motion = self.odometry.step(matches, boxes, on_moving)
+            motion = self.odometry.step(matches, boxes, on_moving, seconds)
         else:
             motion = self.odometry.step(matches, boxes)
+            # As published, doubtful frames are flagged and no more.
+            motion = self._vehicle.judge(motion, seconds)
         T_w_c = self._poses[-1] @ inverse(motion.T_cp)
         T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
         self._poses.append(T_w_c)
