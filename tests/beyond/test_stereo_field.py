@@ -220,6 +220,7 @@ def test_a_street_seen_by_a_rig_like_kittis_has_its_length_from_frame_50_on(
     (tmp_path / "image_1").mkdir()
     for frame in part.frames:
         image = cv2.imread(str(part.folder / "image_1" / f"{frame}.png"), cv2.IMREAD_GRAYSCALE)
+        assert image is not None
         image = cv2.remap(image, *places, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT)
         cv2.imwrite(str(tmp_path / "image_1" / f"{frame}.png"), image)
     for left in (tmp_path / "image_0").glob("*.png"):

@@ -26,6 +26,8 @@ FIELDS = {
     "sequence",
     "ms_a_frame_of",
     "whole_run_ms_a_frame",
+    "processor_ms_a_frame",
+    "decoding_ms_a_frame",
     "back_end_from_cache_ms_a_frame",
     "peak_memory_mb",
     "five_point_us_a_set",
@@ -57,6 +59,7 @@ def test_the_figures_of_a_tiny_sequence_are_complete_and_consistent(bands: Path)
     assert all(ms >= 0 for ms in stages.values())
     # The first frame has no stages, and the whole run has more to do than its stages.
     assert 5 * sum(stages.values()) <= 6 * data["whole_run_ms_a_frame"]
+    assert 0 < data["decoding_ms_a_frame"] < data["processor_ms_a_frame"]
     back_end = sum(stages[name] for name in ("rotation", "translation"))
     assert 0 < data["back_end_from_cache_ms_a_frame"] < 20 * back_end
     assert data["features"] is data["detector"] is None

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import nbformat
 import pytest
 
-from vo_lib.commands.lab_html import executed, page
+from vo_lib.commands.lab_html import executed, page, portable
 from vo_lib.commands.mathml import FORMULA, to_mathml, with_mathml
 
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -63,3 +63,8 @@ def test_a_page_has_its_panel_as_a_picture_and_needs_no_network() -> None:
     assert 'src="data:image/jpeg;base64,YWJj' in written
     assert "<script" not in written
     assert "http" not in written.replace("http-equiv", "")
+
+
+def test_a_page_names_no_folder_of_this_machine(tmp_path: Path) -> None:
+    text = f"into {tmp_path}/data/kitti; detectors: none in {Path.home()}/models"
+    assert portable(text, tmp_path) == "into ./data/kitti; detectors: none in ~/models"

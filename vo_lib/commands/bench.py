@@ -65,6 +65,11 @@ def _show(bench: Bench) -> None:
     what = bench.sequence
     rows = [[name, f"{ms:.2f} ms"] for name, ms in bench.ms_a_frame_of.items()]
     rows.append(["whole run, a frame", f"{bench.whole_run_ms_a_frame:.2f} ms"])
+    rows.append(["its processor time, a frame", f"{bench.processor_ms_a_frame:.2f} ms"])
+    rows.append(["decoding the images in one thread, a frame", f"{bench.decoding_ms_a_frame:.2f} ms"])
+    both = bench.whole_run_ms_a_frame, bench.processor_ms_a_frame
+    ratios = " and ".join(f"{ms / bench.decoding_ms_a_frame:.1f}" for ms in both)
+    rows.append(["whole run and its processor time, of the decoding", f"{ratios} times"])
     back_end = bench.back_end_from_cache_ms_a_frame
     rows.append(["back end alone from cached matches, a frame", f"{back_end:.2f} ms"])
     if bench.peak_memory_mb is not None:

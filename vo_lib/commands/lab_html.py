@@ -24,6 +24,8 @@ pre {{ font: 13px/1.35 monospace; overflow-x: auto }} img {{ max-width: 100% }}
 .prompt, .jp-InputPrompt, .jp-OutputPrompt, .anchor-link {{ display: none }}
 table {{ border-collapse: collapse }}
 td, th {{ padding: 2px 10px; border-bottom: 1px solid #ddd; text-align: left }}
+/* Without a font for formulas Chromium draws subscripts on the line. */
+math {{ font-family: "Cambria Math", "STIX Two Math", "Latin Modern Math", "DejaVu Math TeX Gyre", math }}
 math[display="block"] {{ margin: 12px 0 }} .panel {{ border: 1px solid #bbb; padding: 8px }}
 </style></head><body>{body}</body></html>
 """
@@ -43,10 +45,18 @@ def write_pages(source: Path, target: Path) -> None:
             notebook = executed(nbformat.read(path, as_version=4))  # type: ignore[no-untyped-call]
         place = (target / path.relative_to(source)).with_suffix(".html")
         place.parent.mkdir(exist_ok=True)
-        place.write_text(page(notebook, path.stem), encoding="utf-8")
+        place.write_text(portable(page(notebook, path.stem), source.resolve().parent), encoding="utf-8")
     if (source / "images").is_dir():
         shutil.copytree(source / "images", target / "images", dirs_exist_ok=True)
     say(f"open {target / '00_start_here.html'}")
+
+
+def portable(text: str, kit: Path) -> str:
+    """A page without this machine's folders: the kit's is written as `.`, the user's as `~`."""
+    for folder, short in ((kit, "."), (Path.home(), "~")):
+        if folder.name:  # not the root, as a container's user may have it
+            text = text.replace(html.escape(str(folder)), short)
+    return text
 
 
 def executed(notebook: Any) -> Any:
@@ -58,6 +68,7 @@ def executed(notebook: Any) -> Any:
         client = nbclient.NotebookClient(
             notebook, timeout=LONGEST_CELL, kernel_name="python3", allow_errors=True, resources=about
         )
+        client.extra_arguments = ["--log-level=ERROR"]  # the kernel's warnings say nothing to a reader
         client.execute()
     return notebook
 

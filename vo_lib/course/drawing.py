@@ -43,7 +43,7 @@ JPEG = (
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
 )
 
-Place = Literal["best", "upper left", "upper right", "lower left", "lower right", "center"]
+Place = Literal["best", "upper left", "upper right", "lower left", "lower right", "center", "above"]
 
 # Text layout of matplotlib shares state between threads: cells and panel callbacks draw one at a time.
 _drawing = threading.RLock()
@@ -76,7 +76,7 @@ def finish(
 ) -> None:
     """Title, axis names with units, the common look of an axis, and a legend where lines have labels.
 
-    A `boxed` legend hides the data below it.
+    A `boxed` legend hides the data below it; one `above` stands beside the title, off the data.
     """
     # At a given height: else matplotlib looks at all numbers of the axis to find one.
     axis.set_title(title, fontsize=TITLE_SIZE, loc="left", y=1.0)
@@ -85,7 +85,11 @@ def finish(
     axis.tick_params(labelsize=FONT_SIZE - 1)
     axis.spines[["top", "right"]].set_visible(False)
     if axis.get_legend_handles_labels()[1]:
-        axis.legend(loc=legend, fontsize=FONT_SIZE - 1, frameon=boxed, framealpha=0.9)
+        look: dict[str, Any] = {"fontsize": FONT_SIZE - 1, "frameon": boxed, "framealpha": 0.9}
+        if legend == "above":
+            axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), borderaxespad=0, ncols=8, **look)
+        else:
+            axis.legend(loc=legend, **look)
 
 
 def log_axis(axis: Axis, low: float, high: float, steps: tuple[float, ...] = (1.0,)) -> None:

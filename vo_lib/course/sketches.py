@@ -40,7 +40,7 @@ def epipolar_plane(height: int = 330) -> Figure:
     plane = np.array([C_p, C_c, X]) @ ON_PAPER.T
     axis.fill(*plane.T, color=GOOD, alpha=0.1)
     _line(axis, plane[0], plane[1], FIFTH, 3.0)
-    _text(axis, (plane[1, 0] / 2, -0.35), "t, the way of the camera", ha="center")
+    _text(axis, (plane[1, 0] / 2, -0.35), "t", ha="center")
     for C, name in ((C_p, "previous camera"), (C_c, "current camera")):
         corners = C + np.array([[-1.9, -1.2, 1.6], [1.2, -1.2, 1.6], [1.2, 0.7, 1.6], [-1.9, 0.7, 1.6]])
         axis.fill(*(corners @ ON_PAPER.T).T, facecolor="white", edgecolor=DARK, alpha=0.75)
@@ -55,8 +55,8 @@ def epipolar_plane(height: int = 330) -> Figure:
         _dot(axis, seen[-1], colour)
     _line(axis, seen[0] - 0.6 * (seen[2] - seen[0]), seen[2] + 0.6 * (seen[2] - seen[0]), BAD)
     _dot(axis, ON_PAPER @ (X * 1.6 / X[2]), BAD, "x_p", (-0.2, 0.2), "right")
-    _text(axis, seen[1] + np.array([0.1, 0.25]), "x_c")
-    _text(axis, seen[2] + np.array([1.2, 0.0]), "E x_p, the epipolar line", color=BAD)
+    _text(axis, seen[1] + np.array([0.5, -0.35]), "x_c")
+    _text(axis, seen[2] + np.array([2.1, 0.0]), "E x_p, the epipolar line", color=BAD)
     return made
 
 
@@ -64,8 +64,12 @@ def eight_rays(height: int = 230) -> Figure:
     """The four rays of one feature from above, depth to the right: noise makes them miss each other."""
     made, axis = _sheet(height, (-1.5, 13.0), (-1.1, 2.4))
     Q, step = np.array([11.0, 0.8]), np.array([2.6, 0.15])
-    for origin, colour, name in ((np.zeros(2), PALE, "previous"), (step, GOOD, "current")):
-        for y, off in ((1.6, 0.22), (0.0, -0.25)):
+    pairs = (
+        (np.zeros(2), PALE, "previous", ((1.6, 0.22), (0.0, -0.25))),
+        (step, GOOD, "current", ((1.6, 0.02), (0.0, 0.1))),
+    )
+    for origin, colour, name, offs in pairs:
+        for y, off in offs:
             C = origin + np.array([0.0, y])
             _line(axis, C, C + 1.1 * (Q + np.array([0.0, off]) - C), colour, 1.6)
             _dot(axis, C, DARK)
@@ -104,10 +108,10 @@ def pose_chain(height: int = 230) -> Figure:
         _arrow(axis, place, place + 0.9 * ahead, GOOD)
         _arrow(axis, place, place + 0.7 * np.array([ahead[1], -ahead[0]]), BAD)
         name = f"camera {number}" + ", the world" * (number == 0)
-        _dot(axis, place, DARK, name, (0.2, -0.45))
+        _dot(axis, place, DARK, name, (0.4, -0.5))
         if number:
             _arrow(axis, places[number - 1] + 0.15, place + np.array([-0.1, 0.15]), THIRD, "arc3,rad=-0.3")
-            middle = (places[number - 1] + place) / 2 + np.array([0.0, 0.75])
+            middle = (places[number - 1] + place) / 2 + np.array([-0.2, 0.8 + 0.1 * number])
             _text(axis, middle, f"inverse of T_cp, frame {number}", THIRD, "center")
     return made
 

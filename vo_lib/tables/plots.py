@@ -208,14 +208,9 @@ def match_image(
     """
     picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), np.uint8)
     states = [MOVING] * len(boxes) if state is None else state.tolist()
-    for number, corners in enumerate(np.rint(boxes.xyxy).astype(int).tolist()):
-        _draw_box(picture, corners, states[number], thick=state is not None)
-        if number < len(words):
-            at = max(corners[0], 0), max(corners[1] - 4, 10)
-            for width, colour in ((3, (0, 0, 0)), (1, BOX)):  # white on a black rim
-                cv2.putText(
-                    picture, words[number], at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, colour, width, cv2.LINE_AA
-                )
+    places = np.rint(boxes.xyxy).astype(int).tolist()
+    for corners, each in zip(places, states, strict=True):
+        _draw_box(picture, corners, each, thick=state is not None)
     # Sub-pixel drawing: OpenCV takes fixed-point coordinates with four binary digits.
     ends = np.rint(np.stack([matches.prev_left, matches.cur_left], axis=1) * 16).astype(int)
     ages = np.clip(matches.age, 1, len(AGE_COLOURS)).tolist()
@@ -223,6 +218,11 @@ def match_image(
         colour = (AGE_COLOURS[age - 1] if by_age else KEPT) if keep else REMOVED
         cv2.line(picture, start, end, colour, 1, cv2.LINE_AA, shift=4)
         cv2.circle(picture, end, 2 * 16, colour, -1, cv2.LINE_AA, shift=4)
+    for corners, word in zip(places, words, strict=False):  # last, on dark ground: no line crosses them
+        x, y = max(corners[0], 0), max(corners[1] - 4, 12)
+        (width, high), _ = cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
+        picture[y - high - 2 : y + 3, x : x + width] //= 4
+        cv2.putText(picture, word, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.4, BOX, 1, cv2.LINE_AA)
     return np.asarray(picture, np.uint8)
 
 

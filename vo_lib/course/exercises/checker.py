@@ -21,6 +21,7 @@ from .keep import handed_back, keep
 from .results import SHORT, Unusable, Verdict, differ, holds, is_list, outcome, result, shown, unusable
 
 Case = tuple[Any, ...]  # the inputs of a call
+LONGEST = 80  # characters of an input that a message tells
 WORDS = json.loads(Path(__file__).with_name("words.json").read_text(encoding="utf-8"))
 
 
@@ -158,7 +159,7 @@ class Exercise:
         if agreed.get(named, 0) <= first:
             # A function that may give back None can do so in the wrong case.
             missing = wrong is None and any(each is None for each in right)
-            if not missing and (reason := unusable(wrong, expected, what)):
+            if not missing and (reason := unusable(wrong, expected, what, self.words["hint"])):
                 return reason
             tests = {name: mistake.when for name, mistake in self.mistakes.items() if mistake.when}
             named = next((name for name in tests if holds(tests[name], wrong, *cases[case])), "")
@@ -231,5 +232,5 @@ class Exercise:
             numbers = f"it is {got[place]:.4g}, expected {expected[place]:.4g}"
             return f"{what} has {wrong.sum()} of {wrong.size} numbers wrong: at {list(place)} {numbers}."
         named_inputs = zip(inspect.signature(self.right).parameters, map(shown, inputs), strict=False)
-        told = ", ".join(f"{name} = {value}" for name, value in named_inputs if value)
+        told = ", ".join(f"{name} = {value}" for name, value in named_inputs if 0 < len(value) < LONGEST)
         return f"{what} is {shown(got)}, expected {shown(expected)}{told and f' for {told}'}."

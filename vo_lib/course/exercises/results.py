@@ -33,12 +33,12 @@ class Verdict:
     def _repr_html_(self) -> str:
         colour, word = (RIGHT, "✓ Right:") if self.passed else (NOT_YET, "✗ Not yet:")
         name = RIGHT_CLASS if self.passed else NOT_YET_CLASS
-        hint = f"<br><i>Hint: {_marked(self.hint)}</i>" if self.hint else ""
+        hint = f"<br><i>Hint: {marked(self.hint)}</i>" if self.hint else ""
         style = f"border-left:4px solid {colour};padding:4px 10px;max-width:940px"
-        return f'<div class="{name}" style="{style}"><b>{word}</b> {_marked(self.message)}{hint}</div>'
+        return f'<div class="{name}" style="{style}"><b>{word}</b> {marked(self.message)}{hint}</div>'
 
 
-def _marked(text: str) -> str:
+def marked(text: str) -> str:
     """Text as HTML; what stands between backticks is code."""
     return re.sub("`([^`]+)`", r"<code>\1</code>", html.escape(text))
 
@@ -84,8 +84,8 @@ def is_list(expected: Any) -> bool:
     return isinstance(expected, np.ndarray) and expected.dtype.kind in "iu" and expected.ndim == 1
 
 
-def unusable(got: Any, expected: Any, what: str) -> Unusable | None:
-    """Why a wrong result cannot even be compared with what is expected."""
+def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
+    """Why a wrong result cannot even be compared with what is expected; the hint is for another shape."""
     if isinstance(got, Unusable):
         return got
     if got is None:
@@ -93,7 +93,7 @@ def unusable(got: Any, expected: Any, what: str) -> Unusable | None:
         return Unusable(False, says, "does it end with `return`?")
     if expected is None or got.shape == expected.shape or is_list(expected):
         return None
-    hint = "a transpose is missing." if got.shape == expected.shape[::-1] else ""
+    hint = "a transpose is missing." if got.shape == expected.shape[::-1] else hint
     return Unusable(False, f"{what} has shape {got.shape}, expected {expected.shape or 'one number'}.", hint)
 
 

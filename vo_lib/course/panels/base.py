@@ -34,6 +34,7 @@ from ...core.types import Progress
 from ...data.sequence import Sequence, available
 from ...runs.runner import one_blas_thread
 from ..drawing import BAD, WIDTH, stack
+from ..exercises.results import marked
 from ..frames import DEFAULT, is_open, keep, opened
 from .controls import CELL, CELL_WIDTH, PLAIN, Control, Knob
 from .facts import Fact, facts_html
@@ -196,8 +197,8 @@ class Panel:
             return
         # A DataError is written for people; of any other error its kind helps to find the mistake.
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
-        words = html.escape(self.error)
-        self._message.value = f'<div class="{ERROR_CLASS}" role="alert" style="{ERROR_STYLE}">{words}</div>'
+        words = f'role="alert" style="{ERROR_STYLE}">{marked(self.error)}'
+        self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'
 
     def _make_knobs(self, first: dict[str, Any]) -> dict[str, Knob]:
         known: dict[str, tuple[Setting, Any]] = {}

@@ -89,8 +89,9 @@ def ages_picture(image: Image, uv: Array, age: NDArray[np.int64], cell: int, wor
         for place in uv[age >= least]:
             draw_dot(picture, place, colour, 3)
     shown = caption(photo(picture), words)
+    shown[-32:, : 60 * len(AGES) + 6] //= 4  # a dark strip for the legend
     for number, (least, colour) in enumerate(AGES.items()):
-        at = np.array([16.0 + 70 * number, len(shown) - 14.0])
+        at = np.array([14.0 + 60 * number, len(shown) - 12.0])
         draw_dot(shown, at, colour, 5, f"{least}+")
     return shown
 

@@ -54,22 +54,24 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
             (field.kept, GOOD, "every solution" if field.kept.all() else "nearest k of a set"),
         ):
             (dots,) = axis.plot(x[chosen], field.image_error[chosen], ".", color=colour, markersize=4.5)
-            dots.set_label(words if axis is by_angle else "")  # one legend is enough
+            dots.set_label(words if axis is by_error else "")  # one legend is enough
         for at, colour, size, words in (
-            (field.consensus, DARK, 9, "winner by consensus (the larger dot)"),
-            (field.selected, BAD, 5.5, "winner by selection"),
+            (field.consensus, DARK, 9, "winner, consensus"),
+            (field.selected, BAD, 5.5, "winner, selection"),
         ):
             # A winner at the edge is shown whole.
             (dot,) = axis.plot(
                 x[at], field.image_error[at], "o", color=colour, markersize=size, clip_on=False
             )
-            dot.set_label(words if axis is by_angle else "")
+            dot.set_label(words if axis is by_error else "")
         axis.set_ylim(-0.02, 1.02)
     by_angle.set_xlim(0, 90)
     log_axis(by_error.xaxis, LEAST, MOST)
     x_name = "angle to the previous essential vector [deg]"
-    finish(by_angle, "the solutions of all sets", x_name, "image error", "lower right", boxed=True)
-    finish(by_error, "the same against what is true", "rotation error [deg]", "image error")
+    finish(by_angle, "the solutions of all sets", x_name, "image error")
+    # Where the rotation is right the image error is small: nothing stands there.
+    x_name = "rotation error [deg]"
+    finish(by_error, "the same against what is true", x_name, "image error", "upper left", boxed=True)
     return made
 
 
@@ -80,7 +82,7 @@ def errors_figure(errors: dict[str, Array], first: int = 1, height: int = 230) -
     frames = first + np.arange(max(map(len, errors.values())))
     _plot_errors(axis, frames, named, ("-", "--", "-", "-"))
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    finish(axis, "rotation error, frame by frame", "frame", "error [deg]")
+    finish(axis, "rotation error", "frame", "error [deg]", "above")
     return made
 
 

@@ -107,9 +107,9 @@ CORNERS: dict[Place, tuple[float, float]] = {
 def millimetres_from_above(axis: Axes, half: float, title: str, dots: Array | None = None) -> None:
     """Limits, ticks, names and a boxed legend for errors of a translation in the x-z plane.
 
-    The legend stands in the corner that is farthest from `dots` (N, 2), millimetres; else in the upper left.
+    The legend stands in the corner that is farthest from `dots` (N, 2), millimetres; else below right.
     """
-    place: Place = "upper left"
+    place: Place = "lower right"
     if dots is not None:
         place = max(CORNERS, key=lambda at: np.linalg.norm(dots / half - CORNERS[at], axis=1).min())
     ticks = [-half, -half / 2, 0, half / 2, half]
@@ -156,7 +156,7 @@ def variants_figure(tables: dict[str, dict[str, Array]], height: int = 290) -> F
             words = f"{name.replace('_', ' ')}: {np.median(values):.1f} mm"
             axis.text(0.01, row - 0.22, words, fontsize=FONT_SIZE - 1, transform=axis.get_yaxis_transform())
         axis.set_xscale("log")
-        axis.minorticks_off()
+        log_axis(axis.xaxis, *axis.get_xlim())
         axis.set_yticks([])
         axis.set_ylim(len(errors) - 0.6, -0.8)
         finish(axis, title, "error of t [mm]; orange: median")

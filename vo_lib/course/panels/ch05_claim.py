@@ -55,7 +55,7 @@ def claim_figure(sequence: Sequence, runs: Mapping[str, Array], height: int = 25
         axis.set_ylim(0, room(1.35 * highest))  # the legend stands above the lines
     reach = max(float(np.abs(places[:, 0, 3]).max()) for places in runs.values())
     path.set_xlim(-room(1.2 * reach, least=0.5), room(1.2 * reach, least=0.5))
-    finish(turns, "rotation error of each step", "frame", "error [deg]", "upper left")
-    finish(lengths, "translation error of each step", "frame", "error [mm]")
-    finish(path, "where the car believes to be", "x, right [m]", "z, forward [m]", "lower left")
+    finish(turns, "rotation error of each step [deg]", "frame", "", "upper left")
+    finish(lengths, "translation error of each step [mm]", "frame")
+    finish(path, "where the car believes it is", "x, right [m]", "z, forward [m]", "lower left")
     return made

@@ -198,7 +198,8 @@ class FilteringPanel(Panel):
         network, candidates = self._network(state, boxes)
         change = MILLI * float(np.linalg.norm(kept[:3, 3] - every[:3, 3]))
         sizes = [np.nan if T_true is None else float(np.linalg.norm(error)) for error in errors.values()]
-        sentence = f"{len(shown)} boxes count; the rule removes {removed} of {len(matches)} features. "
+        sentence = f"With {len(shown)} boxes here and those of the image before, "
+        sentence += f"the rule removes {removed} of {len(matches)} features. "
         if T_true is None:
             sentence += f"That moves the translation by {change:.1f} mm; the truth is not known here."
         else:

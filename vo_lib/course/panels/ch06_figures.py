@@ -153,14 +153,12 @@ def starts_figure(truth: Array, lengths: tuple[float, ...], step: int, height: i
             end = int(np.searchsorted(path, path[start] + length, side="right"))
             if end < len(truth):
                 axis.plot(
-                    path[[start, end]], [row, row], color=CYCLE[number % len(CYCLE)], linewidth=2,
+                    path[[start, end]], [row, row], color=(*CYCLE, DARK)[number % 8], linewidth=2,
                     label=f"{length:g} m" if start == 0 else None,
                 )  # fmt: skip
         row += 1
     axis.set_ylim(row, -1)
-    finish(axis, f"a start every {step} frames", "way along the path [m]", "start")
-    axis.set_xlim(-0.02 * path[-1], 1.2 * path[-1])
-    axis.legend(loc="upper right", fontsize=FONT_SIZE - 1, frameon=False)
+    finish(axis, f"a start every {step} frames", "way along the path [m]", "start", "above")
     return made
 
 

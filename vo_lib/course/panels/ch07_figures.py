@@ -126,7 +126,7 @@ def methods_chart(axis: Axes, errors: Mapping[str, tuple[Array, Array]], rotatio
     for number, (method, (preset, changed)) in enumerate(errors.items()):
         draw_dot(axis, number - 0.15, preset, method, number, hollow=True)
         draw_dot(axis, number + 0.15, changed, method, number)
-    axis.set_xticks(range(len(errors)), [name.replace("_", "\n") for name in errors])
+    axis.set_xticks(range(len(errors)), [name.replace("_selection", "\nselection") for name in errors])
     axis.set_xlim(-0.5, len(errors) - 0.5)
     known = np.concatenate([values for pair in errors.values() for values in pair])
     highest = float(np.max(known, initial=0.0, where=np.isfinite(known)))

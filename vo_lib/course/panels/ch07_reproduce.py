@@ -43,7 +43,7 @@ class ReproduceView(Checked):
         "kit", "the paper as published, or the kit's way, its winner refined or taken as it is", choices=WAYS
     )
     lengths: str = setting(
-        SHORT, "sub-sequences: short ones from every frame, or what `vo reproduce` takes", choices=LENGTHS
+        SHORT, "sub-sequences: short ones from every frame, or what vo reproduce takes", choices=LENGTHS
     )
     folder: str = setting("", "path of a folder of finished runs, such as runs/table1, to show instead")
     paper: str = setting("", "path of a corrected CSV, to compare with instead")
@@ -101,7 +101,7 @@ class ReproducePanel(Panel):
         title = f"{plan.sequence.name}, frames 0 to {len(truth) - 1}"
         frame = min(state.frame, len(truth) - 1)
         made = plan_figure(truth, frame, title, words, PATHS_HEIGHT)
-        sentence = "Press Run; or type the folder of a `vo reproduce` that is finished."
+        sentence = "Press Run; or type the folder of a finished `vo reproduce`."
         return TableDrawing(stack([made], self.height), sentence, (Fact("runs", runs),))
 
     def _table(self, state: State, table: Table, sentence: str) -> Drawing:

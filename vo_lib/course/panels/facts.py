@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..drawing import DARK, WIDTH
+from ..exercises.results import marked
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,6 @@ def facts_html(sentence: str, facts: tuple[Fact, ...], before: dict[str, float])
     )
     return (
         f'<div style="max-width:{WIDTH}px;line-height:1.35">'
-        f'<div style="margin:4px 0 6px">{html.escape(sentence)}</div>'
+        f'<div style="margin:4px 0 6px">{marked(sentence)}</div>'
         f'<div style="display:flex;flex-wrap:wrap">{cells}</div></div>'
     )
