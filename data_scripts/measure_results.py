@@ -33,6 +33,7 @@ from vo_lib.evaluation.kitti import (
     KITTI_MEASURE,
     SHORT_LENGTHS,
     Measure,
+    kitti_errors,
     suitable_measure,
     trajectory_distances,
 )
@@ -139,7 +140,8 @@ def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
     whole = sequence.name.startswith(SYNTHETIC) and suitable_measure(sequence.truth) == KITTI_MEASURE
     if whole:
         return [(sequence.name, KITTI_MEASURE)]
-    return [(f"{sequence.name}, {length:g} m", Measure((length,), 1)) for length in SHORT_LENGTHS]
+    lengths = [L for L in SHORT_LENGTHS if len(kitti_errors(sequence.truth, sequence.truth, [L], 1))]
+    return [(f"{sequence.name}, {length:g} m", Measure((length,), 1)) for length in lengths]
 
 
 def _cell(runs: list[Run], measure: Measure) -> str:
