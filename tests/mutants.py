@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -55,8 +55,7 @@ def read_list(text: str) -> list[Mutant]:
             found.append(Mutant(file, tests, line, rest))
             line = ""
         elif mark == "? " and found:
-            last = found.pop()
-            found.append(Mutant(last.file, last.tests, last.line, last.made, rest))
+            found[-1] = replace(found[-1], reason=rest)
         elif row.strip():
             raise ValueError(f"mutants.txt, line {number}: expected =, -, + or ?")
     return found

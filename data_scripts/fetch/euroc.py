@@ -12,7 +12,7 @@ import numpy as np
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_text
 from vo_lib.core.geometry import inverse, rigid
-from vo_lib.core.poses import ROTATION_TOLERANCE, match_times, read_euroc
+from vo_lib.core.poses import from_first, is_rotation, match_times, read_euroc
 from vo_lib.core.types import Array
 
 from .stereo_calibration import Rig, rig_from_matrices
@@ -63,8 +63,7 @@ def read_euroc_drive(folder: Path) -> EurocDrive:
             notes.append(f"no true poses: {base / TRUTH} does not have one for every pair")
         else:
             chosen = slice(int(at[0]), int(at[-1]) + 1)
-            poses = bodies[at_truth] @ T_body_camera
-            poses = inverse(poses[:1]) @ poses
+            poses = from_first(bodies[at_truth] @ T_body_camera)
             left_out = len(moments) - len(at)
             notes += [f"{left_out} pairs before or after the truth are left out"] if left_out else []
     else:
@@ -108,8 +107,7 @@ def _rig(base: Path) -> tuple[Rig, Array]:
         if (sizes[-1] < 1).any() or (sizes[-1] % 1).any():
             raise DataError("resolution: expected a width and a height, pixels", path)
         T = _numbers(text, r"T_BS:[^\[]*data", 16, path).reshape(4, 4)
-        off = np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max()
-        if off > ROTATION_TOLERANCE or np.linalg.det(T[:3, :3]) < 0 or (T[3] != LAST_ROW).any():
+        if not is_rotation(T[:3, :3]) or (T[3] != LAST_ROW).any():
             raise DataError("T_BS is no pose: expected a rotation and a translation, row by row", path)
         T_body.append(T)
     if (sizes[0] != sizes[1]).any():

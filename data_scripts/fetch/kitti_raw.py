@@ -11,7 +11,7 @@ import numpy as np
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_text
 from vo_lib.core.geometry import inverse, nearest_rotation, rigid
-from vo_lib.core.poses import ROTATION_TOLERANCE, read_rows
+from vo_lib.core.poses import is_rotation, read_rows
 from vo_lib.core.types import Array
 from vo_lib.data.kitti import read_image
 
@@ -167,7 +167,7 @@ def _rigid(path: Path) -> Array:
 
 def _rotation(found: dict[str, Array], name: str, path: Path) -> Array:
     R = _matrix(found, name, (3, 3), path)
-    if not np.abs(R).max() < 2 or np.abs(R @ R.T - np.eye(3)).max() > ROTATION_TOLERANCE:
+    if not is_rotation(R):
         raise DataError(f"{name}: expected a rotation", path)
     return R
 

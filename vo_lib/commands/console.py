@@ -99,8 +99,9 @@ def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Pa
     rows.append(["time a frame", f"{result.ms_per_frame:.1f} ms"])
     title = f"{result.sequence.name}, {method}, {len(result.poses)} frames"
     show_table(title, ["quantity", "value"], rows)
-    doubt = [frame for frame, m in zip(result.sequence.frames[1:], result.motions, strict=True) if m.in_doubt]
     if path_lost(result):
+        pairs = zip(result.sequence.frames[1:], result.motions, strict=True)
+        doubt = [frame for frame, motion in pairs if motion.in_doubt]
         say(
             f"The path was lost: {len(doubt)} of {len(result.motions)} frames have no motion that can be "
             f"believed, the first is {doubt[0]}. The reasons are in frames.csv; a camera that is carried or "

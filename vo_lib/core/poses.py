@@ -31,6 +31,13 @@ def from_first(T: Array) -> Array:
     return np.asarray(np.linalg.inv(T[0]) @ T)
 
 
+def is_rotation(R: Array) -> NDArray[np.bool_]:
+    """Whether matrices (..., 3, 3) are rotations, to the digits that files print, (...)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+        return np.asarray((off < ROTATION_TOLERANCE) & (np.linalg.det(R) > 0))
+
+
 def read_kitti_poses(path: str | Path) -> Array:
     """Poses of a file in KITTI's format, one row a frame.
 
@@ -47,10 +54,7 @@ def read_kitti_poses(path: str | Path) -> Array:
     rows, lines = read_rows(path, KITTI_ROW, 12)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, :3] = rows.reshape(-1, 3, 4)
-    R = T[:, :3, :3]
-    with np.errstate(over="ignore", invalid="ignore"):
-        off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
-        wrong = ~(off < ROTATION_TOLERANCE) | ~(np.linalg.det(R) > 0)
+    wrong = ~is_rotation(T[:, :3, :3])
     if wrong.any():
         first = int(np.argmax(wrong))
         raise DataError(f"the 3×3 part is not a rotation; expected {KITTI_ROW}", path, lines[first])

@@ -195,9 +195,9 @@ def read_config(folder: Path, unfinished: bool = False) -> dict[str, Any]:
     return data
 
 
-def require_unchanged(folder: Path, *names: str) -> None:
-    """`DataError` where a file of a finished run is not as the run wrote it; older kits do not say."""
-    written = read_config(folder).get(FILES, {})
+def require_unchanged(folder: Path, config: dict[str, Any], *names: str) -> None:
+    """`DataError` where a file of a run is not as its config.json has it; older kits do not say."""
+    written = config.get(FILES, {})
     for name in names:
         if written.get(name) not in (None, file_sha256(folder / name)):
             raise DataError("was cut or changed since the run wrote it: do the run again", folder / name)
@@ -228,7 +228,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     except DataError as error:
         raise DataError(str(error), folder / CONFIG) from None
     kept = folder / CALIBRATION
-    require_unchanged(folder, POSES, LOG, *([CALIBRATION] if kept.exists() else []))
+    require_unchanged(folder, stored, POSES, LOG, *([CALIBRATION] if kept.exists() else []))
     poses = read_kitti_poses(folder / POSES)
     path = folder / LOG
     (_, heading), *lines = read_csv(path) or [(1, [])]

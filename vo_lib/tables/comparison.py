@@ -61,7 +61,7 @@ def read_stored_run(folder: str | Path) -> StoredRun:
     config = {"variant": "kit", "timing": {"ms_per_frame": math.nan}} | read_config(folder)
     if not fits(config, STORED) or len(config["frames"]) != 2:
         raise DataError("expected method, sequence and frames of a run", folder / CONFIG)
-    require_unchanged(folder, POSES)
+    require_unchanged(folder, config, POSES)
     poses = read_kitti_poses(folder / POSES)
     first, last = config["frames"]
     seed, ms = config["settings"]["seed"], float(config["timing"]["ms_per_frame"])

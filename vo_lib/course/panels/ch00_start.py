@@ -16,7 +16,7 @@ from ...beyond.selection import sample_sets
 from ...beyond.translation import solve_translation
 from ...config import SelectionConfig, preset
 from ...core.boxes import no_boxes
-from ...core.geometry import inverse
+from ...core.poses import from_first
 from ...core.settings import Checked, setting
 from ...core.types import Array, Image
 from ...data.sequence import Sequence
@@ -25,7 +25,7 @@ from ...front_end.surface import CoarseDisparity, coarse_disparity
 from ...method.boxes import in_boxes
 from ...method.five_point import five_point
 from ...runs.runner import Run
-from ...tables.plots import draw_trajectory, match_image
+from ...tables.plots import distance_from_truth, draw_trajectory, match_image
 from ..drawing import BAD, DARK, GOOD, PALE, WIDTH, bgr, caption, figure, finish, photo, say, stack
 from ..frames import Memory, frame_matches, frame_points, key_of, stereo, truth
 from ..lessons import consensus_rotation
@@ -157,10 +157,8 @@ def run_figure(result: Run, height: int = 300) -> Figure:
     draw_trajectory(path, result.poses, "computed", GOOD, width=3.0)
     truth = result.sequence.truth
     if truth is not None:
-        T = inverse(truth[0]) @ truth
-        draw_trajectory(path, T, "truth", DARK, "--")
-        away = 100 * np.linalg.norm(result.poses[:, :3, 3] - T[:, :3, 3], axis=1)
-        error.plot(away, color=BAD)
+        draw_trajectory(path, from_first(truth), "truth", DARK, "--")
+        error.plot(100 * distance_from_truth(result.poses, truth), color=BAD)
     path.set_aspect("equal", adjustable="datalim")
     finish(path, "path from above", "x, right [m]", "z, forward [m]")
     finish(error, "distance from the true place", "frame", "distance [cm]")

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...core.geometry import inverse
+from ...core.poses import from_first
 from ...core.types import Array
 from ...data.sequence import Sequence
 from ...evaluation.ate_rpe import relative_error
@@ -19,7 +19,7 @@ LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width: all are see
 def true_path(sequence: Sequence) -> Array:
     """True places (N, 3), metres, seen from the first camera."""
     assert sequence.truth is not None
-    return np.asarray((inverse(sequence.truth[0]) @ sequence.truth)[:, :3, 3])
+    return np.asarray(from_first(sequence.truth)[:, :3, 3])
 
 
 def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
