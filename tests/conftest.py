@@ -24,10 +24,18 @@ settings.register_profile("gate", deadline=None, max_examples=50)
 settings.register_profile("long", deadline=None, max_examples=2000)
 settings.load_profile("gate")
 
+# Files that take longest come first, so that no process works on one when the others are done.
+LONGEST = ("test_browser.py", "test_panels.py", "test_scenes.py", "test_notebooks.py", "test_panels_ch07.py")
+
 BASELINE = 0.5
 FOCAL = 300.0
 WIDTH, HEIGHT = 480, 240
 BANDS = (4, 6, 9, 12, 16, 20)  # disparity of each band of rows, pixels
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first."""
+    items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -9,6 +9,7 @@ from typing import Any
 import nbclient
 import nbformat
 import pytest
+from test_browser import find_browser
 
 from vo_lib.course.exercises.results import NOT_YET_CLASS, RIGHT_CLASS
 from vo_lib.course.panels.base import ERROR_CLASS
@@ -19,6 +20,7 @@ CHAPTERS = sorted(FOLDER.glob("[0-9]*.ipynb"))
 APPENDICES = sorted(FOLDER.glob("appendix_*.ipynb"))
 SOLUTIONS = sorted((FOLDER / "solutions").glob("*.ipynb"))
 WIDGETS = "application/vnd.jupyter.widget-state+json"
+UNSEEN = pytest.mark.skipif(find_browser() is not None, reason="test_browser.py runs it, in a browser")
 LONGEST_CELL = 300  # seconds; a safeguard, not a measurement
 
 
@@ -68,6 +70,7 @@ def execute(path: Path, folder: Path) -> Any:
     return notebook
 
 
+@UNSEEN
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", CHAPTERS, ids=name)
 def test_a_chapter_runs_and_its_exercises_wait_for_answers(path: Path, tmp_path: Path) -> None:
@@ -80,6 +83,7 @@ def test_a_chapter_runs_and_its_exercises_wait_for_answers(path: Path, tmp_path:
     assert any(state["model_name"] == "ImageModel" and state["buffers"] for state in states)
 
 
+@UNSEEN
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", APPENDICES, ids=name)
 def test_an_appendix_runs(path: Path, tmp_path: Path) -> None:

@@ -5,7 +5,11 @@
 >>> result.poses  # (N, 4, 4) poses of the left camera  # doctest: +SKIP
 """
 
+import os
 from importlib import import_module
+
+# ONNX Runtime sends its maker reports on its use, unless this is set before it starts.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 TYPE_CHECKING = False  # typing's own would cost time before Ctrl-C is answered
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import cv2
@@ -17,7 +18,10 @@ from data_command import load
 from tiny_onnx import write_answering
 
 from vo_lib.config import DetectorConfig, preset
+from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError
+from vo_lib.core.types import Image
+from vo_lib.data.labels import written_labels
 from vo_lib.data.sequence import open_sequence
 from vo_lib.detection.label_cache import RECORD, detected_sequence, labelled_sequence, write_label_folder
 from vo_lib.detection.yolo import YoloDetector
@@ -49,6 +53,24 @@ def test_labels_stand_beside_the_images_with_the_models_hash(bands: Path, model:
     assert boxes.score == pytest.approx([0.9], abs=1e-6)
     # 480 × 240 into 64 × 64: a scale of 7.5, 16 rows of border above and below.
     assert boxes.xyxy == pytest.approx(np.array([[164.5, 82.0, 314.5, 157.0]]), abs=0.6)
+
+
+def test_the_list_of_written_files_is_the_same_whichever_thread_is_first(
+    bands: Path, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    detect, lock = YoloDetector.detect, threading.Lock()
+    calls: list[Image] = []
+
+    def slow_at_first(self: YoloDetector, image: Image) -> Boxes:
+        with lock:
+            calls.append(image)
+            pause = 0.1 if len(calls) % 2 else 0.0
+        time.sleep(pause)
+        return detect(self, image)
+
+    monkeypatch.setattr(YoloDetector, "detect", slow_at_first)
+    assert write_labels([str(bands), "--model", str(model)]) == 0
+    assert list(written_labels(bands / "labels")) == sorted(texts(bands / "labels"))
 
 
 def test_a_stopped_call_goes_on_and_detects_only_what_is_missing(

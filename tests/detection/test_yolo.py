@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -340,3 +343,12 @@ def test_recall_and_precision_on_real_images(
     assert sum(len(one.wanted) for one in judged) == (19 if images == "object" else 340)
     assert found[0] >= recall - 0.03
     assert found[1] >= precision - 0.03
+
+
+def test_the_runtime_makes_no_reports_on_its_use(tmp_path: Path) -> None:
+    lines = "import numpy; from vo_lib.detection.yolo import YoloDetector as D"
+    lines += "; D('street').detect(numpy.zeros((96, 320), numpy.uint8))"
+    env = {name: value for name, value in os.environ.items() if name not in {"CI", "ORT_DISABLE_TELEMETRY"}}
+    env |= {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", lines], env=env, check=True, timeout=120)
+    assert list(tmp_path.rglob("*onnxruntime*")) == []

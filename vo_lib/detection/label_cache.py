@@ -12,9 +12,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import threading
 from collections.abc import Iterator
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -188,11 +187,12 @@ class LabelWriter:
         self._sequence, self._folder, self._missing, self._detector = sequence, folder, missing, detector
         self._pool = ThreadPoolExecutor(AT_ONCE, "detector")
         self._written: dict[str, Future[None]] = {}
-        self._one_line = threading.Lock()
 
     def start(self) -> None:
         """Begin to write."""
-        self._written = {frame: self._pool.submit(self._write, frame) for frame in self._missing}
+        before: Future[None] | None = None
+        for frame in self._missing:
+            before = self._written[frame] = self._pool.submit(self._write, frame, before)
 
     def stop(self) -> None:
         """End after the frames in work."""
@@ -206,13 +206,15 @@ class LabelWriter:
             except CancelledError:
                 raise DataError(f"the detector was stopped before frame {frame}", self._folder) from None
 
-    def _write(self, frame: str) -> None:
+    def _write(self, frame: str, before: Future[None] | None) -> None:
         assert self._detector is not None
         image = read_image(_left(self._sequence, frame))
         boxes = self._detector.detect(image)
         path = self._folder / f"{frame}.txt"
         write_labels(path, boxes, image.shape[1], image.shape[0])
-        with self._one_line, open(self._folder / WRITTEN, "a", encoding="utf-8", newline="") as file:
+        if before is not None:
+            wait([before])  # the lines stand in the order of the frames, whichever thread is first
+        with open(self._folder / WRITTEN, "a", encoding="utf-8", newline="") as file:
             file.write(f"\n{path.name},{file_sha256(path)}")  # behind what a killed process began
 
 

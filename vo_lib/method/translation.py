@@ -68,6 +68,8 @@ def solve_translation(
     """
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     near = np.flatnonzero(depth <= config.max_depth)  # no depth is NaN, which compares false
+    if len(near) == 0:
+        return None
     M, d = eliminate_points(*feature_rows(camera, matches[near], R_cp))
     H, g = M.swapaxes(1, 2) @ M, (M.swapaxes(1, 2) @ d[..., None])[..., 0]  # normal equations of each feature
     try:
