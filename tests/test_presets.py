@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from vo_lib import preset
-from vo_lib.config import METHODS, Config
+from vo_lib.config import METHODS, PUBLISHED, Config, DetectorConfig, PublishedConfig
 from vo_lib.core.settings import to_dict
 
+# All defaults. One that is to change is changed there too, and the results are measured again.
+DEFAULTS = Path(__file__).with_name("defaults.json")
 # What decides a method of Table 1: the reason it is so, and the value for each of the presets.
 ORDER = ("viso2", "mesvo_f", "solution_selection", "feature_selection", "moving_selection")
 DECISIVE: dict[str, tuple[str, tuple[Any, ...]]] = {
@@ -63,7 +67,7 @@ def value(config: Config, name: str) -> Any:
     return found
 
 
-def flat(config: Config) -> dict[str, Any]:
+def flat(config: Any) -> dict[str, Any]:
     """All settings of a configuration by their dotted names."""
 
     def parts(tree: dict[str, Any], before: str = "") -> dict[str, Any]:
@@ -99,6 +103,24 @@ def test_a_preset_differs_from_the_defaults_in_what_decides_it_and_in_nothing_el
     default, found = flat(Config()), flat(preset(method))
     differing = {name for name in found if found[name] != default[name]}
     assert differing <= set(DECISIVE)
+
+
+@pytest.mark.parametrize("name", DECISIVE)
+def test_as_published_the_same_decides_and_nothing_else(name: str) -> None:
+    default = flat(PublishedConfig())
+    for method, expected in zip(ORDER, DECISIVE[name][1], strict=True):
+        if method in PUBLISHED:
+            found = flat(preset(method, variant="published"))
+            assert expected is None or found[name] == expected
+            assert {key for key in found if found[key] != default[key]} <= set(DECISIVE)
+
+
+@pytest.mark.parametrize(
+    "config", [PublishedConfig(), Config(), DetectorConfig()], ids=lambda c: type(c).__name__
+)
+def test_no_default_changes_by_accident(config: Any) -> None:
+    kept = json.loads(DEFAULTS.read_text(encoding="utf-8"))
+    assert json.loads(json.dumps(flat(config))) == kept[type(config).__name__]
 
 
 @pytest.mark.parametrize("method", ORDER)
