@@ -42,7 +42,7 @@ COMMANDS = {
     "evaluate": "evaluate --truth SEQUENCE/poses.txt --estimate SEQUENCE/poses.txt --lengths 1,2 --out OUT/e",
 }
 # Of JSON: what may differ, and the hashes of the files that hold it.
-CHANGES = {"timing", "ms_per_frame", "back_end_ms", "written", "files", "seconds", "machine"}
+CHANGES = {"commit", "timing", "ms_per_frame", "back_end_ms", "written", "files", "seconds", "machine"}
 
 
 def start(words: str, sequence: Path, out: Path) -> subprocess.Popen[bytes]:
@@ -101,7 +101,7 @@ def losses(
     process.communicate()
     left = files(out)
     lost = [f"{name} is not whole" for name in left if left[name] != wanted.get(name)]
-    again = error_of(start(words, sequence, out))
+    again = error_of(start(words, sequence, out)) if killed else ""
     after = files(out)
     lost += [again] if again else []
     lost += [f"{name} differs afterwards" for name in wanted | after if after.get(name) != wanted.get(name)]

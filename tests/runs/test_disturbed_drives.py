@@ -184,6 +184,17 @@ def true_steps(street: Sequence, fault: Fault) -> Array:
     return np.asarray(inverse(T_w_c[1:]) @ T_w_c[:-1])
 
 
+@pytest.mark.parametrize("name", ["flicker of 0.4 and 1.6", "flicker of 0.7 and 1.3"])
+def test_the_kit_bears_an_exposure_that_changes_with_every_frame(
+    drive: tuple[list[Pair], Sequence], tmp_path: Path, name: str
+) -> None:
+    result = run(written(tmp_path, drive, DRIVES[name]), preset("solution_selection"))
+    T_cp = np.stack([motion.T_cp for motion in result.motions])
+    off = np.linalg.norm((T_cp - true_steps(drive[1], DRIVES[name]))[:, :3, 3], axis=1)
+    assert off.max() < 0.05  # metres, of steps of one
+    assert not any(motion.in_doubt for motion in result.motions)
+
+
 @pytest.mark.parametrize("variant", ["kit", "published"])
 @pytest.mark.parametrize("name", DRIVES)
 def test_no_step_that_no_vehicle_makes_goes_unflagged(

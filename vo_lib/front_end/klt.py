@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ from .corners import corner_strength, detect_corners, in_empty_cells
 from .subpixel import refine_over_time, refine_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
+EXPOSURE = 1.25  # a change of contrast that Lucas-Kanade's windows no longer bear
 # R_cp and t_cp, metres.
 RigidMotion = tuple[Array, Array]
 
@@ -110,9 +111,12 @@ class LoopMatcher:
             guess = self.camera.project(X_p @ R.T + t)
             found = self._close_loop(before, pair, known, guess, self.config.levels)
         if len(found[0]) < 0.3 * len(known.id):
-            # No motion yet, or it changed abruptly: search from where the features were.
+            # No motion yet, or it or the exposure changed abruptly: search from where the features were.
             start = known.left, known.right
-            again = self._close_loop(before, pair, known, start, self.config.search_levels)
+            lit = replace(
+                before, left=lit_like(before.left, pair.left), right=lit_like(before.right, pair.right)
+            )
+            again = self._close_loop(lit, pair, known, start, self.config.search_levels)
             found = max(found, again, key=lambda each: len(each[0]))
         self._motion = next_motion(self.camera, found[0], self._motion)
         return found
@@ -201,6 +205,17 @@ class LoopMatcher:
         # NaN (a point behind the camera) compares false.
         inside = (uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))
         return np.asarray(inside.all(axis=1))
+
+
+def lit_like(image: Image, target: Image) -> Image:
+    """The image, as bright as another one where the exposure changed much: mean and spread made equal."""
+    mean, spread = cv2.meanStdDev(image)
+    wanted, wide = cv2.meanStdDev(target)
+    gain = float(wide[0, 0] / max(spread[0, 0], 1.0))
+    if 1.0 / EXPOSURE < gain < EXPOSURE:
+        return image
+    tone = np.clip(np.rint(gain * (np.arange(256) - mean[0, 0]) + wanted[0, 0]), 0, 255)
+    return np.asarray(cv2.LUT(image, tone.astype(np.uint8)), np.uint8)
 
 
 def next_motion(camera: StereoCamera, matches: StereoMatches, last: RigidMotion | None) -> RigidMotion | None:
