@@ -10,6 +10,7 @@ from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import SelectionConfig
 from vo_lib.core.geometry import (
     essential_angle,
+    essential_from_motion,
     essential_vector,
     rotation_angle,
     rotation_from_vector,
@@ -84,6 +85,22 @@ def test_known_depth_tells_the_four_motions_of_an_essential_matrix_apart(motion:
             R, t = resolve_by_depth(sign * problems.E[i], problems.x_p[i], problems.x_c[i], problems.X_p[i])
             assert rotation_angle(R.T @ problems.R_cp[i]) < 1e-6
             np.testing.assert_allclose(t, problems.t_cp[i] / np.linalg.norm(problems.t_cp[i]), atol=1e-6)
+
+
+def test_near_points_outweigh_far_ones_where_the_depth_chooses_the_motion() -> None:
+    rng, R_cp, t_cp = (
+        np.random.default_rng(5),
+        rotation_from_vector(np.array([0.01, -0.05, 0.02])),
+        np.array([0, 0, -1.0]),
+    )
+    z = np.concatenate([rng.uniform(4, 10, 40), rng.uniform(400, 800, 40)])
+    X_p = np.stack([rng.uniform(-0.6, 0.6, 80) * z, rng.uniform(-0.2, 0.2, 80) * z, z], axis=1)
+    # A far point says little of a step: these seem to have made thirty of them, the other way.
+    X_c = X_p @ R_cp.T + np.where(z > 100, -30.0, 1.0)[:, None] * t_cp
+    x_p, x_c = (X[:, :2] / X[:, 2:] for X in (X_p, X_c))
+    R, direction = resolve_by_depth(essential_from_motion(R_cp, t_cp), x_p, x_c, X_p)
+    np.testing.assert_allclose(R, R_cp, atol=1e-9)
+    np.testing.assert_allclose(direction, t_cp, atol=1e-9)
 
 
 def test_refinement_reaches_the_truth_on_exact_matches_and_shrugs_off_wrong_ones() -> None:

@@ -32,6 +32,11 @@ def test_the_true_essential_matrix_is_among_the_candidates(motion: Motion) -> No
     assert np.max(error) < 1e-2  # none is lost
 
 
+def test_cubics_and_polynomial_are_read_from_values_that_lose_no_digits() -> None:
+    assert np.linalg.cond(fp.CUBIC_FROM_VALUES) < 30.0
+    assert np.linalg.cond(fp.POLYNOMIAL_FROM_VALUES) < 200.0
+
+
 def test_exactly_forward_motion_without_rotation_loses_no_solution() -> None:
     for motion in ("forward", "planar_forward"):
         truth = random_problems(np.random.default_rng(3), 3000, 5, motion, rotation=0.0)

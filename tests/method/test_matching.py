@@ -1,0 +1,71 @@
+"""The paper's loop matching: numbers of features, how far the finish may go, how near a thing may be."""
+
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+
+from vo_lib.core.types import Image
+from vo_lib.method.config import FeatureConfig, MatchingConfig
+from vo_lib.method.matching import LoopMatcher, describe_pair, track
+
+FEATURES = FeatureConfig(blob_cell=9, blob_quality=30)
+MARGIN = 100
+
+
+def wall(seed: int = 1) -> Image:
+    noise = np.random.default_rng(seed).uniform(0, 255, (160, 320 + 2 * MARGIN))
+    return np.asarray(cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2), np.empty(0), 0, 255, 32), np.uint8)
+
+
+def seen(left_edge: int) -> Image:
+    """The wall from `left_edge` on."""
+    return np.ascontiguousarray(wall()[:, left_edge : left_edge + 320])
+
+
+def test_every_feature_has_a_number_of_its_own_and_keeps_it() -> None:
+    matcher = LoopMatcher(FEATURES, MatchingConfig(max_disparity=32))
+    # The camera moves to the right by four pixels a frame; the disparity is ten.
+    found = [matcher.step(matcher.prepare((seen(4 * i), seen(4 * i + 10)))) for i in range(5)]
+    numbers = [matches.id for matches in found]
+    for before, after in itertools.pairwise(found[1:]):
+        _, i, j = np.intersect1d(before.id, after.id, return_indices=True)
+        assert len(i) > 50
+        np.testing.assert_allclose(before.cur_left[i], after.prev_left[j], atol=1.0)
+        np.testing.assert_array_equal(after.age[j], before.age[i] + 1)
+    assert all(len(np.unique(each)) == len(each) and each.min(initial=0) >= 0 for each in numbers)
+    # A number that comes with the third frame was given to nothing before.
+    new = np.setdiff1d(numbers[3], numbers[2])
+    assert len(new) > 3
+    assert new.min() > numbers[1].max()
+
+
+@pytest.mark.parametrize(("apart", "within"), [(1.5, True), (3.0, False)])
+def test_the_finish_moves_a_place_by_two_pixels_at_most(apart: float, within: bool) -> None:
+    image = seen(0)
+    u, v = np.meshgrid(np.arange(40.0, 280, 30), np.arange(30.0, 130, 25))
+    uv = np.stack([u.ravel(), v.ravel()], axis=1)
+    found, ok = track(image, image, uv, uv + np.array([apart, 0.0]), 21)
+    arrived = np.linalg.norm(found - uv, axis=1) < 0.1
+    assert np.count_nonzero(arrived) > 20
+    assert (ok[arrived] == within).all()
+
+
+@pytest.mark.parametrize(("disparity", "largest", "seen_in_both"), [(30, 32, True), (30, 24, False)])
+def test_nothing_is_matched_beyond_the_largest_disparity_or_to_the_wrong_side(
+    disparity: int, largest: int, seen_in_both: bool
+) -> None:
+    settings = MatchingConfig(max_disparity=largest)
+    for shift, there in ((disparity, seen_in_both), (-disparity, False)):
+        pair = describe_pair((seen(MARGIN), seen(MARGIN + shift)), FEATURES, settings)
+        for index, query, train, sign in (
+            (pair.to_right, pair.in_left, pair.in_right, 1),
+            (pair.to_left, pair.in_right, pair.in_left, -1),
+        ):
+            ok = index >= 0
+            moved = sign * (query.uv[ok] - train.uv[index[ok]])[:, 0]
+            assert ((moved >= 0) & (moved <= largest)).all()
+            assert (np.mean(moved == shift) > 0.8) == there
