@@ -21,6 +21,7 @@ from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative
 from vo_lib.evaluation.kitti import (
     KITTI_BIN_MINIMUM,
     KITTI_LENGTHS,
+    KITTI_STEP,
     KittiErrors,
     evaluate,
     kitti_errors,
@@ -43,6 +44,11 @@ def chain(motions: Array) -> Array:
     for motion in motions:
         T.append(T[-1] @ motion)
     return np.array(T)
+
+
+def test_the_benchmark_measures_over_100_to_800_metres_from_every_tenth_frame() -> None:
+    assert KITTI_LENGTHS == tuple(100.0 * hundreds for hundreds in range(1, 9))
+    assert KITTI_STEP == 10
 
 
 def straight(n: int, step: float = 1.0) -> Array:
