@@ -47,7 +47,7 @@ def chain(motions: Array) -> Array:
 
 
 def test_the_benchmark_measures_over_100_to_800_metres_from_every_tenth_frame() -> None:
-    assert KITTI_LENGTHS == tuple(100.0 * hundreds for hundreds in range(1, 9))
+    assert tuple(100.0 * hundreds for hundreds in range(1, 9)) == KITTI_LENGTHS
     assert KITTI_STEP == 10
 
 
