@@ -53,6 +53,14 @@ def test_without_noise_right_matches_satisfy_the_geometry_exactly(poses: np.ndar
         assert np.linalg.norm(moved(frame) - current, axis=1)[frame.wrong].min() > 1.0
 
 
+def test_points_stand_as_far_as_asked_and_half_of_those_seen_on_the_ground(poses: np.ndarray) -> None:
+    first = next(iter(simulate_tracks(poses, CAMERA, TrackConfig(noise=0.0, points=2000), seed=1))).matches
+    X = CAMERA.back_project(first.prev_left, (first.prev_left - first.prev_right)[:, 0])
+    assert 60.0 < X[:, 2].max() < 71.0
+    on_ground = np.abs(X[:, 1] - SCENES["parked"].camera_height) < 0.15
+    assert 0.4 < np.mean(on_ground) < 0.6
+
+
 def test_shares_are_as_asked(poses: np.ndarray) -> None:
     for frame in simulate_tracks(poses, CAMERA, TrackConfig(points=300, wrong=0.15, moving=0.4), seed=2):
         assert len(frame.matches) == 300
