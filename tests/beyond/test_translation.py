@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from vo_lib.beyond.stereo_points import stereo_points
-from vo_lib.beyond.translation import eliminate_points, solve_translation
+from vo_lib.beyond.translation import EliminatedPoints, eliminate_points, robust_start, solve_translation
 from vo_lib.config import TranslationConfig
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_angle, rotation_from_vector
@@ -54,11 +54,16 @@ def least_squares(matches: StereoMatches, depth: Array) -> Array:
     return np.asarray(solved[-3:])
 
 
-def stacked_once(matches: StereoMatches, depth: Array) -> Array:
-    """The same by elimination of the points, as the library does it."""
+def eliminated(matches: StereoMatches, depth: Array) -> EliminatedPoints:
+    """The system as the library has it, rows divided by depth (N,)."""
     before = stereo_points(CAMERA, matches.prev_left, matches.prev_right).rotated(R_CP)
     now = stereo_points(CAMERA, matches.cur_left, matches.cur_right)
-    H, g = eliminate_points(before, now, depth, depth).normal_equations()
+    return eliminate_points(before, now, depth, depth)
+
+
+def stacked_once(matches: StereoMatches, depth: Array) -> Array:
+    """The same by elimination of the points, as the library does it."""
+    H, g = eliminated(matches, depth).normal_equations()
     return np.linalg.solve(H.sum(axis=1)[FULL], g.sum(axis=1))
 
 
@@ -94,6 +99,31 @@ def test_residuals_are_those_of_the_eight_rows_in_pixels() -> None:
         residual = right - A[i] @ np.linalg.lstsq(A[i], right, rcond=None)[0]
         expected = CAMERA.f * np.linalg.norm(residual) / depth[i]
         np.testing.assert_allclose(solved[1][i], expected, rtol=1e-5, atol=1e-8)
+
+
+def test_the_depth_of_a_feature_is_that_of_its_best_point_under_the_translation() -> None:
+    matches, X_p = scene(30, 0.5)
+    t = T_CP + np.array([0.1, -0.05, 0.3])
+    system = eliminated(matches, X_p[:, 2])
+    A, B, c = feature_rows(CAMERA, matches, R_CP)
+    Q = np.stack([np.linalg.lstsq(A[i], c[i] - B[i] @ t, rcond=None)[0] for i in range(30)])
+    before, now = system.depths(t)
+    np.testing.assert_allclose(before, Q[:, 2], rtol=1e-4)
+    np.testing.assert_allclose(now, (Q @ R_CP.T + t)[:, 2], rtol=1e-4)
+
+
+def test_the_start_is_found_though_four_matches_of_ten_are_wrong_together() -> None:
+    matches, X_p = scene(300, 0.2, 1)
+    wrong = np.random.default_rng(3).random(300) < 0.4
+    T_other = T_CP + np.array([3.0, 0.0, 0.0])
+    other = CAMERA.project(X_p @ R_CP.T + T_other)
+    current = [
+        np.where(wrong[:, None], a, b)
+        for a, b in zip(other, (matches.cur_left, matches.cur_right), strict=True)
+    ]
+    mixed = dataclasses.replace(matches, cur_left=current[0], cur_right=current[1])
+    start = robust_start(eliminated(mixed, X_p[:, 2]), 4.0 / CAMERA.f)
+    assert np.linalg.norm(start - T_CP) < 0.05
 
 
 def test_one_exact_feature_is_enough() -> None:
