@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
-from box_scenes import CAMERA, STEP, Vehicle, drive
+from box_scenes import CAMERA, STEP, Vehicle, drive, match_points, street_points
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vo_lib import open_sequence, preset
-from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN, BoxMotionClassifier, Judgement, pair_up
+from vo_lib.beyond.box_tracks import (
+    MOVING,
+    PARKED,
+    UNKNOWN,
+    BoxMotionClassifier,
+    Judgement,
+    new_tracks,
+    pair_up,
+    with_evidence,
+)
+from vo_lib.beyond.moving import no_steps
 from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core.boxes import Boxes, no_boxes, overlap
-from vo_lib.core.geometry import skew
+from vo_lib.core.geometry import rotation_from_vector, skew
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.sampson import sampson_distance
 from vo_lib.core.types import Array
@@ -65,6 +76,52 @@ def without_features(
         for matches, boxes in frames[where]
     ]
     return [*frames[: where.start], *bare, *frames[where.stop :]]
+
+
+def test_evidence_turns_with_the_camera_fades_with_new_evidence_and_waits_without() -> None:
+    turn = rotation_from_vector(np.array([0.0, 0.5, 0.1]))
+    information, step = np.diag([4.0, 9.0, 1.0]), np.array([0.2, 0.0, -0.5])
+    track = dataclasses.replace(
+        new_tracks(np.zeros((1, 4))), information=information[None], vector=(information @ step)[None]
+    )
+    waited = with_evidence(track, no_steps(1), turn, MovingConfig())
+    np.testing.assert_allclose(waited.information[0], turn @ information @ turn.T)
+    np.testing.assert_allclose(np.linalg.solve(waited.information[0], waited.vector[0]), turn @ step)
+    new = dataclasses.replace(no_steps(1), information=np.eye(3)[None], step=np.ones((1, 3)))
+    both, memory = with_evidence(track, new, turn, MovingConfig()), MovingConfig().memory
+    np.testing.assert_allclose(both.information[0], memory * waited.information[0] + np.eye(3))
+    np.testing.assert_allclose(both.vector[0], memory * waited.vector[0] + 1.0)
+
+
+@pytest.mark.parametrize("missed", [9, 2])
+def test_the_evidence_of_a_turning_camera_is_that_of_the_step_seen_now(missed: int) -> None:
+    """A car goes straight on while the camera turns by ten degrees a frame; one frame may miss its box."""
+    R, t = rotation_from_vector(np.array([0.0, np.radians(10.0), 0.0])), np.array([0.0, 0.0, -0.5])
+    rng = np.random.default_rng(2)
+    step, X = np.array([0.0, 0.0, 0.4]), (-1.0, 0.5, 12.0) + rng.uniform(-1, 1, (40, 3)) * (0.9, 0.75, 0.5)
+    classifier = BoxMotionClassifier(CAMERA, FilterConfig())
+    for frame in range(4):
+        fixed, step = street_points(rng, 300), R @ step
+        before, X = np.concatenate([fixed, X]), X @ R.T + t + step
+        matches = match_points(before, np.concatenate([fixed @ R.T + t, X]))
+        uv = CAMERA.project(X)[0]
+        box = Boxes(np.concatenate([uv.min(axis=0), uv.max(axis=0)])[None], np.array([2]), np.ones(1))
+        if frame == 0:
+            classifier.start(box)
+        else:
+            classifier.step(matches, no_boxes() if frame == missed else box)
+    tracks = classifier._tracks
+    seen = np.linalg.solve(tracks.information[0], tracks.vector[0])
+    np.testing.assert_allclose(seen, step, atol=0.03)
+
+
+def test_a_feature_of_a_new_box_is_judged_by_where_it_is_now() -> None:
+    crossing = Vehicle((-6.0, 0.8, 14.0), (3.0, 0.0, 0.0))
+    _, frames = drive([crossing], 2)
+    found = judged(no_boxes(), [(frames[0][0], no_boxes()), frames[1]])
+    on_car = inside(frames[1][0].cur_left, frames[1][1].xyxy)[:, 0]
+    assert on_car[-20:].all()
+    assert not found[1].agrees[-20:].any()
 
 
 def test_a_box_without_features_follows_its_history() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from faulty_camera import CAMERA, F, Faults, drive
@@ -11,12 +13,13 @@ from vo_lib.beyond.lens import Lens, by_points, decentering_shapes, shrunk
 from vo_lib.beyond.refinement import refine
 from vo_lib.config import CalibrationConfig
 from vo_lib.core import settings
+from vo_lib.core.boxes import no_boxes
 from vo_lib.core.geometry import essential_from_motion, rotation_angle
 from vo_lib.core.sampson import match_terms, sampson_distance
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.runs.runner import FoundMatches, run_methods
+from vo_lib.runs.runner import FoundMatches, make_odometry, run_methods
 
 # Noise is all there is in these drives: nothing is to be inflated.
 TRUSTING = CalibrationConfig(lens_noise_inflation=1.0, lens_floor=0.0, lens_deviation=3.0)
@@ -52,6 +55,19 @@ def test_a_decentered_lens_is_found_in_turns_and_on_straight_roads(p1: float, p2
     lens, _ = learnt(Faults(p1=p1, p2=p2), turn=turn)
     # What is learnt takes the error away.
     np.testing.assert_allclose(lens.pixels, (-p1, -p2), atol=0.2)
+
+
+@pytest.mark.parametrize("method", ["solution_selection", "viso2"])
+def test_both_estimators_find_it_beside_an_error_of_the_disparities(method: str) -> None:
+    odometry = make_odometry(CAMERA, dataclasses.replace(preset(method), calibration=TRUSTING))
+    odometry.start(no_boxes())
+    off, faults = [], Faults(lambda x, y: 0 * x + 0.8, p1=1.5, p2=-1.5)
+    for matches, _, t_cp in drive(60, faults, 0.1, yaw=lambda i: 0.05 * np.sin(i / 4)):
+        T_cp = odometry.step(matches, no_boxes(), seconds=0.1).T_cp
+        off.append(np.linalg.norm(T_cp[:3, 3] - t_cp))
+    np.testing.assert_allclose(odometry.lens.pixels, (-1.5, 1.5), atol=0.3)
+    assert np.median(off[20:]) < 0.02  # metres, of steps of one
+    assert max(off) < 0.3
 
 
 @pytest.mark.parametrize("stretch", [0.0, 0.05])

@@ -11,10 +11,15 @@ from conftest import BANDS, HEIGHT
 
 from vo_lib import open_sequence
 from vo_lib.config import FeatureConfig, MatchingConfig
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.matches import StereoMatches
+from vo_lib.front_end.blob_corner import BlobCornerMatcher
 from vo_lib.front_end.front_end import make_front_end
+from vo_lib.front_end.klt import next_motion
 from vo_lib.method.features import best_matches, describe
 
+CAMERA = StereoCamera(f=300.0, cx=160.0, cy=80.0, baseline=0.5, width=320, height=160)
 FEATURES = FeatureConfig(cell=10, blob_cell=9, blob_quality=30)
 # How many matches there are at least, their median error and that of nine in ten, pixels.
 FRONT_ENDS = {"klt": (60, 0.02, 0.1), "blob_corner": (30, 0.03, 0.2)}
@@ -103,3 +108,33 @@ def test_black_images_give_no_matches_and_no_error(bands: Path, kind: str) -> No
     assert len(front_end.step(front_end.prepare((black, black)))) == 0
     assert len(front_end.step(front_end.prepare(sequence.stereo(2)))) == 0
     assert len(front_end.step(front_end.prepare(sequence.stereo(3)))) > FRONT_ENDS[kind][0]
+
+
+def test_blobs_and_corners_are_found_again_after_a_jump() -> None:
+    noise = np.random.default_rng(1).uniform(0, 255, (160, 400)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2)
+    wall = np.asarray(255 * (smooth - smooth.min()) / np.ptp(smooth), np.uint8)
+    matcher = BlobCornerMatcher(
+        CAMERA,
+        FeatureConfig(blob_cell=9, blob_quality=30),
+        MatchingConfig(max_disparity=32, front_end="blob_corner"),
+    )
+    found = [
+        matcher.step(matcher.prepare((wall[:, at : at + 320].copy(), wall[:, at + 10 : at + 330].copy())))
+        for at in (0, 4, 8, 12, 62)
+    ]
+    assert len(found[3]) > 50
+    moved = found[4].prev_left - found[4].cur_left
+    assert np.count_nonzero(np.abs(moved - (50.0, 0.0)).max(axis=1) < 1.0) > 30
+
+
+def test_the_next_search_starts_from_the_motion_of_the_last_matches() -> None:
+    rng = np.random.default_rng(4)
+    X_p = rng.uniform((-4.0, -2.0, 5.0), (4.0, 2.0, 20.0), (60, 3))
+    R, t = rotation_from_vector(np.array([0.01, 0.03, 0.0])), np.array([0.1, 0.0, -0.8])
+    whole = np.arange(60)
+    matches = StereoMatches(*CAMERA.project(X_p), *CAMERA.project(X_p @ R.T + t), whole, np.ones(60), whole)
+    found = next_motion(CAMERA, matches, None)
+    assert found is not None
+    np.testing.assert_allclose(found[0], R, atol=1e-3)
+    np.testing.assert_allclose(found[1], t, atol=1e-2)

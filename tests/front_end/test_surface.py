@@ -44,6 +44,14 @@ def test_a_plane_of_disparity_is_found_with_its_slope() -> None:
     np.testing.assert_allclose(surface.share, 1.0)
 
 
+def test_what_lies_four_pixels_nearer_does_not_tilt_the_plane() -> None:
+    coarse = np.full((100, 300), 10.0, np.float32)
+    coarse[:, 178:] = 14.5
+    surface = fit_surface(coarse, np.array([[350.0, 120.0]]), np.array([10.0]))
+    np.testing.assert_allclose(surface.slope, 0.0, atol=0.005)
+    np.testing.assert_allclose(surface.disparity, 10.0, atol=0.05)
+
+
 def test_a_feature_on_an_outline_has_little_surface_around_it() -> None:
     coarse = np.full((100, 300), 10.0, np.float32)
     coarse[:, 175:] = 40.0
