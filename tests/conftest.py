@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ from file_server import FileServer
 from hypothesis import settings
 
 from vo_lib.core.geometry import rigid, rotation_from_vector
-from vo_lib.core.types import Array
+from vo_lib.core.types import Array, Image
 from vo_lib.data.sequence import Sequence, open_sequence
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
@@ -27,6 +28,8 @@ settings.load_profile("gate")
 # Files that take longest come first, so that no process works on one when the others are done.
 LONGEST = ("test_browser.py", "test_panels.py", "test_scenes.py", "test_notebooks.py", "test_panels_ch07.py")
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
 BASELINE = 0.5
 FOCAL = 300.0
 WIDTH, HEIGHT = 480, 240
@@ -36,6 +39,11 @@ BANDS = (4, 6, 9, 12, 16, 20)  # disparity of each band of rows, pixels
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest files first."""
     items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
+
+
+def find_browser() -> str | None:
+    """Path of the system's Chromium or Chrome, if there is one."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -75,6 +83,13 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
         lock.unlink()
 
 
+def texture(rng: np.random.Generator, height: int, width: int, smooth: float) -> Image:
+    """Random grey values (H, W) that use the whole range, blurred by `smooth` pixels."""
+    noise = cv2.GaussianBlur(rng.uniform(0, 255, (height, width)), (0, 0), smooth)
+    low, high = noise.min(), noise.max()
+    return np.asarray(255 * (noise - low) / (high - low), np.uint8)
+
+
 def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
     """A KITTI-layout folder whose geometry is exact in whole pixels.
 
@@ -86,11 +101,7 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
         (folder / side).mkdir(parents=True)
     height = HEIGHT // len(BANDS)
     width = WIDTH + max(BANDS) * (frames + 1)
-    textures = []
-    for _ in BANDS:
-        noise = cv2.GaussianBlur(rng.uniform(0, 255, (height, width)), (0, 0), 1.2)
-        low, high = noise.min(), noise.max()
-        textures.append((255 * (noise - low) / (high - low)).astype(np.uint8))
+    textures = [texture(rng, height, width, 1.2) for _ in BANDS]
     for frame in range(frames):
         for view in range(2):
             place = view if standing else frame + view

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -14,13 +13,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from conftest import BROWSERS, find_browser
 from playwright.sync_api import Browser, sync_playwright
 
 from vo_lib.course.exercises.results import NOT_YET_CLASS, RIGHT_CLASS
 from vo_lib.course.panels.base import ERROR_CLASS
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 TOKEN = "notebooks-under-test"
 LONG = 180_000.0  # milliseconds that one step may take; a safeguard
 SETTINGS = {
@@ -39,11 +38,6 @@ PICTURES = """() => Promise.all([...document.querySelectorAll('.widget-image')].
     Array.from(new Uint8Array(await (await fetch(image.src)).arrayBuffer())).join()))"""
 
 CHANGED = f"async before => (await ({PICTURES})()).some((picture, i) => picture !== before[i])"
-
-
-def find_browser() -> str | None:
-    """Path of the system's Chromium or Chrome, if there is one."""
-    return next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 def free_port() -> int:

@@ -9,7 +9,7 @@ from typing import Any
 import nbclient
 import nbformat
 import pytest
-from test_browser import find_browser
+from conftest import find_browser
 
 from vo_lib.course.exercises.results import NOT_YET_CLASS, RIGHT_CLASS
 from vo_lib.course.panels.base import ERROR_CLASS

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import BANDS, HEIGHT
+from conftest import BANDS, HEIGHT, texture
 
 from vo_lib import open_sequence
 from vo_lib.config import FeatureConfig, MatchingConfig
@@ -111,9 +111,7 @@ def test_black_images_give_no_matches_and_no_error(bands: Path, kind: str) -> No
 
 
 def test_blobs_and_corners_are_found_again_after_a_jump() -> None:
-    noise = np.random.default_rng(1).uniform(0, 255, (160, 400)).astype(np.float32)
-    smooth = cv2.GaussianBlur(noise, (0, 0), 2)
-    wall = np.asarray(255 * (smooth - smooth.min()) / np.ptp(smooth), np.uint8)
+    wall = texture(np.random.default_rng(1), 160, 400, 2.0)
     matcher = BlobCornerMatcher(
         CAMERA,
         FeatureConfig(blob_cell=9, blob_quality=30),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 
-import cv2
 import numpy as np
 import pytest
+from conftest import texture
 
 from vo_lib.core.types import Image
 from vo_lib.method.config import FeatureConfig, MatchingConfig
@@ -14,16 +14,12 @@ from vo_lib.method.matching import LoopMatcher, describe_pair, track
 
 FEATURES = FeatureConfig(blob_cell=9, blob_quality=30)
 MARGIN = 100
-
-
-def wall(seed: int = 1) -> Image:
-    noise = np.random.default_rng(seed).uniform(0, 255, (160, 320 + 2 * MARGIN))
-    return np.asarray(cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2), np.empty(0), 0, 255, 32), np.uint8)
+WALL = texture(np.random.default_rng(1), 160, 320 + 2 * MARGIN, 2.0)
 
 
 def seen(left_edge: int) -> Image:
     """The wall from `left_edge` on."""
-    return np.ascontiguousarray(wall()[:, left_edge : left_edge + 320])
+    return np.ascontiguousarray(WALL[:, left_edge : left_edge + 320])
 
 
 def test_every_feature_has_a_number_of_its_own_and_keeps_it() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.core.geometry import inverse, rotation_angle
 from vo_lib.core.types import Array, Image
 from vo_lib.core.vehicle import VehicleConfig
+from vo_lib.synthetic.folder import calibration_text
 
 FIRST, FRAMES, AT = 100, 14, 6  # of the street; the fault begins at the sixth of fourteen frames
 LEFT_OUT = 5  # frames at most
@@ -167,13 +168,10 @@ def written(folder: Path, drive: tuple[list[Pair], Sequence], fault: Fault) -> S
     for i in range(FRAMES):
         for side, image in zip(("image_0", "image_1"), fault.images(pairs, i), strict=True):
             assert cv2.imwrite(str(folder / side / f"{i:06d}.png"), image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    camera = street.camera
-    matrix = (
-        f"{camera.f} 0 {camera.cx - COLUMNS.start} {{}} 0 {camera.f} {camera.cy - ROWS.start} 0 0 0 1 0\n"
-    )
-    text = "P0: " + matrix.format(0) + "P1: " + matrix.format(-camera.f * camera.baseline)
-    (folder / "calib.txt").write_text(text, encoding="utf-8")
-    (folder / "times.txt").write_text("".join(f"{0.1 * i:.6f}\n" for i in range(FRAMES)), encoding="utf-8")
+    of_street = street.camera
+    camera = replace(of_street, cx=of_street.cx - COLUMNS.start, cy=of_street.cy - ROWS.start)
+    (folder / "calib.txt").write_text(calibration_text(camera), encoding="utf-8")
+    (folder / "times.txt").write_text("".join(f"{TENTH * i:.6f}\n" for i in range(FRAMES)), encoding="utf-8")
     return open_sequence(folder)
 
 
