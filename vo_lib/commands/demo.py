@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ def _demo(options: argparse.Namespace) -> int:
         sequence = open_with_bar(SCENE, options.cache)
         jobs = plan_jobs([sequence], parse_methods(None, options.variant), 1, folder)
         with reporting("all methods") as report:
-            outcomes = run_jobs(jobs, 1, report, options.cache, fresh=True)
+            outcomes = run_jobs(jobs, min(os.cpu_count() or 1, 4), report, options.cache, fresh=True)
         result = collect(outcomes, [], 1)
         write_table_files(folder, result, read_paper_table(), "vo demo", (example_frame(sequence),))
     for group in group_entries(result.entries):
