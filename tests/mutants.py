@@ -3,7 +3,7 @@
     python tests/mutants.py                  all of them, two at a time
     python tests/mutants.py five_point       those of files with this in their names
 
-Not part of the test suite: all of them take the better part of an hour. First the tests must pass without a
+Not part of the test suite: all of them take twenty minutes or more. First the tests must pass without a
 fault. In mutants.txt a line `= FILE: TESTS` is followed by faults of that file: `- line` as it is, `+ line`
 as it is made, and `? reason` where no test can tell. A line that is no longer there, or is there twice, is
 said and counts as survived: mend the list then.

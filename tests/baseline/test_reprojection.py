@@ -127,6 +127,22 @@ def test_the_middle_of_the_image_weighs_twenty_times_its_border() -> None:
     np.testing.assert_allclose(centre_weight(CAMERA, uv, 0.05), [20.0, 1 / 1.05, 1 / 0.55])
 
 
+def test_a_refit_believes_the_middle_of_the_image() -> None:
+    rng = np.random.default_rng(3)
+    away = np.concatenate([rng.uniform(-50, 50, 100), rng.uniform(450, 600, 100) * rng.choice([-1, 1], 100)])
+    z = rng.uniform(8, 40, 200)
+    X_p = np.stack([away * z / CAMERA.f, rng.uniform(-0.2, 0.2, 200) * z, z], axis=1)
+    t = np.array([0.0, 0.0, -1.0])
+    # The border of the image says that the camera turned by a tenth of a degree more than its middle does.
+    yaw = np.where(np.abs(away) < 100, 0.5, 0.6)
+    seen = [
+        rotation_from_vector(np.radians([0.0, angle, 0.0])) @ X + t for angle, X in zip(yaw, X_p, strict=True)
+    ]
+    left, right = CAMERA.project(np.array(seen))
+    R, _ = refit_motion(CAMERA, X_p, left, right, np.arange(200), np.eye(3), t, CONFIG)
+    assert np.degrees(rotation_angle(R)) == pytest.approx(0.5, abs=0.01)
+
+
 def test_an_inlier_leaves_less_than_the_threshold_over_its_four_coordinates() -> None:
     (frame,) = frames(noise=0.0, n=1)
     m = frame.matches
