@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import ipywidgets as widgets
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -28,10 +29,18 @@ from vo_lib.course.panels import (
     ch01_trace,
     stack,
 )
-from vo_lib.course.panels.controls import Control
+from vo_lib.course.panels.controls import Control, Knob
 from vo_lib.data.sequence import Sequence
 
 LONG = 300.0  # seconds that a job may take; a safeguard
+# What is typed into the controls for text.
+TYPED = {
+    "filter.classes": ("2,5,7", "7"),
+    "view.lengths": ("20", "10,40"),
+    "view.methods": ("viso2", "mesvo_f,feature_selection"),
+    "view.model": ("street", "labels"),
+    "view.points": ("0,20,40,60,80", "1,2,3,4,5"),
+}
 
 
 def name(panel: type[Panel]) -> str:
@@ -47,16 +56,29 @@ def panels(street: Sequence) -> dict[type[Panel], Panel]:
     return made
 
 
+def stops(knob: Knob) -> list[Any]:
+    """Both ends and the middle of a control, or all its choices."""
+    widget = knob.widget
+    if isinstance(widget, widgets.Checkbox):
+        return [False, True]
+    if isinstance(widget, widgets.Dropdown):
+        return list(widget.options)
+    if isinstance(widget, widgets.Text):
+        return list(TYPED.get(knob.setting.name, ()))
+    middle = (widget.min + widget.max) / 2
+    return [widget.min, int(middle) if isinstance(widget.min, int) else middle, widget.max]
+
+
 @pytest.mark.parametrize("kind", PANELS, ids=name)
 def test_every_control_changes_the_picture(kind: type[Panel], panels: dict[type[Panel], Panel]) -> None:
     panel = panels[kind]
-    widgets = {key: knob.widget for key, knob in panel.knobs.items()}
-    stops = {key: knob.stops() for key, knob in panel.knobs.items()}
-    widgets["frame"], stops["frame"] = panel.frame, [1, panel.frame.max // 2, panel.frame.max]
-    for key in [key for key in widgets if stops[key]]:  # paths have tests of their own
-        widget = widgets[key]
+    driven = {key: (knob.widget, stops(knob)) for key, knob in panel.knobs.items()}
+    driven["frame"] = panel.frame, [1, panel.frame.max // 2, panel.frame.max]
+    for key, (widget, values) in driven.items():
+        if not values:  # paths have tests of their own
+            continue
         first, seen = widget.value, set()
-        for value in [*stops[key], first]:
+        for value in [*values, first]:
             widget.value = value
             panel.wait(LONG)
             assert panel.error == "", (key, value)

@@ -121,7 +121,7 @@ class FivePointPanel(Panel):
     height = PHOTO_HEIGHT + CHART_HEIGHT
     controls = (
         Control("view.draw", "another five", button=True),
-        Control("view.points", "your five matches", tries=("0,20,40,60,80", "1,2,3,4,5")),
+        Control("view.points", "your five matches"),
         Control("view.match", "chosen match", step=0.005),
         Control("view.candidate", "solution"),
         Control("view.noise", "noise", step=0.05),

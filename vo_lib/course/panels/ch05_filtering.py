@@ -165,11 +165,11 @@ class FilteringPanel(Panel):
     height = PHOTO_HEIGHT + CHART_HEIGHT
     long_job = f"Compare the rules over {FRAMES} frames"
     controls = (
-        Control("view.model", "model", tries=("street", LABELS)),
+        Control("view.model", "model"),
         Control("filter.score", "score", low=0.02, high=0.98, step=0.02),
         Control("view.nms", "suppression, IoU", step=0.05),
         Control("filter.margin", step=0.05),
-        Control("filter.classes", tries=("2,5,7", "7")),
+        Control("filter.classes"),
         Control("filter.rule", "rule"),
     )
 

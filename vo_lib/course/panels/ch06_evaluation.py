@@ -108,7 +108,7 @@ class EvaluationPanel(Panel):
         Control("view.yaw", "yaw error", step=0.1),
         Control("view.noise", "noise", step=1),
         Control("view.jitter", "jitter", step=0.01),
-        Control("view.lengths", "lengths", tries=("20", "10,40")),
+        Control("view.lengths", "lengths"),
         Control("view.step", "step", high=20),
     )
 

@@ -64,7 +64,7 @@ class ReproducePanel(Panel):
     height = PATHS_HEIGHT + ERRORS_HEIGHT
     long_job = "Run the methods"
     controls = (
-        Control("view.methods", "methods", tries=("viso2", "mesvo_f,feature_selection")),
+        Control("view.methods", "methods"),
         Control("view.frames", "frames", step=20),
         Control("view.seeds", "seeds", high=5),
         Control("view.variant", "variant"),

@@ -30,7 +30,6 @@ class Control:
     low, high : narrower ends than declared, where the whole range is of no use to the eye.
     step : of a slider.
     button : a button that raises a whole number by one, and starts again after its largest value.
-    tries : for typed values: texts that a test types.
     """
 
     name: str
@@ -39,14 +38,13 @@ class Control:
     high: float | None = None
     step: float | None = None
     button: bool = False
-    tries: tuple[str, ...] = ()
 
 
 class Knob:
     """A control on the screen: its `widget`, and the `cell` that shows it above the declared sentence."""
 
     def __init__(self, control: Control, setting: Setting, value: Any):
-        self.setting, self.tries = setting, control.tries
+        self.setting = setting
         unit = f" [{setting.unit}]" if setting.unit else ""
         label = (control.label or setting.name.split(".")[-1].replace("_", " ")) + unit
         self.widget = shown = _make(control, setting, value, label)
@@ -64,18 +62,6 @@ class Knob:
         """The setting's value; `DataError` where typed text is none."""
         raw = self.widget.value
         return self.setting.parse(raw) if isinstance(self.widget, widgets.Text) else raw
-
-    def stops(self) -> list[Any]:
-        """Both ends and the middle of the widget: what a test drives it through."""
-        widget = self.widget
-        if isinstance(widget, widgets.Checkbox):
-            return [False, True]
-        if isinstance(widget, widgets.Dropdown):
-            return list(widget.options)
-        if isinstance(widget, widgets.Text):
-            return list(self.tries)
-        middle = (widget.min + widget.max) / 2
-        return [widget.min, int(middle) if isinstance(widget.min, int) else middle, widget.max]
 
 
 def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
