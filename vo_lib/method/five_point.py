@@ -26,9 +26,6 @@ import numpy as np
 from ..core.real_roots import DEGREE, real_roots
 from ..core.types import Array, Index, Mask
 
-# For speed alone: until a block of 16 MB (never touched) was freed, glibc gives freed memory back to the
-# system and fetches it again page by page, which is a third of the solver's time.
-np.empty(1 << 21)
 QUIET = np.errstate(divide="ignore", invalid="ignore", over="ignore")  # degenerate sets drop out at the end
 
 # Exponents of x, y, z, w in the 20 monomials of degree 3: first x³, y³, x²y, xy², which are eliminated;
