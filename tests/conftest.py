@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +25,9 @@ CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
 settings.register_profile("gate", deadline=None, max_examples=50)
 settings.register_profile("long", deadline=None, max_examples=2000)
 settings.load_profile("gate")
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A shell's background job is born deaf to it, and so would be every program that the tests start.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Files that take longest come first, so that no process works on one when the others are done.
 LONGEST = ("test_browser.py", "test_panels.py", "test_scenes.py", "test_notebooks.py", "test_panels_ch07.py")

@@ -13,7 +13,6 @@ ROOT = Path(__file__).resolve().parents[2]
 VO = [sys.executable, "-m", "vo_lib"]
 INTERRUPTED = """
 import builtins, os, signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job is born deaf to it
 from vo_lib.__main__ import main
 
 def interrupted(name, *details):
