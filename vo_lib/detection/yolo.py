@@ -213,7 +213,9 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
         session = onnxruntime.InferenceSession(str(path), options, providers=[wanted])
     except Exception as error:  # its many exception types share no base of their own
         text = _first_line(error)
-        if "external" in text.lower() and "data" in text.lower():
+        words = text.lower()
+        # The second is how 1.19 says it.
+        if ("external" in words and "data" in words) or "cannot get file size" in words:
             text = f"its weights are kept in a second file, which is missing beside it: {text}"
         raise DataError(f"is no model that ONNX Runtime can load: {text}", path) from None
     if session.get_providers()[0] != wanted:
