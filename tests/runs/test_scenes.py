@@ -1,6 +1,6 @@
 """The whole method on drawn streets of full size: accuracy against exact truth, and what boxes do.
 
-The stretches are those of chapter 5, in the user's cache folder like that chapter's.
+Those of `parked` and `jam` are chapter 5's: all are drawn into the user's cache folder, once.
 """
 
 from __future__ import annotations

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 from typing import Any
 
 import numpy as np
 
 from ..config import preset
 from ..core.boxes import area
-from ..data.sequence import Sequence
+from ..data.sequence import PROCESSES, Sequence
 from ..front_end.front_end import make_front_end
 from ..method.boxes import on_vehicles
 from ..runs.jobs import run_jobs
@@ -50,7 +49,7 @@ def _demo(options: argparse.Namespace) -> int:
         sequence = open_with_bar(SCENE, options.cache)
         jobs = plan_jobs([sequence], parse_methods(None, options.variant), 1, folder)
         with reporting("all methods") as report:
-            outcomes = run_jobs(jobs, min(os.cpu_count() or 1, 4), report, options.cache, fresh=True)
+            outcomes = run_jobs(jobs, PROCESSES, report, options.cache, fresh=True)
         result = collect(outcomes, [], 1)
         write_table_files(folder, result, read_paper_table(), "vo demo", (example_frame(sequence),))
     for group in group_entries(result.entries):

@@ -29,6 +29,7 @@ from .labels import read_labels, require_written, written_labels
 Prepared = TypeVar("Prepared")
 
 SYNTHETIC = "synthetic/"
+PROCESSES = min(os.cpu_count() or 1, 4)  # at once, where nobody is asked how many
 KITTI = "kitti/"
 PROJECT = Path(__file__).resolve().parents[2]
 SMALLEST = 32  # pixels of an image's side: OpenCV's windows need some
@@ -196,7 +197,7 @@ def parse_sequences(text: str) -> list[str]:
 def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Path:
     """Folder of a sequence by its name; a synthetic scene is drawn where it is not in the cache."""
     if name.startswith(SYNTHETIC):
-        return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=min(os.cpu_count() or 1, 4))
+        return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=PROCESSES)
     found = available().get(name)
     if found is None and name.startswith(KITTI):
         roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
