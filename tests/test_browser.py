@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from conftest import BROWSERS, find_browser
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import BrowserContext, sync_playwright
 
 from vo_lib.course.exercises.results import NOT_YET_CLASS, RIGHT_CLASS
 from vo_lib.course.panels.base import ERROR_CLASS
@@ -22,6 +22,7 @@ from vo_lib.course.panels.base import ERROR_CLASS
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
 TOKEN = "notebooks-under-test"
 LONG = 180_000.0  # milliseconds that one step may take; a safeguard
+SELDOM = 200.0  # milliseconds between looks at a page; by default it is looked at, and drawn, at every tick
 SETTINGS = {
     # The page draws every cell, not only those in view.
     "@jupyterlab/notebook-extension/tracker": {"windowingMode": "none"},
@@ -95,8 +96,8 @@ def answers(address: str) -> bool:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """Headless Chromium, the one of the system."""
+def browser() -> Iterator[BrowserContext]:
+    """Headless Chromium, the one of the system; pages of one context share what they have loaded."""
     found = find_browser()
     if found is None:
         pytest.skip(f"needs one of the browsers {', '.join(BROWSERS)}")
@@ -104,14 +105,14 @@ def browser() -> Iterator[Browser]:
         # A container's root has no sandbox, and little shared memory.
         words = ["--no-sandbox", "--disable-dev-shm-usage"]
         started = driver.chromium.launch(executable_path=found, args=words)
-        yield started
+        yield started.new_context(viewport={"width": 1400, "height": 1000})
         started.close()
 
 
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_reader_runs_all_cells_and_moves_a_slider(path: Path, lab: str, browser: Browser) -> None:
-    page = browser.new_page(viewport={"width": 1400, "height": 1000})
+def test_a_reader_runs_all_cells_and_moves_a_slider(path: Path, lab: str, browser: BrowserContext) -> None:
+    page = browser.new_page()
     page.set_default_timeout(LONG)
     complaints: list[str] = []
     page.on("pageerror", lambda error: complaints.append(str(error)))
@@ -121,8 +122,8 @@ def test_a_reader_runs_all_cells_and_moves_a_slider(path: Path, lab: str, browse
     page.get_by_text("| Idle").first.wait_for()  # earlier, "Run" would ask for a kernel
     page.get_by_role("menuitem", name="Run", exact=True).click()
     page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
-    page.wait_for_function(ALL_DONE)
-    page.wait_for_function("() => document.querySelectorAll('.widget-image').length > 0")
+    page.wait_for_function(ALL_DONE, polling=SELDOM)
+    page.locator(".widget-image").first.wait_for(state="attached")
     before = page.evaluate(PICTURES)
     handle = page.locator(".widget-slider .noUi-handle").last
     handle.scroll_into_view_if_needed()
@@ -131,7 +132,7 @@ def test_a_reader_runs_all_cells_and_moves_a_slider(path: Path, lab: str, browse
     for key, times in (("ArrowRight", 3), ("ArrowLeft", 6)):
         for _ in range(times):
             page.keyboard.press(key)
-    page.wait_for_function(CHANGED, arg=before)
+    page.wait_for_function(CHANGED, arg=before, polling=SELDOM)
     judged = page.locator(f".{NOT_YET_CLASS}, .{RIGHT_CLASS}").count()
     assert judged == page.locator(f".{NOT_YET_CLASS}").count()
     assert judged >= 4 or path.name.startswith("appendix")
