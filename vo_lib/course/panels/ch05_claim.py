@@ -51,7 +51,7 @@ def claim_figure(sequence: Sequence, runs: Mapping[str, Array], height: int = 25
         lengths.plot(frames, step, color=colour, linewidth=width)
         path.plot(poses[:, 0, 3], poses[:, 2, 3], color=colour, linewidth=width)
     for axis in (turns, lengths):
-        highest = max(float(np.max(line.get_ydata())) for line in axis.get_lines())
+        highest = max(float(np.asarray(line.get_ydata(), np.float64).max()) for line in axis.get_lines())
         axis.set_ylim(0, room(1.35 * highest))  # the legend stands above the lines
     reach = max(float(np.abs(places[:, 0, 3]).max()) for places in runs.values())
     path.set_xlim(-room(1.2 * reach, least=0.5), room(1.2 * reach, least=0.5))
