@@ -10,7 +10,7 @@ from conftest import write_bands
 from vo_lib.config import METHODS, preset
 from vo_lib.course.panels import ExplorePanel, ReproducePanel, ch07_explore
 from vo_lib.course.panels.ch07_explore import changes, known_poses, with_changes
-from vo_lib.course.panels.job import Job
+from vo_lib.course.progress import Job
 from vo_lib.tables.paper import shipped_table
 
 LONG = 300.0  # seconds that a job may take; a safeguard

@@ -9,9 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-import ipywidgets as widgets
 import numpy as np
-from IPython.display import display
 
 from ..config import Config
 from ..core.errors import DataError
@@ -23,6 +21,7 @@ from ..front_end.front_end import make_front_end
 from ..method.buckets import select_by_bucket
 from ..runs.runner import one_blas_thread
 from ..synthetic import Truth, ensure_scene, open_truth
+from .progress import with_bar
 
 DEFAULT = "synthetic/traffic"
 WARM_UP = 1  # pairs before the two asked for: they give the front end a motion to predict from
@@ -104,21 +103,6 @@ def load_part(name: str, first: int, last: int) -> Sequence:
 def key_of(sequence: Sequence, frame: int) -> tuple[Hashable, ...]:
     """What tells a frame of a sequence, or of a part of it, from all others."""
     return sequence.folder, sequence.frames[0], frame
-
-
-def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
-    """The result of `work(progress)` for a notebook cell; a bar is shown from its first report to its end."""
-    bar = widgets.IntProgress(description=words, style={"description_width": "initial"})
-
-    def report(done: int, total: int) -> None:
-        if bar.value == 0:
-            display(bar)  # type: ignore[no-untyped-call]
-        bar.max, bar.value = total, max(done, 1)
-
-    try:
-        return work(report)
-    finally:
-        bar.close()
 
 
 def stereo(sequence: Sequence, frame: int) -> tuple[Image, Image]:

@@ -1,7 +1,8 @@
 """Widget panels of the notebooks, one module a chapter: `ch00_start`, `ch02_five_point`, `ch03_selection`, …
 
-`base` has the pattern and an example; `controls` makes controls from declared settings; `job` runs what
-takes over a second. Frames and their matches come from `..frames`, the look of pictures from `..drawing`.
+`base` has the pattern and an example; `controls` makes controls from declared settings; `facts` shows
+numbers. Frames and their matches come from `..frames`, the look of pictures from `..drawing`, threads for
+work of more than a second from `..progress`.
 `PANELS` lists every panel class: the tests drive each of them through all its controls.
 """
 

@@ -36,9 +36,9 @@ from ...runs.runner import one_blas_thread
 from ..drawing import BAD, WIDTH, stack
 from ..exercises.results import marked
 from ..frames import DEFAULT, is_open, keep, opened
+from ..progress import Job, Stopped
 from .controls import CELL, CELL_WIDTH, PLAIN, Control, Knob
 from .facts import Fact, facts_html
-from .job import Job, Stopped
 
 ERROR_CLASS = "vo-panel-error"  # tests look for it in saved widget state
 ERROR_STYLE = f"max-width:{WIDTH - 20}px;padding:4px 8px;border-left:4px solid {BAD}"

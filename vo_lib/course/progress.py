@@ -1,15 +1,33 @@
-"""Work of more than a second: on a thread of its own, with a bar and a Stop button."""
+"""Work of more than a second: a bar in a cell, or a thread of its own with a bar and a Stop button."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import ipywidgets as widgets
+from IPython.display import display
 
-from ...core.types import Progress
+from ..core.types import Progress
+
+Value = TypeVar("Value")
+
+
+def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
+    """The result of `work(progress)` for a notebook cell; a bar is shown from its first report to its end."""
+    bar = widgets.IntProgress(description=words, style={"description_width": "initial"})
+
+    def report(done: int, total: int) -> None:
+        if bar.value == 0:
+            display(bar)  # type: ignore[no-untyped-call]
+        bar.max, bar.value = total, max(done, 1)
+
+    try:
+        return work(report)
+    finally:
+        bar.close()
 
 
 class Stopped(Exception):
