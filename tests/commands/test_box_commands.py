@@ -85,11 +85,11 @@ def test_vo_boxes_without_labels_has_nothing_to_judge(
 def test_results_are_measured_by_one_command_with_other_seeds_to_check_them(
     labelled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from data_scripts import measure_results as script
+    from data_scripts import _result_tables as tables
 
-    monkeypatch.setattr(script, "SEEDS", range(1))
-    monkeypatch.setattr(script, "CHECKED", range(1, 2))
-    monkeypatch.setattr(script, "SHORT_LENGTHS", (1.0,))
+    monkeypatch.setattr(tables, "SEEDS", range(1))
+    monkeypatch.setattr(tables, "CHECKED", range(1, 2))
+    monkeypatch.setattr(tables, "SHORT_LENGTHS", (1.0,))
     page = tmp_path / "results.md"
     words = ["--sequences", str(labelled), "--out", str(page), "--cache", str(tmp_path / "cache")]
     words += ["--runs", str(tmp_path / "runs")]
