@@ -16,7 +16,7 @@ from ..core.errors import DataError
 from ..core.geometry import inverse
 from ..core.matches import StereoMatches
 from ..core.types import Array, Image, Progress
-from ..data.sequence import SYNTHETIC, Sequence, open_sequence
+from ..data.sequence import PROCESSES, SYNTHETIC, Sequence, open_sequence
 from ..front_end.front_end import make_front_end
 from ..method.buckets import select_by_bucket
 from ..runs.runner import one_blas_thread
@@ -92,7 +92,8 @@ def load_part(name: str, first: int, last: int) -> Sequence:
 
     def find(report: Progress) -> Sequence:
         frames = range(first, last + 1)
-        folder = ensure_scene(name.removeprefix(SYNTHETIC), progress=report, frames=frames)
+        scene = name.removeprefix(SYNTHETIC)
+        folder = ensure_scene(scene, progress=report, jobs=PROCESSES, frames=frames)
         sequence = replace(open_sequence(folder), name=name)
         start = sequence.frames.index(f"{first:06d}")
         return sequence.part(start, start + len(frames))
