@@ -71,15 +71,15 @@ def test_a_loop_that_two_textures_open_does_not_close(kind: str) -> None:
     default = MatchingConfig().loop_tolerance
     assert default < 0.5
     share = {}
-    for slip in (0.0, 1.5):
+    # Two textures in one window alone move a place by some tenths of a pixel.
+    for slip, tolerance in ((0.0, 0.5), (1.5, default)):
         strict, any_loop = (
-            len(matched(kind, window_pane(slip), FEATURES, loop_tolerance=tolerance))
-            for tolerance in (default, 10.0)
+            len(matched(kind, window_pane(slip), FEATURES, loop_tolerance=each)) for each in (tolerance, 10.0)
         )
         assert any_loop > 100
         share[slip] = strict / any_loop
     # With one place in all images the loops close. With two, 1.5 px apart, most of them stay open.
-    assert share[0.0] > (0.85 if kind == PAPER else 0.9)
+    assert share[0.0] > (0.85 if kind == PAPER else 0.95)
     assert share[1.5] < 0.6
 
 

@@ -21,6 +21,30 @@ def test_the_corners_of_a_square_are_found_and_its_edges_are_not() -> None:
     assert (strength > FeatureConfig().quality).all()
 
 
+def test_strength_is_the_smaller_eigenvalue_of_the_structure_tensor() -> None:
+    """Against the definition, with NumPy's eigenvalues, around one pixel at half size; in grey levels."""
+    half = np.random.default_rng(3).integers(0, 255, (30, 40)).astype(np.uint8)
+    image = np.pad(np.repeat(np.repeat(half, 2, axis=0), 2, axis=1), ((0, 0), (0, 1)))
+    strength = corner_strength(image)
+    assert strength.shape == (30, 40)
+    row, column = 12, 17
+    # The 3×3 pixels around, and one more on each side for Sobel's gradients.
+    grey = half[row - 2 : row + 3, column - 2 : column + 3].astype(float)
+    along_u = np.outer([1.0, 2.0, 1.0], [-1.0, 0.0, 1.0]) / 4.0
+    windows = np.lib.stride_tricks.sliding_window_view(grey, (3, 3))
+    g = np.stack([(windows * kernel).sum(axis=(2, 3)).ravel() for kernel in (along_u, along_u.T)])
+    expected = np.sqrt(np.linalg.eigvalsh(g @ g.T / 9.0)[0])
+    np.testing.assert_allclose(strength[row, column], expected, rtol=1e-4)
+
+
+def test_no_corner_is_nearer_to_the_border_than_asked() -> None:
+    image = np.random.default_rng(4).integers(0, 255, (90, 120)).astype(np.uint8)
+    uv, _ = detect_corners(corner_strength(image), FeatureConfig(border=20))
+    assert len(uv) > 5
+    assert uv.min() >= 20
+    assert (uv <= np.array([120, 90]) - 1 - 20).all()
+
+
 def test_a_flat_image_has_no_corners() -> None:
     assert len(detect_corners(corner_strength(np.full((100, 100), 128, np.uint8)), FeatureConfig())[0]) == 0
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.types import Array
 from ..method.five_point import Candidates, five_point
-from ..runs.runner import one_blas_thread
+from ..runs.runner import single_threaded
 from ..synthetic.problems import Motion, PoseProblems, random_problems
 
 BATCHES = (200, 1000)
@@ -43,7 +43,7 @@ def solve_opencv(x_p: Array, x_c: Array) -> Array:
 def microseconds_a_set(repeats: int) -> dict[str, float]:
     """Least time of several of one five-point set, one thread; by solver and batch, noise of 0.3 px."""
     times: dict[str, float] = {}
-    with one_blas_thread():
+    with single_threaded():
         for batch in BATCHES:
             given = random_problems(np.random.default_rng(1), batch, 5, "forward", noise_px=0.3)
             seconds = least_seconds(partial(five_point, given.x_p, given.x_c), repeats)

@@ -14,7 +14,7 @@ from ..core.files import write_bytes_atomic
 from ..core.matches import StereoMatches
 from ..data.sequence import Sequence
 from ..runs.results import run_folder
-from ..runs.runner import FoundMatches, make_odometry, one_blas_thread
+from ..runs.runner import FoundMatches, make_odometry, single_threaded
 from ..tables.plots import jpeg, match_image
 from .common import add_cache, add_part, add_sequence, open_part
 from .console import reporting, say, show_table
@@ -56,7 +56,7 @@ def _judge(sequence: Sequence, folder: Path | None) -> list[list[str]]:
     config = preset("moving_selection")
     odometry = make_odometry(sequence.camera, config)
     rows: list[list[str]] = []
-    with one_blas_thread(), reporting(sequence.name) as report:
+    with single_threaded(), reporting(sequence.name) as report:
         for index, (matches, _) in enumerate(FoundMatches(sequence, config.features, config.matching)):
             report(index + 1, len(sequence))
             if index == 0:

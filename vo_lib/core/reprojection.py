@@ -50,7 +50,10 @@ def fit_motion(
         # Far from the solution all residuals are large: a scale that shrinks with their median keeps
         # the near points, which know the translation, from being taken for outliers.
         current = max(scale, float(np.median(residual)))
-        weight = 1.0 / (1.0 + np.where(np.isfinite(residual), residual / current, 1e6) ** 2)
+        in_front = np.isfinite(residual)
+        weight = 1.0 / (
+            1.0 + np.divide(residual, current, out=np.full_like(residual, 1e6), where=in_front) ** 2
+        )
         jac = jac.reshape(-1, 6)
         weighted = (jac * np.repeat(weight, 4)[:, None]).T
         delta = np.asarray(np.linalg.solve(weighted @ jac + 1e-9 * np.eye(6), weighted @ r.ravel()), float)

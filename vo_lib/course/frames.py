@@ -19,7 +19,7 @@ from ..core.types import Array, Image, Progress
 from ..data.sequence import PROCESSES, SYNTHETIC, Sequence, open_sequence
 from ..front_end.front_end import make_front_end
 from ..method.buckets import select_by_bucket
-from ..runs.runner import one_blas_thread
+from ..runs.runner import single_threaded
 from ..synthetic import Truth, ensure_scene, open_truth
 from .progress import with_bar
 
@@ -123,7 +123,7 @@ def frame_matches(sequence: Sequence, frame: int, config: Config) -> StereoMatch
             return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
 
         indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
-        with ThreadPoolExecutor(max_workers=2) as pool, one_blas_thread():
+        with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
             return [front_end.step(pair) for pair in pool.map(prepare, indices)][-1]
 
     return _matches.get((*key_of(sequence, frame), *settings), make)

@@ -18,7 +18,7 @@ from ..core.matches import StereoMatches
 from ..core.types import Array, Progress
 from ..method.five_point import five_point
 from ..method.selection import truncated_errors
-from ..runs.runner import one_blas_thread
+from ..runs.runner import single_threaded
 from ..synthetic.problems import random_problems
 from ..synthetic.tracks import TrackConfig, simulate_tracks
 from .three_frames import solve_three_frames
@@ -176,7 +176,7 @@ def selection_table(
     """Rotation errors, degrees, of every scene by every selection."""
     rows, configs = scenes(), selections(mode)
     table: Table = {}
-    with one_blas_thread():
+    with single_threaded():
         for done, (name, scene) in enumerate(rows.items()):
             runs = [selection_errors(scene, configs, frames, seed) for seed in range(seeds)]
             table[name] = {c: Cell.of([run[c] for run in runs], BAD) for c in configs}
@@ -217,7 +217,7 @@ def translation_table(seeds: int = 5, frames: int = FRAMES, progress: Progress |
     clean = TrackConfig(points=300, noise=0.3)
     rows = {"clean": clean, "30% wrong": dataclasses.replace(clean, wrong=0.3)}
     table: Table = {}
-    with one_blas_thread():
+    with single_threaded():
         for done, (name, tracks) in enumerate(rows.items()):
             runs = [translation_errors(tracks, frames, seed) for seed in range(seeds)]
             table[name] = {v: Cell.of([run[v] for run in runs], BAD_STEP) for v in runs[0]}

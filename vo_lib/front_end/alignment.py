@@ -1,13 +1,12 @@
 """Chapter 1: the sub-pixel finish: Lucas-Kanade on windows that are bent as the surface demands.
 
 A square window compared with a square window is off where the surface slants: by a fifth of a pixel and more
-on the street. Here the surroundings of each feature in the second image are first bent back by a known 2×2
-matrix, all side by side in one picture, so that OpenCV's Lucas-Kanade compares like with like.
+on the street. Here the surroundings of each feature are cut out as a tile, those in the second image bent
+back by a known 2×2 matrix, and the tiles of each image are laid side by side in one picture, so that OpenCV's
+Lucas-Kanade compares like with like.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import cv2
 import numpy as np
@@ -19,10 +18,13 @@ from ..core.types import Array, Image
 GRID = 32
 # A finish that moves a feature farther is no finish, pixels.
 FARTHEST = 1.5
-# The brightness of two images is compared over squares of this side, pixels of the images halved twice; a
-# gain needs features that differ in brightness by this standard deviation, grey levels.
-HALVINGS, SURROUNDINGS = 2, 5
+# The tiles that lie side by side in a picture.
+COLUMNS = 32
+# A gain needs features that differ in brightness by this standard deviation, grey levels.
 FEWEST_LEVELS = 10.0
+
+# (N, tile²) grey levels, row by row.
+Tiles = NDArray[np.uint8]
 
 
 def track_warped(
@@ -41,35 +43,20 @@ def track_warped(
     found (N, 2) pixels and difference (N,): mean absolute difference of the windows, grey levels; infinite
     where Lucas-Kanade lost the feature or left the start.
     """
+    if len(uv) == 0:
+        return np.zeros((0, 2)), np.zeros(0)
     # The tile holds the window, wherever it may go, and LK's own border.
     tile = window + 2 * int(np.ceil(FARTHEST)) + 1
-    room = (first.shape[0] // tile) * (first.shape[1] // tile)
-    found, difference = np.array(start, np.float64), np.full(len(uv), np.inf)
-    for part in (slice(i, i + room) for i in range(0, len(uv), max(room, 1)) if room):
-        found[part], difference[part] = _track_part(
-            first, second, uv[part], start[part], A[part], window, tile
-        )
-    return found, difference
-
-
-def _track_part(
-    first: Image, second: Image, uv: Array, start: Array, A: Array, window: int, tile: int
-) -> tuple[Array, Array]:
-    anchor = np.rint(start * GRID) / GRID
-    columns = first.shape[1] // tile
-    rows = -(-len(uv) // columns)
-    place = np.arange(len(uv))
-    centre = np.stack([place % columns, place // columns], axis=1) * tile + tile // 2
-    # LK wants two pictures of one size: the rest stays black.
-    picture = np.zeros_like(first)
-    gain, offset = brightness_change(first, second, uv, start)
+    pixel, anchor = np.rint(uv), np.rint(start * GRID) / GRID
+    before, after = _tiles(first, pixel, tile), _bent_tiles(second, anchor, A, tile)
+    gain, offset = brightness_change(before, after)
     tone = np.clip(np.rint(gain * np.arange(256) + offset), 0, 255).astype(np.uint8)
-    tiles = _tiles(second, anchor, A, tile, rows, columns)
-    picture[: rows * tile, : columns * tile] = cv2.LUT(tiles, tone)
+    place = np.arange(len(uv))
+    centre = np.stack([place % COLUMNS, place // COLUMNS], axis=1) * tile + tile // 2
     moved, status, difference = cv2.calcOpticalFlowPyrLK(
-        first,
-        picture,
-        uv.astype(np.float32),
+        _side_by_side(before, tile),
+        _side_by_side(np.asarray(cv2.LUT(after, tone), np.uint8), tile),
+        (centre + (uv - pixel)).astype(np.float32),
         centre.astype(np.float32),
         winSize=(window, window),
         maxLevel=0,
@@ -78,17 +65,17 @@ def _track_part(
     )
     shift = np.asarray(moved, np.float64).reshape(-1, 2) - centre
     found = anchor + np.einsum("nij,nj->ni", A, shift)
-    ok = (status.ravel() == 1) & (np.abs(shift).max(axis=1, initial=0) <= FARTHEST)
+    ok = (status.ravel() == 1) & (np.abs(shift).max(axis=1) <= FARTHEST)
     return np.where(ok[:, None], found, start), np.where(ok, difference.ravel(), np.inf)
 
 
-def brightness_change(first: Image, second: Image, uv: Array, start: Array) -> tuple[float, float]:
-    """Gain and offset that make the second image as bright as the first, from features (N, 2) in both.
+def brightness_change(before: Tiles, after: Tiles) -> tuple[float, float]:
+    """Gain and offset that make the tiles of the second image as bright as those of the first.
 
-    Two cameras, and two moments, differ in brightness. A straight line through the mean brightness around the
-    features, fitted twice, the second time without the fifth that lies farthest from it.
+    Two cameras, and two moments, differ in brightness. A straight line through the mean brightness of the
+    tiles, fitted twice, the second time without the fifth that lies farthest from it.
     """
-    a, b = (_brightness(image, place) for image, place in ((first, uv), (second, start)))
+    a, b = (cv2.reduce(tiles, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0] for tiles in (before, after))
     kept = np.ones(len(a), np.bool_)
     gain, offset = 1.0, float(np.median(a - b))
     for _ in range(2):
@@ -103,33 +90,27 @@ def brightness_change(first: Image, second: Image, uv: Array, start: Array) -> t
     return gain, offset
 
 
-def _brightness(image: Image, uv: Array) -> Array:
-    """Mean brightness (N,) of the surroundings of pixels (N, 2)."""
-    # Exact halves are by far the fastest; an odd last row or column stays out.
-    small: NDArray[Any] = image
-    for _ in range(HALVINGS):
-        height, width = small.shape[0] // 2, small.shape[1] // 2
-        small = cv2.resize(small[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
-    means = cv2.blur(small.astype(np.float32), (SURROUNDINGS, SURROUNDINGS))
-    # The centre of pixel (0, 0) of the small image lies between the pixels that it is the mean of.
-    u, v = np.asarray((uv.T + 0.5) / 2**HALVINGS - 0.5, np.float32)[:, None]
-    found = cv2.remap(means, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found[0], np.float64)
+def _tiles(image: Image, pixel: Array, tile: int) -> Tiles:
+    """Surroundings of whole pixels (N, 2)."""
+    half = tile // 2
+    framed = cv2.copyMakeBorder(image, half, half, half, half, cv2.BORDER_REPLICATE)
+    u, v = pixel.astype(np.intp).T
+    windows = np.lib.stride_tricks.sliding_window_view(framed, (tile, tile))
+    return np.asarray(windows[v, u].reshape(len(u), -1), np.uint8)
 
 
-def _tiles(image: Image, uv: Array, A: Array, tile: int, rows: int, columns: int) -> Image:
-    """Surroundings of pixels (N, 2), bent back by A, as tiles side by side: (rows·tile, columns·tile)."""
-    offset = np.arange(tile, dtype=np.float32) - tile // 2
-    # Axes: row of tiles, column of tiles, u or v.
-    place = np.zeros((rows * columns, 2), np.float32)
-    place[: len(uv)] = uv
-    warp = np.zeros((rows * columns, 2, 2), np.float32)
-    warp[: len(uv)] = A
-    maps = []
-    for axis in (0, 1):
-        along_u = warp[:, axis, 0].reshape(rows, 1, columns, 1) * offset
-        along_v = warp[:, axis, 1].reshape(rows, 1, columns, 1) * offset[:, None, None]
-        start = place[:, axis].reshape(rows, 1, columns, 1)
-        maps.append((along_u + (along_v + start)).reshape(rows * tile, -1))
-    bent = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(bent, np.uint8)
+def _bent_tiles(image: Image, uv: Array, A: Array, tile: int) -> Tiles:
+    """Surroundings of pixels (N, 2), bent back by A (N, 2, 2)."""
+    dv, du = np.indices((tile, tile)).reshape(2, -1) - tile // 2
+    offset = np.stack([du, dv, np.ones_like(du)]).astype(np.float32)
+    u, v = (np.column_stack([A[:, axis], uv[:, axis]]).astype(np.float32) @ offset for axis in (0, 1))
+    return np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+def _side_by_side(tiles: Tiles, tile: int) -> Image:
+    """One picture of N tiles, COLUMNS in a row; what is left of the last row is black."""
+    rows = -(-len(tiles) // COLUMNS)
+    whole = np.zeros((rows * COLUMNS, tile * tile), np.uint8)
+    whole[: len(tiles)] = tiles
+    laid = whole.reshape(rows, COLUMNS, tile, tile).swapaxes(1, 2)
+    return laid.reshape(rows * tile, COLUMNS * tile)

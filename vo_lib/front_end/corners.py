@@ -6,21 +6,25 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.types import Array, Mask
-from ..method.buckets import square_numbers
+from ..core.types import Array, Image, Mask
+from ..method.buckets import select_by_bucket, square_numbers
+from ..method.config import BucketConfig
 from .config import FeatureConfig
 
 
-def corner_strength(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Shi and Tomasi's strength of every pixel, (H, W): root of the structure tensor's smaller eigenvalue.
+def corner_strength(image: Image) -> NDArray[np.float32]:
+    """Shi and Tomasi's strength of an image at half size, (H // 2, W // 2).
 
-    In grey levels: the weakest contrast a 3×3 window sees in any direction, so a threshold means the
-    same in every image.
+    The root of the structure tensor's smaller eigenvalue, in grey levels: the weakest contrast that a window
+    of 3×3 pixels sees in any direction, so a threshold means the same in every image. Half the size is a
+    quarter of the work, and corners are followed by wider windows.
     """
-    strength = cv2.cornerMinEigenVal(image, 3, ksize=3)
-    np.sqrt(np.maximum(strength, 0.0, out=strength), out=strength)
+    height, width = image.shape[0] // 2, image.shape[1] // 2
+    # Exact halves are by far the fastest; an odd last row or column stays out.
+    half = cv2.resize(image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
+    strength = cv2.cornerMinEigenVal(half, 3, ksize=3)
     # OpenCV scales an 8-bit image so that the eigenvalue is that of grey / 255 over the window.
-    return np.asarray(np.multiply(strength, 255.0, out=strength), np.float32)
+    return np.asarray(255.0 * np.sqrt(np.maximum(strength, 0.0)), np.float32)
 
 
 def detect_corners(strength: NDArray[np.float32], config: FeatureConfig) -> tuple[Array, Array]:
@@ -28,28 +32,21 @@ def detect_corners(strength: NDArray[np.float32], config: FeatureConfig) -> tupl
 
     Parameters
     ----------
-    strength : (H, W) corner strength, from `corner_strength`.
+    strength : (H // 2, W // 2) corner strength, from `corner_strength`.
 
     Returns
     -------
-    (N, 2) pixels and (N,) strengths, in row-major order of the cells.
+    (N, 2) pixels of the full image and (N,) strengths, row by row.
     """
-    b, cell = config.border, config.cell
-    height, width = strength.shape
     # A corner is a local maximum: its neighbours in the next cell must not be stronger.
-    peaks = strength * (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8)))
-    peaks[:b], peaks[-b:], peaks[:, :b], peaks[:, -b:] = 0, 0, 0, 0
-    rows, cols = -(-height // cell), -(-width // cell)
-    padded = np.zeros((rows * cell, cols * cell), np.float32)
-    padded[:height, :width] = peaks
-    blocks = padded.reshape(rows, cell, cols, cell).transpose(0, 2, 1, 3).reshape(rows * cols, cell * cell)
-    best = np.argmax(blocks, axis=1)
-    value = blocks[np.arange(rows * cols), best]
-    good = value > config.quality
-    which = np.flatnonzero(good)
-    v = (which // cols) * cell + best[which] // cell
-    u = (which % cols) * cell + best[which] % cell
-    return np.stack([u, v], axis=1).astype(np.float64), value[which].astype(np.float64)
+    peaks = (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))) & (strength > config.quality)
+    border = -(-config.border // 2)
+    peaks[:border], peaks[-border:], peaks[:, :border], peaks[:, -border:] = False, False, False, False
+    v, u = np.divmod(np.flatnonzero(peaks), strength.shape[1])
+    # The centre of a pixel at half size lies between the pixels that it is the mean of.
+    uv, value = 2.0 * np.stack([u, v], axis=1) + 0.5, strength[v, u].astype(np.float64)
+    best = select_by_bucket(uv, np.zeros(len(uv), np.int64), value, BucketConfig(config.cell, 1))
+    return uv[best], value[best]
 
 
 def in_empty_cells(uv: Array, taken: Array, cell: int) -> Mask:

@@ -63,7 +63,8 @@ class PreparedPair:
 class LoopMatcher:
     """Corners followed round the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
 
-    The search starts where the last motion and the stereo depth predict each feature (constant velocity).
+    In the left image the search starts where the last motion and the stereo depth predict each feature
+    (constant velocity), in the right one where block matching has seen it.
     The matcher fits that motion itself, so the matches depend on the images and on its own settings
     only: whatever method comes after it, and whatever the seed, sees the same matches.
     """
@@ -129,13 +130,11 @@ class LoopMatcher:
         guess: tuple[Array, Array],
         levels: int,
     ) -> tuple[StereoMatches, Array]:
-        """Lucas-Kanade finds the features coarsely; returns the finished matches and their slopes (N, 2)."""
+        """Lucas-Kanade finds the left features, coarsely; returns the finished matches, and slopes (N, 2)."""
         start = np.flatnonzero(self._inside(guess[0], pair.left) & self._inside(guess[1], pair.right))
-        cur_left, ok_left = self._track(before.left, pair.left, known.left[start], guess[0][start], levels)
-        over_time, ok_right = self._track(
-            before.right, pair.right, known.right[start], guess[1][start], levels
-        )
-        ok = ok_left & ok_right & is_stereo(cur_left, over_time, self.config)
+        cur_left, ok = self._track(before.left, pair.left, known.left[start], guess[0][start], levels)
+        over_time, known_depth = _in_right_image(pair.disparity, cur_left)
+        ok &= known_depth & is_stereo(cur_left, over_time, self.config)
         return self._finish(before, pair, known[start[ok]], cur_left[ok], over_time[ok])
 
     def _finish(
@@ -169,12 +168,8 @@ class LoopMatcher:
 
     def _add_corners(self, pair: PreparedPair, known: _Features) -> _Features:
         free = in_empty_cells(pair.corners, known.left, self.features.cell)
-        uv, strength = pair.corners[free], pair.strength[free]
-        column, row = np.rint(uv / 2).astype(int).T
-        height, width = pair.disparity.shape
-        disparity = pair.disparity[np.minimum(row, height - 1), np.minimum(column, width - 1)]
-        uv, strength, disparity = (a[disparity > 0] for a in (uv, strength, disparity))
-        guess = uv - np.stack([disparity, np.zeros_like(disparity)], axis=1)
+        guess, ok = _in_right_image(pair.disparity, pair.corners[free])
+        uv, strength, guess = pair.corners[free][ok], pair.strength[free][ok], guess[ok]
         found, slope, ok = refine_stereo(pair.images, pair.disparity, uv, guess, self.config)
         ok &= self._inside(found, pair.right)
         number = int(np.count_nonzero(ok))
@@ -205,6 +200,13 @@ class LoopMatcher:
         # NaN (a point behind the camera) compares false.
         inside = (uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))
         return np.asarray(inside.all(axis=1))
+
+
+def _in_right_image(coarse: CoarseDisparity, uv: Array) -> tuple[Array, Mask]:
+    """Where pixels (N, 2) of the left image are in the right one, coarsely; and whether it is known."""
+    column, row = np.clip(np.rint(uv / 2).astype(int), 0, np.array(coarse.shape[::-1]) - 1).T
+    disparity = coarse[row, column].astype(np.float64)
+    return uv - np.stack([disparity, np.zeros_like(disparity)], axis=1), disparity > 0
 
 
 def lit_like(image: Image, target: Image) -> Image:

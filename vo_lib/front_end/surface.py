@@ -21,8 +21,9 @@ CoarseDisparity = NDArray[np.float32]
 
 # A steeper surface is seen too much from the side for its slope to be known.
 STEEPEST = 0.6
-# The side of the square of half-size pixels that a plane is fitted to.
-SIDE = 9
+# A plane is fitted to some pixels of a square of half-size pixels: neighbours say nearly the same. The middle
+# stays out, so that a feature on an outline has half of its square on either side.
+OFFSETS = np.array([-4, -2, -1, 1, 2, 4])
 # Disparities this near to the plane lie on it, pixels of the full image; the first round is wider.
 NEAR, NEAR_AT_FIRST = 0.75, 3.0
 # A coarse plane with less of its square filled says nothing about the slope.
@@ -52,8 +53,9 @@ def coarse_disparity(left: NDArray[np.uint8], right: NDArray[np.uint8], largest:
         cv2.copyMakeBorder(cv2.pyrDown(image), 0, 0, steps, 0, cv2.BORDER_REPLICATE)
         for image in (left, right)
     ]
-    matcher = cv2.StereoBM.create(numDisparities=steps, blockSize=11)
-    matcher.setUniquenessRatio(5)
+    matcher = cv2.StereoBM.create(numDisparities=steps, blockSize=9)
+    # Its own test of uniqueness takes half of the time; what is wrong here does not come round the loop.
+    matcher.setUniquenessRatio(0)
     # In sixteenths of a pixel of the half image.
     return np.asarray(matcher.compute(*small)[:, steps:] / np.float32(8.0))
 
@@ -68,8 +70,7 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
 
     Least squares over the pixels whose disparity is near the feature's, then near the plane.
     """
-    offset = np.arange(SIDE) - SIDE // 2
-    du, dv = (o.ravel() for o in np.meshgrid(offset, offset))
+    du, dv = (o.ravel() for o in np.meshgrid(OFFSETS, OFFSETS))
     column = np.clip(np.rint(uv[:, :1] / 2).astype(np.intp) + du, 0, coarse.shape[1] - 1)
     row = np.clip(np.rint(uv[:, 1:] / 2).astype(np.intp) + dv, 0, coarse.shape[0] - 1)
     # From the feature's own disparity, so that single precision is plenty.
@@ -83,7 +84,7 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
     for _ in range(2):
         # The damping keeps the slope of a square with few known pixels small.
         weight = near.astype(np.float32)
-        N = (weight @ products).T + np.array([1e-3, 10.0, 10.0, 0.0, 0.0, 0.0])[:, None]
+        N = (weight @ products).T + np.array([1e-3, 4.0, 4.0, 0.0, 0.0, 0.0])[:, None]
         plane = times(invert(N), np.asarray(((weight * d) @ basis).T, np.float64))
         near = known & (np.abs(d - plane.T.astype(np.float32) @ basis.T) < NEAR)
     share = near.mean(axis=1)

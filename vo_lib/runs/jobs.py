@@ -18,7 +18,7 @@ from .match_cache import CachedMatches
 from .parallel import parallel
 from .results import CONFIG, is_finished, run_folder
 from .run_once import run_once
-from .runner import one_blas_thread
+from .runner import single_threaded
 
 POLL = 0.3  # seconds between two looks at what was done
 
@@ -116,7 +116,7 @@ def _matches(job: Job, cache: Path | None) -> CachedMatches:
 
 def _fill(job: Job, cache: Path | None) -> None:
     """The front end: find all matches that are not in the cache."""
-    with one_blas_thread():
+    with single_threaded():
         _matches(job, cache).fill()
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, cast, overload
+from typing import overload
 
+import cv2
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
@@ -154,7 +155,7 @@ def run_methods(
     if len(front_ends) != 1:
         raise ValueError("the methods need the same feature and matching settings to share their matches")
     method_runs = {name: MethodRun(sequence, config) for name, config in configs.items()}
-    with one_blas_thread():
+    with single_threaded():
         frames = FoundMatches(sequence, *front_ends.pop()) if matches is None else matches
         for index, frame in enumerate(frames):
             boxes = sequence.boxes(index)
@@ -169,9 +170,17 @@ def run_methods(
 _libraries = functools.cache(ThreadpoolController)
 
 
-def one_blas_thread() -> AbstractContextManager[Any]:
-    """A context: the matrices are small, more threads only wait for each other and for the image threads."""
-    return cast(AbstractContextManager[Any], _libraries().limit(limits=1, user_api="blas"))
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """A context without threads of BLAS and OpenCV: matrices and images are small, and frames are prepared in
+    threads of ours; more of them only wait for each other."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with _libraries().limit(limits=1, user_api="blas"):
+            yield
+    finally:
+        cv2.setNumThreads(threads)
 
 
 class FoundMatches:

@@ -19,7 +19,7 @@ from ..core.poses import from_first
 from ..core.types import Array, Image, Mask
 from ..evaluation.kitti import trajectory_distances
 from ..method.boxes import on_vehicles
-from ..runs.runner import FoundMatches, MethodRun, Run, TimedMatches, one_blas_thread
+from ..runs.runner import FoundMatches, MethodRun, Run, TimedMatches, single_threaded
 from .plots import AGE_COLOURS, REMOVED, distance_from_truth, match_image
 
 FPS = 10
@@ -48,7 +48,7 @@ def shown_frames(run: Run, matches: Iterable[TimedMatches] | None = None) -> Ite
     """The frames of a finished run, gone through once more; `matches` as in `run_methods`."""
     sequence, config = run.sequence, run.config
     method = MethodRun(sequence, config)
-    with one_blas_thread():
+    with single_threaded():
         found = FoundMatches(sequence, config.features, config.matching) if matches is None else matches
         before = sequence.boxes(0)
         for index, frame in enumerate(found):

@@ -32,7 +32,7 @@ from ...core.errors import DataError
 from ...core.settings import Setting, declared, replace
 from ...core.types import Progress
 from ...data.sequence import Sequence, available
-from ...runs.runner import one_blas_thread
+from ...runs.runner import single_threaded
 from ..drawing import BAD, WIDTH, stack
 from ..exercises.results import marked
 from ..frames import DEFAULT, is_open, keep, opened
@@ -154,7 +154,7 @@ class Panel:
         """Draw the present state; what goes wrong is shown in the panel."""
         if self._quiet or self._sequence is None:
             return
-        with self._lock, one_blas_thread():
+        with self._lock, single_threaded():
             try:
                 self._show(self.draw(self.state()))
             except Exception as error:

@@ -20,7 +20,7 @@ from ...front_end.corners import corner_strength, detect_corners
 from ...front_end.front_end import make_front_end
 from ...front_end.klt import PreparedPair
 from ...front_end.surface import CoarseDisparity, coarse_disparity
-from ...runs.runner import one_blas_thread
+from ...runs.runner import single_threaded
 from ..frames import WARM_UP, Memory, key_of, stereo
 
 # The settings of each check, and what happens to a match that fails it.
@@ -44,7 +44,6 @@ KEPT = len(REASONS)
 
 _histories: Memory[tuple[Any, Any]] = Memory(6)
 _disparities: Memory[CoarseDisparity] = Memory(8)
-_strengths: Memory[NDArray[np.float32]] = Memory(8)
 _described: Memory[DescribedPair] = Memory(8)
 _steps: Memory[StereoMatches] = Memory(48)
 
@@ -91,7 +90,7 @@ def trace(sequence: Sequence, frame: int, features: FeatureConfig, matching: Mat
 
         return _steps.get((*base, stage), make)
 
-    with ThreadPoolExecutor(max_workers=2) as pool, one_blas_thread():
+    with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
         results = list(pool.map(step, stages))
     left, number = _candidates(before)
     reason = np.zeros(len(number), np.int64)
@@ -115,7 +114,7 @@ def _history(
         return _prepare(sequence, index, features, matching)
 
     indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
-    with ThreadPoolExecutor(max_workers=2) as pool, one_blas_thread():
+    with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
         *earlier, pair = pool.map(prepare, indices)
         for each in earlier:
             front_end.step(each)
@@ -136,8 +135,7 @@ def _prepare(sequence: Sequence, index: int, features: FeatureConfig, matching: 
             return describe_pair(images, disparity, features, matching)
 
         return _described.get((*key, features, matching), describe)
-    strength = _strengths.get(key, lambda: corner_strength(images[0]))
-    return PreparedPair(*images, *detect_corners(strength, features), disparity)
+    return PreparedPair(*images, *detect_corners(corner_strength(images[0]), features), disparity)
 
 
 def _candidates(front_end: Any) -> tuple[Array, NDArray[np.int64]]:
