@@ -70,17 +70,21 @@ def window_pane(slip: float) -> list[Pair]:
 def test_a_loop_that_two_textures_open_does_not_close(kind: str) -> None:
     default = MatchingConfig().loop_tolerance
     assert default < 0.5
-    share = {}
-    # Two textures in one window alone move a place by some tenths of a pixel.
-    for slip, tolerance in ((0.0, 0.5), (1.5, default)):
-        strict, any_loop = (
+
+    def share(slip: float, tolerance: float) -> float:
+        """Of the loops that end anywhere those that close."""
+        closed, any_loop = (
             len(matched(kind, window_pane(slip), FEATURES, loop_tolerance=each)) for each in (tolerance, 10.0)
         )
         assert any_loop > 100
-        share[slip] = strict / any_loop
+        return closed / any_loop
+
     # With one place in all images the loops close. With two, 1.5 px apart, most of them stay open.
-    assert share[0.0] > (0.85 if kind == PAPER else 0.95)
-    assert share[1.5] < 0.6
+    assert share(0.0, default) > {"klt": 0.8, "blob_corner": 0.9, PAPER: 0.85}[kind]
+    assert share(1.5, default) < 0.6
+    if kind != PAPER:
+        # Two textures in one window move a place by some tenths of a pixel; no more than that.
+        assert share(0.0, 0.5) > 0.95
 
 
 BACKGROUND = np.random.default_rng(8).integers(-4, 5, (HEIGHT, WIDTH + 2 * DISPARITY))

@@ -45,7 +45,8 @@ def detect_corners(strength: NDArray[np.float32], config: FeatureConfig) -> tupl
     v, u = np.divmod(np.flatnonzero(peaks), strength.shape[1])
     # The centre of a pixel at half size lies between the pixels that it is the mean of.
     uv, value = 2.0 * np.stack([u, v], axis=1) + 0.5, strength[v, u].astype(np.float64)
-    best = select_by_bucket(uv, np.zeros(len(uv), np.int64), value, BucketConfig(config.cell, 1))
+    one_a_cell = BucketConfig(size=config.cell, features=1)
+    best = select_by_bucket(uv, np.zeros(len(uv), np.int64), value, one_a_cell)
     return uv[best], value[best]
 
 
