@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from vo_lib.beyond.odometry import KitOdometry
 from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import Config, SelectionConfig, preset
 from vo_lib.core import settings
@@ -155,3 +156,26 @@ def test_the_first_frame_has_no_prior_and_is_chosen_by_consensus() -> None:
     np.testing.assert_array_equal(on[0].T_cp, off[0].T_cp)
     assert np.isnan(on[0].prior_angle)
     assert np.isfinite(on[1].prior_angle)
+
+
+def test_where_the_last_geometry_holds_fewer_sets_do_but_never_where_matches_are_wrong() -> None:
+    """Fifty sets without an outlier are enough to start a refinement; the winner itself needs all of them."""
+    before, frame = list(simulate_tracks(drive(3), CAMERA, TRACKS, seed=0))[:2]
+    mixed = np.random.default_rng(0).permutation(150)
+
+    def drawn(config: Config, wrong: int = 0, prior: bool = True) -> int:
+        odometry = make_odometry(CAMERA, config)
+        assert isinstance(odometry, KitOdometry)
+        if prior:
+            E = essential_from_motion(before.T_cp[:3, :3], before.T_cp[:3, 3])
+            odometry.e_prev = essential_vector(E)
+        x_p, x_c = odometry.points(frame.matches)
+        x_c[:wrong] = x_c[mixed[:wrong]]
+        return len(odometry.draw_sets(x_p, x_c))
+
+    refined = preset("solution_selection")
+    assert 50 <= drawn(refined) < 80
+    assert drawn(refined) < drawn(refined, wrong=30) < 200
+    assert drawn(refined, wrong=150) == drawn(refined, prior=False) == 200
+    assert drawn(settings.replace(refined, "selection.mode", "literal")) == 200
+    assert drawn(settings.replace(refined, "selection.sets", 20)) == 20

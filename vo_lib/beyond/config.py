@@ -87,7 +87,9 @@ class SelectionConfig(method.SelectionConfig):
     """Refinement of the winner, standing still, and when the prior is dropped (chapter 3)."""
 
     mode: str = setting(
-        "refined", "take the winner as it is, or refine it on its inliers", choices=("literal", "refined")
+        "refined",
+        "take the winner as it is, or refine it on its inliers, for which fewer sets do where all goes well",
+        choices=("literal", "refined"),
     )
     refine_scale: float = setting(
         1.5,

@@ -20,6 +20,7 @@ from ..core.reprojection import fit_motion
 from ..core.types import Array, Index, Mask
 from ..core.vehicle import Vehicle
 from ..method.odometry import Odometry, Rotation, median_flow
+from ..method.selection import sampson_inliers
 from .box_filter import BoxFilter, Filtered
 from .calibration import Calibration
 from .config import Config
@@ -27,6 +28,11 @@ from .lens import Lens
 from .selection import choose, motion_of_winner, sample_sets
 from .stereo_field import StereoField
 from .translation import solve_translation
+
+# Sets without an outlier: with 200 in every frame TE and RE are no better.
+ENOUGH = 50
+# Matches within so many thresholds of the last essential matrix are taken for inliers of this one.
+AS_BEFORE = 3.0
 
 
 class Learning(Odometry):
@@ -126,9 +132,18 @@ class KitOdometry(Learning):
         return FrameResult(T_cp, inliers=inliers, flags=("standstill",))
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
-        """Every other set takes its features from all sides of the image."""
-        sides = np.arctan2(x_c[:, 1], x_c[:, 0])
-        return sample_sets(self.random(), len(x_p), self.config.selection.sets, sides)
+        """Every other set takes its features from all sides of the image.
+
+        Of the n sets no more are drawn than leave ENOUGH without an outlier, where an outlier is far from the
+        last frame's geometry: the winner is but the start of the refinement. `literal` keeps the winner, and
+        there, as on a sharp turn, all are drawn.
+        """
+        config, sides = self.config.selection, np.arctan2(x_c[:, 1], x_c[:, 0])
+        sets = config.sets
+        if config.mode == "refined" and self.e_prev is not None:
+            near = sampson_inliers(self.e_prev.reshape(3, 3), x_p, x_c, AS_BEFORE * self.threshold)
+            sets = min(sets, int(ENOUGH / max(float(np.mean(near)), 0.1) ** 5))
+        return sample_sets(self.random(), len(x_p), sets, sides)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
         """As the paper's, but the prior is dropped where it is clearly wrong."""
