@@ -77,11 +77,10 @@ def brightness_change(before: Tiles, after: Tiles) -> tuple[float, float]:
     """
     a, b = (cv2.reduce(tiles, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0] for tiles in (before, after))
     kept = np.ones(len(a), np.bool_)
-    gain, offset = 1.0, float(np.median(a - b))
     for _ in range(2):
         spread = b[kept] - b[kept].mean()
         if spread @ spread < len(a) * FEWEST_LEVELS**2:
-            break
+            return 1.0, float(np.median(a - b))
         gain = float(np.clip(spread @ (a[kept] - a[kept].mean()) / (spread @ spread), 0.5, 2.0))
         offset = float(a[kept].mean() - gain * b[kept].mean())
         rest = np.abs(a - gain * b - offset)
