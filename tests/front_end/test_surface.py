@@ -14,7 +14,7 @@ from vo_lib import open_sequence
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.types import Array
-from vo_lib.front_end.alignment import track_warped
+from vo_lib.front_end.alignment import brightness_change, track_warped
 from vo_lib.front_end.surface import coarse_disparity, fit_surface, motion_warp, right_slope, stereo_warp
 
 CAMERA = StereoCamera(f=700.0, cx=300.0, cy=100.0, baseline=0.5, width=600, height=200)
@@ -118,6 +118,15 @@ def test_brightness_does_not_move_a_window() -> None:
     good = np.isfinite(difference)
     assert good.mean() > 0.9
     assert np.median(np.linalg.norm(found - uv, axis=1)[good]) < 0.04
+
+
+def test_features_of_one_brightness_say_nothing_of_a_gain() -> None:
+    rng = np.random.default_rng(0)
+    before = rng.integers(90, 110, (50, 256), dtype=np.uint8)
+    assert brightness_change(before, before + np.uint8(20)) == pytest.approx((1.0, -20.0), abs=1e-4)
+    darker = rng.integers(20, 180, (50, 1), dtype=np.uint8) + rng.integers(0, 20, (50, 256), dtype=np.uint8)
+    gain, offset = brightness_change(np.asarray(np.rint(1.2 * darker + 7), np.uint8), darker)
+    assert (gain, offset) == pytest.approx((1.2, 7.0), abs=0.1)
 
 
 def test_more_features_than_tiles_and_none_at_all() -> None:
