@@ -88,7 +88,7 @@ class SelectionConfig(method.SelectionConfig):
 
     mode: str = setting(
         "refined",
-        "take the winner as it is, or refine it on its inliers, for which fewer sets do where all goes well",
+        "take the winner as it is, or refine it on its inliers, from fewer sets where the last motion holds",
         choices=("literal", "refined"),
     )
     refine_scale: float = setting(

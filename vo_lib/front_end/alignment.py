@@ -73,7 +73,8 @@ def brightness_change(before: Tiles, after: Tiles) -> tuple[float, float]:
     """Gain and offset that make the tiles of the second image as bright as those of the first.
 
     Two cameras, and two moments, differ in brightness. A straight line through the mean brightness of the
-    tiles, fitted twice, the second time without the fifth that lies farthest from it.
+    tiles, fitted twice, the second time without the fifth that lies farthest from it. Where those left
+    hardly differ in brightness, the gain is 1.
     """
     a, b = (cv2.reduce(tiles, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0] for tiles in (before, after))
     kept = np.ones(len(a), np.bool_)
