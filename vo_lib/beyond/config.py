@@ -139,13 +139,13 @@ class CalibrationConfig(Checked):
         0.2, "difference of rows at which a match's weight is halved", unit="px", low=0.01, high=10
     )
     drift: float = setting(
-        0.005,
+        0.015,
         "standard deviation of a fault's change from frame to frame, as a share of that before the first",
         low=0,
         high=1,
     )
     noise_inflation: float = setting(
-        4.0, "the field is learnt as if frames scattered this much more than noise", low=1, high=100
+        3.0, "the field is learnt as if frames scattered this much more than noise", low=1, high=100
     )
     least_change: float = setting(
         0.03, "a smaller change of the disparities does not solve the step again", unit="px", low=0, high=1
