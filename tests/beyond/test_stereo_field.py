@@ -28,6 +28,7 @@ from vo_lib.core.boxes import no_boxes
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.axes import fit_axes
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.runner import FoundMatches, make_odometry
 
@@ -60,6 +61,19 @@ def test_one_frame_without_noise_tells_the_disparities_coefficients_exactly() ->
     assert found is not None
     expected = [true.get(term, 0.0) for term in COLUMNS]
     np.testing.assert_allclose(np.linalg.solve(*found), expected, atol=0.06)
+
+
+def test_a_step_that_is_wrong_at_first_is_mended_before_the_field_is_asked() -> None:
+    faults = Faults(lambda x, y: -0.2 + 0.4 * x * x + 1.5 * y * y)
+    matches, R_cp, t_cp = next(drive(1, faults, noise=0.0, points=2000))
+    found = [
+        parallax_information(CAMERA, matches, R_cp, share * t_cp + (aside, 0.0, 0.0), 5.0)
+        for share, aside in ((1.0, 0.0), (1.05, 0.0), (0.97, 0.03))
+    ]
+    right, *others = (np.linalg.solve(*each) for each in found if each is not None)
+    assert len(others) == 2
+    for other in others:
+        np.testing.assert_allclose(other, right, atol=0.01)
 
 
 @pytest.mark.parametrize("faults", [Faults(), KITTI], ids=["perfect", "as on KITTI"])
@@ -243,7 +257,7 @@ def test_a_street_seen_by_a_rig_like_kittis_has_its_length_from_frame_50_on(
 def test_the_real_highway_needs_the_field(clips: Path) -> None:
     sequence = open_sequence(clips / "sequences" / "01")
     assert sequence.truth is not None
-    te, length = {}, {}
+    te, turned, length = {}, {}, {}
     true = np.linalg.norm(np.diff(sequence.truth[:, :3, 3], axis=0), axis=1).sum()
     for estimate in (True, False):
         config = settings.replace(preset("solution_selection"), "calibration.estimate", estimate)
@@ -253,8 +267,11 @@ def test_the_real_highway_needs_the_field(clips: Path) -> None:
         assert errors.re is not None
         assert errors.re < 2.5
         te[estimate] = errors.te
+        turned[estimate] = fit_axes(sequence.truth, poses, [20.0], 1).kitti.te or np.inf
         length[estimate] = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum() / true
     assert te[True] < 1.0 < 2.0 < te[False]
+    # The field is found within the first frames: else this is 0.3 %.
+    assert turned[True] < 0.2
     assert length[True] == pytest.approx(1.0, abs=0.003)
 
 

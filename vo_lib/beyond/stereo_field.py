@@ -2,7 +2,7 @@
 
 In a rectified pair both images of a point lie on one row, and the columns differ by f b / Z. In a real pair
 both are off by a smooth field over the image, of some tenths of a pixel: far points seem too far, or near,
-and steps come out too long, on the KITTI highway by 6 %. The field is a polynomial for the disparities and
+and steps come out too long, on the KITTI highway by 5 %. The field is a polynomial for the disparities and
 one for the rows, in the normalised left position x, y.
 
 They belong together, for each fault of a rig has a shape in both (`FAULTS`). Stereo matches show the rows at
