@@ -15,7 +15,7 @@ from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
 from ..core.frame import LOST, FrameResult
 from ..core.geometry import rigid
-from ..core.matches import StereoMatches
+from ..core.matches import StereoMatches, empty_matches
 from ..core.reprojection import fit_motion
 from ..core.types import Array, Index, Mask
 from ..core.vehicle import Vehicle
@@ -60,6 +60,7 @@ class Learning(Odometry):
             self.field.know(known.estimate, known.covariance_on_another_drive())
             self.lens.know(known.lens_information, known.lens_vector)
         self._on_moving: Mask | None = None
+        self._seen = empty_matches()
         self._filter = BoxFilter(camera, config.filter)
         self._vehicle = Vehicle(config.vehicle)
         self._good = self._last
@@ -88,7 +89,8 @@ class Learning(Odometry):
         matches = lens.correct(matches)
         if self.config.calibration.estimate:
             field.learn_rows(matches)
-        motion = super().step(field.correct(matches), boxes)
+        self._seen = field.correct(matches)
+        motion = super().step(self._seen, boxes)
         assert self.filtered is not None
         motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
         motion = self._vehicle.judge(motion, seconds)
@@ -106,6 +108,14 @@ class Learning(Odometry):
         """The matches that the kit's box rule leaves."""
         self.filtered = self._filter.step(matches, boxes, self._on_moving)
         return matches[self.filtered.keep]
+
+    def learn(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> StereoMatches | None:
+        """Learn the field from a frame's motion; matches without what it taught, None if it is little.
+
+        All that was matched teaches, in boxes too: parked cars are near, and what moves does not fit.
+        """
+        more = self.field.update(self._seen, R_cp, t_cp)
+        return None if more is None else self.field.correct(matches, more)
 
 
 class KitOdometry(Learning):
@@ -171,7 +181,7 @@ class KitOdometry(Learning):
             return solved[0]
         x_p, x_c = self.points(matches)
         self.lens.update(x_p, x_c, R_cp, self._direction)
-        corrected = self.field.update(matches, R_cp, solved[0])
+        corrected = self.learn(matches, R_cp, solved[0])
         again = None if corrected is None else solve_translation(self.camera, corrected, R_cp, config)
         self.clock.stage("calibration")
         return (again or solved)[0]
@@ -190,7 +200,7 @@ class KitViso2(Learning, Viso2):
         if median_flow(matches) >= self.config.selection.standstill_flow and np.any(t_cp):
             x_p, x_c = self.points(matches[inliers])
             self.lens.update(x_p, x_c, R_cp, t_cp / np.linalg.norm(t_cp))
-        corrected = self.field.update(matches, R_cp, t_cp)
+        corrected = self.learn(matches, R_cp, t_cp)
         if corrected is not None:
             X_p = self.camera.triangulate(corrected.prev_left, corrected.prev_right)
             agreed = np.flatnonzero(inliers & np.isfinite(X_p[:, 2]))

@@ -101,8 +101,8 @@ class StereoField:
             estimate = np.asarray(np.linalg.solve(information, start + weighted @ difference))
         self.know(estimate, np.asarray(np.linalg.inv(information)))
 
-    def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> StereoMatches | None:
-        """Learn from a frame's corrected matches and motion; matches without that, None if it is little."""
+    def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> Array | None:
+        """Learn from a frame's corrected matches and motion; the change (15,), None if it is little."""
         found = parallax_information(self.camera, matches, R_cp, t_cp, self.config.scale)
         if found is None:
             return None
@@ -117,7 +117,7 @@ class StereoField:
         more = self.coefficients - in_use
         more[N:] = 0.0  # of the rows only their own measurements count in this frame
         size = np.sqrt(np.mean(field_at(more, *self.camera.normalise(matches.cur_left).T) ** 2))
-        return None if size < self.config.least_change else self.correct(matches, more)
+        return None if size < self.config.least_change else more
 
     def know(self, estimate: Array, covariance: Array) -> None:
         """From now on this is known: an estimate (15,) and its covariance (15, 15)."""
