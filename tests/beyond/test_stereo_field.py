@@ -24,7 +24,7 @@ from vo_lib.beyond.stereo_field import (
 from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import CalibrationConfig, TranslationConfig
 from vo_lib.core import settings
-from vo_lib.core.boxes import no_boxes
+from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
@@ -209,6 +209,27 @@ def test_few_or_wild_matches_do_no_harm(seed: int) -> None:
     assert field.update(few, np.eye(3), t_cp) is None
     field.learn_rows(wild[np.arange(0)])
     assert np.isfinite(field.coefficients).all()
+
+
+def test_boxes_keep_nothing_from_the_field_but_what_moves_in_them_does_not_teach() -> None:
+    """A box over the left third of the image; parked cars in it, or cars that cross."""
+    over = Boxes(np.array([[0.0, 0.0, 400.0, 360.0]]), np.array([2]), np.ones(1))
+    deviation, error = [], []
+    for boxes, crossing in ((no_boxes(), 0.0), (over, 0.0), (over, 6.0)):
+        odometry = make_odometry(CAMERA, preset("feature_selection"))
+        odometry.start(boxes)
+        for matches, _, _ in drive(40, KITTI):
+            aside = np.where(matches.prev_left[:, :1] < 300.0, (crossing, 0.0), 0.0)
+            crossed = dataclasses.replace(
+                matches, cur_left=matches.cur_left + aside, cur_right=matches.cur_right + aside
+            )
+            odometry.step(crossed, boxes)
+        field = odometry.field
+        deviation.append(float(np.sqrt(field.covariance[0, 0])))
+        found = field_at(field.coefficients, *CAMERA.normalise(GRID).T)
+        error.append(float(np.abs(found[0] - true_field(KITTI)[0])[GRID[:, 0] > 300].mean()))
+    assert deviation[1] < 1.02 * deviation[0]
+    assert error[2] < 0.1
 
 
 @pytest.mark.parametrize("method", ["solution_selection", "viso2"])

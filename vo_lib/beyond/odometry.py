@@ -25,6 +25,7 @@ from .box_filter import BoxFilter, Filtered
 from .calibration import Calibration
 from .config import Config
 from .lens import Lens
+from .moving import AGREES_CHI2, background_noise, point_steps
 from .selection import choose, motion_of_winner, sample_sets
 from .stereo_field import StereoField
 from .translation import solve_translation
@@ -112,9 +113,15 @@ class Learning(Odometry):
     def learn(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> StereoMatches | None:
         """Learn the field from a frame's motion; matches without what it taught, None if it is little.
 
-        All that was matched teaches, in boxes too: parked cars are near, and what moves does not fit.
+        What boxes removed teaches too where it stands still as the rest does: parked cars are near.
         """
-        more = self.field.update(self._seen, R_cp, t_cp)
+        assert self.filtered is not None
+        seen, keep = self._seen, self.filtered.keep
+        if not keep.all():
+            error = point_steps(self.camera, seen, rigid(R_cp, t_cp)).squared_error(np.zeros(3))
+            noise = background_noise(error, keep, self.config.filter.moving)
+            seen = seen[keep | (error < AGREES_CHI2 * noise)]
+        more = self.field.update(seen, R_cp, t_cp)
         return None if more is None else self.field.correct(matches, more)
 
 
