@@ -139,7 +139,7 @@ class CalibrationConfig(Checked):
         0.2, "difference of rows at which a match's weight is halved", unit="px", low=0.01, high=10
     )
     drift: float = setting(
-        0.02,
+        0.015,
         "standard deviation of a fault's change from frame to frame, as a share of that before the first",
         low=0,
         high=1,

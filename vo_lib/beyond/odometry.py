@@ -17,6 +17,7 @@ from ..core.frame import LOST, FrameResult
 from ..core.geometry import rigid
 from ..core.matches import StereoMatches, empty_matches
 from ..core.reprojection import fit_motion
+from ..core.rows import joined
 from ..core.types import Array, Index, Mask
 from ..core.vehicle import Vehicle
 from ..method.odometry import Odometry, Rotation, median_flow
@@ -116,11 +117,13 @@ class Learning(Odometry):
         What boxes removed teaches too where it stands still as the rest does: parked cars are near.
         """
         assert self.filtered is not None
-        seen, keep = self._seen, self.filtered.keep
-        if not keep.all():
+        seen, removed = matches, self.bucketed(self._seen[~self.filtered.keep])
+        if len(removed):
+            seen = joined([matches, removed])
+            used = np.arange(len(seen)) < len(matches)
             error = point_steps(self.camera, seen, rigid(R_cp, t_cp)).squared_error(np.zeros(3))
-            noise = background_noise(error, keep, self.config.filter.moving)
-            seen = seen[keep | (error < AGREES_CHI2 * noise)]
+            noise = background_noise(error, used, self.config.filter.moving)
+            seen = seen[used | (error < AGREES_CHI2 * noise)]
         more = self.field.update(seen, R_cp, t_cp)
         return None if more is None else self.field.correct(matches, more)
 
