@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,15 +14,17 @@ import pytest
 from numpy.typing import NDArray
 
 from vo_lib import Sequence, open_sequence, preset, run
+from vo_lib.core.frame import REPEATED, TIME_JUMP
 from vo_lib.core.geometry import inverse, rotation_angle
 from vo_lib.core.types import Array, Image
 from vo_lib.core.vehicle import VehicleConfig
+from vo_lib.runs.runner import run_methods
 from vo_lib.synthetic.folder import calibration_text
 
 FIRST, FRAMES, AT = 100, 14, 6  # of the street; the fault begins at the sixth of fourteen frames
 LEFT_OUT = 5  # frames at most
 TENTH = 0.1  # seconds between frames
-FARTHEST_OFF = 0.5  # metres of a step; the vehicle makes about 1
+FARTHEST_OFF = 0.5  # metres of a step; the vehicle makes about 1; of a jump beyond 5 m a tenth
 COLUMNS, ROWS = slice(360, 880), slice(100, 300)  # a part of the images is enough, and quick
 Pair = tuple[Image, Image]
 
@@ -148,7 +151,14 @@ DRIVES: dict[str, Fault] = {
 NOT_TOLD = {
     ("zoom of 1.5 that stays", "published"),
     ("frames in any order", "published"),
-    ("every second frame twice", "kit"),  # a match near the standing place is found before the right one
+}
+# What the check is for: the path stays within 0.1 m of the truth with it, and not without.
+CAUGHT = {
+    "roll of 3° in one frame",
+    "roll of 7° in one frame",
+    "zoom of 1.2 in one frame",
+    "zoom of 0.8 in one frame",
+    "60 rows down in one frame",
 }
 
 
@@ -182,6 +192,11 @@ def true_steps(street: Sequence, fault: Fault) -> Array:
     return np.asarray(inverse(T_w_c[1:]) @ T_w_c[:-1])
 
 
+def poses_of(steps: Array) -> Array:
+    """Poses (N, 4, 4) of motions (N - 1, 4, 4)."""
+    return np.stack(list(itertools.accumulate(inverse(steps), np.matmul, initial=np.eye(4))))
+
+
 @pytest.mark.parametrize("name", ["flicker of 0.4 and 1.6", "flicker of 0.7 and 1.3"])
 def test_the_kit_bears_an_exposure_that_changes_with_every_frame(
     drive: tuple[list[Pair], Sequence], tmp_path: Path, name: str
@@ -193,6 +208,20 @@ def test_the_kit_bears_an_exposure_that_changes_with_every_frame(
     assert sum(motion.in_doubt for motion in result.motions) <= 1
 
 
+@pytest.mark.parametrize("name", DRIVES)
+def test_the_check_makes_no_path_worse(drive: tuple[list[Pair], Sequence], tmp_path: Path, name: str) -> None:
+    fault, checked = DRIVES[name], preset("solution_selection")
+    unchecked = replace(checked, vehicle=VehicleConfig(check=False))
+    runs = run_methods(written(tmp_path, drive, fault), {"with": checked, "without": unchecked})
+    # Where the left camera alone stops or is late, the vehicle does not.
+    true = poses_of(true_steps(drive[1], replace(fault, shown=same) if name.startswith("left") else fault))
+    off = {k: np.linalg.norm((run.poses - true)[:, :3, 3], axis=1) for k, run in runs.items()}
+    assert np.sqrt(np.mean(off["with"] ** 2)) <= np.sqrt(np.mean(off["without"] ** 2)) + 0.01
+    assert off["with"][-1] <= off["without"][-1] + 0.01
+    if name in CAUGHT:
+        assert off["with"].max() < 0.1 < off["without"].max()
+
+
 @pytest.mark.parametrize("variant", ["kit", "published"])
 @pytest.mark.parametrize("name", DRIVES)
 def test_no_step_that_no_vehicle_makes_goes_unflagged(
@@ -202,15 +231,19 @@ def test_no_step_that_no_vehicle_makes_goes_unflagged(
     result = run(written(tmp_path, drive, fault), preset("solution_selection", variant=variant))
     T_cp = np.stack([motion.T_cp for motion in result.motions])
     flagged = np.array([motion.in_doubt for motion in result.motions])
+    repeated = np.array([REPEATED in motion.flags for motion in result.motions])
+    seen = flagged | repeated | [TIME_JUMP in motion.flags for motion in result.motions]
+    seen[1:] |= repeated[:-1]  # that step is of more than a tenth of a second
     assert np.isfinite(result.poses).all()
     # The limits, from the steps alone: of one that is not flagged, and of two that are not.
     limits = VehicleConfig()
     turn = np.degrees(rotation_angle(T_cp[:, :3, :3])) / TENTH
     most = np.hypot(limits.turn_rate, np.hypot(limits.tilt_rate, limits.tilt_rate))
-    assert (flagged | (turn <= most)).all()
+    assert (seen | (turn <= most)).all()
     change = np.linalg.norm(np.diff(T_cp[:, :3, 3], axis=0), axis=1) / TENTH
-    assert (flagged[1:] | flagged[:-1] | (change <= TENTH * limits.speed_change)).all()
+    assert (seen[1:] | seen[:-1] | (change <= TENTH * limits.speed_change)).all()
     # And the truth: a step that is off by what no vehicle changes is flagged.
-    off = np.linalg.norm(T_cp[:, :3, 3] - true_steps(drive[1], fault)[:, :3, 3], axis=1)
-    wrong = (off > FARTHEST_OFF) & ~flagged
+    true = true_steps(drive[1], fault)[:, :3, 3]
+    off = np.linalg.norm(T_cp[:, :3, 3] - true, axis=1)
+    wrong = (off > np.maximum(FARTHEST_OFF, 0.1 * np.linalg.norm(true, axis=1))) & ~flagged
     assert not wrong.any() or (name, variant) in NOT_TOLD

@@ -47,6 +47,7 @@ class Learning(Odometry):
     ----------
     lens, field : what is known of the cameras' errors.
     filtered : what the box rule did in the last frame.
+    vehicle : judges the motions.
     """
 
     config: Config
@@ -64,8 +65,9 @@ class Learning(Odometry):
         self._on_moving: Mask | None = None
         self._seen = empty_matches()
         self._filter = BoxFilter(camera, config.filter)
-        self._vehicle = Vehicle(config.vehicle)
+        self.vehicle = Vehicle(config.vehicle, camera)
         self._good = self._last
+        self._unsure = self._known()
 
     @property
     def calibration(self) -> Calibration:
@@ -80,14 +82,14 @@ class Learning(Odometry):
     def step(
         self, matches: StereoMatches, boxes: Boxes, on_moving: Mask | None = None, seconds: float = 0.0
     ) -> FrameResult:
-        """As the paper's, on corrected matches; what no vehicle does is not believed.
+        """As the paper's, on corrected matches; what no vehicle does needs evidence.
 
         on_moving : (N,) matches known to be on moving things; the box rule `truth` needs it.
         seconds : since the previous frame, 0 where it is not known.
         """
         self._on_moving = on_moving
         field, lens = self.field, self.lens
-        before = self.e_prev, (field.estimate, field.covariance), (lens.information, lens.vector)
+        before = self._known()
         matches = lens.correct(matches)
         if self.config.calibration.estimate:
             field.learn_rows(matches)
@@ -95,16 +97,26 @@ class Learning(Odometry):
         motion = super().step(self._seen, boxes)
         assert self.filtered is not None
         motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
-        motion = self._vehicle.judge(motion, seconds)
+        motion = self.vehicle.judge(motion, self._seen[self.filtered.keep], seconds)
         if not motion.in_doubt:
+            if self.vehicle.waiting:
+                self._unsure = before
             self._good = motion.T_cp
             return motion
-        # Nothing is learnt from it, and the last good motion goes on, but not for ever.
-        self.e_prev = before[0]
-        field.know(*before[1])
-        lens.know(*before[2])
+        # Nothing is learnt from it, or from one taken back. The last good motion goes on, but not for ever.
+        if self.vehicle.taken_back:
+            before = self._unsure
+        self.e_prev, self._good, of_field, of_lens = before
+        field.know(*of_field)
+        lens.know(*of_lens)
         self._last = np.eye(4) if LOST in motion.flags else self._good
         return replace(motion, T_cp=self._last)
+
+    def _known(self) -> tuple[Array | None, Array, tuple[Array, Array], tuple[Array, Array]]:
+        """All that a motion in doubt must not change: prior, last good motion, field and lens."""
+        field, lens = self.field, self.lens
+        state = (field.estimate, field.covariance), (lens.information, lens.vector)
+        return self.e_prev, self._good, *state
 
     def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
         """The matches that the kit's box rule leaves."""

@@ -9,7 +9,9 @@ from .types import Array
 
 NO_MOTION = ("few_matches", "no_motion")  # flags of a frame whose images gave no motion
 DOUBTFUL = ("doubtful_speed", "doubtful_turn", "doubtful_tilt")  # and of one that no vehicle makes
+TIME_JUMP = "time_jump"  # of one that no vehicle makes, but that the images agree on
 LOST = "lost"  # more frames in doubt, one after the other, than the last good motion can stand for
+REPEATED = "same_images"  # the pair equals the one before
 IN_DOUBT = frozenset((*NO_MOTION, *DOUBTFUL))
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ..core.errors import DataError
 from ..core.files import read_arrays, read_json, write_bytes_atomic, write_text_atomic
 from ..core.frame import Clock
-from ..core.matches import StereoMatches, empty_matches
+from ..core.matches import SAME, StereoMatches, empty_matches
 from ..core.settings import to_dict
 from ..data.sequence import Sequence
 from ..method.config import FeatureConfig, MatchingConfig
@@ -158,7 +158,7 @@ class CachedMatches:
 
 def pack(frames: list[StereoMatches]) -> bytes:
     """Matches of several frames as bytes: an npz file, each array as small as is exact, and a checksum."""
-    arrays: dict[str, Any] = {"counts": np.array([len(matches) for matches in frames])}
+    arrays: dict[str, Any] = {"counts": np.array([-1 if m is SAME else len(m) for m in frames])}
     for name in _names():
         arrays[name] = _smallest(np.concatenate([getattr(matches, name) for matches in frames]))
     buffer = io.BytesIO()
@@ -174,10 +174,11 @@ def unpack(data: bytes) -> list[StereoMatches]:
     if not content or zlib.crc32(content).to_bytes(CHECK, "little") != check:
         raise ValueError("the checksum is wrong")
     arrays = read_arrays(content)
-    ends = np.cumsum(arrays["counts"])
+    ends = np.cumsum(np.maximum(arrays["counts"], 0))
     kinds = {name: getattr(empty_matches(), name).dtype for name in _names()}
     columns = [np.split(arrays[name].astype(kind), ends[:-1]) for name, kind in kinds.items()]
-    return [StereoMatches(*fields) for fields in zip(*columns, strict=True)]
+    whole = zip(arrays["counts"], zip(*(column[: len(ends)] for column in columns), strict=True), strict=True)
+    return [SAME if count < 0 else StereoMatches(*fields) for count, fields in whole]
 
 
 def _names() -> list[str]:

@@ -19,10 +19,10 @@ from ..beyond.odometry import KitOdometry, KitViso2, Learning
 from ..config import Config, PublishedConfig
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
-from ..core.frame import Clock, FrameResult
+from ..core.frame import REPEATED, TIME_JUMP, Clock, FrameResult
 from ..core.geometry import inverse, nearest_rotation
-from ..core.matches import StereoMatches
-from ..core.types import Array, Progress
+from ..core.matches import SAME, StereoMatches
+from ..core.types import Array, Image, Progress
 from ..core.vehicle import Vehicle
 from ..data.sequence import Sequence, stereo_ahead
 from ..front_end.front_end import make_front_end
@@ -67,15 +67,16 @@ class Run:
 
 
 class MethodRun:
-    """One method along a sequence: its odometry, its motions so far and the poses they add up to."""
+    """One method along a sequence: its odometry and its motions so far, the last of which may change yet."""
 
     def __init__(self, sequence: Sequence, config: PublishedConfig):
         self.sequence = sequence
         self.config = config
         self.odometry = make_odometry(sequence.camera, config, sequence.calibration)
         self.motions: list[FrameResult] = []
-        self._poses = [np.eye(4)]
-        self._vehicle = Vehicle(config.vehicle)
+        own = self.odometry
+        self._vehicle = own.vehicle if isinstance(own, Learning) else Vehicle(config.vehicle, own.camera)
+        self._latest = 0  # frame that does not show the images of the one before
 
     def step(self, index: int, frame: TimedMatches, boxes: Boxes) -> None:
         """Take in a frame; the first one, 0, gives no motion."""
@@ -83,7 +84,11 @@ class MethodRun:
             self.odometry.start(boxes)
             return
         matches, ms = frame
-        seconds = float(self.sequence.times[index] - self.sequence.times[index - 1])
+        if matches is SAME:
+            self.motions.append(FrameResult(np.eye(4), flags=(REPEATED,), ms=ms))
+            return
+        before, self._latest = self._latest, index
+        seconds = float(self.sequence.times[index] - self.sequence.times[before])
         if isinstance(self.odometry, Learning):
             truth = self.config.filter.rule == "truth"
             on_moving = self.sequence.on_moving(index, matches) if truth else None
@@ -91,16 +96,23 @@ class MethodRun:
         else:
             motion = self.odometry.step(matches, boxes)
             # As published, doubtful frames are flagged and no more.
-            motion = self._vehicle.judge(motion, seconds)
-        T_w_c = self._poses[-1] @ inverse(motion.T_cp)
-        T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
-        self._poses.append(T_w_c)
+            motion = self._vehicle.judge(motion, matches, seconds)
+        if self._vehicle.taken_back:
+            last = self.motions[before - 1]
+            flags = (*(flag for flag in last.flags if flag != TIME_JUMP), *self._vehicle.taken_back)
+            T_cp = motion.T_cp if isinstance(self.odometry, Learning) else last.T_cp
+            self.motions[before - 1] = dataclasses.replace(last, T_cp=T_cp, flags=flags)
         self.motions.append(dataclasses.replace(motion, ms={**ms, **motion.ms}))
 
     def result(self) -> Run:
         """The run, once all frames were taken in."""
         learnt = self.odometry.calibration if isinstance(self.odometry, Learning) else None
-        return Run(self.sequence, self.config, np.array(self._poses), self.motions, learnt)
+        poses = [np.eye(4)]
+        for motion in self.motions:
+            T_w_c = poses[-1] @ inverse(motion.T_cp)
+            T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
+            poses.append(T_w_c)
+        return Run(self.sequence, self.config, np.array(poses), self.motions, learnt)
 
 
 @overload
@@ -184,7 +196,10 @@ def single_threaded() -> Iterator[None]:
 
 
 class FoundMatches:
-    """Matches of every frame with the one before, found from the images; the first are empty."""
+    """Matches of every frame with the one before, found from the images; the first are empty.
+
+    Those of a pair that equals the one before are `SAME`, and the next are with the pair before these.
+    """
 
     def __init__(self, sequence: Sequence, features: FeatureConfig, matching: MatchingConfig):
         self.sequence = sequence
@@ -192,11 +207,20 @@ class FoundMatches:
 
     def __iter__(self) -> Iterator[TimedMatches]:
         front_end = make_front_end(self.sequence.camera, *self.settings)
+        before: tuple[Image, Image] | None = None
         # In no thread of its own: like what comes after it, it holds Python's lock half of the time.
         clock = Clock()
-        for pair in stereo_ahead(self.sequence, front_end.prepare):
+        for pair, prepared in stereo_ahead(self.sequence, lambda pair: (pair, front_end.prepare(pair))):
             clock.stage("wait_images")
-            matches = front_end.step(pair)
+            matches = SAME if before is not None and _equal(before, pair) else front_end.step(prepared)
+            before = pair
             clock.stage("matching")
             yield matches, clock.ms
             clock = Clock()
+
+
+def _equal(one: tuple[Image, Image], other: tuple[Image, Image]) -> bool:
+    """Whether two stereo pairs show the same, and something; a few rows tell nearly all that do not."""
+    sides = list(zip(one, other, strict=True))
+    same = all(np.array_equal(a[::32], b[::32]) for a, b in sides) and all(np.array_equal(*s) for s in sides)
+    return same and bool(np.ptp(one[0]))

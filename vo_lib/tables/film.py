@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..core.boxes import Boxes
 from ..core.errors import DataError
 from ..core.frame import FrameResult
-from ..core.matches import StereoMatches
+from ..core.matches import SAME, StereoMatches
 from ..core.poses import from_first
 from ..core.types import Array, Image, Mask
 from ..evaluation.kitti import trajectory_distances
@@ -57,7 +57,7 @@ def shown_frames(run: Run, matches: Iterable[TimedMatches] | None = None) -> Ite
             if index == 0:
                 continue
             filtered = getattr(method.odometry, "filtered", None)  # the paper's own keeps nothing to show
-            if filtered is not None:
+            if filtered is not None and frame[0] is not SAME:
                 judged = filtered.judgement
                 keep, state = filtered.keep, None if judged is None else judged.state
                 shown = boxes if judged is None else judged.boxes
