@@ -132,7 +132,8 @@ def test_the_next_search_starts_from_the_motion_of_the_last_matches() -> None:
     R, t = rotation_from_vector(np.array([0.01, 0.03, 0.0])), np.array([0.1, 0.0, -0.8])
     whole = np.arange(60)
     matches = StereoMatches(*CAMERA.project(X_p), *CAMERA.project(X_p @ R.T + t), whole, np.ones(60), whole)
-    found = next_motion(CAMERA, matches, None)
+    found, agree = next_motion(CAMERA, matches, None)
     assert found is not None
+    assert agree == 60
     np.testing.assert_allclose(found[0], R, atol=1e-3)
     np.testing.assert_allclose(found[1], t, atol=1e-2)

@@ -9,6 +9,7 @@ from .geometry import rotation_from_vector
 from .types import Array
 
 CONVERGED = 1e-9  # a smaller step, radians and metres, ends an iteration
+AGREES = 2.0  # pixels; a match agrees with a motion that leaves less in its four current coordinates
 GOOD_ENOUGH = 1e-4  # the same for a trial: it is only counted, and its next step would be far smaller
 
 

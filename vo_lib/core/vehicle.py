@@ -17,12 +17,12 @@ from .camera import StereoCamera
 from .frame import DOUBTFUL, LOST, TIME_JUMP, FrameResult
 from .geometry import quaternion_from_rotation, transform
 from .matches import StereoMatches
+from .reprojection import AGREES
 from .settings import Checked, setting
 from .types import Array
 
 SHORTEST = 0.1  # seconds; between closer frames noise alone would change the speed too fast
 FIRST = 2.0  # seconds for which the speed may have changed before the first motion: 60 m/s, 216 km/h
-AGREES = 2.0  # pixels; a match agrees with a motion that leaves less in its four current coordinates
 # Matches that agree, and their share, for a motion beyond the limits to be believed, and if the next one is.
 STRONG, SOME = (30, 0.5), (15, 1.0 / 3.0)
 

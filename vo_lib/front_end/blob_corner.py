@@ -72,7 +72,7 @@ class BlobCornerMatcher:
         matches, slope, index = empty_matches(), np.zeros((0, 2)), np.zeros(0, np.intp)
         if self._previous is not None:
             matches, slope, index = self._match(pair, place)
-        self._motion = next_motion(self.camera, matches, self._motion)
+        self._motion, _ = next_motion(self.camera, matches, self._motion)
         place["age"][index] = matches.age + 1
         place["id"][index] = matches.id
         for name, values in (("left", matches.cur_left), ("right", matches.cur_right), ("slope", slope)):

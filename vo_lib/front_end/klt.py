@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.camera import StereoCamera
 from ..core.matches import StereoMatches, empty_matches
-from ..core.reprojection import GOOD_ENOUGH, fit_motion
+from ..core.reprojection import AGREES, GOOD_ENOUGH, fit_motion
 from ..core.rows import Rows, joined
 from ..core.types import Array, Image, Mask, Whole
 from ..method.buckets import select_by_bucket
@@ -105,21 +105,25 @@ class LoopMatcher:
     def _follow(self, pair: PreparedPair) -> tuple[StereoMatches, Array]:
         assert self._previous is not None
         before, known = self._previous
-        found = empty_matches(), np.zeros((0, 2))
-        if self._motion is not None:
-            R, t = self._motion
+        found, agree = (empty_matches(), np.zeros((0, 2))), 0
+        last = self._motion
+        if last is not None:
+            R, t = last
             X_p = self.camera.triangulate(known.left, known.right)
             guess = self.camera.project(X_p @ R.T + t)
             found = self._close_loop(before, pair, known, guess, self.config.levels)
-        if len(found[0]) < 0.3 * len(known.id):
-            # No motion yet, or it or the exposure changed abruptly: search from where the features were.
+            self._motion, agree = next_motion(self.camera, found[0], last)
+        if len(found[0]) < 0.3 * len(known.id) or agree < 0.5 * len(found[0]):
+            # No motion yet, or it or the exposure changed abruptly, and perhaps what looks alike was found:
+            # search from where the features were.
             start = known.left, known.right
             lit = replace(
                 before, left=lit_like(before.left, pair.left), right=lit_like(before.right, pair.right)
             )
             again = self._close_loop(lit, pair, known, start, self.config.search_levels)
-            found = max(found, again, key=lambda each: len(each[0]))
-        self._motion = next_motion(self.camera, found[0], self._motion)
+            motion, more = next_motion(self.camera, again[0], None)
+            if (more, len(again[0])) > (agree, len(found[0])):
+                found, self._motion = again, motion
         return found
 
     def _close_loop(
@@ -220,11 +224,17 @@ def lit_like(image: Image, target: Image) -> Image:
     return np.asarray(cv2.LUT(image, tone.astype(np.uint8)), np.uint8)
 
 
-def next_motion(camera: StereoCamera, matches: StereoMatches, last: RigidMotion | None) -> RigidMotion | None:
-    """The motion that matches show, from which the next search starts; None from too few of them."""
+def next_motion(
+    camera: StereoCamera, matches: StereoMatches, last: RigidMotion | None
+) -> tuple[RigidMotion | None, int]:
+    """The motion that matches show, from which the next search starts, and how many of them agree with it.
+
+    None from too few of them. The fit starts from the last motion.
+    """
     if len(matches) < 10:
-        return None
+        return None, 0
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     start = last or (np.eye(3), np.zeros(3))
     current = matches.cur_left, matches.cur_right
-    return fit_motion(camera, X_p, *current, *start, tolerance=GOOD_ENOUGH)[:2]
+    R, t, residual = fit_motion(camera, X_p, *current, *start, tolerance=GOOD_ENOUGH)
+    return (R, t), int(np.count_nonzero(residual < AGREES))

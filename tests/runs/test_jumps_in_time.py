@@ -1,0 +1,103 @@
+"""Drives with gaps, turned back, or with frames shown twice: the check believes what the images agree on."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vo_lib import Sequence, open_sequence, preset, run
+from vo_lib.core.frame import DOUBTFUL, REPEATED, TIME_JUMP
+from vo_lib.core.geometry import inverse
+from vo_lib.core.poses import format_kitti_poses
+from vo_lib.core.types import Array
+from vo_lib.core.vehicle import VehicleConfig
+from vo_lib.runs.runner import Run, run_methods
+
+Pick = Callable[[int], list[int]]  # from a number of frames to those shown
+WORSE = 0.01  # metres
+
+
+def there_and_back(n: int) -> list[int]:
+    return [*range(n), *range(n - 2, -1, -1), *range(1, n // 2)]
+
+
+DRIVES: dict[str, tuple[Pick, set[str]]] = {
+    "as driven": (lambda n: list(range(n)), set()),
+    "there and back": (there_and_back, {TIME_JUMP}),
+    "a gap": (lambda n: [i for i in range(n) if not 11 <= i < 14], {TIME_JUMP}),
+    "begins with a jump": (lambda n: [0, *range(5, n)], {TIME_JUMP}),
+    "the first frame twice": (lambda n: [0, *range(n)], {REPEATED}),
+    "every frame twice": (lambda n: [i // 2 for i in range(2 * n)], {REPEATED}),
+    "frozen for three frames": (lambda n: [10 if 10 <= i <= 13 else i for i in range(n)], {REPEATED}),
+}
+
+
+@pytest.fixture(scope="module")
+def sources(request: pytest.FixtureRequest) -> Callable[[str], Sequence]:
+    """A piece of the drawn street, or of a clip."""
+
+    def source(name: str) -> Sequence:
+        if name == "street":
+            street: Sequence = request.getfixturevalue("street")
+            return street.part(100, 130)
+        root: Path = request.getfixturevalue("clips")
+        return open_sequence(root / "sequences" / name).part(*{"00": (70, 100), "01": (10, 40)}[name])
+
+    return source
+
+
+def shown(folder: Path, drive: Sequence, frames: list[int]) -> Sequence:
+    """A folder with some frames of a drive, a tenth of a second apart."""
+    for side in ("image_0", "image_1"):
+        (folder / side).mkdir(parents=True)
+        for i, frame in enumerate(frames):
+            os.symlink(drive.folder / side / f"{drive.frames[frame]}.png", folder / side / f"{i:06d}.png")
+    (folder / "calib.txt").write_bytes((drive.folder / "calib.txt").read_bytes())
+    times = "".join(f"{0.1 * i:.1f}\n" for i in range(len(frames)))
+    (folder / "times.txt").write_text(times, encoding="utf-8")
+    assert drive.truth is not None
+    poses = inverse(drive.truth[frames[0]]) @ drive.truth[frames]
+    (folder / "poses.txt").write_text(format_kitti_poses(poses), encoding="utf-8")
+    return open_sequence(folder)
+
+
+def off(result: Run) -> Array:
+    assert result.sequence.truth is not None
+    return np.asarray(np.linalg.norm((result.poses - result.sequence.truth)[:, :3, 3], axis=1))
+
+
+@pytest.mark.parametrize("name", DRIVES)
+@pytest.mark.parametrize("source", ["street", "00", "01"])
+def test_the_path_is_that_without_a_check(
+    sources: Callable[[str], Sequence], tmp_path: Path, source: str, name: str
+) -> None:
+    pick, expected = DRIVES[name]
+    drive = sources(source)
+    sequence = shown(tmp_path, drive, pick(len(drive)))
+    checked = preset("solution_selection")
+    unchecked = replace(checked, vehicle=VehicleConfig(check=False))
+    found = run_methods(sequence, {"with": checked, "without": unchecked})
+    assert (off(found["with"]) <= off(found["without"]) + WORSE).all()
+    flags = {flag for motion in found["with"].motions for flag in motion.flags}
+    assert expected <= flags
+    assert not flags & set(DOUBTFUL)
+
+
+@pytest.mark.parametrize("variant", ["kit", "published"])
+@pytest.mark.parametrize("name", ["the first frame twice", "every frame twice"])
+def test_a_pair_that_equals_the_one_before_changes_nothing(
+    street: Sequence, tmp_path: Path, name: str, variant: str
+) -> None:
+    drive, config = street.part(100, 112), preset("solution_selection", variant=variant)
+    frames = DRIVES[name][0](len(drive))
+    once = run(shown(tmp_path / "once", drive, list(range(len(drive)))), config)
+    twice = run(shown(tmp_path / "twice", drive, frames), config)
+    assert np.abs(twice.poses - once.poses[frames]).max() < 1e-9
+    repeated = [REPEATED in motion.flags for motion in twice.motions]
+    assert repeated == [a == b for a, b in itertools.pairwise(frames)]
