@@ -162,6 +162,13 @@ FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
         edit("calib.txt", lambda t: t.replace("300.0", "3e300")),
         r"calib\.txt, line 1: P0",
     ),
+    "centre outside": (
+        edit("calib.txt", lambda t: t.replace("240.0", "90000")),
+        r"calib\.txt, line 1: P0: principal point 90000,120: .*inside the 480×240 px images",
+    ),
+    "centre above": (edit("calib.txt", lambda t: t.replace("120.0", "-1")), r"line 1: P0: principal point"),
+    "too long": (edit("calib.txt", lambda t: t.replace("300.0", "30000")), r"line 1: P0: .*0\.9 degrees"),
+    "too short": (edit("calib.txt", lambda t: t.replace("300.0", "30")), r"line 1: P0: focal length 30 px"),
     "far centre": (edit("calib.txt", lambda t: t.replace("240.0", "-6e9")), r"calib\.txt, line 1: P0"),
     "image missing": (lambda f: (f / "image_0" / "000002.png").unlink(), r"image_0/000002\.png: .*missing"),
     "pair missing": (remove_pair, r"000002\.png: .*missing in the middle"),

@@ -28,6 +28,7 @@ EXPECTED_FRAMES = {f"{number:02d}": frames for number, frames in enumerate(_FRAM
 # Far beyond any camera; numbers beyond these overflow later on.
 LONGEST = 1e6  # pixels of focal length and principal point, metres of baseline
 SHORTEST_BASELINE = 1e-5  # metres
+NARROWEST, WIDEST = 3.0, 160.0  # degrees, angle of view across the image; KITTI's cameras have 81
 
 
 def read_calibration(path: Path) -> StereoCamera:
@@ -68,6 +69,27 @@ def read_calibration(path: Path) -> StereoCamera:
             line1,
         )
     return StereoCamera(f, float(P0[0, 2]), float(P0[1, 2]), baseline)
+
+
+def require_fits(camera: StereoCamera, path: Path) -> None:
+    """`DataError` naming the line of P0 in a calib.txt, unless such a camera takes images of that size.
+
+    P1 has the same columns, as `read_calibration` sees to.
+    """
+    angle = float(np.degrees(2.0 * np.arctan(0.5 * camera.width / camera.f)))
+    said = f"{camera.width}×{camera.height} px images"
+    inside = 0 <= camera.cx < camera.width and 0 <= camera.cy < camera.height
+    line = next(i for i, text in enumerate(read_text(path).splitlines(), 1) if text.strip().startswith("P0"))
+    if not inside:
+        centre = f"{camera.cx:g},{camera.cy:g}"
+        raise DataError(f"P0: principal point {centre}: expected one inside the {said}", path, line)
+    if not NARROWEST <= angle <= WIDEST:
+        raise DataError(
+            f"P0: focal length {camera.f:g} px: {said} would show {angle:.1f} degrees, expected "
+            f"{NARROWEST:g} to {WIDEST:g}",
+            path,
+            line,
+        )
 
 
 def read_times(path: Path) -> Array:

@@ -23,7 +23,7 @@ from ..core.matches import StereoMatches
 from ..core.poses import read_kitti_poses
 from ..core.types import Array, Image, Mask, Progress
 from ..synthetic import SCENES, ensure_scene, open_truth
-from .kitti import list_frames, read_calibration, read_image, read_times
+from .kitti import list_frames, read_calibration, read_image, read_times, require_fits
 from .labels import read_labels, require_written, written_labels
 
 Prepared = TypeVar("Prepared")
@@ -243,6 +243,7 @@ def open_sequence(
             f"the image is {first.shape[1]}×{first.shape[0]}, expected {SMALLEST}×{SMALLEST} px or more", path
         )
     camera = dataclasses.replace(camera, width=first.shape[1], height=first.shape[0])
+    require_fits(camera, folder / "calib.txt")
     times = folder / "times.txt"
     if not times.exists():
         raise DataError("the file is missing: expected the seconds of each frame, one number a line", times)
