@@ -115,7 +115,7 @@ def test_a_run_without_truth_has_no_errors(bands: Path, capsys: pytest.CaptureFi
     (bands / "poses.txt").unlink()
     out = bands.parent / "out"
     assert main(["run", str(bands), "--out", str(out), *SMALL]) == 0
-    wanted = {"path": {"frames_in_doubt": 0, "lost": False}}
+    wanted = {"path": {"frames_in_doubt": 0, "time_jumps": 0, "lost": False, "doubts": []}}
     assert json.loads((out / "metrics.json").read_text(encoding="utf-8")) == wanted
     said = capsys.readouterr().out
     assert "no ground truth" in said
@@ -129,7 +129,7 @@ def test_a_lost_path_is_said(bands: Path, capsys: pytest.CaptureFixture[str]) ->
     assert main(["run", str(bands), "--out", str(out), "--vehicle.patience", "2", *SMALL]) == 0
     assert "The path was lost: 3 of 5 frames" in " ".join(capsys.readouterr().out.split())
     found = json.loads((out / "metrics.json").read_text(encoding="utf-8"))["path"]
-    assert found == {"frames_in_doubt": 3, "lost": True}
+    assert found == {"frames_in_doubt": 3, "time_jumps": 0, "lost": True, "doubts": []}
 
 
 def read_log(out: Path) -> list[dict[str, str]]:

@@ -168,7 +168,7 @@ def test_missing_or_damaged_errors_of_a_finished_run_are_written_again(
     run_once(folder, sequence, small(), "m")
     again = json.loads(path.read_text(encoding="utf-8"))
     assert again.keys() == wanted.keys()
-    assert again.pop("path") == wanted.pop("path") == {"frames_in_doubt": 0, "lost": False}
+    assert again.pop("path") == wanted.pop("path")
     for kind, part in wanted.items():
         ate = part["sequences"][0]["ate"]
         assert again[kind]["sequences"][0]["ate"] == pytest.approx(ate, abs=1e-6)

@@ -107,4 +107,6 @@ def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Pa
             f"believed, the first is {doubt[0]}. The reasons are in frames.csv; a camera that is carried or "
             "flies needs --vehicle.check off."
         )
+    for sentence in result.doubts:
+        say(f"warning: {sentence}")
     say(f"written to {folder}")

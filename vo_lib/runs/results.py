@@ -25,7 +25,7 @@ from ..core.files import (
     write_bytes_atomic,
     write_text_atomic,
 )
-from ..core.frame import LOST, FrameResult
+from ..core.frame import LOST, TIME_JUMP, FrameResult
 from ..core.geometry import inverse
 from ..core.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..core.types import Array
@@ -66,6 +66,7 @@ METRICS_SHAPE = {
         }
     ]
 }
+DOUBTS = "doubts"  # in metrics.json and config.json
 PATH = "path"  # in metrics.json, beside the errors: whether the path can be believed
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
@@ -135,14 +136,19 @@ def write_run(
     else:
         (folder / CALIBRATION).unlink(missing_ok=True)
     _write_metrics(folder, errors, result)
-    config = config | {"timing": timing(result), "surroundings": surroundings()}
+    config = config | {"timing": timing(result), "surroundings": surroundings(), DOUBTS: list(result.doubts)}
     config[FILES] = {n: file_sha256(folder / n) for n in RESULTS if (folder / n).exists()}
     write_text_atomic(folder / CONFIG, _json(config))
     return errors
 
 
 def _write_metrics(folder: Path, errors: dict[str, Evaluation], result: Run) -> None:
-    path = {"frames_in_doubt": sum(m.in_doubt for m in result.motions), "lost": path_lost(result)}
+    path = {
+        "frames_in_doubt": sum(m.in_doubt for m in result.motions),
+        "time_jumps": sum(TIME_JUMP in m.flags for m in result.motions),
+        "lost": path_lost(result),
+        DOUBTS: list(result.doubts),
+    }
     write_text_atomic(folder / METRICS, _json({k: e.to_dict() for k, e in errors.items()} | {PATH: path}))
 
 
@@ -188,7 +194,7 @@ def read_config(folder: Path, unfinished: bool = False) -> dict[str, Any]:
     path = folder / CONFIG
     expected = "the settings of a run, as `vo run` writes them"
     data: dict[str, Any] = read_json(path, {"settings": {}}, expected)
-    if not fits(data.get(FILES, {}), {str: str}):
+    if not fits(data.get(FILES, {}), {str: str}) or not fits(data.get(DOUBTS, []), [str]):
         raise DataError(f"expected {expected}", path)
     if data.get(UNFINISHED) and not unfinished:
         raise DataError("the run was stopped while its files were written: do it again", path)
@@ -240,7 +246,8 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
         motions = [_read_motion(row, T) for row, T in zip(rows, T_cp, strict=True)]
     except (KeyError, ValueError):
         raise DataError("expected the columns of a per-frame log, as `vo run` writes it", path) from None
-    return Run(sequence, config, poses, motions, read_calibration(kept) if kept.exists() else None)
+    learnt = read_calibration(kept) if kept.exists() else None
+    return Run(sequence, config, poses, motions, learnt, tuple(stored.get(DOUBTS, ())))
 
 
 def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:

@@ -15,6 +15,7 @@ from threadpoolctl import ThreadpoolController
 
 from ..baseline.viso2 import Viso2
 from ..beyond.calibration import Calibration
+from ..beyond.focal import FocalCheck
 from ..beyond.odometry import KitOdometry, KitViso2, Learning
 from ..config import Config, PublishedConfig
 from ..core.boxes import Boxes
@@ -47,6 +48,7 @@ class Run:
     poses : (N, 4, 4) T_w_c of the left camera, first one the identity, metres.
     motions : (N - 1) motions, from each frame to the next.
     calibration : what was known of the cameras' errors at the end; None as published.
+    doubts : what makes the input doubtful, a sentence each.
     """
 
     sequence: Sequence
@@ -54,6 +56,7 @@ class Run:
     poses: Array
     motions: list[FrameResult]
     calibration: Calibration | None = None
+    doubts: tuple[str, ...] = ()
 
     @property
     def ms_per_frame(self) -> float:
@@ -76,6 +79,7 @@ class MethodRun:
         self.motions: list[FrameResult] = []
         own = self.odometry
         self._vehicle = own.vehicle if isinstance(own, Learning) else Vehicle(config.vehicle, own.camera)
+        self._focal = FocalCheck(own.camera)
         self._latest = 0  # frame that does not show the images of the one before
 
     def step(self, index: int, frame: TimedMatches, boxes: Boxes) -> None:
@@ -97,6 +101,8 @@ class MethodRun:
             motion = self.odometry.step(matches, boxes)
             # As published, doubtful frames are flagged and no more.
             motion = self._vehicle.judge(motion, matches, seconds)
+        if not motion.in_doubt:
+            self._focal.update(matches, motion.T_cp)
         if self._vehicle.taken_back:
             last = self.motions[before - 1]
             flags = (*(flag for flag in last.flags if flag != TIME_JUMP), *self._vehicle.taken_back)
@@ -112,7 +118,8 @@ class MethodRun:
             T_w_c = poses[-1] @ inverse(motion.T_cp)
             T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
             poses.append(T_w_c)
-        return Run(self.sequence, self.config, np.array(poses), self.motions, learnt)
+        doubts = tuple(filter(None, (repeated_pairs(self.motions), self._focal.doubt())))
+        return Run(self.sequence, self.config, np.array(poses), self.motions, learnt, doubts)
 
 
 @overload
@@ -217,6 +224,21 @@ class FoundMatches:
             clock.stage("matching")
             yield matches, clock.ms
             clock = Clock()
+
+
+def repeated_pairs(motions: list[FrameResult]) -> str | None:
+    """In words, how many pairs equal the one before; None where none does."""
+    repeated = np.array([REPEATED in motion.flags for motion in motions])
+    number = int(np.count_nonzero(repeated))
+    if not number:
+        return None
+    gaps = np.diff(np.flatnonzero(repeated))
+    which = (
+        "every second pair"
+        if number > 2 and (gaps == 2).all() and 2 * number >= len(motions) - 1
+        else "a pair"
+    )
+    return f"{which} equals the one before: {number} of {len(motions)}; the camera counts as standing there"
 
 
 def _equal(one: tuple[Image, Image], other: tuple[Image, Image]) -> bool:
