@@ -115,7 +115,7 @@ class Film:
             self._working.unlink(missing_ok=True)
 
     def _require_whole(self) -> None:
-        """OpenCV does not say when the disk is full: the frames are counted, in the file as it can be read."""
+        """OpenCV does not say when the disk is full: the frames are counted that can be read again."""
         written = cv2.VideoCapture(str(self._working))
         try:
             found = sum(written.grab() for _ in range(self._frames))
