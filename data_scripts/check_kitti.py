@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.text import Text
 from rich.tree import Tree
 
-from data_scripts.fetch.kitti_check import SequenceReport, check_tree, parse_numbers
+from fetch.kitti_check import SequenceReport, check_tree, parse_numbers
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.commands.script import typed

@@ -21,11 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
-from data_scripts.fetch.euroc import read_euroc_drive
-from data_scripts.fetch.kitti_raw import read_raw_drive
-from data_scripts.fetch.stereo_calibration import rig_from_matrices
-from data_scripts.fetch.stereo_import import look, require_new, rig_of, write_sequence
-from data_scripts.fetch.stereo_sources import FolderSource, Source, VideoSource, pair_folders
+from fetch.euroc import read_euroc_drive
+from fetch.kitti_raw import read_raw_drive
+from fetch.stereo_calibration import rig_from_matrices
+from fetch.stereo_import import look, require_new, rig_of, write_sequence
+from fetch.stereo_sources import FolderSource, Source, VideoSource, pair_folders
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.commands.script import typed

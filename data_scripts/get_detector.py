@@ -13,8 +13,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from data_scripts.fetch.detectors import YOLOV8, fetch_detector, register_detector
-from data_scripts.fetch.download import confirm, in_words
+from fetch.detectors import YOLOV8, fetch_detector, register_detector
+from fetch.download import confirm, in_words
 from vo_lib.commands.console import reporting, say, show_table
 from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError

@@ -16,19 +16,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from data_scripts.fetch.download import CONNECTIONS, confirm, in_words, require_space
-from data_scripts.fetch.kitti_archive import (
-    HOST,
-    LICENCE,
-    absent,
-    archives_at,
-    archives_of,
-    fetch,
-    link_tree,
-    plan,
-)
-from data_scripts.fetch.kitti_check import parse_numbers
-from data_scripts.fetch.zip_archives import Archives
+from fetch.download import CONNECTIONS, confirm, in_words, require_space
+from fetch.kitti_archive import HOST, LICENCE, absent, archives_at, archives_of, fetch, link_tree, plan
+from fetch.kitti_check import parse_numbers
+from fetch.zip_archives import Archives
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.commands.script import typed

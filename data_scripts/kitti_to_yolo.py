@@ -16,8 +16,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from data_scripts.training.evaluated import DRIVE
-from data_scripts.training.kitti_set import (
+from training.evaluated import DRIVE
+from training.kitti_set import (
     NAMES,
     boxes_by_class,
     check_origin,

@@ -13,8 +13,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from data_scripts.training.config import DetectionSetConfig
-from data_scripts.training.street_set import write_street_set
+from training.config import DetectionSetConfig
+from training.street_set import write_street_set
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script

@@ -17,20 +17,20 @@ import sys
 from datetime import date
 from pathlib import Path
 
-from data_scripts._result_tables import Key, box_rules, calibrations, jobs_of, systems
+from _result_tables import Key, box_rules, calibrations, jobs_of, systems
 from vo_lib.commands.common import add_cache, open_with_bar, parse_whole
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.config import VARIANTS
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import write_text_atomic
+from vo_lib.data.scenes import SCENES
 from vo_lib.data.sequence import SYNTHETIC, Sequence, parse_sequences
 from vo_lib.detection.label_cache import labelled_sequence
 from vo_lib.runs.identity import git_commit
 from vo_lib.runs.jobs import run_jobs
 from vo_lib.runs.results import read_run, run_folder
 from vo_lib.runs.runner import Run
-from vo_lib.synthetic import SCENES
 from vo_lib.tables.report import ReportTable, markdown, provenance
 
 

@@ -10,18 +10,21 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import cv2
 
-from data_scripts._contact_sheet import contact_sheet
-from vo_lib.commands.common import add_cache, parse_whole
+from street.cache import draw_scene
+from street.contact_sheet import contact_sheet
+from vo_lib.commands.common import add_cache, parse_frames, parse_whole
 from vo_lib.commands.console import reporting
 from vo_lib.commands.data import run_script
 from vo_lib.commands.setting_options import add_settings, given
 from vo_lib.core.errors import DataError
 from vo_lib.core.settings import declared
-from vo_lib.synthetic import SCENES, SceneConfig, ensure_scene, scene_config
+from vo_lib.data.drawn import cache_folder
+from vo_lib.data.scenes import SCENES, SceneConfig, scene_config
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +35,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--contact-sheet", type=Path, metavar="FILE", help="draw one picture of all scenes instead"
     )
+    parser.add_argument("--frames", metavar="A:B", help="draw only frames A … B-1, in a folder of their own")
+    parser.add_argument("--count", action="store_true", help="print '1 of 260', … in place of a bar")
     group = parser.add_argument_group("settings of the scene; default: those of the scene named")
     add_settings(group, SceneConfig, defaults=False)
 
@@ -44,10 +49,17 @@ def run(options: argparse.Namespace) -> int:
     if options.scene is None:
         raise DataError("name a scene: " + ", ".join(SCENES))
     config = scene_config(options.scene, **given(options, declared(SceneConfig)))
-    with reporting(f"drawing {options.scene}") as report:
-        folder = ensure_scene(config, options.cache, report, parse_whole("--jobs", options.jobs))
+    cache = options.cache or cache_folder()
+    frames = None if options.frames is None else range(*parse_frames(options.frames, 1_000_000))
+    with nullcontext(count) if options.count else reporting(f"drawing {options.scene}") as report:
+        folder = draw_scene(config, cache, report, parse_whole("--jobs", options.jobs), frames)
     print(folder)
     return 0
+
+
+def count(done: int, total: int) -> None:
+    """Say how many frames are drawn, for a program that reads it."""
+    print(f"{done} of {total}", flush=True)
 
 
 def write_sheet(path: Path) -> None:

@@ -16,10 +16,10 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from data_scripts.training.assess import assess
-from data_scripts.training.config import MODEL, TrainingConfig
-from data_scripts.training.dataset import DetectionSet, open_set
-from data_scripts.training.evaluated import refuse_evaluated
+from training.assess import assess
+from training.config import MODEL, TrainingConfig
+from training.dataset import DetectionSet, open_set
+from training.evaluated import refuse_evaluated
 from vo_lib.commands.console import reporting, say, show_table
 from vo_lib.commands.data import run_script
 from vo_lib.commands.script import install
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     if options.export_size is not None and not LEAST_SIZE <= options.export_size <= MOST_SIZE:
         raise DataError(f"--export-size {options.export_size}: expected {LEAST_SIZE} to {MOST_SIZE} px")
     try:
-        from data_scripts.training.folder import train_in
+        from training.folder import train_in
     except ImportError as error:
         raise DataError(f"{error.name} is missing: {install('train')}") from None
     with reporting(f"training, {config.epochs} epochs") as report:

@@ -146,7 +146,7 @@ def bands(tmp_path: Path) -> Path:
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[FileServer]:
     """A web server on this machine; downloads do not pause before they try again."""
-    monkeypatch.setattr("data_scripts.fetch.download.PAUSE", 0.0)
+    monkeypatch.setattr("fetch.download.PAUSE", 0.0)
     made = FileServer()
     yield made
     made.close()

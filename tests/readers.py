@@ -18,24 +18,24 @@ import cv2
 import numpy as np
 from conftest import write_bands
 
-from data_scripts.fetch.euroc import read_euroc_drive
-from data_scripts.fetch.kitti_archive import archives_of, fetch, plan
-from data_scripts.fetch.kitti_raw import read_raw_drive
-from data_scripts.fetch.stereo_calibration import read_opencv, rig_from_matrices
-from data_scripts.fetch.zip_archives import Archives
-from data_scripts.training.dataset import open_set
-from data_scripts.training.kitti_set import read_object_set, read_tracking_set
+from fetch.euroc import read_euroc_drive
+from fetch.kitti_archive import archives_of, fetch, plan
+from fetch.kitti_raw import read_raw_drive
+from fetch.stereo_calibration import read_opencv, rig_from_matrices
+from fetch.zip_archives import Archives
+from training.dataset import open_set
+from training.kitti_set import read_object_set, read_tracking_set
 from vo_lib import open_sequence, preset, run
 from vo_lib.beyond.calibration import read_calibration as read_learnt
 from vo_lib.core.poses import read_euroc, read_kitti_poses, read_tum
 from vo_lib.core.settings import to_dict
 from vo_lib.data.kitti import read_calibration, read_image, read_times
 from vo_lib.data.labels import read_labels, written_labels
+from vo_lib.data.scenes import scene_config
+from vo_lib.data.truth import open_truth
 from vo_lib.detection.detectors import Detector, registered
 from vo_lib.detection.label_cache import claim_folder
 from vo_lib.runs.results import read_run, write_run
-from vo_lib.synthetic import open_truth
-from vo_lib.synthetic.scenes import scene_config
 from vo_lib.tables.comparison import comparison_table, read_stored_run
 from vo_lib.tables.paper import read_paper_table, shipped_table
 

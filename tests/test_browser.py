@@ -16,8 +16,8 @@ import pytest
 from conftest import BROWSERS, find_browser
 from playwright.sync_api import BrowserContext, sync_playwright
 
-from vo_lib.course.exercises.results import NOT_YET_CLASS, RIGHT_CLASS
-from vo_lib.course.panels.base import ERROR_CLASS
+from course.panel import ERROR_CLASS
+from course.results import NOT_YET_CLASS, RIGHT_CLASS
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
 TOKEN = "notebooks-under-test"

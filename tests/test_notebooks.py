@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ import nbformat
 import pytest
 from conftest import find_browser
 
-from vo_lib.course.exercises.results import NOT_YET_CLASS, RIGHT_CLASS
-from vo_lib.course.panels.base import ERROR_CLASS
+from course.panel import ERROR_CLASS
+from course.results import NOT_YET_CLASS, RIGHT_CLASS
 from vo_lib.data.sequence import Sequence
 
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
@@ -66,7 +67,7 @@ def execute(path: Path, folder: Path) -> Any:
         allow_errors=True,
         resources={"metadata": {"path": str(folder)}},
     )
-    client.execute()
+    client.execute(env={**os.environ, "PYTHONPATH": str(FOLDER)})
     return notebook
 
 
@@ -134,7 +135,7 @@ def test_every_chapter_has_its_solutions() -> None:
 
 def test_the_scan_sees_an_error_inside_a_panel(street: Sequence, tmp_path: Path) -> None:
     panel = f"StartPanel({street.name!r}).set(sequence='nowhere')"
-    lines = f"from vo_lib.course.panels import StartPanel\n{panel}"
+    lines = f"from course.ch00 import StartPanel\n{panel}"
     cell = nbformat.v4.new_code_cell(lines)  # type: ignore[no-untyped-call]
     broken = tmp_path / "broken.ipynb"
     notebook = nbformat.v4.new_notebook(cells=[cell])  # type: ignore[no-untyped-call]
@@ -145,7 +146,7 @@ def test_the_scan_sees_an_error_inside_a_panel(street: Sequence, tmp_path: Path)
 def test_a_function_that_passed_is_kept_beside_the_notebooks(tmp_path: Path) -> None:
     cells = [
         "import numpy as np\nfrom vo_lib.core.geometry import inverse as inv\n"
-        "from vo_lib.course.exercises import ch00",
+        "from course.ch00 import exercises as ch00",
         "def chain(motions):\n    poses = [np.eye(4)]\n    for T in motions:\n"
         "        poses.append(poses[-1] @ inv(T))\n    return poses\n\n\nch00.chain(chain)",
     ]

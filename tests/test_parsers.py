@@ -16,18 +16,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from readers import Reader, expanded, readers
 
-from data_scripts.fetch.kitti_check import parse_numbers
-from data_scripts.kitti_to_yolo import parse_drives
+from fetch.kitti_check import parse_numbers
+from kitti_to_yolo import parse_drives
 from vo_lib.commands.common import parse_frames, parse_lengths, parse_methods, parse_whole
 from vo_lib.config import Config, DetectorConfig
 from vo_lib.core.errors import DataError
 from vo_lib.core.settings import declared
+from vo_lib.data.drawn import is_complete
 from vo_lib.data.sequence import parse_sequences
 from vo_lib.detection.class_names import choose_classes, names_from_metadata
 from vo_lib.detection.yolo_layout import size_from_metadata
 from vo_lib.runs.identity import _remembered
 from vo_lib.runs.match_cache import unpack
-from vo_lib.synthetic.cache import is_complete
 from vo_lib.tables.sweep import parse_axis
 
 # Words parted by blanks, and what holds blanks or is long.

@@ -12,11 +12,14 @@ from vo_lib.commands import environment
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def test_environment_txt_and_pyproject_name_the_same_packages() -> None:
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
+def test_dependencies_are_declared_once() -> None:
     lines = (ROOT / "environment.txt").read_text(encoding="utf-8").splitlines()
-    wanted = [line for line in lines if line and not line.startswith("#")]
-    assert wanted == [*declared, "-e ."]
+    assert [line for line in lines if not line.startswith("#")] == ["-e ."]
+
+
+def test_only_the_library_is_installed() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["tool"]["setuptools"]["packages"]["find"]["include"] == ["vo_lib*"]
 
 
 def test_the_workflow_runs_the_commands_of_the_readme() -> None:
@@ -38,9 +41,7 @@ def test_the_citation_names_the_version_that_is_installed() -> None:
 
 
 # The rooms in the order in which they may build upon each other.
-ROOMS = (
-    "core method front_end baseline beyond synthetic evaluation data detection runs tables course commands"
-)
+ROOMS = "core method front_end baseline beyond evaluation data detection runs tables commands"
 LOOSE = {
     "config": "detection",
     "__init__": "runs",
@@ -81,10 +82,13 @@ def test_the_method_imports_the_core_alone_and_is_read_at_one_sitting() -> None:
     assert lines <= 1300
 
 
-def test_the_library_needs_no_data_script() -> None:
+def test_the_library_imports_neither_the_course_nor_the_data_scripts() -> None:
+    above = {path.stem for folder in ("data_scripts", "notebooks") for path in (ROOT / folder).iterdir()}
     for path in (ROOT / "vo_lib").rglob("*.py"):
-        if path != ROOT / "vo_lib" / "commands" / "data.py":
-            assert "data_scripts." not in path.read_text(encoding="utf-8").replace("data_scripts/", ""), path
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            named = [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
+            named += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            assert not {(name or "").partition(".")[0] for name in named} & above, path
 
 
 def test_the_library_never_touches_pyplot() -> None:

@@ -6,12 +6,11 @@ import json
 import re
 from pathlib import Path
 
+from fetch.download import download, require_space
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import file_sha256, write_bytes_atomic, write_text_atomic
 from vo_lib.core.types import Progress
 from vo_lib.detection.detectors import FETCHABLE, REGISTRY, Detector, detector_folder, registered
-
-from .download import download, require_space
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from fetch.stereo_calibration import Rig, rig_from_matrices
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_text
 from vo_lib.core.geometry import inverse, rigid
 from vo_lib.core.poses import from_first, is_rotation, match_times, read_euroc
 from vo_lib.core.types import Array
-
-from .stereo_calibration import Rig, rig_from_matrices
 
 TRUTH = Path("state_groundtruth_estimate0") / "data.csv"
 TOLERANCE = 0.003  # seconds from an image to its pose; the truth has 200 Hz

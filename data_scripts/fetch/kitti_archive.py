@@ -9,11 +9,10 @@ from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path, PurePosixPath
 
+from fetch.zip_archives import Archives, Member
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_bytes, write_bytes_atomic
 from vo_lib.core.types import Progress
-
-from .zip_archives import Archives, Member
 
 # The links of PAGE under "odometry data set"; sizes as the page states them.
 PAGE = "https://www.cvlibs.net/datasets/kitti/eval_odometry.php"

@@ -13,6 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
+from fetch.stereo_sources import Pair, Source
+from street.folder import calibration_text
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import write_text_atomic
@@ -20,10 +23,6 @@ from vo_lib.core.poses import write_kitti_poses
 from vo_lib.core.types import Array, Progress
 from vo_lib.data.sequence import open_sequence
 from vo_lib.data.stereo_check import complaints, measure_pairs
-from vo_lib.synthetic.folder import calibration_text
-
-from .stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
-from .stereo_sources import Pair, Source
 
 
 def rig_of(

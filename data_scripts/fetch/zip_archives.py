@@ -18,11 +18,10 @@ from typing import TypeVar
 import requests
 from remotezip import RangeNotSupported, RemoteZip, RemoteZipError
 
+from fetch import download
+from fetch.download import LOST, open_session, what_failed
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import opened
-
-from . import download
-from .download import LOST, open_session, what_failed
 
 Answer = TypeVar("Answer")
 NO_DISK = (None, errno.EINVAL)  # numbers of errors that no disk made

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from training.dataset import DetectionSet
+from training.mean_ap import average_precision, judge, recall_precision
 from vo_lib.config import DetectorConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.types import Progress
 from vo_lib.detection.yolo import YoloDetector
-
-from .dataset import DetectionSet
-from .mean_ap import average_precision, judge, recall_precision
 
 CURVE_SCORE = 0.01  # detections scored lower do not enter the average precision
 

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from training.config import TrainingConfig
+from training.dataset import Example
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.types import Array, Image, Whole
 from vo_lib.detection.yolo_layout import PAD, fit_size, letterbox, place
-
-from .config import TrainingConfig
-from .dataset import Example
 
 Rng = np.random.Generator
 

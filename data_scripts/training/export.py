@@ -9,9 +9,8 @@ from pathlib import Path
 import onnx
 import torch
 
+from training.network import Detector, Exported
 from vo_lib.core.files import write_bytes_atomic
-
-from .network import Detector, Exported
 
 OPSET = 17
 EXAMPLE = (1, 3, 192, 640)

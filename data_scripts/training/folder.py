@@ -6,18 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
+from training import trainer
+from training.config import MODEL, TrainingConfig
+from training.dataset import DetectionSet
+from training.detection_plots import training_figure
+from training.export import export_onnx
+from training.start import starting_network
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import write_bytes_atomic
 from vo_lib.core.settings import to_dict
 from vo_lib.core.types import Progress
 from vo_lib.tables.plots import png
-
-from . import trainer
-from .config import MODEL, TrainingConfig
-from .dataset import DetectionSet
-from .detection_plots import training_figure
-from .export import export_onnx
-from .start import starting_network
 
 CURVES = "curves.png"
 FREE = ("epochs", "threads")  # settings that a training may change when it goes on

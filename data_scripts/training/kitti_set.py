@@ -14,15 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
+from training.evaluated import DRIVE, WHY, evaluated_sequence
+from training.street_set import data_yaml
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_bytes, read_text, write_text_atomic
 from vo_lib.core.types import Progress, Whole
 from vo_lib.data.kitti import decode_image
 from vo_lib.data.labels import write_labels
-
-from .evaluated import DRIVE, WHY, evaluated_sequence
-from .street_set import data_yaml
 
 NAMES = ("car", "truck", "train")
 CLASS_OF = {"Car": 0, "Van": 0, "Truck": 1, "Tram": 2}

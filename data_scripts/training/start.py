@@ -9,12 +9,11 @@ import torch
 from onnx import numpy_helper
 from torch import Tensor, nn
 
+from training.config import TrainingConfig
+from training.dataset import DetectionSet
+from training.network import Conv, Detector
+from training.trainer import batches, load_state, to_tensor
 from vo_lib.core.errors import DataError
-
-from .config import TrainingConfig
-from .dataset import DetectionSet
-from .network import Conv, Detector
-from .trainer import batches, load_state, to_tensor
 
 LEAST_VARIANCE = 1e-4  # a channel that is always the same would have no scale
 

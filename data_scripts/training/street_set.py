@@ -15,15 +15,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from street.render import Renderer
+from street.sensor import expose, exposures, smear
+from street.truth_files import Box, visible_boxes
+from street.world import make_world
+from training.config import DetectionSetConfig
 from vo_lib.core.files import write_bytes_atomic, write_text_atomic
 from vo_lib.core.types import Progress
-from vo_lib.synthetic.render import Renderer
-from vo_lib.synthetic.scenes import KITTI_F, SCENES, SceneConfig, scene_config
-from vo_lib.synthetic.sensor import expose, exposures, smear
-from vo_lib.synthetic.truth_files import Box, visible_boxes
-from vo_lib.synthetic.world import make_world
-
-from .config import DetectionSetConfig
+from vo_lib.data.scenes import KITTI_F, SCENES, SceneConfig, scene_config
 
 NAMES = ("car", "bus", "truck")
 CLASS_OF = {2: 0, 5: 1, 7: 2}  # COCO number to place in NAMES

@@ -15,19 +15,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from training.augment import Target, fitted, training_picture
+from training.config import TrainingConfig
+from training.dataset import DetectionSet, Example
+from training.loss import Truth, detection_loss
+from training.mean_ap import Judged, average_precision, judge
+from training.network import Detector
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import write_bytes_atomic
 from vo_lib.core.settings import from_dict, to_dict
 from vo_lib.core.types import Progress
 from vo_lib.detection.yolo_layout import best_boxes
-
-from .augment import Target, fitted, training_picture
-from .config import TrainingConfig
-from .dataset import DetectionSet, Example
-from .loss import Truth, detection_loss
-from .mean_ap import Judged, average_precision, judge
-from .network import Detector
 
 CHECKPOINT = "last.pt"
 PLAIN_SHARE = 0.2  # of the epochs, at the end, without mosaics

@@ -18,10 +18,10 @@ from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rigid, rotation_angle, rotation_from_vector, transform
 from vo_lib.core.reprojection import linearise
 from vo_lib.core.types import Array, Mask
+from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from vo_lib.evaluation.axes import fit_axes
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.runner import make_odometry
-from vo_lib.synthetic.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
 CONFIG = ReprojectionConfig()

@@ -16,9 +16,9 @@ from vo_lib.core.geometry import (
     rotation_from_vector,
 )
 from vo_lib.core.sampson import match_terms, sampson_distance
+from vo_lib.data.problems import random_problems
 from vo_lib.method.five_point import five_point
 from vo_lib.method.selection import nearest_to_prior, resolve_by_depth, truncated_errors
-from vo_lib.synthetic.problems import random_problems
 
 FOCAL = 718.856
 

@@ -16,9 +16,9 @@ from vo_lib.core import settings
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.matches import StereoMatches
 from vo_lib.data.sequence import Sequence
+from vo_lib.data.truth import open_truth
 from vo_lib.method.boxes import in_boxes
 from vo_lib.runs.runner import FoundMatches
-from vo_lib.synthetic import open_truth
 
 
 def matches_at(prev: list[list[float]], cur: list[list[float]]) -> StereoMatches:

@@ -8,11 +8,7 @@ import pytest
 from vo_lib.beyond.refinement import distances_and_derivatives, refine
 from vo_lib.beyond.selection import motion_of_winner
 from vo_lib.config import SelectionConfig
-from vo_lib.core.geometry import (
-    essential_from_motion,
-    rotation_angle,
-    rotation_from_vector,
-)
+from vo_lib.core.geometry import essential_from_motion, rotation_angle, rotation_from_vector
 from vo_lib.core.sampson import match_terms, sampson_distance
 from vo_lib.core.types import Array
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from course.lessons import CAMERA, NEVER, Pair, Scene, drive, frames_of, selection_errors
 from vo_lib.beyond.odometry import KitOdometry
 from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import Config, SelectionConfig, preset
@@ -16,10 +17,9 @@ from vo_lib.core.boxes import no_boxes
 from vo_lib.core.frame import FrameResult
 from vo_lib.core.geometry import essential_from_motion, essential_vector, rotation_angle, rotation_from_vector
 from vo_lib.core.types import Array
-from vo_lib.course.lessons import CAMERA, NEVER, Pair, Scene, drive, frames_of, selection_errors
+from vo_lib.data.tracks import TrackConfig, simulate_tracks
 from vo_lib.method.five_point import five_point
 from vo_lib.runs.runner import make_odometry
-from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
 
 TRACKS = TrackConfig(points=300, noise=0.3)
 

@@ -19,7 +19,9 @@ from vo_lib.commands.cli import main
 from vo_lib.config import Config
 from vo_lib.core import settings
 from vo_lib.core.matches import StereoMatches, empty_matches
-from vo_lib.synthetic import ensure_scene, open_truth, scene_config
+from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.scenes import scene_config
+from vo_lib.data.truth import open_truth
 
 FIELDS = {
     "machine",

@@ -85,7 +85,7 @@ def test_vo_boxes_without_labels_has_nothing_to_judge(
 def test_results_are_measured_by_one_command_with_other_seeds_to_check_them(
     labelled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from data_scripts import _result_tables as tables
+    import _result_tables as tables
 
     monkeypatch.setattr(tables, "SEEDS", range(1))
     monkeypatch.setattr(tables, "CHECKED", range(1, 2))

@@ -55,7 +55,7 @@ def test_a_page_has_its_panel_as_a_picture_and_needs_no_network() -> None:
         nbformat.v4.new_markdown_cell("$x_c$ and [next](01_two.ipynb#part)"),  # type: ignore[no-untyped-call]
         nbformat.v4.new_code_cell(lines),  # type: ignore[no-untyped-call]
     ]
-    notebook = executed(nbformat.v4.new_notebook(cells=made))  # type: ignore[no-untyped-call]
+    notebook = executed(nbformat.v4.new_notebook(cells=made), NOTEBOOKS)  # type: ignore[no-untyped-call]
     written = page(notebook, "one")
     assert "<msub>" in written
     assert 'href="01_two.html#part"' in written

@@ -9,7 +9,7 @@ from vo_lib.beyond.refinement import refine
 from vo_lib.core.geometry import essential_from_motion, rotation_angle, rotation_from_vector
 from vo_lib.core.sampson import candidate_terms, match_terms, sampson_distance, squared_distances
 from vo_lib.core.types import Array
-from vo_lib.synthetic.problems import MOTIONS, Motion, random_problems
+from vo_lib.data.problems import MOTIONS, Motion, random_problems
 
 FOCAL = 718.856
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from conftest import write_bands
 
+from course.appendix import CalibrationPanel
+from course.appendix.panel import KITTI_01, learn, lens_deviations, rig
+from course.made_up import block_tour
 from vo_lib.beyond.stereo_field import COLUMNS, ROWS
 from vo_lib.core.camera import StereoCamera
-from vo_lib.course.made_up import block_tour
-from vo_lib.course.panels import CalibrationPanel
-from vo_lib.course.panels.appendix_calibration import KITTI_01, learn, lens_deviations, rig
-from vo_lib.synthetic.tracks import SimulatedFrame, TrackConfig, simulate_tracks
+from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1200, height=360)
 LONG = 300.0  # seconds; a safeguard

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vo_lib.course.exercises import Exercise, Verdict, ch00, ch02
-from vo_lib.course.exercises import checker as module
-from vo_lib.course.exercises.checker import any_order, times
-from vo_lib.course.exercises.keep import HEAD, handed_back, keep
-from vo_lib.course.exercises.results import NOT_YET_CLASS, RIGHT_CLASS
+from course import checker as module
+from course.ch00 import exercises as ch00
+from course.ch02 import exercises as ch02
+from course.checker import Exercise, any_order, times
+from course.keep import HEAD, handed_back, keep
+from course.results import NOT_YET_CLASS, RIGHT_CLASS, Verdict
 from vo_lib.method.five_point import null_space as other_name
 
 SAYS = {"twice": ("twice: {got:g}.", "once."), "odd": ("odd.", "")}

@@ -8,15 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from course.ch00 import exercises as ch00
+from course.ch01 import exercises as ch01
+from course.ch02 import exercises as ch02
+from course.ch03 import exercises as ch03
+from course.ch04 import exercises as ch04
+from course.ch05 import exercises as ch05
+from course.ch06 import exercises as ch06
+from course.ch07 import exercises as ch07
+from course.ch08 import exercises as ch08
+from course.checker import WORDS, Exercise
+from course.made_up import block_tour, made_up
+from course.results import NOT_YET_CLASS, Verdict
 from vo_lib.beyond.box_filter import static_matches
 from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import FilterConfig, TranslationConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.matches import StereoMatches
-from vo_lib.course.exercises import Exercise, Verdict, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch08
-from vo_lib.course.exercises.checker import WORDS
-from vo_lib.course.exercises.results import NOT_YET_CLASS
-from vo_lib.course.made_up import block_tour, made_up
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.method.translation import feature_rows

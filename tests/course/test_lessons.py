@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
+from course.lessons import CAMERA, Cell, drive, scenes, selection_errors, selections, translation_errors
+from course.three_frames import solve_three_frames
 from vo_lib.beyond.translation import solve_translation
-from vo_lib.commands.cli import main
 from vo_lib.config import TranslationConfig
-from vo_lib.course.lessons import (
-    CAMERA,
-    Cell,
-    drive,
-    scenes,
-    selection_errors,
-    selections,
-    translation_errors,
-)
-from vo_lib.course.three_frames import solve_three_frames
-from vo_lib.synthetic.tracks import TrackConfig, simulate_tracks
+from vo_lib.data.tracks import TrackConfig, simulate_tracks
 
 
 def test_a_cell_tells_median_spread_and_bad_frames() -> None:
@@ -91,15 +80,3 @@ def test_three_frames_need_matches_in_both_steps() -> None:
     nothing = frames[0].matches[np.zeros(50, bool)]
     R = frames[0].T_cp[:3, :3]
     assert solve_three_frames(CAMERA, nothing, frames[1].matches, R, R, TranslationConfig()) is None
-
-
-def test_the_command_prints_a_table_or_json(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["lesson", "translation", "--seeds", "1", "--frames", "3"]) == 0
-    printed = capsys.readouterr().out
-    assert "feature_median" in printed
-    assert "30% wrong" in printed
-    assert main(["lesson", "selection", "--seeds", "1", "--frames", "2", "--json"]) == 0
-    table = json.loads(capsys.readouterr().out)
-    assert table.keys() == scenes().keys()
-    assert table["clean"].keys() == selections().keys()
-    assert all(0 <= cell["bad_share"] <= 1 for row in table.values() for cell in row.values())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vo_lib.course.made_up import block_tour, made_up, straight_road
+from course.made_up import block_tour, made_up, straight_road
 from vo_lib.evaluation.ate_rpe import relative_error
 from vo_lib.evaluation.kitti import kitti_errors, trajectory_distances
 

@@ -7,14 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from course import sketches
+from course.ch00 import exercises as ch00
+from course.ch03 import exercises as ch03
+from course.ch04 import exercises as ch04
+from course.ch08 import own
+from course.checker import Exercise
+from course.drawing import raster, show_source
 from vo_lib.core.errors import DataError
-from vo_lib.course import own, sketches
-from vo_lib.course.drawing import raster, show_source
-from vo_lib.course.exercises import Exercise, ch00, ch03, ch04
+from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.scenes import scene_config
 from vo_lib.data.sequence import open_sequence
 from vo_lib.method.selection import nearest_to_prior
 from vo_lib.method.translation import feature_rows
-from vo_lib.synthetic import ensure_scene, scene_config
 
 
 def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
@@ -56,7 +61,7 @@ def test_every_sketch_is_another_picture() -> None:
 def test_the_source_of_a_stage_is_the_real_one() -> None:
     shown = str(show_source(nearest_to_prior, Exercise))
     assert shown.startswith("# vo_lib/method/selection.py\ndef nearest_to_prior(")
-    assert "# vo_lib/course/exercises/checker.py\nclass Exercise" in shown
+    assert "# course/checker.py\nclass Exercise" in shown
 
 
 def test_some_frames_of_a_scene_are_those_of_the_whole_scene(tmp_path: Path) -> None:

@@ -13,25 +13,38 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from course import stack
+from course.appendix import CalibrationPanel
+from course.ch00 import StartPanel
+from course.ch01 import MatchingPanel
+from course.ch01 import trace as ch01_trace
+from course.ch02 import FivePointPanel
+from course.ch03 import SelectionPanel
+from course.ch04 import TranslationPanel
+from course.ch05 import FilteringPanel
+from course.ch06 import EvaluationPanel
+from course.ch07 import ExplorePanel, ReproducePanel
+from course.controls import Control, Knob
+from course.drawing import COARSE, WIDTH, figure, finish, log_axis, raster, room, say
+from course.facts import Fact
+from course.frames import Memory
+from course.panel import Drawing, Panel, State
 from vo_lib.core.errors import DataError
 from vo_lib.core.types import Progress
-from vo_lib.course.drawing import COARSE, WIDTH, figure, finish, log_axis, raster, room, say
-from vo_lib.course.frames import Memory
-from vo_lib.course.panels import (
-    PANELS,
-    Drawing,
-    Fact,
-    FilteringPanel,
-    MatchingPanel,
-    Panel,
-    SelectionPanel,
-    State,
-    ch01_trace,
-    stack,
-)
-from vo_lib.course.panels.controls import Control, Knob
 from vo_lib.data.sequence import Sequence
 
+PANELS: tuple[type[Panel], ...] = (
+    StartPanel,
+    MatchingPanel,
+    FivePointPanel,
+    SelectionPanel,
+    TranslationPanel,
+    FilteringPanel,
+    EvaluationPanel,
+    ReproducePanel,
+    ExplorePanel,
+    CalibrationPanel,
+)
 LONG = 300.0  # seconds that a job may take; a safeguard
 # What is typed into the controls for text.
 TYPED = {

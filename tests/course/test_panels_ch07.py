@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 from conftest import write_bands
 
+from course.ch07 import ExplorePanel, ReproducePanel
+from course.ch07 import explore as ch07_explore
+from course.ch07.explore import changes, known_poses, with_changes
+from course.progress import Job
 from vo_lib.config import METHODS, preset
-from vo_lib.course.panels import ExplorePanel, ReproducePanel, ch07_explore
-from vo_lib.course.panels.ch07_explore import changes, known_poses, with_changes
-from vo_lib.course.progress import Job
 from vo_lib.tables.paper import shipped_table
 
 LONG = 300.0  # seconds that a job may take; a safeguard

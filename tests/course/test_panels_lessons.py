@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from course.ch01.figures import four_images, walk
+from course.ch01.trace import KEPT, REASONS, trace
+from course.ch04.panel import alone, covariance
+from course.ch05.figures import cells_picture
+from course.ch05.panel import as_yolox
+from course.ch06.panel import EvaluationPanel, read_own
+from course.drawing import GOOD, WIDTH, bgr
 from vo_lib import open_sequence
 from vo_lib.config import FeatureConfig, MatchingConfig, TranslationConfig
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.poses import write_kitti_poses, write_tum
-from vo_lib.course.drawing import GOOD, WIDTH, bgr
-from vo_lib.course.panels.ch01_figures import four_images, walk
-from vo_lib.course.panels.ch01_trace import KEPT, REASONS, trace
-from vo_lib.course.panels.ch04_translation import alone, covariance
-from vo_lib.course.panels.ch05_figures import cells_picture
-from vo_lib.course.panels.ch05_filtering import as_yolox
-from vo_lib.course.panels.ch06_evaluation import EvaluationPanel, read_own
 from vo_lib.detection.yolo import Candidates
 from vo_lib.detection.yolo_layout import letterbox, read_yolox, yolox_cells
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data_scripts.training.detection_plots import DETECTED, detection_image, training_figure
+from training.detection_plots import DETECTED, detection_image, training_figure
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels, write_labels

@@ -12,8 +12,8 @@ from data_command import load
 from file_server import FileServer
 from test_kitti_archive import content, kitti, zipped  # noqa: F401  (one is a fixture)
 
-from data_scripts.fetch.download import confirm, in_words
-from data_scripts.fetch.kitti_archive import COLOR
+from fetch.download import confirm, in_words
+from fetch.kitti_archive import COLOR
 from vo_lib.data.kitti import EXPECTED_FRAMES
 
 

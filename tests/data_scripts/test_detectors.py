@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from file_server import FileServer
 
-from data_scripts.fetch.detectors import fetch_detector, register_detector
+from fetch.detectors import fetch_detector, register_detector
 from vo_lib.core.errors import DataError
 from vo_lib.detection.detectors import FETCHABLE, REGISTRY, Detector, find_detector, known
 

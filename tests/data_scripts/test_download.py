@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from file_server import FileServer
 
-from data_scripts.fetch import download
+from fetch import download
 from vo_lib.core.errors import DataError
 
 DATA = np.random.default_rng(0).bytes(1_000_000)

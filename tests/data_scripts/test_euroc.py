@@ -10,7 +10,7 @@ import pytest
 from data_command import load
 from test_stereo_calibration import rectified_pixels
 
-from data_scripts.fetch.euroc import read_euroc_drive
+from fetch.euroc import read_euroc_drive
 from vo_lib.core.geometry import inverse, quaternion_from_rotation, rigid, rotation_from_vector, transform
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import open_sequence

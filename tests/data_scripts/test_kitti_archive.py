@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from file_server import FileServer
 
-from data_scripts.fetch import kitti_archive
-from data_scripts.fetch.kitti_archive import CALIB, GRAY, POSES, absent, fetch, link_tree, plan
-from data_scripts.fetch.zip_archives import Archives, Member
+from fetch import kitti_archive
+from fetch.kitti_archive import CALIB, GRAY, POSES, absent, fetch, link_tree, plan
+from fetch.zip_archives import Archives, Member
 from vo_lib.core.errors import DataError
 
 FRAMES = 12

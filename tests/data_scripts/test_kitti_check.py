@@ -8,13 +8,8 @@ from pathlib import Path
 import pytest
 from conftest import write_bands
 
-from data_scripts.fetch import kitti_check
-from data_scripts.fetch.kitti_check import (
-    SequenceReport,
-    check_tree,
-    in_ranges,
-    parse_numbers,
-)
+from fetch import kitti_check
+from fetch.kitti_check import SequenceReport, check_tree, in_ranges, parse_numbers
 from vo_lib.core.errors import DataError
 from vo_lib.data.kitti import EXPECTED_FRAMES, count_pairs
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from data_command import load
 
-from data_scripts.fetch.kitti_raw import EARTH_RADIUS, imu_poses, read_raw_drive
+from fetch.kitti_raw import EARTH_RADIUS, imu_poses, read_raw_drive
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import inverse, rigid, rotation_from_vector
 from vo_lib.core.types import Array

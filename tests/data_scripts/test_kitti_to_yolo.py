@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from data_command import load
 
-from data_scripts.training.kitti_set import check_origin, read_object_set, read_tracking_set, split
+from training.kitti_set import check_origin, read_object_set, read_tracking_set, split
 from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data_scripts.fetch.stereo_calibration import read_opencv, rig_from_matrices, rig_from_numbers
+from fetch.stereo_calibration import read_opencv, rig_from_matrices, rig_from_numbers
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.types import Array

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data_scripts.fetch.stereo_calibration import Rig, rig_from_matrices
-from data_scripts.fetch.stereo_import import write_sequence
-from data_scripts.fetch.stereo_sources import FolderSource, VideoSource, pair_folders
+from fetch.stereo_calibration import Rig, rig_from_matrices
+from fetch.stereo_import import write_sequence
+from fetch.stereo_sources import FolderSource, VideoSource, pair_folders
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.data.sequence import open_sequence

@@ -14,12 +14,12 @@ from data_command import load
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data_scripts.training.augment import fitted, training_picture
-from data_scripts.training.config import DetectionSetConfig, TrainingConfig
-from data_scripts.training.dataset import DetectionSet, Example, open_set
-from data_scripts.training.evaluated import ODOMETRY_DRIVES, evaluated_sequence, refuse_evaluated
-from data_scripts.training.mean_ap import average_precision, judge, recall_precision
-from data_scripts.training.street_set import Street, draw_street, random_scene, streets
+from training.augment import fitted, training_picture
+from training.config import DetectionSetConfig, TrainingConfig
+from training.dataset import DetectionSet, Example, open_set
+from training.evaluated import ODOMETRY_DRIVES, evaluated_sequence, refuse_evaluated
+from training.mean_ap import average_precision, judge, recall_precision
+from training.street_set import Street, draw_street, random_scene, streets
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels
@@ -247,8 +247,8 @@ def tiny_set(tmp_path: Path) -> DetectionSet:
 
 
 def test_the_overlap_of_equal_boxes_is_one_and_falls_with_distance(torch: Any) -> None:
-    from data_scripts.training.loss import complete_overlap
-    from data_scripts.training.loss import overlap as differentiable
+    from training.loss import complete_overlap
+    from training.loss import overlap as differentiable
 
     box = torch.tensor([[0.0, 0, 10, 10]])
     for shift, known in ((0.0, 1.0), (5.0, 1 / 3), (50.0, 0.0)):
@@ -260,8 +260,8 @@ def test_the_overlap_of_equal_boxes_is_one_and_falls_with_distance(torch: Any) -
 
 
 def test_cells_learn_the_boxes_they_lie_in_and_none_on_ignored_ones(torch: Any) -> None:
-    from data_scripts.training.loss import Truth, assign
-    from data_scripts.training.network import cells_of
+    from training.loss import Truth, assign
+    from training.network import cells_of
 
     cells = torch.cat([cells_of(torch.zeros(1, 1, 8 // k, 16 // k), 8 * k) for k in (1, 2, 4)])
     truth = Truth(
@@ -285,9 +285,9 @@ def test_cells_learn_the_boxes_they_lie_in_and_none_on_ignored_ones(torch: Any) 
 def test_a_short_training_lowers_the_loss_and_exports_what_it_learnt(torch: Any, tmp_path: Path) -> None:
     onnx = pytest.importorskip("onnx", reason="onnx belongs to the extra [train]")
     del onnx
-    from data_scripts.training.export import export_onnx
-    from data_scripts.training.network import Exported
-    from data_scripts.training.trainer import new_state, train
+    from training.export import export_onnx
+    from training.network import Exported
+    from training.trainer import new_state, train
 
     state = new_state(dataclasses.replace(TINY, epochs=6), ("car",))
     for _ in train(tiny_set(tmp_path), state, tmp_path):
@@ -308,9 +308,9 @@ def test_a_short_training_lowers_the_loss_and_exports_what_it_learnt(torch: Any,
 
 def test_a_training_begins_with_an_exported_network(torch: Any, tmp_path: Path) -> None:
     pytest.importorskip("onnx", reason="onnx belongs to the extra [train]")
-    from data_scripts.training.export import export_onnx
-    from data_scripts.training.start import starting_network
-    from data_scripts.training.trainer import batches, new_state, to_tensor, train
+    from training.export import export_onnx
+    from training.start import starting_network
+    from training.trainer import batches, new_state, to_tensor, train
 
     data = tiny_set(tmp_path)
     taught = list(train(data, new_state(TINY, ("car",)), tmp_path))[-1].average
@@ -335,7 +335,7 @@ def test_a_training_begins_with_an_exported_network(torch: Any, tmp_path: Path) 
 
 
 def test_a_resumed_training_equals_one_that_was_not_stopped(torch: Any, tmp_path: Path) -> None:
-    from data_scripts.training.trainer import CHECKPOINT, load_state, new_state, train
+    from training.trainer import CHECKPOINT, load_state, new_state, train
 
     data, once, twice = tiny_set(tmp_path), tmp_path / "once", tmp_path / "twice"
     for folder in (once, twice):
@@ -353,7 +353,7 @@ def test_a_resumed_training_equals_one_that_was_not_stopped(torch: Any, tmp_path
 
 
 def test_a_file_that_is_no_checkpoint_is_refused(torch: Any, tmp_path: Path) -> None:
-    from data_scripts.training.trainer import load_state
+    from training.trainer import load_state
 
     (tmp_path / "last.pt").write_bytes(b"nothing")
     with pytest.raises(DataError, match="no checkpoint of this training"):

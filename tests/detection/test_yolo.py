@@ -17,11 +17,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tiny_onnx import write_answering
 
-from data_scripts.training.mean_ap import Judged, judge, recall_precision
+from street.render import Renderer
+from street.sensor import expose
+from street.truth_files import visible_boxes
+from street.world import make_world
+from training.mean_ap import Judged, judge, recall_precision
 from vo_lib.config import DetectorConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels
+from vo_lib.data.scenes import scene_config
 from vo_lib.detection.class_names import COCO, choose_classes, class_numbers, names_from_metadata
 from vo_lib.detection.yolo import MODELS, YoloDetector, find_model
 from vo_lib.detection.yolo_layout import (
@@ -34,11 +39,6 @@ from vo_lib.detection.yolo_layout import (
     size_from_metadata,
     yolox_cells,
 )
-from vo_lib.synthetic.render import Renderer
-from vo_lib.synthetic.scenes import scene_config
-from vo_lib.synthetic.sensor import expose
-from vo_lib.synthetic.truth_files import visible_boxes
-from vo_lib.synthetic.world import make_world
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 VEHICLES = (2, 5, 7)

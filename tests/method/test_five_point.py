@@ -8,9 +8,9 @@ import pytest
 
 from vo_lib.commands.bench_solver import distance, error_of_best
 from vo_lib.core.real_roots import real_roots
+from vo_lib.data.problems import MOTIONS, Motion, PoseProblems, random_problems
 from vo_lib.method import five_point as fp
 from vo_lib.method.five_point import five_point
-from vo_lib.synthetic.problems import MOTIONS, Motion, PoseProblems, random_problems
 
 WITH_PARALLAX: list[Motion] = [motion for motion in MOTIONS if motion != "pure_rotation"]
 

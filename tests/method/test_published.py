@@ -16,13 +16,15 @@ from vo_lib.core.geometry import (
     essential_angle,
     essential_from_motion,
     essential_vector,
+    inverse,
     rigid,
     rotation_angle,
     rotation_from_vector,
 )
 from vo_lib.core.matches import StereoMatches, empty_matches
 from vo_lib.core.types import Array
-from vo_lib.data.sequence import open_sequence
+from vo_lib.data.sequence import Sequence, open_sequence
+from vo_lib.data.truth import open_truth
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.method.odometry import Odometry
 from vo_lib.method.translation import eliminate_points, feature_rows, solve_translation
@@ -33,10 +35,12 @@ R_CP = rotation_from_vector(np.array([0.004, 0.03, -0.002]))
 T_CP = rigid(R_CP, np.array([0.05, -0.02, -1.1]))
 
 
-def scene(number: int = 300, seed: int = 0, T_cp: Array = T_CP, noise: float = 0.0) -> StereoMatches:
-    """Matches of points that fill the image, 5 to 50 m away, under a known motion."""
+def scene(
+    number: int = 300, seed: int = 0, T_cp: Array = T_CP, noise: float = 0.0, farthest: float = 50.0
+) -> StereoMatches:
+    """Matches of points that fill the image, 6 m to `farthest` away, under a known motion."""
     rng = np.random.default_rng(seed)
-    depth = rng.uniform(6.0, 50.0, number)
+    depth = rng.uniform(6.0, farthest, number)
     uv = rng.uniform((60, 20), (1180, 356), (number, 2))
     X = CAMERA.back_project(uv, CAMERA.f * CAMERA.baseline / depth)
     exact = [*CAMERA.project(X), *CAMERA.project(X @ T_cp[:3, :3].T + T_cp[:3, 3])]
@@ -145,7 +149,48 @@ def test_stacked_rows_are_the_pseudo_inverse_of_the_whole_system() -> None:
     whole = np.zeros((8 * 40, 3 * 40 + 3))
     for i in range(40):
         whole[8 * i : 8 * i + 8, 3 * i : 3 * i + 3], whole[8 * i : 8 * i + 8, -3:] = A[i], B[i]
-    np.testing.assert_allclose(solved[0], (np.linalg.pinv(whole) @ c.ravel())[-3:], atol=1e-9)
+    # In pixels, as (2) projects: each feature's rows divided by its depth.
+    depth = np.repeat(CAMERA.triangulate(matches.prev_left, matches.prev_right)[:, 2], 8)
+    pixels = np.linalg.pinv(whole / depth[:, None]) @ (c.ravel() / depth)
+    np.testing.assert_allclose(solved[0], pixels[-3:], atol=1e-9)
+
+
+def test_pixel_noise_does_not_shorten_the_step_of_far_points() -> None:
+    """Least squares with noise in its coefficients is biased: rows in metres lose 0.7 % here."""
+    config, forward = (
+        PUBLISHED["solution_selection"].translation,
+        rigid(np.eye(3), np.array([0.0, 0.0, -1.0])),
+    )
+    steps = []
+    for seed in range(40):
+        matches = scene(400, seed, forward, noise=0.2, farthest=100.0)
+        solved = solve_translation(CAMERA, matches, np.eye(3), config)
+        assert solved is not None
+        steps.append(-solved[0][2])
+    assert abs(np.mean(steps) - 1.0) < 0.003
+
+
+def test_pixel_noise_leaves_the_length_of_a_drawn_path(street: Sequence) -> None:
+    """True matches of every fourth frame, each place 0.3 px off."""
+    truth, camera = open_truth(street.folder), street.camera
+    rng, system = np.random.default_rng(5), make_odometry(camera, preset("mesvo_f", variant="published"))
+    system.start(no_boxes())
+    steps = []
+    for frame in range(1, len(street), 4):
+        uv = rng.uniform((20, 20), (camera.width - 20, camera.height - 20), (800, 2))
+        _, right, there = truth.predict(frame - 1, frame - 1, uv)
+        *current, seen = truth.predict(frame - 1, frame, uv)
+        good = there & seen & ~truth.is_moving(frame - 1, uv, frame)
+        a, b, c, d = (
+            view[good] + 0.3 * rng.standard_normal((good.sum(), 2)) for view in (uv, right, *current)
+        )
+        age = np.ones(good.sum(), np.int64)
+        matches = StereoMatches(a, b, c, d, age, age.astype(float), np.arange(len(age)))
+        motion = system.step(matches, no_boxes())
+        true = inverse(truth.poses[frame]) @ truth.poses[frame - 1]
+        steps.append([np.linalg.norm(T[:3, 3]) for T in (motion.T_cp, true)])
+    ours, exact = np.sum(steps, axis=0)
+    assert abs(ours / exact - 1.0) < 0.003
 
 
 def test_a_third_of_wrong_depths_does_not_pull_the_translation() -> None:

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from street.folder import calibration_text
 from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.core.frame import REPEATED, TIME_JUMP
 from vo_lib.core.geometry import inverse, rotation_angle
 from vo_lib.core.types import Array, Image
 from vo_lib.core.vehicle import VehicleConfig
 from vo_lib.runs.runner import run_methods
-from vo_lib.synthetic.folder import calibration_text
 
 FIRST, FRAMES, AT = 100, 14, 6  # of the street; the fault begins at the sixth of fourteen frames
 LEFT_OUT = 5  # frames at most

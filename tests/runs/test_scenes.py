@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from course.frames import load_part
 from vo_lib import preset
-from vo_lib.course.frames import load_part
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.runner import run_methods
 

@@ -9,15 +9,16 @@ import cv2
 import numpy as np
 import pytest
 
+from street.drive import make_drive, make_route
+from street.shapes import SHAPES
+from street.traffic import Traffic, Vehicle
+from street.truth_files import encode_depth, write_objects
+from street.vehicles import Model
+from street.world import World
 from vo_lib.core.geometry import inverse, rigid
 from vo_lib.core.types import Array
-from vo_lib.synthetic import SceneConfig, Truth, scene_config
-from vo_lib.synthetic.drive import make_drive, make_route
-from vo_lib.synthetic.shapes import SHAPES
-from vo_lib.synthetic.traffic import Traffic, Vehicle
-from vo_lib.synthetic.truth_files import encode_depth, write_objects
-from vo_lib.synthetic.vehicles import Model
-from vo_lib.synthetic.world import World
+from vo_lib.data.scenes import SceneConfig, scene_config
+from vo_lib.data.truth import Truth
 
 NOTHING: Any = None  # what a picture needs and a motion does not
 SCENE = scene_config("jam", length=60.0, parked=0.5, bends=0.0)  # a straight street: lanes are plain to see

@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 from data_command import load
 
+from street.cache import draw_scene
 from vo_lib.core.errors import DataError
-from vo_lib.synthetic import ensure_scene, is_complete, scene_config, scene_key
+from vo_lib.data.drawn import ensure_scene, is_complete, scene_key
+from vo_lib.data.scenes import scene_config
 
 TINY = scene_config("empty", width=160, height=64, length=2.0, speed=8.0)
 
@@ -102,7 +104,7 @@ def test_a_disk_that_gets_full_is_one_clear_error_and_leaves_nothing(
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(DataError, match="cannot be written: No space"):
-        ensure_scene(TINY, tmp_path / "cache", jobs=1)
+        draw_scene(TINY, tmp_path / "cache", jobs=1)
     assert list((tmp_path / "cache").iterdir()) == []
 
 

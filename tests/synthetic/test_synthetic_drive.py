@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from street.drive import Drive, Route, make_drive, make_route
+from street.mesh import MeshBuilder
+from street.shapes import SHAPES
+from street.traffic import Vehicle, make_traffic
+from street.vehicles import Model
 from vo_lib.core.geometry import inverse, rotation_angle
-from vo_lib.synthetic import SCENES, SceneConfig
-from vo_lib.synthetic.drive import Drive, Route, make_drive, make_route
-from vo_lib.synthetic.mesh import MeshBuilder
-from vo_lib.synthetic.shapes import SHAPES
-from vo_lib.synthetic.traffic import Vehicle, make_traffic
-from vo_lib.synthetic.vehicles import Model
+from vo_lib.data.scenes import SCENES, SceneConfig
 
 # A sum over all poses with fixed weights: the scenes that results were measured on.
 DRIVES = {

@@ -8,17 +8,19 @@ import cv2
 import numpy as np
 import pytest
 
+from street.antialias import soften_edges
+from street.atlas import TextureSet
+from street.mesh import Faces
+from street.render import NEAR, Renderer, rasterise
+from street.sensor import image_velocity
+from street.truth_files import MIN_HEIGHT, MIN_PIXELS, encode_depth
+from street.world import World, make_world
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import inverse, transform
 from vo_lib.core.matches import StereoMatches
-from vo_lib.synthetic import SCENES, SceneConfig, Truth, ensure_scene, open_truth, scene_config
-from vo_lib.synthetic.antialias import soften_edges
-from vo_lib.synthetic.atlas import TextureSet
-from vo_lib.synthetic.mesh import Faces
-from vo_lib.synthetic.render import NEAR, Renderer, rasterise
-from vo_lib.synthetic.sensor import image_velocity
-from vo_lib.synthetic.truth_files import MIN_HEIGHT, MIN_PIXELS, decode_depth, encode_depth
-from vo_lib.synthetic.world import World, make_world
+from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.scenes import SCENES, SceneConfig, scene_config
+from vo_lib.data.truth import Truth, decode_depth, open_truth
 
 SMALL = scene_config("traffic", width=496, height=152, length=7.0, oncoming=6.0, parked=0.9, noise=1.0)
 

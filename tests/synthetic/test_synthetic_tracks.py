@@ -7,19 +7,13 @@ import itertools
 import numpy as np
 import pytest
 
+from street.drive import make_drive, make_route
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.errors import DataError
-from vo_lib.core.geometry import (
-    essential_from_motion,
-    inverse,
-    rigid,
-    rotation_from_vector,
-    transform,
-)
+from vo_lib.core.geometry import essential_from_motion, inverse, rigid, rotation_from_vector, transform
 from vo_lib.core.sampson import sampson_distance
-from vo_lib.synthetic import SCENES
-from vo_lib.synthetic.drive import make_drive, make_route
-from vo_lib.synthetic.tracks import SimulatedFrame, TrackConfig, simulate_tracks
+from vo_lib.data.scenes import SCENES
+from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 
 CAMERA = SCENES["empty"].camera
 

@@ -11,7 +11,7 @@ import pytest
 from vo_lib import METHODS
 from vo_lib.commands.cli import main
 from vo_lib.config import VARIANTS
-from vo_lib.synthetic import SCENES, scene_config
+from vo_lib.data.scenes import SCENES, scene_config
 
 
 @pytest.fixture

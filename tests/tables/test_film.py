@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from conftest import BANDS, BASELINE, FOCAL
 
-from vo_lib import preset, run
+from vo_lib import Run, preset, run
 from vo_lib.commands.cli import main
+from vo_lib.core.errors import DataError
 from vo_lib.core.types import Image
 from vo_lib.data.sequence import open_sequence
 from vo_lib.tables.film import PATH, STRIP, Film, shown_frames
@@ -90,3 +91,25 @@ def test_a_film_that_fails_leaves_nothing(bands: Path) -> None:
         film.add(next(iter(shown_frames(result))))
         raise KeyError
     assert set(bands.parent.iterdir()) == before
+
+
+def whole_film(place: Path, result: Run) -> None:
+    with Film(place, result, "mine") as film:
+        for shown in shown_frames(result):
+            film.add(shown)
+
+
+@pytest.mark.parametrize("name", ["film.mp4", "film.avi"])
+def test_a_film_on_a_full_disk_is_no_film_and_the_old_one_stays(bands: Path, name: str) -> None:
+    resource = pytest.importorskip("resource")
+    result, place = run(open_sequence(bands), preset("viso2")), bands.parent / name
+    place.write_bytes(b"an older one")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (6000, limits[1]))  # a write beyond fails, as on a full disk
+    try:
+        with pytest.raises(DataError, match="is the disk full"):
+            whole_film(place, result)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert place.read_bytes() == b"an older one"
+    assert {path.name for path in bands.parent.iterdir()} == {bands.name, name}

@@ -21,21 +21,15 @@ from vo_lib.core.frame import FrameResult
 from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Array
 from vo_lib.data.kitti import EXPECTED_FRAMES
+from vo_lib.data.scenes import SCENES
 from vo_lib.data.sequence import Sequence, open_sequence, parse_sequences
 from vo_lib.evaluation.kitti import KITTI_MEASURE, SHORT_MEASURE, Measure, suitable_measure
 from vo_lib.runs.runner import Run
-from vo_lib.synthetic import SCENES
 from vo_lib.tables.entries import Entry, back_end_ms, group_entries, measure_runs
 from vo_lib.tables.paper import AVERAGE, PAPER_ROWS, PaperTable, read_paper_table
 from vo_lib.tables.report import ReportTable, markdown, spread
 from vo_lib.tables.reproduce import default_sequences, plan_jobs, slug, split_missing
-from vo_lib.tables.table1 import (
-    gains_table,
-    layout_tables,
-    length_table,
-    method_table,
-    trajectory_table,
-)
+from vo_lib.tables.table1 import gains_table, layout_tables, length_table, method_table, trajectory_table
 from vo_lib.tables.table1_data import groups_json, table_csv
 
 

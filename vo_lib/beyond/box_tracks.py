@@ -14,15 +14,7 @@ from ..core.rows import Rows, joined
 from ..core.types import Array, Mask, Whole
 from ..method.boxes import inside, vehicles
 from .config import FilterConfig, MovingConfig
-from .moving import (
-    BoxSteps,
-    background_motion,
-    background_noise,
-    box_steps,
-    no_steps,
-    owner_of,
-    point_steps,
-)
+from .moving import BoxSteps, background_motion, background_noise, box_steps, no_steps, owner_of, point_steps
 
 PARKED, UNKNOWN, MOVING = 0, 1, 2
 # Features from which a motion of the camera can be told.

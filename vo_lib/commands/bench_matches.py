@@ -13,9 +13,8 @@ from ..core.matches import StereoMatches
 from ..core.rows import Rows, joined
 from ..core.types import Array, Mask
 from ..data.sequence import Sequence
+from ..data.truth import Truth, open_truth
 from ..method.boxes import on_vehicles
-from ..synthetic import open_truth
-from ..synthetic.truth import Truth
 
 FEATURE_FRAMES = 30  # frames whose matches are compared with the truth
 RIGHT = 1.0  # pixels; a right match is no farther from the truth in any image

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from ..core.types import Array
+from ..data.problems import Motion, PoseProblems, random_problems
 from ..method.five_point import Candidates, five_point
 from ..runs.runner import single_threaded
-from ..synthetic.problems import Motion, PoseProblems, random_problems
 
 BATCHES = (200, 1000)
 ONE_BY_ONE = 100  # sets for OpenCV, which takes one at a time

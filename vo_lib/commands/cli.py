@@ -16,7 +16,6 @@ from . import (
     environment,
     evaluate,
     lab,
-    lesson,
     reproduce,
     run,
     sweep,
@@ -37,7 +36,6 @@ COMMANDS = (
     data,
     lab,
     bench,
-    lesson,
 )
 
 

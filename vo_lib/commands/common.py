@@ -9,8 +9,8 @@ from typing import Any
 from ..config import METHODS, VARIANTS, preset
 from ..core.errors import DataError
 from ..core.poses import FARTHEST
+from ..data.drawn import cache_folder
 from ..data.sequence import Sequence, available, open_sequence
-from ..synthetic import cache_folder
 from .console import reporting
 
 BOTH = "both"

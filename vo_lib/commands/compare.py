@@ -11,9 +11,10 @@ import numpy as np
 
 from ..core.errors import DataError
 from ..core.types import Array
+from ..data.drawn import cache_folder, scene_key
+from ..data.scenes import SCENES
 from ..data.sequence import SYNTHETIC, available, open_sequence
 from ..runs.results import run_folder
-from ..synthetic import SCENES, cache_folder, scene_key
 from ..tables.comparison import (
     StoredRun,
     common_kind,

@@ -1,4 +1,4 @@
-"""`vo data`: the scripts of the package data_scripts, which is not read before one of them is wanted."""
+"""`vo data`: the scripts of the folder data_scripts, which is not read before one of them is wanted."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import ast
 import difflib
 import importlib
-import importlib.resources
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
@@ -16,6 +16,8 @@ from ..core.errors import DataError
 from ..core.files import read_text
 from .console import say
 from .script import OneLineParser, guarded
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "data_scripts"
 
 
 def add(commands: Any) -> None:
@@ -39,13 +41,16 @@ def _data(options: argparse.Namespace) -> int:
     if name not in found:
         near = difflib.get_close_matches(name, found, n=1, cutoff=0)
         raise DataError(f"no data script is called {options.name!r}; did you mean {near[0]}?")
-    return run_script(importlib.import_module(f"data_scripts.{name}"), options.words)
+    if str(SCRIPTS) not in sys.path:
+        sys.path.insert(0, str(SCRIPTS))  # as for a program that is run there
+    return run_script(importlib.import_module(name), options.words)
 
 
 def scripts() -> dict[str, str]:
     """What each script does, in its own words, by its name."""
-    folder = Path(str(importlib.resources.files("data_scripts")))
-    docs = {path.stem: ast.get_docstring(ast.parse(read_text(path))) for path in folder.glob("[!_]*.py")}
+    if not SCRIPTS.is_dir():
+        raise DataError("the data scripts lie in the kit's folder: install it from there with -e .", SCRIPTS)
+    docs = {path.stem: ast.get_docstring(ast.parse(read_text(path))) for path in SCRIPTS.glob("[!_]*.py")}
     return {name: (docs[name] or "").partition("\n")[0] for name in sorted(docs)}
 
 

@@ -85,7 +85,11 @@ def copy_notebooks(source: Path, target: Path) -> Path:
     try:
         for path in sorted(source.rglob("*")):
             place = target / path.relative_to(source)
-            if path.is_file() and ".ipynb_checkpoints" not in path.parts and not place.exists():
+            if (
+                path.is_file()
+                and not {".ipynb_checkpoints", "__pycache__"} & {*path.parts}
+                and not place.exists()
+            ):
                 place.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(path, place)
     except OSError as error:

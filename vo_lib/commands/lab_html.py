@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import os
 import re
 import shutil
 import tempfile
@@ -42,7 +43,7 @@ def write_pages(source: Path, target: Path) -> None:
             text = nbformat.v4.new_markdown_cell(path.read_text(encoding="utf-8"))  # type: ignore[no-untyped-call]
             notebook = nbformat.v4.new_notebook(cells=[text])  # type: ignore[no-untyped-call]
         else:
-            notebook = executed(nbformat.read(path, as_version=4))  # type: ignore[no-untyped-call]
+            notebook = executed(nbformat.read(path, as_version=4), source)  # type: ignore[no-untyped-call]
         place = (target / path.relative_to(source)).with_suffix(".html")
         place.parent.mkdir(exist_ok=True)
         place.write_text(portable(page(notebook, path.stem), source.resolve().parent), encoding="utf-8")
@@ -59,8 +60,8 @@ def portable(text: str, kit: Path) -> str:
     return text
 
 
-def executed(notebook: Any) -> Any:
-    """A notebook with its outputs; it runs in an empty folder, and errors stand in the page."""
+def executed(notebook: Any, beside: Path) -> Any:
+    """A notebook with its outputs and errors; it runs in an empty folder and imports what lies `beside`."""
     import nbclient
 
     with tempfile.TemporaryDirectory() as folder:
@@ -69,7 +70,8 @@ def executed(notebook: Any) -> Any:
             notebook, timeout=LONGEST_CELL, kernel_name="python3", allow_errors=True, resources=about
         )
         client.extra_arguments = ["--log-level=ERROR"]  # the kernel's warnings say nothing to a reader
-        client.execute()
+        paths = [str(beside), os.environ.get("PYTHONPATH", "")]
+        client.execute(env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))})
     return notebook
 
 

@@ -139,8 +139,11 @@ def _run(options: argparse.Namespace) -> int:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
     if options.video is not None:
         require_film(options.video)
-    if options.view is not None and options.view.suffix != ".html":
-        raise DataError("expected a page's name, ending in .html", options.view)
+    if options.view is not None:
+        if options.view.suffix != ".html" or options.view.is_dir():
+            raise DataError("expected a page's name, ending in .html", options.view)
+        if not options.view.absolute().parent.is_dir():
+            raise DataError("the page's folder is missing", options.view.parent)
     cache = Path(options.cache) if options.cache else None
     sequence = open_part(options, cache)
     if options.calibration is not None:

@@ -22,9 +22,11 @@ from ..core.errors import DataError
 from ..core.matches import StereoMatches
 from ..core.poses import read_kitti_poses
 from ..core.types import Array, Image, Mask, Progress
-from ..synthetic import SCENES, ensure_scene, open_truth
+from .drawn import ensure_scene
 from .kitti import list_frames, read_calibration, read_image, read_times, require_fits
 from .labels import read_labels, require_written, written_labels
+from .scenes import SCENES
+from .truth import open_truth
 
 Prepared = TypeVar("Prepared")
 

@@ -24,10 +24,10 @@ from ..core.errors import DataError
 from ..core.files import file_sha256, only_process, read_json, write_text_atomic
 from ..core.settings import to_dict
 from ..core.types import Progress
+from ..data.drawn import cache_folder
 from ..data.kitti import read_image
 from ..data.labels import WRITTEN, read_labels, write_labels, written_labels
 from ..data.sequence import Sequence
-from ..synthetic import cache_folder
 from .config import DetectorConfig
 from .yolo import YoloDetector, find_model
 

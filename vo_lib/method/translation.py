@@ -3,7 +3,8 @@
 With R known, a feature seen at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image:
 (x e3 - e1)ᵀ P = 0 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where
 P = Q in the previous pair and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). The paper has
-Q in the current frame, and calls the projection matrix P.
+Q in the current frame, and calls the projection matrix P. Divided by the feature's depth a row is in pixels
+over f, as (2) projects with its factor α; in metres far features weigh most, and steps come out too long.
 """
 
 from __future__ import annotations
@@ -71,12 +72,12 @@ def solve_translation(
     if len(near) == 0:
         return None
     M, d = eliminate_points(*feature_rows(camera, matches[near], R_cp))
+    M, d = M / depth[near, None, None], d / depth[near, None]
     H, g = M.swapaxes(1, 2) @ M, (M.swapaxes(1, 2) @ d[..., None])[..., 0]  # normal equations of each feature
     try:
         t = np.median(np.linalg.solve(H, g[..., None])[..., 0], axis=0)
         for _ in range(ROUNDS):
-            # A row is metres where the feature is: by its depth it becomes pixels.
-            residual = camera.f * np.linalg.norm(d - M @ t, axis=1) / depth[near]
+            residual = camera.f * np.linalg.norm(d - M @ t, axis=1)
             fits = residual < config.agreement
             t = np.linalg.solve(H[fits].sum(axis=0), g[fits].sum(axis=0))
     except np.linalg.LinAlgError:

@@ -21,8 +21,8 @@ import numpy as np
 from ..core.errors import DataError
 from ..core.files import file_sha256, fits, read_bytes, read_json, write_text_atomic
 from ..core.settings import to_dict
+from ..data.drawn import cache_folder
 from ..data.sequence import Sequence
-from ..synthetic import cache_folder
 
 PACKAGE = Path(__file__).resolve().parents[1]
 ROOMS = ("core", "method", "front_end", "baseline", "beyond")

@@ -28,9 +28,9 @@ from ..core.files import read_arrays, read_json, write_bytes_atomic, write_text_
 from ..core.frame import Clock
 from ..core.matches import SAME, StereoMatches, empty_matches
 from ..core.settings import to_dict
+from ..data.drawn import cache_folder
 from ..data.sequence import Sequence
 from ..method.config import FeatureConfig, MatchingConfig
-from ..synthetic import cache_folder
 from .identity import code_digest, images_digest, versions
 from .runner import FoundMatches, TimedMatches
 

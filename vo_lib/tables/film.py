@@ -75,6 +75,8 @@ def require_film(path: Path) -> None:
         raise DataError(f"expected a film's name, ending in {' or '.join(CODES)}", path)
     if not path.absolute().parent.is_dir():
         raise DataError("the film's folder is missing", path.parent)
+    if path.is_dir():
+        raise DataError("is a folder, expected a film's name", path)
 
 
 class Film:
@@ -92,6 +94,7 @@ class Film:
         self._truth = None if truth is None else from_first(truth)
         self._drift = None if truth is None else distance_from_truth(run.poses, truth)
         self._driven = trajectory_distances(run.poses if truth is None else truth)
+        self._frames = 0
         self._working = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
         height, width = (length + length % 2 for length in self._shape)
         code = cv2.VideoWriter.fourcc(*CODES[path.suffix.lower()])
@@ -104,10 +107,23 @@ class Film:
 
     def __exit__(self, kind: object, *details: object) -> None:
         self._writer.release()
-        if kind is None:
-            os.replace(self._working, self.path)
-        else:
+        try:
+            if kind is None:
+                self._require_whole()
+                os.replace(self._working, self.path)
+        finally:
             self._working.unlink(missing_ok=True)
+
+    def _require_whole(self) -> None:
+        """OpenCV does not say when the disk is full: the frames are counted that can be read again."""
+        written = cv2.VideoCapture(str(self._working))
+        try:
+            found = sum(written.grab() for _ in range(self._frames))
+        finally:
+            written.release()
+        if found != self._frames:
+            said = f"{found} of {self._frames} frames could be written: is the disk full?"
+            raise DataError(said, self.path)
 
     def add(self, shown: Shown) -> None:
         """Write a frame."""
@@ -115,6 +131,7 @@ class Film:
         page = np.full((height, width, 3), DARK, np.uint8)
         page[: self._shape[0], : self._shape[1]] = self.picture(shown)
         self._writer.write(page)
+        self._frames += 1
 
     def picture(self, shown: Shown) -> Image:
         """The page of a frame, BGR: image, path and drift beside it, words below."""

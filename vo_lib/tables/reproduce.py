@@ -11,11 +11,11 @@ from ..beyond.calibration import Calibration
 from ..config import preset
 from ..core.errors import DataError
 from ..core.types import Array
+from ..data.scenes import SCENES
 from ..data.sequence import KITTI, SYNTHETIC, Sequence, available
 from ..evaluation.kitti import Measure
 from ..runs.jobs import Job, Outcome
 from ..runs.results import read_run
-from ..synthetic import SCENES
 from .entries import BENCHMARK, Entry, measure_runs
 
 FAILURES_TOLD = 8  # a cause that all runs share fills no screen

@@ -1,0 +1,5 @@
+"""Calibration."""
+
+from .panel import CalibrationPanel
+
+__all__ = ["CalibrationPanel"]

@@ -1,0 +1,204 @@
+"""Appendix: a rig with known faults, what they do to the length of a step, and what the kit learns."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+
+import cv2
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+
+from vo_lib.beyond.calibration import in_words
+from vo_lib.beyond.lens import by_points, decentering_shapes
+from vo_lib.beyond.refinement import distances_and_derivatives
+from vo_lib.beyond.stereo_field import COLUMNS, FAULTS, ROWS, Shape, StereoField, field_at
+from vo_lib.beyond.translation import solve_translation
+from vo_lib.config import CalibrationConfig, TranslationConfig
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import essential_from_motion
+from vo_lib.core.sampson import match_terms
+from vo_lib.core.settings import Checked, setting
+from vo_lib.core.types import Array, Image
+from vo_lib.data.sequence import Sequence
+from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
+
+from ..ch04.figures import lengths_figure
+from ..controls import Control
+from ..drawing import DPI, GOOD, PALE, WIDTH, caption, photo, room, stack
+from ..facts import Fact
+from ..frames import Memory, key_of, stereo
+from ..made_up import block_tour
+from ..panel import Drawing, Panel, State
+
+# About what sequence 01 of KITTI shows: sizes of `FAULTS`, pixels.
+KITTI_01 = {
+    "shift along the rows": -0.6,
+    "roll": -0.3,
+    "tilt about the vertical": 0.5,
+    "decentering along the rows": 6.3,
+    "columns, y²": 0.0,
+    "columns, x⁴": -3.5,
+}
+TERMS = {"all": COLUMNS, "1 and x²": ("1", "x²"), "1 alone": ("1",)}
+FRAMES, LAST = 40, 15  # frames that the panel learns from; of which so many at the end are judged
+REST = 0.05  # metres; a shorter step's length is not judged
+MAP_HEIGHT, CHART_HEIGHT = 150, 200
+BANDS = 10  # colours from no error to the largest
+_tracks: Memory[list[SimulatedFrame]] = Memory(8)
+
+
+def rig(faults: dict[str, float]) -> Array:
+    """Coefficients (15,) of the field of a rig that has these sizes of `FAULTS`, pixels."""
+
+    def column(shapes: tuple[Shape, Shape, float]) -> list[float]:
+        return [shapes[0].get(term, 0.0) for term in COLUMNS] + [shapes[1].get(term, 0.0) for term in ROWS]
+
+    return np.asarray(list(faults.values()) @ np.array([column(FAULTS[name]) for name in faults]))
+
+
+def learn(
+    camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = COLUMNS
+) -> tuple[StereoField, dict[str, Array]]:
+    """Spoil matches by a field (15,) and learn it from frame to frame, of the disparities only these terms.
+
+    Returns the field, and the steps' lengths (N,) as shares of the true ones, "as measured" and "corrected".
+    """
+    field = StereoField(camera, CalibrationConfig(drift=0.0))
+    if terms != COLUMNS:  # the others are known to be zero, and the rows, learnt apart, tell nothing of them
+        free = np.isin([*COLUMNS, *[terms[0]] * len(ROWS)], terms)
+        field.know(field.estimate, np.diag(np.diag(field.covariance) * np.where(free, 1.0, 1e-8)))
+    shares: dict[str, list[float]] = {"as measured": [], "corrected": []}
+    for frame in tracks:
+        R_cp, t_cp = frame.T_cp[:3, :3], frame.T_cp[:3, 3]
+        length = float(np.linalg.norm(t_cp))
+        spoiled = field.correct(frame.matches, -true)
+        field.learn_rows(spoiled)
+        corrected = field.correct(spoiled)
+        for name, matches in zip(shares, (spoiled, corrected), strict=True):
+            solved = solve_translation(camera, matches, R_cp, TranslationConfig())
+            t_cp = t_cp if solved is None else solved[0]
+            shares[name].append(float(np.linalg.norm(t_cp)) / length if length > REST else np.nan)
+        field.update(corrected, R_cp, t_cp)
+    return field, {name: np.array(values) for name, values in shares.items()}
+
+
+def too_long(shares: Array) -> float:
+    """By how much the last `LAST` steps are too long on average, %; NaN where the camera rests."""
+    known = shares[np.isfinite(shares)][-LAST:]
+    return 100.0 * float(np.mean(known) - 1.0) if len(known) else np.nan
+
+
+def lens_shapes(points: Array) -> Array:
+    """How p1, p2, k1 and the principal point along u and v move normalised points (N, 2): (5, 2, N)."""
+    x, one = points.T, np.ones(len(points))
+    others = np.array([x * np.sum(x * x, axis=0), [one, 0 * one], [0 * one, one]])
+    return np.concatenate([decentering_shapes(points), others])
+
+
+def lens_deviations(camera: StereoCamera, tracks: list[SimulatedFrame], noise: float) -> Array:
+    """How well epipolar lines tell `lens_shapes`, each alone, every motion free: deviations (5,), pixels."""
+    information = np.zeros(5)
+    for frame in tracks:
+        R_cp, t_cp = frame.T_cp[:3, :3], frame.T_cp[:3, 3] / np.linalg.norm(frame.T_cp[:3, 3])
+        x_p, x_c = (camera.normalise(uv) for uv in (frame.matches.prev_left, frame.matches.cur_left))
+        r, by_motion = distances_and_derivatives(R_cp, t_cp, match_terms(x_p, x_c))
+        by_p, by_c = by_points(essential_from_motion(R_cp, t_cp), x_p, x_c, r)
+        by_lens = np.sum(by_p * lens_shapes(x_p) + by_c * lens_shapes(x_c), axis=1)
+        explained = by_motion.T @ np.linalg.lstsq(by_motion.T, by_lens.T, rcond=None)[0]
+        information += np.sum((by_lens.T - explained) ** 2, axis=0)
+    return np.asarray(noise / np.sqrt(information))
+
+
+def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
+    """Normalised positions (rows · columns, 2) all over the left image."""
+    u, v = np.meshgrid(np.linspace(0, camera.width, columns), np.linspace(0, camera.height, rows))
+    return camera.normalise(np.stack([u, v], axis=-1).reshape(-1, 2))
+
+
+def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> Image:
+    """Fields (15,) over an image, side by side, disparities above rows; red is too large, blue too small."""
+    grid = image_grid(camera, 41, 13).T
+    errors = {name: field_at(c, *grid).reshape(2, 13, 41) for name, c in fields.items()}
+    limit = room(max(float(np.abs(error).max()) for error in errors.values()), least=0.1)
+    light = 0.55 + 0.45 * photo(image, WIDTH // len(errors)) / 255.0
+
+    def one(words: str, error: Array) -> Image:
+        share = np.round(BANDS * cv2.resize(error / limit, light.shape[1::-1])) / BANDS
+        map_ = np.asarray(255 * light * colormaps["RdBu_r"](0.5 + 0.5 * share)[:, :, 2::-1], np.uint8)
+        words = f"{words}: {error.min():.2f} to {error.max():.2f} px"
+        return caption(photo(map_, light.shape[1], MAP_HEIGHT), words)
+
+    words = ("disparities, ", "rows, ")
+    return np.vstack([np.hstack([one(words[i] + name, e[i]) for name, e in errors.items()]) for i in (0, 1)])
+
+
+def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], height: int = 130) -> Figure:
+    """Where the points of `image_grid` are moved, by title: arrows (2, N), the last of them in blue."""
+    points, lines, width = image_grid(camera), -(-len(moved) // 4), min(len(moved), 4)
+    made = Figure(figsize=(WIDTH / DPI, lines * height / DPI), dpi=DPI, layout="constrained")
+    for axis, (title, parts) in zip(made.subplots(lines, width).flat, moved.items(), strict=True):
+        axis.plot(*points.T, ".", color=PALE, markersize=1.5)
+        for arrows, colour in zip(parts, (PALE, GOOD)[-len(parts) :], strict=True):
+            look = {
+                "angles": "xy",
+                "scale_units": "xy",
+                "scale": 6.0 * np.abs(parts[0]).max(),
+                "width": 0.006,
+            }
+            axis.quiver(*points.T, *arrows, color=colour, **look)
+        axis.set(xlim=(-1.1, 1.1), ylim=(0.46, -0.46), xticks=[], yticks=[], aspect="equal")
+        axis.set_title(title, fontsize=8, loc="left")
+    return made
+
+
+@dataclass(frozen=True)
+class CalibrationView(Checked):
+    """Sizes of the faults in the panel, in the order of `KITTI_01`, and what may be learnt of them."""
+
+    shift: float = setting(-0.6, "a yaw: all disparities", unit="px", low=-2, high=2)
+    roll: float = setting(-0.3, "disparities by y, rows by -x", unit="px", low=-2, high=2)
+    tilt: float = setting(0.5, "disparities by x², rows by xy", unit="px", low=-8, high=8)
+    decentering: float = setting(6.3, "disparities by y², rows by -xy", unit="px", low=-8, high=8)
+    y2: float = setting(0.0, "disparities by y²", unit="px", low=-4, high=4)
+    x4: float = setting(-3.5, "disparities by x⁴", unit="px", low=-6, high=6)
+    terms: str = setting("all", "terms of the disparities that are learnt", choices=tuple(TERMS))
+
+
+class CalibrationPanel(Panel):
+    """A rig's field over the image, what is learnt of it, and the length of the steps."""
+
+    title = "Faults of a rig, and what 40 simulated frames along the drive tell of them"
+    view = CalibrationView
+    height = 2 * MAP_HEIGHT + CHART_HEIGHT
+    controls = (
+        *(Control(f"view.{name}", step=0.1) for name in ("shift", "roll", "tilt", "decentering")),
+        Control("view.y2", "y² alone", step=0.1),
+        Control("view.x4", "x⁴ alone", step=0.1),
+        Control("view.terms", "terms learnt"),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        camera, (*sizes, terms) = state.sequence.camera, astuple(state.view)
+        true = rig(dict(zip(KITTI_01, sizes, strict=True)))
+        field, lengths = learn(camera, tracks_of(state.sequence, state.frame), true, TERMS[terms])
+        found, image = field.coefficients, stereo(state.sequence, state.frame)[0]
+        maps = field_maps(image, camera, {"the rig's": true, "learnt": found})
+        left = np.abs(field_at(true - found, *image_grid(camera).T)).max(axis=1)
+        facts = (
+            *(Fact(f"steps too long, {name}", too_long(share), "%", 2) for name, share in lengths.items()),
+            Fact("disparities still wrong by up to", float(left[0]), "px", 2),
+            Fact("rows still wrong by up to", float(left[1]), "px", 2),
+        )
+        sentence = f"Learnt in {len(lengths['corrected'])} frames: {in_words(found, np.zeros(2), camera)}."
+        return Drawing(stack([maps, lengths_figure(lengths, CHART_HEIGHT)], self.height), sentence, facts)
+
+
+def tracks_of(sequence: Sequence, frame: int) -> list[SimulatedFrame]:
+    """Simulated matches along `FRAMES` frames of a sequence's true path; straight ahead without truth."""
+    poses = block_tour(1) if sequence.truth is None else sequence.truth
+    first = max(min(frame, len(poses) - FRAMES) - 1, 0)
+    part, config = poses[first : first + FRAMES + 1], TrackConfig(points=150)
+    return _tracks.get(
+        key_of(sequence, first), lambda: list(simulate_tracks(part, sequence.camera, config, seed=0))
+    )

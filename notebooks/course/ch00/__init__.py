@@ -1,0 +1,5 @@
+"""Chapter 0."""
+
+from .panel import StartPanel
+
+__all__ = ["StartPanel"]

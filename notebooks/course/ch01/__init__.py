@@ -1,0 +1,5 @@
+"""Chapter 1."""
+
+from .panel import MatchingPanel
+
+__all__ = ["MatchingPanel"]

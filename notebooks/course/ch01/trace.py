@@ -1,0 +1,147 @@
+"""Chapter 1: where matches get lost: one step of a front end, its checks switched on one by one."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.config import FeatureConfig, MatchingConfig
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.types import Array
+from vo_lib.data.sequence import Sequence
+from vo_lib.front_end.blob_corner import DescribedPair, describe_pair
+from vo_lib.front_end.corners import corner_strength, detect_corners
+from vo_lib.front_end.front_end import make_front_end
+from vo_lib.front_end.klt import PreparedPair
+from vo_lib.front_end.surface import CoarseDisparity, coarse_disparity
+from vo_lib.runs.runner import single_threaded
+
+from ..frames import WARM_UP, Memory, key_of, stereo
+
+# The settings of each check, and what happens to a match that fails it.
+CHECKS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("looks different", ("max_difference",)),
+    ("rows, disparity", ("row_tolerance", "min_disparity")),
+    ("off its surface", ("surface_tolerance", "surface_share")),
+    ("loop stays open", ("loop_tolerance",)),
+)
+OPEN: dict[str, Any] = {
+    "max_difference": 255.0,
+    "row_tolerance": 10.0,
+    "min_disparity": 0.05,
+    "surface_tolerance": 10.0,
+    "surface_share": 0.0,
+    "loop_tolerance": 10.0,
+}
+LOST = "not found again"
+REASONS = (LOST, *(words for words, _ in CHECKS))
+KEPT = len(REASONS)
+
+_histories: Memory[tuple[Any, Any]] = Memory(6)
+_disparities: Memory[CoarseDisparity] = Memory(8)
+_described: Memory[DescribedPair] = Memory(8)
+_steps: Memory[StereoMatches] = Memory(48)
+
+
+@dataclass(frozen=True)
+class Trace:
+    """N features of the previous pair and what became of them.
+
+    Attributes
+    ----------
+    left : (N, 2) pixels in the previous left image; id : (N,) their numbers.
+    reason : (N,) index into REASONS of what they were dropped for; KEPT for those that pass every check.
+    found : the M of them that were found again, whatever the checks say; index : (M,) of these among the N.
+    kept : matches that pass.
+    """
+
+    left: Array
+    id: NDArray[np.int64]
+    reason: NDArray[np.int64]
+    found: StereoMatches
+    index: NDArray[np.int64]
+    kept: StereoMatches
+
+
+def trace(sequence: Sequence, frame: int, features: FeatureConfig, matching: MatchingConfig) -> Trace:
+    """What became of the features of the pair before `frame`.
+
+    The pairs before are matched with the checks as they are by default: the settings act on this step alone.
+    """
+    usual = MatchingConfig(front_end=matching.front_end)
+    base = *key_of(sequence, frame), features, usual
+    before, pair = _histories.get(base, lambda: _history(sequence, frame, features, usual))
+    stages = [dataclasses.replace(matching, **OPEN)]
+    for _, names in CHECKS:
+        stages.append(dataclasses.replace(stages[-1], **{name: getattr(matching, name) for name in names}))
+
+    def step(stage: MatchingConfig) -> StereoMatches:
+        def make() -> StereoMatches:
+            # A step replaces what the front end holds and changes none of it: a shallow copy will do.
+            front_end = copy.copy(before)
+            front_end.config = stage
+            matches: StereoMatches = front_end.step(pair)
+            return matches
+
+        return _steps.get((*base, stage), make)
+
+    with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
+        results = list(pool.map(step, stages))
+    left, number = _candidates(before)
+    reason = np.zeros(len(number), np.int64)
+    alive = np.ones(len(number), np.bool_)
+    for result in results:
+        alive &= np.isin(number, result.id)
+        reason[alive] += 1
+    order = np.argsort(number)
+    index = order[np.searchsorted(number, results[0].id, sorter=order)]
+    kept = results[-1][np.isin(results[-1].id, number[reason == KEPT])]
+    return Trace(left, number, reason, results[0], index, kept)
+
+
+def _history(
+    sequence: Sequence, frame: int, features: FeatureConfig, matching: MatchingConfig
+) -> tuple[Any, Any]:
+    """A front end that has seen the pair before `frame`, and the prepared pair of `frame`."""
+    front_end = make_front_end(sequence.camera, features, matching)
+
+    def prepare(index: int) -> Any:
+        return _prepare(sequence, index, features, matching)
+
+    indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
+    with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
+        *earlier, pair = pool.map(prepare, indices)
+        for each in earlier:
+            front_end.step(each)
+    if isinstance(pair, PreparedPair):
+        # Its own corners are for the frame after, which nobody asks for.
+        pair = dataclasses.replace(pair, corners=pair.corners[:0], strength=pair.strength[:0])
+    return front_end, pair
+
+
+def _prepare(sequence: Sequence, index: int, features: FeatureConfig, matching: MatchingConfig) -> Any:
+    """A prepared pair. What does not depend on the features' settings is kept for itself."""
+    images, key = stereo(sequence, index), key_of(sequence, index)
+    largest = matching.max_disparity
+    disparity = _disparities.get((*key, largest), lambda: coarse_disparity(*images, largest))
+    if matching.front_end == "blob_corner":
+
+        def describe() -> DescribedPair:
+            return describe_pair(images, disparity, features, matching)
+
+        return _described.get((*key, features, matching), describe)
+    return PreparedPair(*images, *detect_corners(corner_strength(images[0]), features), disparity)
+
+
+def _candidates(front_end: Any) -> tuple[Array, NDArray[np.int64]]:
+    """Features with a stereo match that wait in a front end: left pixels (N, 2) and numbers (N,)."""
+    known = front_end._previous[1]
+    if isinstance(known, dict):  # of blob_corner, which keeps those without a stereo match too
+        return known["left"][known["stereo"]], known["id"][known["stereo"]]
+    return known.left, known.id

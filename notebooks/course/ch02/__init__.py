@@ -1,0 +1,5 @@
+"""Chapter 2."""
+
+from .panel import FivePointPanel
+
+__all__ = ["FivePointPanel"]

@@ -1,0 +1,234 @@
+"""Chapter 2, drawn: epipolar lines, the polynomial and its roots, the four motions of one E."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import decompose_essential, rotation_angle
+from vo_lib.core.real_roots import DEGREE, real_roots
+from vo_lib.core.types import Array, Image
+from vo_lib.method.five_point import (
+    EXPONENTS,
+    cubic_constraints,
+    determinant,
+    eliminate,
+    epipolar_rows,
+    null_space,
+)
+
+from ..drawing import (
+    BAD,
+    CYCLE,
+    DARK,
+    FONT_SIZE,
+    FOURTH,
+    GOOD,
+    PALE,
+    bgr,
+    caption,
+    figure,
+    finish,
+    log_axis,
+    photo,
+    room,
+)
+
+# Of the polynomial's largest value: smaller values are shown as they are, larger compressed.
+COMPRESSED = 1e-3
+TOP = 1.1 * float(np.arcsinh(1 / COMPRESSED))
+
+
+def epipolar_line(E: Array, x_p: Array, camera: StereoCamera) -> Array:
+    """The line a u + b v + c = 0, (3,) pixels, a² + b² = 1, on which the current point must lie.
+
+    `E x_p` is the line in normalised coordinates; K⁻ᵀ takes it to pixels.
+    """
+    line = np.linalg.inv(camera.K).T @ E @ np.append(x_p, 1.0)
+    return np.asarray(line / np.linalg.norm(line[:2]))
+
+
+def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> None:
+    """Draw a line a u + b v + c = 0 across a BGR picture, in place."""
+    a, b, c = line
+    height, width = picture.shape[:2]
+    if abs(b) >= abs(a):
+        ends = [(0.0, -c / b), (float(width), -(c + a * width) / b)]
+    else:
+        ends = [(-c / a, 0.0), (-(c + b * height) / a, float(height))]
+    # Sixteenths of a pixel; a steep line may end far outside.
+    (u0, v0), (u1, v1) = np.clip(np.rint(np.array(ends) * 16), -(2**24), 2**24).astype(int).tolist()
+    cv2.line(picture, (u0, v0), (u1, v1), bgr(colour), thickness, cv2.LINE_AA, shift=4)
+
+
+def draw_dot(picture: Image, uv: Array, colour: str, radius: float, words: str = "") -> None:
+    """A disc at a sub-pixel place of a BGR picture, in place, with words beside it."""
+    u, v = np.rint(np.asarray(uv) * 16).astype(int).tolist()
+    cv2.circle(picture, (u, v), round(radius * 16), bgr(colour), -1, cv2.LINE_AA, shift=4)
+    if words:
+        place = (u // 16 + 7, max(v // 16 - 6, 14))
+        for shade, width in ((bgr("#000000"), 4), (bgr("#FFFFFF"), 1)):
+            cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, shade, width, cv2.LINE_AA)
+
+
+def draw_flow(picture: Image, start: Array, end: Array, colours: Sequence[str], radius: float) -> None:
+    """A line from each start (N, 2) to a disc at its end (N, 2), pixels, the last on top, in place."""
+    places = np.rint(16 * np.stack([start, end], axis=1)).astype(int).tolist()
+    paint = {colour: bgr(colour) for colour in set(colours)}
+    for (a, b), colour in zip(places, colours, strict=True):
+        cv2.line(picture, a, b, paint[colour], 1, cv2.LINE_AA, shift=4)
+        cv2.circle(picture, b, round(16 * radius), paint[colour], -1, cv2.LINE_AA, shift=4)
+
+
+def epipolar_picture(
+    image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, shown: list[int]
+) -> Image:
+    """The current image with a few matches and the epipolar lines that E gives for them."""
+    picture = photo(image, image.shape[1])
+    for number, index in enumerate(shown):
+        colour = CYCLE[number % len(CYCLE)]
+        draw_line(picture, epipolar_line(E, x_p[index], camera), colour)
+        draw_dot(picture, x_c[index] * camera.f + (camera.cx, camera.cy), colour, 5, str(index))
+    return picture
+
+
+class Polynomial(NamedTuple):
+    """Coefficients (11,) of z¹⁰, z⁹w, …, w¹⁰ and the real roots (z, w), (K,) each."""
+
+    coefficients: Array
+    z: Array
+    w: Array
+
+    @property
+    def angles(self) -> Array:
+        """The roots as directions: angle of (z, w) in [0, 180) degrees."""
+        return np.degrees(np.arctan2(self.w, self.z)) % 180.0
+
+
+def polynomial_of(x_p: Array, x_c: Array) -> Polynomial:
+    """The degree-10 polynomial of one five-point set, x_p and x_c (5, 2), and its real roots."""
+    basis, _ = null_space(epipolar_rows(x_p[None], x_c[None]))
+    coefficients = determinant(eliminate(cubic_constraints(basis)))
+    z, w, _, _ = real_roots(coefficients)
+    return Polynomial(coefficients[:, 0], z, w)
+
+
+def polynomial_chart(axis: Axes, polynomial: Polynomial) -> None:
+    """The polynomial along the directions (z, w) = (cos θ, sin θ), and its real roots."""
+    theta = np.linspace(0.0, np.pi, 721)
+    order = np.arange(DEGREE + 1)
+    values = (
+        np.cos(theta)[:, None] ** order[::-1] * np.sin(theta)[:, None] ** order
+    ) @ polynomial.coefficients
+    axis.axhline(0.0, color=PALE, linewidth=1)
+    height = np.arcsinh(values / (COMPRESSED * np.max(np.abs(values))))
+    axis.plot(np.degrees(theta), height, color=DARK, linewidth=1)
+    axis.plot(polynomial.angles, np.zeros(len(polynomial.z)), "o", color=BAD, markersize=5)
+    axis.set(xlim=(-5, 185), ylim=(-TOP, TOP), xticks=(0, 45, 90, 135, 180), yticks=())
+    title = f"polynomial of degree 10: {len(polynomial.z)} real roots"
+    finish(axis, title, "direction of (z, w) [deg]", "det C, compressed")
+
+
+def errors_chart(axis: Axes, errors: Array, winner: float) -> None:
+    """Histogram of rotation errors, degrees, on a logarithmic axis, and the error of the winner."""
+    edges = np.logspace(-3, 2, 41)
+    counts = np.histogram(np.clip(errors, edges[0], edges[-1]), edges)[0]
+    axis.stairs(counts, edges, fill=True, color=GOOD)
+    axis.axvline(max(winner, edges[0]), color=BAD, linewidth=2)
+    log_axis(axis.xaxis, edges[0], edges[-1])
+    axis.set_ylim(0, room(1.05 * float(counts.max()), least=1.0))
+    finish(axis, "each set's best solution (line: consensus winner)", "rotation error [deg]", "sets")
+
+
+class TwoViewMotion(NamedTuple):
+    """One of the four (R, ±t) of E, with depths (N,) of the points along both rays in units of |t|."""
+
+    R: Array
+    t: Array
+    depth_p: Array
+    depth_c: Array
+
+    @property
+    def in_front(self) -> float:
+        """Share of the points that lie in front of both cameras."""
+        return float(np.mean((self.depth_p > 0) & (self.depth_c > 0)))
+
+
+def four_motions(E: Array, x_p: Array, x_c: Array) -> list[TwoViewMotion]:
+    """The four motions of E (3, 3) and the depths they give to matches x_p, x_c (N, 2).
+
+    depth_c x_c = depth_p R x_p + t, solved by least squares: the cross product with one ray leaves the
+    other's depth.
+    """
+    rotations, t = decompose_essential(E)
+    p, c = (np.concatenate([x, np.ones((len(x), 1))], axis=1) for x in (x_p, x_c))
+    motions = []
+    for R in rotations:
+        q = p @ R.T
+        normal = np.cross(c, q)
+        for direction in (t, -t):
+            squared = np.maximum(np.sum(normal**2, axis=1), 1e-18)
+            depth_p = -np.sum(normal * np.cross(c, direction), axis=1) / squared
+            depth_c = -np.sum(normal * np.cross(q, direction), axis=1) / squared
+            motions.append(TwoViewMotion(R, direction, depth_p, depth_c))
+    return motions
+
+
+def four_motions_figure(motions: list[TwoViewMotion], x_p: Array, height: int = 300) -> Figure:
+    """The scene from above as each of the four motions would have it, each with axes that fit its points."""
+    made, axes = figure(height, 4)
+    for axis, motion in zip(axes, motions, strict=True):
+        x, z = motion.depth_p * x_p[:, 0], motion.depth_p
+        front = (motion.depth_p > 0) & (motion.depth_c > 0)
+        for chosen, colour in ((front, GOOD), (~front, BAD)):
+            axis.plot(x[chosen], z[chosen], ".", color=colour, markersize=3)
+        reach = room(1.1 * float(np.percentile(np.abs(z), 90)), least=2.0)
+        axis.set(xlim=(-0.6 * reach, 0.6 * reach), ylim=(-reach, reach))
+        # The cameras are a unit apart: their views are drawn large, the previous one behind the other.
+        previous = np.zeros(3), np.array([0.0, 0.0, 1.0]), DARK, 0.45
+        place_c = -motion.R.T @ motion.t
+        for place, ahead, colour, share in (previous, (place_c, motion.R[2], FOURTH, 0.3)):
+            arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 2.0}
+            end = place + share * reach * ahead
+            axis.annotate("", end[[0, 2]].tolist(), place[[0, 2]].tolist(), arrowprops=arrow)
+        turn = float(np.degrees(rotation_angle(motion.R)))
+        words = f"{turn:.0f}°, {'forward' if place_c[2] > 0 else 'backward'}"
+        finish(axis, f"{words}: {100 * motion.in_front:.0f} % in front", "x / |t|", "z / |t|")
+        axis.title.set_fontsize(FONT_SIZE)
+    return made
+
+
+def candidates_picture(
+    image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, match: int
+) -> Image:
+    """The current image with one match and its epipolar line under every candidate E (M, 3, 3)."""
+    picture = photo(image, image.shape[1])
+    for number, each in enumerate(E):
+        draw_line(picture, epipolar_line(each, x_p[match], camera), CYCLE[number % len(CYCLE)], 2)
+    draw_dot(picture, x_c[match] * camera.f + (camera.cx, camera.cy), "#FFFFFF", 7, str(match))
+    return caption(photo(picture), f"epipolar lines of match {match} under all {len(E)} candidates of a set")
+
+
+POWERS = [["", name, f"{name}²", f"{name}³"] for name in "xyzw"]
+MONOMIALS = ["".join(names[power] for names, power in zip(POWERS, row, strict=True)) for row in EXPONENTS]
+
+
+def cubics_figure(before: Array, after: Array, height: int = 250) -> Figure:
+    """The ten cubics (10, 20) before and after elimination: how large each coefficient is; white is none."""
+    made, axes = figure(height, 2)
+    titles = "the ten cubics", "x³, y³, x²y, xy² eliminated"
+    for axis, matrix, title in zip(axes, (before, after), titles, strict=True):
+        size = np.log10(np.maximum(np.abs(matrix) / np.abs(matrix).max(), 1e-9))
+        axis.imshow(np.where(size > -8, size, np.nan), cmap="viridis", vmin=-4, vmax=0, aspect="auto")
+        axis.set_xticks(range(20), MONOMIALS, rotation=90)
+        axis.set_yticks(range(0, 10, 3), [f"{row + 1}" for row in range(0, 10, 3)])
+        axis.plot([3.5, 3.5], [-0.5, 9.5], color=BAD, linewidth=1.5)
+        axis.plot([-0.5, 19.5], [3.5, 3.5], color=BAD, linewidth=1.5 if title[0] == "x" else 0)
+        finish(axis, title)
+    return made

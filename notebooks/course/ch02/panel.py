@@ -1,0 +1,200 @@
+"""Chapter 2: five points, their polynomial, their solutions, and what noise makes of the rotation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.beyond.refinement import refine
+from vo_lib.beyond.selection import sample_sets
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import decompose_essential, essential_from_motion, rotation_angle
+from vo_lib.core.sampson import match_terms
+from vo_lib.core.settings import Checked, setting
+from vo_lib.core.types import Array, Image
+from vo_lib.data.sequence import Sequence
+from vo_lib.method.five_point import Candidates, five_point
+from vo_lib.method.selection import resolve_by_depth, truncated_errors
+
+from ..controls import Control
+from ..drawing import BAD, CYCLE, PALE, THIRD, WIDTH, caption, figure, photo, stack
+from ..facts import Fact
+from ..frames import Memory, Points, frame_points, key_of, stereo
+from ..panel import Drawing, Panel, State
+from .figures import (
+    draw_dot,
+    draw_flow,
+    draw_line,
+    epipolar_line,
+    errors_chart,
+    polynomial_chart,
+    polynomial_of,
+)
+
+PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
+FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
+THRESHOLD = 1.0  # pixels; the image error is truncated here
+
+
+@dataclass(frozen=True)
+class FivePointView(Checked):
+    """What the panel of chapter 2 can be asked."""
+
+    draw: int = setting(0, "draws five of the matches by chance", low=0, high=999)
+    points: tuple[int, ...] = setting(
+        (), "numbers of five matches chosen by you; empty: drawn by chance", low=0
+    )
+    match: float = setting(0.3, "the match whose epipolar line is drawn, from left to right", low=0, high=1)
+    candidate: int = setting(1, "which solution of the set is shown, the best first", low=1, high=10)
+    noise: float = setting(0.0, "noise added to every coordinate", unit="px", low=0, high=3)
+    sets: int = setting(200, "five-point sets in the histogram", low=10, high=2000)
+
+
+@dataclass(frozen=True)
+class SetErrors:
+    """Rotation error, degrees, of each set's best candidate by image error (S,), and of the best of all."""
+
+    errors: Array
+    winner: float
+
+
+_rotations: Memory[Array] = Memory(16)
+_errors: Memory[SetErrors] = Memory(16)
+
+
+def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
+    """The true rotation or, where there is none, the best that all matches give."""
+    if points.T_cp is not None:
+        return np.asarray(points.T_cp[:3, :3])
+
+    def estimate() -> Array:
+        sets = sample_sets(np.random.default_rng(0), len(points.x_p), 300)
+        E = five_point(points.x_p[sets], points.x_c[sets]).E
+        threshold = THRESHOLD / sequence.camera.f
+        best = E[np.argmin(truncated_errors(E, points.x_p, points.x_c, threshold))]
+        R, t = resolve_by_depth(best, points.x_p, points.x_c, points.X_p)
+        return refine(R, t, match_terms(points.x_p, points.x_c), threshold / 2)[0]
+
+    return _rotations.get((*key_of(sequence, frame), len(points.x_p)), estimate)
+
+
+def with_noise(points: Points, noise: float, focal: float) -> Points:
+    """The points with Gaussian noise of `noise` pixels on every coordinate, always the same noise."""
+    extra = np.random.default_rng(1).normal(0.0, noise / focal, (2, *points.x_p.shape))
+    return replace(points, x_p=points.x_p + extra[0], x_c=points.x_c + extra[1])
+
+
+def rotation_errors(E: Array, R_true: Array) -> Array:
+    """Angle between the rotation of each E (M, 3, 3) and the true one, (M,) degrees.
+
+    Of the two rotations of E the nearer one: the other is turned by 180° about t, and depth excludes it.
+    """
+    R, _ = decompose_essential(E)
+    angles = rotation_angle(np.swapaxes(R, -1, -2) @ R_true)
+    return np.asarray(np.degrees(angles.min(axis=-1)))
+
+
+def best_of_each_set(found: Candidates, errors: Array) -> NDArray[np.intp]:
+    """Index of the candidate with the smallest image error in each set that has one."""
+    order = np.lexsort((errors, found.set_index))
+    first = np.unique(found.set_index[order], return_index=True)[1]
+    return np.asarray(order[first])
+
+
+def set_errors(points: Points, R_true: Array, sets: int, focal: float) -> SetErrors:
+    """Rotation errors of many random sets: what a single set is worth at this noise."""
+    chosen = sample_sets(np.random.default_rng(2), len(points.x_p), sets)
+    found = five_point(points.x_p[chosen], points.x_c[chosen])
+    image_errors = truncated_errors(found.E, points.x_p, points.x_c, THRESHOLD / focal)
+    best = best_of_each_set(found, image_errors)
+    errors = rotation_errors(found.E[best], R_true)
+    return SetErrors(errors, float(errors[np.argmin(image_errors[best])]))
+
+
+class FivePointPanel(Panel):
+    """Five matches of a frame, all essential matrices through them, and how good they are."""
+
+    title = "Five matches and every essential matrix through them"
+    view = FivePointView
+    height = PHOTO_HEIGHT + CHART_HEIGHT
+    controls = (
+        Control("view.draw", "another five", button=True),
+        Control("view.points", "your five matches"),
+        Control("view.match", "chosen match", step=0.005),
+        Control("view.candidate", "solution"),
+        Control("view.noise", "noise", step=0.05),
+        Control("view.sets", "sets in the histogram", step=10, high=1000),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        sequence, frame, view, camera = state.sequence, state.frame, state.view, state.sequence.camera
+        clean = frame_points(sequence, frame, state.config)
+        points = with_noise(clean, view.noise, camera.f)
+        chosen = self._five(view, len(points.x_p))
+        R_true = reference_rotation(sequence, frame, clean)
+        x_p, x_c = points.x_p[chosen], points.x_c[chosen]
+        E = five_point(x_p[None], x_c[None]).E
+        if len(E) == 0:
+            raise DataError("these five matches determine no essential matrix: are two of them the same?")
+        image_errors = truncated_errors(E, points.x_p, points.x_c, THRESHOLD / camera.f)
+        order = np.argsort(image_errors)
+        shown = order[min(view.candidate, len(order)) - 1]
+        key = (*key_of(sequence, frame), view.noise)
+        spread = _errors.get((*key, view.sets), lambda: set_errors(points, R_true, view.sets, camera.f))
+        match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
+        picture = self._picture(state, points, chosen, match, E[shown])
+        charts, (left, right) = figure(CHART_HEIGHT, 2)
+        polynomial_chart(left, polynomial_of(x_p, x_c))
+        errors_chart(right, spread.errors, spread.winner)
+        line = epipolar_line(E[shown], points.x_p[match], camera)
+        distance = abs(float(line @ [*_pixel(points.x_c[match], camera), 1.0]))
+        error, best_error = rotation_errors(E[[shown, order[0]]], R_true).tolist()
+        known = "the truth" if clean.T_cp is not None else "the best estimate (there is no truth)"
+        sentence = (
+            f"{len(E)} essential matrices fit the matches {', '.join(map(str, chosen))} exactly. Solution "
+            f"{min(view.candidate, len(E))} turns {error:.3f}° differently from {known}. Match {match} lies "
+            f"{distance:.2f} px from its epipolar line (orange)."
+        )
+        facts = (
+            Fact("real solutions", len(E)),
+            Fact("rotation error of this solution", error, "°", 3),
+            Fact("rotation error of solution 1", best_error, "°", 3),
+            Fact("its image error", float(image_errors[shown]), "", 3),
+            Fact("chosen match to its line", distance, "px", 2),
+            Fact("median error of a set", float(np.median(spread.errors)), "°", 3),
+            Fact("error of the consensus winner", spread.winner, "°", 3),
+            Fact("solution", min(view.candidate, len(order))),
+            Fact("noise added", view.noise, "px", 2),
+        )
+        return Drawing(stack([picture, charts], self.height), sentence, facts)
+
+    def _five(self, view: FivePointView, count: int) -> NDArray[np.intp]:
+        """Indices of the five matches, typed or drawn."""
+        if view.points:
+            if len(set(view.points)) != 5 or max(view.points) >= count:
+                raise DataError(f"your five matches: expected five different numbers from 0 to {count - 1}")
+            return np.array(view.points)
+        return np.asarray(sample_sets(np.random.default_rng([3, view.draw]), count, 1)[0])
+
+    def _picture(self, state: State, points: Points, chosen: NDArray[np.intp], match: int, E: Array) -> Image:
+        camera = state.sequence.camera
+        picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
+        starts, ends = (x * camera.f + (camera.cx, camera.cy) for x in (points.x_p, points.x_c))
+        draw_flow(picture, starts, ends, [PALE] * len(starts), 2)
+        if points.T_cp is not None:
+            E_true = essential_from_motion(points.T_cp[:3, :3], points.T_cp[:3, 3])
+            if np.any(E_true):
+                draw_line(picture, epipolar_line(E_true, points.x_p[match], camera), THIRD, 1)
+        draw_line(picture, epipolar_line(E, points.x_p[match], camera), BAD, 2)
+        draw_dot(picture, np.array(_pixel(points.x_c[match], camera)), BAD, 6, str(match))
+        for number, index in enumerate(chosen):
+            draw_dot(picture, np.array(_pixel(points.x_c[index], camera)), FIVE[number], 6, str(index))
+        words = f"left image, frame {state.frame}: five matches, and the epipolar line of match {match}"
+        return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words + " (orange; green: true)")
+
+
+def _pixel(x: Array, camera: StereoCamera) -> tuple[float, float]:
+    return float(x[0] * camera.f + camera.cx), float(x[1] * camera.f + camera.cy)

@@ -1,0 +1,5 @@
+"""Chapter 3."""
+
+from .panel import SelectionPanel
+
+__all__ = ["SelectionPanel"]

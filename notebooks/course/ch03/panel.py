@@ -1,0 +1,254 @@
+"""Chapter 3: which of a thousand solutions wins, with the previous frame's help and without."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
+from vo_lib.config import Config, SelectionConfig
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import (
+    essential_angle,
+    essential_vector,
+    rigid,
+    rotation_angle,
+    rotation_from_vector,
+    transform,
+)
+from vo_lib.core.settings import Checked, setting
+from vo_lib.core.types import Array, Image, Progress
+from vo_lib.data.sequence import Sequence
+from vo_lib.method.five_point import Candidates, five_point
+from vo_lib.method.selection import nearest_to_prior, truncated_errors
+
+from ..ch02.figures import draw_flow
+from ..ch02.panel import reference_rotation, rotation_errors
+from ..controls import Control
+from ..drawing import BAD, FIFTH, GOOD, WIDTH, bgr, caption, photo, stack
+from ..facts import Fact
+from ..frames import Memory, Points, frame_points, key_of, stereo
+from ..panel import Drawing, Panel, State
+from .figures import Field, errors_figure, field_figure
+
+PHOTO_HEIGHT, CHART_HEIGHT = 298, 260
+FRAMES = 30  # of the long job
+WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m
+# How the thing moves from frame to frame that the matches are put on: a bus that turns into our street.
+STEP, TURN = np.array([0.5, 0.0, 0.3]), rotation_from_vector(np.radians([0.0, 2.0, 0.0]))
+
+
+@dataclass(frozen=True)
+class SelectionView(Checked):
+    """What the panel of chapter 3 does to the matches of the frame."""
+
+    moving: float = setting(0.0, "share of the matches put on one thing that moves", low=0, high=0.9)
+    wrong: float = setting(0.0, "share of the matches that end at a wrong place", low=0, high=0.9)
+    draw: int = setting(0, "draws other sets, and other matches to disturb", low=0, high=999)
+    plane: bool = setting(False, "all points on one slanting wall, which fills the view")
+
+
+_candidates: Memory[Candidates] = Memory(12)
+_priors: Memory[Array] = Memory(24)
+
+
+def disturbed(
+    points: Points, T_cp: Array, camera: StereoCamera, view: SelectionView
+) -> tuple[Points, NDArray[np.bool_]]:
+    """The points with some matches moving together and some wrong, and which ones, (N,).
+
+    The moving ones are those furthest left and turn about their middle; a wrong one ends 4 to 40 px away.
+    """
+    rng, count = np.random.default_rng([4, view.draw]), len(points.x_p)
+    if view.plane:
+        rays = np.concatenate([points.x_p, np.ones((count, 1))], axis=1)
+        X_p = rays * (12.0 / np.maximum(rays @ WALL, 0.1))[:, None]
+        seen = _view(transform(T_cp, X_p)) + rng.normal(0.0, 0.3 / camera.f, (count, 2))
+        points = replace(points, X_p=X_p, x_c=seen)
+    moving, wrong = round(view.moving * count), round(view.wrong * count)
+    order = np.argsort(points.x_p[:, 0])
+    order[moving:] = rng.permutation(order[moving:])
+    x_c = points.x_c.copy()
+    on_object = order[:moving]
+    if moving:
+        middle = np.median(points.X_p[on_object], axis=0)
+        Y = transform(T_cp, (points.X_p[on_object] - middle) @ TURN.T + middle + STEP)
+        noise = x_c[on_object] - _view(transform(T_cp, points.X_p[on_object]))
+        x_c[on_object] = _view(Y) + np.clip(noise, -1.0 / camera.f, 1.0 / camera.f)
+    lying = order[moving : moving + wrong]
+    angle, length = rng.uniform(0, 2 * np.pi, len(lying)), rng.uniform(4.0, 40.0, len(lying)) / camera.f
+    x_c[lying] += length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    touched = np.zeros(count, np.bool_)
+    touched[order[: moving + wrong]] = True
+    return replace(points, x_c=x_c), touched
+
+
+def _view(X: Array) -> Array:
+    """Normalised image points of X (N, 3)."""
+    return np.asarray(X[:, :2] / np.maximum(X[:, 2:], 0.5))
+
+
+def motion_or_guess(sequence: Sequence, frame: int, points: Points) -> Array:
+    """The true motion; without truth the reference rotation and the median change of the points."""
+    if points.T_cp is not None:
+        return points.T_cp
+    R = reference_rotation(sequence, frame, points)
+    X_c = sequence.camera.triangulate(points.matches.cur_left, points.matches.cur_right)
+    t = np.nanmedian(X_c - points.X_p @ R.T, axis=0)
+    return rigid(R, t)
+
+
+def previous_vector(sequence: Sequence, frame: int, config: Config) -> Array | None:
+    """The essential vector of the frame before, by consensus, refined; None for the first pair."""
+    if frame < 2:
+        return None
+
+    def estimate() -> Array:
+        points = frame_points(sequence, frame - 1, config)
+        found = _solve(points, 200, 0)
+        chosen = SelectionConfig(prior=False)
+        winner, _ = choose(found.E, found.set_index, points.x_p, points.x_c, None, chosen, sequence.camera.f)
+        best = motion_of_winner(
+            found.E[winner], points.x_p, points.x_c, points.X_p, chosen, sequence.camera.f
+        )[2]
+        return essential_vector(best)
+
+    key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets)
+    return _priors.get(key, estimate)
+
+
+def _solve(points: Points, sets: int, draw: int) -> Candidates:
+    chosen = sample_sets(np.random.default_rng([5, draw]), len(points.x_p), sets)
+    found = five_point(points.x_p[chosen], points.x_c[chosen])
+    if len(found.E) == 0:
+        raise DataError("no five of the matches determine an essential matrix: the camera may stand still")
+    return found
+
+
+def field_of(
+    found: Candidates,
+    points: Points,
+    e_prev: Array | None,
+    R_true: Array,
+    config: SelectionConfig,
+    focal: float,
+) -> Field:
+    """Angles, errors and winners of a frame's candidates."""
+    nothing = np.full(len(found.E), np.nan)
+    angle = nothing if e_prev is None else np.degrees(essential_angle(essential_vector(found.E), e_prev))
+    kept = np.ones(len(found.E), np.bool_)
+    if e_prev is not None and config.prior:
+        kept = nearest_to_prior(found.E, found.set_index, e_prev, config.keep)
+    errors = truncated_errors(found.E, points.x_p, points.x_c, config.threshold / focal)
+    given = (found.E, found.set_index, points.x_p, points.x_c)
+    consensus, _ = choose(*given, None, config, focal)
+    selected, dropped = choose(*given, e_prev, config, focal)
+    return Field(angle, errors, rotation_errors(found.E, R_true), kept, consensus, selected, dropped)
+
+
+class SelectionPanel(Panel):
+    """All candidates of a frame, the prior's choice among them, and the winners."""
+
+    title = "A thousand solutions, one winner"
+    view = SelectionView
+    height = PHOTO_HEIGHT + CHART_HEIGHT
+    long_job = f"Compare over {FRAMES} frames"
+    controls = (
+        Control("selection.sets", "n: sets", low=10, high=1000, step=10),
+        Control("selection.keep", "k: kept of a set"),
+        Control("selection.threshold", step=0.05, high=5),
+        Control("view.moving", "moving share", step=0.05),
+        Control("view.wrong", "wrong share", step=0.05),
+        Control("selection.mode", "winner"),
+        Control("selection.prior", "use the previous essential vector"),
+        Control("view.draw", "draw again", button=True),
+        Control("view.plane", "one plane"),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        sequence, frame, selection = state.sequence, state.frame, state.config.selection
+        clean = frame_points(sequence, frame, state.config)
+        R_true = reference_rotation(sequence, frame, clean)
+        points, touched = disturbed(
+            clean, motion_or_guess(sequence, frame, clean), sequence.camera, state.view
+        )
+        key = (*key_of(sequence, frame), selection.sets, state.view)
+        found = _candidates.get(key, lambda: _solve(points, selection.sets, state.view.draw))
+        e_prev = previous_vector(sequence, frame, state.config)
+        field = field_of(found, points, e_prev, R_true, selection, sequence.camera.f)
+        errors, inliers = [], touched
+        for winner in (field.consensus, field.selected):
+            R, _, _, inliers = motion_of_winner(
+                found.E[winner], points.x_p, points.x_c, points.X_p, selection, sequence.camera.f
+            )
+            errors.append(float(np.degrees(rotation_angle(R.T @ R_true))))
+        chart = field_figure(field, errors[1], CHART_HEIGHT)
+        picture = stack([self._picture(state, points, inliers, touched), chart], self.height)
+        same = "the same as" if field.selected == field.consensus else "another than"
+        sentence = (
+            f"Of {len(found.E)} solutions of {selection.sets} sets {np.count_nonzero(field.kept)} may "
+            f"compete. The winner, {same} that of consensus, gives a rotation that is {errors[1]:.3f}° wrong "
+            f"({selection.mode}; thin line)."
+            + (" The prior was dropped: its best solution scored clearly worse." if field.dropped else "")
+        )
+        facts = (
+            Fact("error by selection", errors[1], "°", 3),
+            Fact("error by consensus", errors[0], "°", 3),
+            Fact("angle to the previous vector", float(field.angle[field.selected]), "°", 2),
+            Fact("solutions kept", int(np.count_nonzero(field.kept))),
+            Fact("inliers", int(np.count_nonzero(inliers))),
+            Fact("matches", len(points.x_p)),
+            Fact("disturbed", int(np.count_nonzero(touched))),
+        )
+        return Drawing(picture, sentence, facts)
+
+    def work(self, state: State, progress: Progress) -> Drawing:
+        """Both ways over the next frames, each with its own previous vector."""
+        sequence, selection = state.sequence, state.config.selection
+        last = min(state.frame + FRAMES, len(sequence))
+        frames = range(state.frame, last)
+        ways = {
+            "consensus": replace(selection, prior=False),
+            f"selection, k = {selection.keep}": replace(selection, prior=True),
+            "k = 1, prior never dropped": replace(
+                selection, prior=True, keep=1, prior_rejection_ratio=1000.0
+            ),
+        }
+        e_prev: dict[str, Array | None] = dict.fromkeys(ways)
+        errors: dict[str, list[float]] = {name: [] for name in ways}
+        progress(0, len(frames))
+        for frame in frames:
+            clean = frame_points(sequence, frame, state.config)
+            R_true = reference_rotation(sequence, frame, clean)
+            view = replace(state.view, draw=(state.view.draw + frame) % 1000)
+            points, _ = disturbed(clean, motion_or_guess(sequence, frame, clean), sequence.camera, view)
+            found = _solve(points, selection.sets, view.draw)
+            given = (points.x_p, points.x_c)
+            for name, way in ways.items():
+                winner, _ = choose(found.E, found.set_index, *given, e_prev[name], way, sequence.camera.f)
+                R, _, best, _ = motion_of_winner(found.E[winner], *given, points.X_p, way, sequence.camera.f)
+                e_prev[name] = essential_vector(best)
+                errors[name].append(float(np.degrees(rotation_angle(R.T @ R_true))))
+            progress(frame - state.frame + 1, len(frames))
+        arrays = {name: np.array(values) for name, values in errors.items()}
+        chart = errors_figure(arrays, state.frame, self.height)
+        sentence = f"Rotation error of frames {state.frame} to {last - 1}; move a control to come back."
+        facts = tuple(Fact(f"median, {name}", float(np.median(v)), "°", 3) for name, v in arrays.items())
+        return Drawing(stack([chart], self.height), sentence, facts)
+
+    def _picture(
+        self, state: State, points: Points, inliers: NDArray[np.bool_], touched: NDArray[np.bool_]
+    ) -> Image:
+        camera = state.sequence.camera
+        picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
+        centre = np.array([camera.cx, camera.cy])
+        starts, ends = points.x_p * camera.f + centre, points.x_c * camera.f + centre
+        for place in np.rint(16 * ends[touched]).astype(int).tolist():
+            cv2.circle(picture, place, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
+        draw_flow(picture, starts, ends, np.where(inliers, GOOD, BAD).tolist(), 2)
+        words = f"frame {state.frame}: inliers of the winner blue, outliers orange, disturbed ones in rings"
+        return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)

@@ -1,0 +1,5 @@
+"""Chapter 4."""
+
+from .panel import TranslationPanel
+
+__all__ = ["TranslationPanel"]

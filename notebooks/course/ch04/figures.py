@@ -1,0 +1,192 @@
+"""Chapter 4, drawn: what each feature says alone, residuals by depth, the answer and how sure it is."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.types import Array, Image
+
+from ..ch02.figures import draw_flow
+from ..drawing import (
+    BAD,
+    COARSE,
+    DARK,
+    FIFTH,
+    FONT_SIZE,
+    GOOD,
+    PALE,
+    WIDTH,
+    Place,
+    caption,
+    figure,
+    finish,
+    log_axis,
+    photo,
+    room,
+)
+
+DEPTHS = 2.0, 200.0  # metres shown
+LEAST, MOST = 0.01, 100.0  # pixels shown of a residual
+MILLI = 1e3
+
+
+def features_picture(image: Image, matches: StereoMatches, weight: Array, words: str, height: int) -> Image:
+    """The current image; each match a line to a dot: blue counts, orange hardly counts, grey is not used.
+
+    Parameters
+    ----------
+    weight : (N,) robust weight in [0, 1]; NaN where a feature is not used.
+    """
+    picture = photo(image, image.shape[1])
+    order = np.argsort(np.nan_to_num(-weight, nan=-2.0))  # the outliers on top
+    colours = np.where(np.isnan(weight), PALE, np.where(weight >= 0.5, GOOD, BAD))[order]
+    draw_flow(picture, matches.prev_left[order], matches.cur_left[order], colours.tolist(), 2.5)
+    return caption(photo(picture, WIDTH, height), words)
+
+
+def residuals_chart(axis: Axes, depth: Array, residual: Array, scale: float, robust: bool) -> None:
+    """Residual of each feature over its depth; the line is where a weight is halved."""
+    used = np.isfinite(residual)
+    heavy = used & ((residual <= scale) | (not robust))
+    shown = np.clip(residual, LEAST, MOST)
+    for chosen, colour, words in ((heavy, GOOD, "counts"), (used & ~heavy, BAD, "weight below ½")):
+        axis.plot(depth[chosen], shown[chosen], ".", color=colour, markersize=4, label=words)
+    lowest = np.full(np.count_nonzero(~used), LEAST)
+    axis.plot(depth[~used], lowest, "|", color=PALE, markersize=8, label="not used")
+    if robust:
+        axis.axhline(scale, color=DARK, linewidth=1, linestyle=":")
+    log_axis(axis.xaxis, *DEPTHS, COARSE)
+    log_axis(axis.yaxis, 0.8 * LEAST, MOST)
+    title = "what each feature leaves of its eight rows"
+    finish(axis, title, "depth [m]", "residual [px]", "upper left", boxed=True)
+
+
+def ellipse_chart(
+    axis: Axes, each: Array, weight: Array, t: Array, covariance: Array, t_reference: Array, reference: str
+) -> None:
+    """Errors of t_cp in the x-z plane, millimetres: each feature alone, and all together with its ellipse.
+
+    Parameters
+    ----------
+    each : (N, 3) translation of each feature alone; weight : (N,); t, t_reference : (3,), metres.
+    covariance : (3, 3) of t, m²; the ellipse is drawn at two standard deviations.
+    """
+    dots, middle = (MILLI * (v - t_reference)[..., [0, 2]] for v in (each, t))
+    axes, directions = np.linalg.eigh(MILLI**2 * covariance[np.ix_([0, 2], [0, 2])])
+    lengths = 4.0 * np.sqrt(np.maximum(axes, 0.0))
+    light = ~(weight >= 0.5)
+    for chosen, colour in ((light, PALE), (~light, GOOD)):
+        axis.plot(*dots[chosen].T, ".", color=colour, markersize=2.5)
+    angle = float(np.degrees(np.arctan2(directions[1, 1], directions[0, 1])))
+    inside = (*to_rgb(FIFTH), 0.35)
+    size = float(lengths[1]), float(lengths[0])
+    axis.add_patch(Ellipse(tuple(middle.tolist()), *size, angle=angle, facecolor=inside, edgecolor=DARK))
+    axis.plot(*middle, "o", color=FIFTH, markeredgecolor=DARK, markersize=6, label="all together, 2σ")
+    mark_reference(axis, reference)
+    half = room(1.3 * (float(np.abs(middle).max()) + 0.5 * float(lengths.max())), steps=COARSE, least=0.5)
+    millimetres_from_above(axis, half, "error of the translation, from above")
+
+
+def mark_reference(axis: Axes, name: str) -> None:
+    """A cross where the error is none."""
+    axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=name)
+
+
+CORNERS: dict[Place, tuple[float, float]] = {
+    "upper left": (-1.0, 1.0),
+    "upper right": (1.0, 1.0),
+    "lower left": (-1.0, -1.0),
+    "lower right": (1.0, -1.0),
+}
+
+
+def millimetres_from_above(axis: Axes, half: float, title: str, dots: Array | None = None) -> None:
+    """Limits, ticks, names and a boxed legend for errors of a translation in the x-z plane.
+
+    The legend stands in the corner that is farthest from `dots` (N, 2), millimetres; else below right.
+    """
+    place: Place = "lower right"
+    if dots is not None:
+        place = max(CORNERS, key=lambda at: np.linalg.norm(dots / half - CORNERS[at], axis=1).min())
+    ticks = [-half, -half / 2, 0, half / 2, half]
+    words = [f"{tick:g}".replace("-", "−") for tick in ticks]
+    axis.set_xticks(ticks, words)
+    axis.set_yticks(ticks, words)
+    axis.set(xlim=(-half, half), ylim=(-half, half))
+    finish(axis, title, "x, right [mm]", "z, forward [mm]", place, boxed=True)
+
+
+def spread_figure(depth: Array, error: Array, height: int = 260) -> Figure:
+    """What each feature says alone: errors of its t from above, and their length over its depth.
+
+    Parameters
+    ----------
+    depth : (N,); error : (N, 3) error of each feature's own translation; metres.
+    """
+    made, (above, axis) = figure(height, 2, (1.0, 1.6))
+    length = np.linalg.norm(error, axis=1)
+    for near, colour, words in ((depth < 15, GOOD, "nearer than 15 m"), (depth >= 15, PALE, "farther")):
+        above.plot(*(MILLI * error[near][:, [0, 2]]).T, ".", color=colour, markersize=4, label=words)
+    mark_reference(above, "the truth")
+    millimetres_from_above(above, 200.0, "t of each feature, from above")
+    axis.plot(depth, np.clip(MILLI * length, 0.1, None), ".", color=GOOD, markersize=4, label="one feature")
+    near = (depth > 5) & (depth < 80)
+    factor = np.median(length[near] / depth[near] ** 2) if near.any() else 1e-4
+    line = np.array([4.0, 150.0])
+    axis.plot(line, MILLI * factor * line**2, color=BAD, linewidth=1.5, label="grows with Z²")
+    log_axis(axis.xaxis, *DEPTHS, COARSE)
+    axis.set_yscale("log")
+    axis.minorticks_off()
+    finish(axis, "how wrong one feature is", "depth Z [m]", "error of t [mm]")
+    return made
+
+
+def variants_figure(tables: dict[str, dict[str, Array]], height: int = 290) -> Figure:
+    """Error of each frame by variant, one axis a table, millimetres on a logarithmic scale."""
+    made, axes = figure(height, len(tables))
+    for axis, (title, errors) in zip(axes, tables.items(), strict=True):
+        for row, (name, values) in enumerate(errors.items()):
+            spread = np.linspace(-0.1, 0.2, len(values))
+            axis.plot(values, row + 0.1 + spread, ".", color=GOOD, markersize=4)
+            axis.plot(np.median(values), row + 0.15, "|", color=BAD, markersize=18, markeredgewidth=3)
+            words = f"{name.replace('_', ' ')}: {np.median(values):.1f} mm"
+            axis.text(0.01, row - 0.22, words, fontsize=FONT_SIZE - 1, transform=axis.get_yaxis_transform())
+        axis.set_xscale("log")
+        log_axis(axis.xaxis, *axis.get_xlim())
+        axis.set_yticks([])
+        axis.set_ylim(len(errors) - 0.6, -0.8)
+        finish(axis, title, "error of t [mm]; orange: median")
+    return made
+
+
+def weight_figure(scale: float, height: int = 200) -> Figure:
+    """What a feature's error costs and counts, least squares beside the robust weights."""
+    made, (cost, weight) = figure(height, 2)
+    r = np.linspace(0.0, 3.0, 100)
+    cost.plot(r, r**2, color=PALE, linewidth=1.5, label="least squares: r²")
+    cost.plot(r, scale**2 * np.log1p((r / scale) ** 2), color=GOOD, linewidth=1.5, label="Cauchy")
+    cost.set_ylim(0, 3)
+    finish(cost, "cost of a residual", "residual r [px]")
+    weight.plot(r, np.ones_like(r), color=PALE, linewidth=1.5, label="least squares: 1")
+    weight.plot(r, 1.0 / (1.0 + (r / scale) ** 2), color=GOOD, linewidth=1.5, label="1 / (1 + r²/s²)")
+    weight.axvline(scale, color=DARK, linewidth=1, linestyle=":")
+    weight.set_ylim(0, 1.1)
+    finish(weight, "its weight in the sum", "residual r [px]")
+    return made
+
+
+def lengths_figure(lengths: dict[str, Array], height: int = 200) -> Figure:
+    """Length of each frame's step, as a share of the true one, by what was made of its matches."""
+    made, (axis,) = figure(height)
+    axis.axhline(1.0, color=DARK, linewidth=1, linestyle=":")
+    for (name, values), colour in zip(lengths.items(), (BAD, GOOD, FIFTH), strict=False):
+        axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=1.5, label=name)
+    half = room(float(np.nanmax(np.abs(np.concatenate([*lengths.values()]) - 1.0), initial=0.0)), least=0.01)
+    axis.set_ylim(1.0 - half, 1.0 + half)
+    finish(axis, "length of the step, as a share of the true one", "frame")
+    return made

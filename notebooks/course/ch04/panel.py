@@ -1,0 +1,169 @@
+"""Chapter 4: the translation of a frame from features near and far, good and bad."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vo_lib.beyond.stereo_points import stereo_points
+from vo_lib.beyond.translation import solve_translation
+from vo_lib.config import TranslationConfig
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import rotation_from_vector
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.settings import Checked, setting
+from vo_lib.core.types import Array
+from vo_lib.data.sequence import Sequence
+
+from ..ch02.panel import reference_rotation
+from ..controls import Control
+from ..drawing import figure, stack
+from ..facts import Fact
+from ..frames import Points, frame_points, stereo, truth
+from ..panel import Drawing, Panel, State
+from .figures import MILLI, ellipse_chart, features_picture, residuals_chart
+
+PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
+GROUPS = 10  # of features that are solved apart, to see how the answers scatter
+ROBUST = "stacked"
+TRUE, RECORDED = "the truth", "the recorded truth"
+
+
+@dataclass(frozen=True)
+class TranslationView(Checked):
+    """What the panel of chapter 4 does to the matches and to the rotation of the frame."""
+
+    noise: float = setting(
+        0.1, "Gaussian noise added to each coordinate in all four images", unit="px", low=0, high=2
+    )
+    wrong: float = setting(
+        0.0, "share of the matches that end at a wrong place in the current pair", low=0, high=0.9
+    )
+    turn: float = setting(
+        0.0, "the rotation given to this stage is turned to the right by this", unit="deg", low=-0.5, high=0.5
+    )
+    draw: int = setting(0, "draws other noise and other wrong matches", low=0, high=999)
+
+
+def disturbed(matches: StereoMatches, view: TranslationView) -> StereoMatches:
+    """The matches with noise, and some of them 4 to 40 px from their place in the current pair."""
+    rng, count = np.random.default_rng([6, view.draw]), len(matches)
+    noise = rng.normal(0.0, view.noise, (4, count, 2))
+    lying = rng.permutation(count)[: round(view.wrong * count)]
+    angle, length = rng.uniform(0.0, 2.0 * np.pi, len(lying)), rng.uniform(4.0, 40.0, len(lying))
+    away = np.zeros((count, 2))
+    away[lying] = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return replace(
+        matches,
+        prev_left=matches.prev_left + noise[0],
+        prev_right=matches.prev_right + noise[1],
+        cur_left=matches.cur_left + away + noise[2],
+        cur_right=matches.cur_right + away + noise[3],
+    )
+
+
+def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
+    """The true rotation of a drawn frame; of others the best that the matches give.
+
+    The truth of a real drive comes from GPS and gyroscopes: over one frame the matches know better.
+    """
+    known = points if truth(sequence) is not None else replace(points, T_cp=None)
+    return reference_rotation(sequence, frame, known)
+
+
+def alone(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> Array:
+    """What each feature says of t_cp alone, (N, 3) metres: the solution of its own eight rows."""
+    before = stereo_points(camera, matches.prev_left, matches.prev_right).rotated(R_cp)
+    return np.asarray((stereo_points(camera, matches.cur_left, matches.cur_right).X - before.X).T)
+
+
+def covariance(camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: TranslationConfig) -> Array:
+    """Covariance (3, 3) of the translation, m², from the data alone, for every variant alike.
+
+    The features are dealt into G groups which are solved apart. The mean of G answers that scatter with the
+    covariance S has S / G, and all features together are about as sure as that.
+    """
+    group = np.arange(len(matches)) % GROUPS
+    solved = [solve_translation(camera, matches[group == g], R_cp, config) for g in range(GROUPS)]
+    t = np.array([each[0] for each in solved if each is not None]).reshape(-1, 3)
+    return np.zeros((3, 3)) if len(t) < 2 else np.asarray(np.cov(t.T) / len(t))
+
+
+class TranslationPanel(Panel):
+    """One frame's translation: residuals by depth, and the error with its ellipse from above."""
+
+    title = "From a rotation and stereo matches to a translation"
+    view = TranslationView
+    height = PHOTO_HEIGHT + CHART_HEIGHT
+    controls = (
+        Control("translation.variant", "weighting"),
+        Control("translation.max_depth", "depth limit", high=150, step=5),
+        Control("translation.scale", "scale s", high=5, step=0.05),
+        Control("view.noise", "noise added", step=0.05),
+        Control("view.wrong", "wrong share", step=0.05),
+        Control("view.turn", "rotation error", step=0.01),
+        Control("view.draw", "draw again", button=True),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        sequence, frame, camera = state.sequence, state.frame, state.sequence.camera
+        config = state.config.translation
+        points = frame_points(sequence, frame, state.config)
+        R_usual = usual_rotation(sequence, frame, points)
+        reference, words = _reference(camera, points, R_usual, truth(sequence) is not None)
+        R = rotation_from_vector(np.radians([0.0, state.view.turn, 0.0])) @ R_usual
+        matches = disturbed(points.matches, state.view)
+        solved = solve_translation(camera, matches, R, config)
+        if solved is None:
+            raise DataError("no feature can be used: raise the depth limit")
+        t, residual = solved
+        robust = config.variant == ROBUST
+        used = np.isfinite(residual)
+        weight = np.where(used, 1.0, np.nan)
+        if robust:
+            weight[used] = 1.0 / (1.0 + (residual[used] / config.scale) ** 2)
+        C = covariance(camera, matches, R, config)
+        chart, (left, right) = figure(CHART_HEIGHT, 2, (1.7, 1.0))
+        residuals_chart(left, points.X_p[:, 2], residual, config.scale, robust)
+        ellipse_chart(right, alone(camera, matches, R), weight, t, C, reference, words)
+        picture = features_picture(
+            stereo(sequence, frame)[0],
+            matches,
+            weight,
+            f"frame {frame}: blue counts, orange hardly counts, grey is not used",
+            PHOTO_HEIGHT,
+        )
+        error = MILLI * (t - reference)
+        step = float(np.linalg.norm(reference))
+        sentence = (
+            f"{np.count_nonzero(used)} of {len(matches)} features give t_cp = ({t[0]:.3f}, {t[1]:.3f}, "
+            f"{t[2]:.3f}) m. It is {np.linalg.norm(error):.1f} mm from {words}, for a step of {step:.2f} m."
+        )
+        if words == RECORDED:
+            sentence += " Over one frame that truth is itself only good to some centimetres."
+        facts = (
+            Fact("error", float(np.linalg.norm(error)), "mm", 1),
+            Fact("error in x", float(error[0]), "mm", 1),
+            Fact("error in z", float(error[2]), "mm", 1),
+            Fact("σ in x", MILLI * float(np.sqrt(C[0, 0])), "mm", 1),
+            Fact("σ in z", MILLI * float(np.sqrt(C[2, 2])), "mm", 1),
+            Fact("features used", int(np.count_nonzero(used))),
+            Fact("median residual", float(np.median(residual[used])), "px", 2),
+            Fact("weight below ½", int(np.count_nonzero(weight < 0.5))),
+            Fact("rotation error", state.view.turn, "°", 2),
+            Fact("wrong share", 100 * state.view.wrong, "%"),
+            Fact("noise added", state.view.noise, "px", 2),
+        )
+        return Drawing(stack([picture, chart], self.height), sentence, facts)
+
+
+def _reference(camera: StereoCamera, points: Points, R_cp: Array, drawn: bool) -> tuple[Array, str]:
+    """What the translation is compared with, metres, and what to call it."""
+    if points.T_cp is not None:
+        return np.asarray(points.T_cp[:3, 3]), TRUE if drawn else RECORDED
+    solved = solve_translation(camera, points.matches, R_cp, TranslationConfig())
+    if solved is None:
+        raise DataError("this frame's matches give no translation")
+    return solved[0], "the undisturbed answer"

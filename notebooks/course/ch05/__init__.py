@@ -1,0 +1,5 @@
+"""Chapter 5."""
+
+from .panel import FilteringPanel
+
+__all__ = ["FilteringPanel"]

@@ -1,0 +1,62 @@
+"""Chapter 5's opening: the same frames with features in boxes kept and removed, and what the car believes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from vo_lib.core.poses import from_first
+from vo_lib.core.types import Array
+from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.ate_rpe import relative_error
+
+from ..drawing import BAD, DARK, GOOD, THIRD, figure, finish, room
+
+LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width: all are seen where they coincide
+
+
+def true_path(sequence: Sequence) -> Array:
+    """True places (N, 3), metres, seen from the first camera."""
+    assert sequence.truth is not None
+    return np.asarray(from_first(sequence.truth)[:, :3, 3])
+
+
+def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
+    """Error of each step, (N - 1,): of the rotation in degrees, of the translation in millimetres."""
+    assert sequence.truth is not None
+    found = relative_error(sequence.truth, poses)
+    return np.degrees(found.rotation), 1e3 * found.translation
+
+
+def claim_lines(sequence: Sequence, runs: Mapping[str, Array]) -> str:
+    """A line for each run: mean errors of a step, and how far from its true place the car ends."""
+    lines = []
+    for name, poses in runs.items():
+        turn, step = (errors.mean() for errors in step_errors(sequence, poses))
+        off = 100 * np.linalg.norm(poses[-1, :3, 3] - true_path(sequence)[-1])
+        lines.append(f"{name:14}: a step {turn:.4f}° and {step:4.1f} mm wrong; {off:5.1f} cm off at the end")
+    return "\n".join(lines)
+
+
+def claim_figure(sequence: Sequence, runs: Mapping[str, Array], height: int = 250) -> Figure:
+    """Errors of each step by run, and the paths from above; x and z have scales of their own."""
+    made, (turns, lengths, path) = figure(height, 3, (1.0, 1.0, 0.8))
+    true = true_path(sequence)
+    frames = int(sequence.frames[0]) + np.arange(1, len(true))
+    path.plot(true[:, 0], true[:, 2], color=DARK, linewidth=3, label="truth")
+    for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
+        turn, step = step_errors(sequence, poses)
+        turns.plot(frames, turn, color=colour, linewidth=width, label=name)
+        lengths.plot(frames, step, color=colour, linewidth=width)
+        path.plot(poses[:, 0, 3], poses[:, 2, 3], color=colour, linewidth=width)
+    for axis in (turns, lengths):
+        highest = max(float(np.asarray(line.get_ydata(), np.float64).max()) for line in axis.get_lines())
+        axis.set_ylim(0, room(1.35 * highest))  # the legend stands above the lines
+    reach = max(float(np.abs(places[:, 0, 3]).max()) for places in runs.values())
+    path.set_xlim(-room(1.2 * reach, least=0.5), room(1.2 * reach, least=0.5))
+    finish(turns, "rotation error of each step [deg]", "frame", "", "upper left")
+    finish(lengths, "translation error of each step [mm]", "frame")
+    finish(path, "where the car believes it is", "x, right [m]", "z, forward [m]", "lower left")
+    return made

@@ -1,0 +1,150 @@
+"""Chapter 5, drawn: scores of the cells, candidates and boxes, kept and removed features, errors by rule."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from vo_lib.core.boxes import Boxes
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.types import Array, Image
+from vo_lib.detection.yolo import Candidates
+from vo_lib.detection.yolo_layout import STRIDES, Letterbox, place
+from vo_lib.tables.plots import match_image
+
+from ..ch02.figures import draw_flow
+from ..ch04.figures import mark_reference, millimetres_from_above
+from ..drawing import (
+    BAD,
+    COARSE,
+    CYCLE,
+    DARK,
+    FIFTH,
+    GOOD,
+    PALE,
+    THIRD,
+    WIDTH,
+    bgr,
+    caption,
+    figure,
+    finish,
+    log_axis,
+    photo,
+    room,
+)
+
+MOST_DRAWN = 400  # candidates; more would hide the picture
+LEAST = 0.05  # mm shown of an error
+LEAST_LABELLED = 44  # pixels of a box, for its score above it
+DOTS = (PALE, 9.0), (GOOD, 6.0)  # with all features, with those kept: colour, size in points
+
+
+def score_picture(image: Image, found: Candidates) -> Image:
+    """The network's image three times, left to right its strides: each cell tinted by its best score."""
+    ground, parts, first = photo(place(image, found.plan), found.plan.width), [], 0
+    for stride in STRIDES:
+        rows, columns = found.plan.height // stride, found.plan.width // stride
+        best = found.scores[first : first + rows * columns].max(axis=1).reshape(rows, columns)
+        first += rows * columns
+        share = np.kron(best, np.ones((stride, stride)))[:, :, None]
+        tinted = (1 - share) * (0.8 * ground) + share * np.array(bgr(BAD))
+        grid = np.asarray(tinted, np.uint8)
+        grid[::stride] = grid[::stride] // 4 * 3
+        grid[:, ::stride] = grid[:, ::stride] // 4 * 3
+        small = photo(grid, WIDTH // 3 - 2)
+        parts.append(caption(small, f"stride {stride}: {columns} x {rows} cells, best {best.max():.2f}"))
+    rims = ((0, 0), (1, 1), (0, 0))
+    joined = np.concatenate([np.pad(part, rims, constant_values=255) for part in parts], axis=1)
+    return np.pad(joined, ((0, 0), (0, WIDTH - joined.shape[1]), (0, 0)), constant_values=255)
+
+
+def candidates_picture(
+    image: Image, found: Candidates, score: float, kept: Array, words: str, width: int, height: int
+) -> Image:
+    """The network's image with every candidate of enough score, thin orange, and what stays, blue.
+
+    Parameters
+    ----------
+    kept : (K, 4) corners in the network's image, pixels. width, height : of the picture.
+    """
+    picture = photo(place(image, found.plan), found.plan.width)
+    best = found.scores.max(axis=1)
+    passed = np.flatnonzero(best >= score)
+    passed = passed[np.argsort(-best[passed], kind="stable")][:MOST_DRAWN]
+    for boxes, colour, thick in ((found.corners[passed], BAD, 1), (kept, GOOD, 2)):
+        for x0, y0, x1, y1 in np.rint(np.clip(boxes, -9, 9999)).astype(int).tolist():
+            cv2.rectangle(picture, (x0, y0), (x1, y1), bgr(colour), thick, cv2.LINE_AA)
+    return caption(photo(picture, width, height), words)
+
+
+def cells_picture(image: Image, plan: Letterbox, corners: Array, scores: Array) -> Image:
+    """The network's image with the surest cell of each stride, its box, and the way to the box's centre.
+
+    Parameters
+    ----------
+    corners : (N, 4) corners in the network's image, pixels; scores : (N, C), both in the order of the cells.
+    """
+    picture, first, times = photo(place(image, plan)), 0, WIDTH / plan.width
+    for stride, colour in zip(STRIDES, (GOOD, THIRD, FIFTH), strict=True):
+        rows, columns = plan.height // stride, plan.width // stride
+        best = int(scores[first : first + rows * columns].max(axis=1).argmax())
+        cell, box = stride * np.array([best % columns, best // columns]), corners[first + best]
+        for each, thick in ((np.concatenate([cell, cell + stride]), cv2.FILLED), (box, 2)):
+            start, end = np.rint(16 * times * each).astype(int).reshape(2, 2).tolist()
+            cv2.rectangle(picture, start, end, bgr(colour), thick, cv2.LINE_AA, shift=4)
+        centre = (box[:2] + box[2:]) / 2
+        draw_flow(picture, times * cell[None], times * centre[None], ["#FFFFFF"], 4)
+        first += rows * columns
+    return caption(picture, "surest cells of stride 8 blue, 16 green, 32 yellow; dots: centres of boxes")
+
+
+def filter_picture(
+    image: Image,
+    matches: StereoMatches,
+    keep: NDArray[np.bool_],
+    boxes: Boxes,
+    state: NDArray[np.int64] | None,
+    words: str,
+    height: int,
+) -> Image:
+    """The image with its matches, kept ones blue, removed ones orange, and the vehicle boxes."""
+    # Words above small boxes would cover each other.
+    wide = np.ptp(boxes.xyxy[:, ::2], axis=1) >= LEAST_LABELLED
+    scores = [f"{score:.2f}" if each else "" for score, each in zip(boxes.score, wide, strict=True)]
+    return caption(photo(match_image(image, matches, keep, boxes, state, scores), WIDTH, height), words)
+
+
+def errors_chart(axis: Axes, errors: dict[str, Array], reference: str, title: str) -> None:
+    """Distances (3,) of t_cp from the reference, from above, millimetres, by name.
+
+    The first is pale and large, the second blue.
+    """
+    mark_reference(axis, reference)
+    for (name, error), (colour, size) in zip(errors.items(), DOTS, strict=True):
+        axis.plot(*error[[0, 2]], "o", color=colour, markeredgecolor=DARK, markersize=size, label=name)
+    largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
+    dots = np.array([(0.0, 0.0), *(error[[0, 2]] for error in errors.values())])
+    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title, dots)
+
+
+def rules_figure(errors: dict[str, Array], first: int, height: int = 290) -> Figure:
+    """Error of t in each frame by rule (F,), millimetres; left by frame, right sorted by size."""
+    made, (left, right) = figure(height, 2, (1.7, 1.0))
+    for (name, values), colour in zip(errors.items(), CYCLE, strict=False):
+        shown, frames = np.clip(values, LEAST, None), first + np.arange(len(values))
+        left.plot(frames, shown, ".-", color=colour, linewidth=1, markersize=4, label=name)
+        share = (np.arange(len(shown)) + 1) / len(shown)
+        words = f"{name}: median {np.median(values):.1f}"
+        right.plot(np.sort(shown), share, color=colour, linewidth=1.5, label=words)
+    every = np.clip(np.concatenate(list(errors.values())), LEAST, None)
+    low, high = float(every.min()) / 1.2, float(every.max()) * 1.2
+    log_axis(left.yaxis, low, high, COARSE)
+    log_axis(right.xaxis, low, high, COARSE)
+    left.xaxis.set_major_locator(MaxNLocator(integer=True))
+    finish(left, "error of the translation by frame", "frame", "error of t [mm]")
+    finish(right, "frames with a smaller error", "error of t [mm]", "share of the frames")
+    return made

@@ -1,0 +1,269 @@
+"""Chapter 5: from a network's candidates to boxes, to the features that stay, to what that changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.beyond.box_filter import BoxFilter, Filtered
+from vo_lib.config import CalibrationConfig, Config, DetectorConfig, FilterConfig, preset
+from vo_lib.core.boxes import Boxes, no_boxes
+from vo_lib.core.errors import DataError
+from vo_lib.core.frame import FrameResult
+from vo_lib.core.geometry import rotation_angle
+from vo_lib.core.settings import Checked, setting
+from vo_lib.core.types import Array, Image, Progress
+from vo_lib.data.sequence import Sequence
+from vo_lib.detection.yolo import Candidates, YoloDetector, find_model
+from vo_lib.detection.yolo_layout import STRIDES, Float32
+from vo_lib.method.boxes import vehicles
+from vo_lib.runs.runner import make_odometry
+
+from ..ch04.figures import MILLI
+from ..controls import Control
+from ..drawing import WIDTH, caption, figure, photo, raster, stack
+from ..facts import Fact
+from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
+from ..panel import Drawing, Panel, State
+from .figures import candidates_picture, errors_chart, filter_picture, rules_figure
+
+PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
+HISTORY = 4  # frames before the one shown from which the rule `moving` knows its boxes
+FRAMES = 30  # of the long job
+LABELS = "labels"  # in place of a model: the boxes of the sequence's own folder
+RULES = ("none", "all", "moving")
+
+
+@dataclass(frozen=True)
+class FilteringView(Checked):
+    """What the panel of chapter 5 sets of the detector."""
+
+    model: str = setting(
+        "street", "street, a detector fetched or registered, an ONNX file; or labels: boxes of the folder"
+    )
+    nms: float = setting(
+        0.5, "of two boxes of one class that overlap more (IoU) the better stays", low=0.05, high=1
+    )
+
+
+_detectors: Memory[YoloDetector] = Memory(3)
+_candidates: Memory[Candidates] = Memory(48)
+_motions: Memory[FrameResult] = Memory(48)
+_moving: Memory[NDArray[np.bool_]] = Memory(24)
+
+
+def detector_of(model: str) -> YoloDetector:
+    """A detector for all of its classes, loaded once; the filter chooses among them."""
+    path = find_model(model.strip())
+    key = (path.resolve(), path.stat().st_mtime_ns)
+    return _detectors.get(key, lambda: YoloDetector(path, DetectorConfig(classes=())))
+
+
+def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> Candidates:
+    """What a detector says of a frame's left image."""
+    key = (*key_of(sequence, frame), detector.path)
+    return _candidates.get(key, lambda: detector.candidates(stereo(sequence, frame)[0]))
+
+
+def as_yolox(found: Candidates) -> Float32:
+    """Candidates as a network of YOLOX's layout would have put them, (N, 5 + C): what `read_yolox` reads."""
+    width, height = found.plan.width, found.plan.height
+    cells = [(s, x, y) for s in STRIDES for y in range(height // s) for x in range(width // s)]
+    stride, x, y = np.array(cells, float).T[:, :, None]
+    first, last = found.corners[:, :2], found.corners[:, 2:]
+    centre = (first + last) / 2 / stride - np.hstack([x, y])
+    # Only the product of both scores counts.
+    anything = np.sqrt(found.scores.max(axis=1, keepdims=True))
+    classes = found.scores / np.maximum(anything, 1e-9)
+    return np.hstack([centre, np.log((last - first) / stride), anything, classes]).astype(np.float32)
+
+
+def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: float) -> Boxes:
+    """Boxes of a frame's left image by a model, or those of the sequence's own labels."""
+    if model.strip() == LABELS:
+        return sequence.boxes(frame)
+    detector = detector_of(model)
+    return detector.choose(frame_candidates(sequence, frame, detector), score, nms)
+
+
+def filtered_frame(
+    sequence: Sequence, frame: int, config: Config, view: FilteringView
+) -> tuple[Filtered, Boxes]:
+    """What the rule does in a frame >= 1, and the frame's boxes.
+
+    The rule `moving` is asked from `HISTORY` frames before on: it judges a box by several frames.
+    """
+    rule = config.filter
+    if rule.rule == "truth" and truth(sequence) is None:
+        raise DataError("the rule `truth` needs a drawn scene: only there it is known what moves")
+    first = max(frame - HISTORY, 1) if rule.rule == "moving" else frame
+    judge = BoxFilter(sequence.camera, rule)
+    judge.start(frame_boxes(sequence, first - 1, view.model, rule.score, view.nms))
+    for index in range(first, frame + 1):
+        matches = frame_matches(sequence, index, config)
+        boxes = frame_boxes(sequence, index, view.model, rule.score, view.nms)
+        known = on_moving(sequence, index, config) if rule.rule == "truth" else None
+        result = judge.step(matches, boxes, known)
+    return result, boxes
+
+
+def on_moving(sequence: Sequence, frame: int, config: Config) -> NDArray[np.bool_]:
+    """Which matches (N,) of a drawn frame are on things that move."""
+    key = (*key_of(sequence, frame), config.features, config.matching)
+    return _moving.get(key, lambda: sequence.on_moving(frame, frame_matches(sequence, frame, config)))
+
+
+def motion_from(sequence: Sequence, frame: int, keep: NDArray[np.bool_], config: Config) -> FrameResult:
+    """The frame's motion from the matches that `keep` (N,) leaves, of two images alone.
+
+    No previous vector and no calibration: so nothing but the choice of features differs.
+    """
+    alone = replace(
+        config,
+        filter=FilterConfig(rule="none"),
+        selection=replace(config.selection, prior=False),
+        calibration=CalibrationConfig(estimate=False),
+    )
+    matches = frame_matches(sequence, frame, config)
+    key = (*key_of(sequence, frame), keep.tobytes(), alone)
+
+    return _motions.get(key, lambda: make_odometry(sequence.camera, alone).step(matches[keep], no_boxes()))
+
+
+def compare_rules(
+    sequence: Sequence,
+    frames: range,
+    rules: tuple[str, ...] = RULES,
+    config: Config | None = None,
+    view: FilteringView | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Array]:
+    """Error of each frame's translation by rule, (F,) metres; needs true poses."""
+    config, view = config or preset("mesvo_f"), view or FilteringView()
+    errors: dict[str, list[float]] = {rule: [] for rule in rules}
+    for done, frame in enumerate(frames, start=1):
+        T_true = true_motion(sequence, frame)
+        if T_true is None:
+            raise DataError("the sequence has no true poses to compare with")
+        for rule in rules:
+            chosen = replace(config, filter=replace(config.filter, rule=rule))
+            keep = filtered_frame(sequence, frame, chosen, view)[0].keep
+            t = motion_from(sequence, frame, keep, config).T_cp[:3, 3]
+            errors[rule].append(float(np.linalg.norm(t - T_true[:3, 3])))
+        if progress:
+            progress(done, len(frames))
+    return {rule: np.array(values) for rule, values in errors.items()}
+
+
+class FilteringPanel(Panel):
+    """A frame's candidates, boxes and features, and its motion with and without the removed ones."""
+
+    title = "From boxes to the features that stay"
+    view = FilteringView
+    start = preset("feature_selection")
+    height = PHOTO_HEIGHT + CHART_HEIGHT
+    long_job = f"Compare the rules over {FRAMES} frames"
+    controls = (
+        Control("view.model", "model"),
+        Control("filter.score", "score", low=0.02, high=0.98, step=0.02),
+        Control("view.nms", "suppression, IoU", step=0.05),
+        Control("filter.margin", step=0.05),
+        Control("filter.classes"),
+        Control("filter.rule", "rule"),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        sequence, frame, rule = state.sequence, state.frame, state.config.filter
+        matches = frame_matches(sequence, frame, state.config)
+        result, boxes = filtered_frame(sequence, frame, state.config, state.view)
+        judged = result.judgement
+        shown = vehicles(boxes, rule) if judged is None else judged.boxes
+        removed = int(np.count_nonzero(~result.keep))
+        picture = filter_picture(
+            stereo(sequence, frame)[0],
+            matches,
+            result.keep,
+            shown,
+            None if judged is None else judged.state,
+            f"frame {frame}, rule {rule.rule}: kept features blue, removed ones orange",
+            PHOTO_HEIGHT,
+        )
+        T_true = true_motion(sequence, frame)
+        every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
+        kept = motion_from(sequence, frame, result.keep, state.config).T_cp
+        reference, words = (every, "all features") if T_true is None else (T_true, "the truth")
+        title = f"{'change' if T_true is None else 'error'} of the translation, from above"
+        errors = {name: MILLI * (T[:3, 3] - reference[:3, 3]) for name, T in (("all", every), ("kept", kept))}
+        network, candidates = self._network(state, boxes)
+        change = MILLI * float(np.linalg.norm(kept[:3, 3] - every[:3, 3]))
+        sizes = [np.nan if T_true is None else float(np.linalg.norm(error)) for error in errors.values()]
+        sentence = f"With {len(shown)} boxes here and those of the image before, "
+        sentence += f"the rule removes {removed} of {len(matches)} features. "
+        if T_true is None:
+            sentence += f"That moves the translation by {change:.1f} mm; the truth is not known here."
+        else:
+            sentence += (
+                f"The translation is {sizes[0]:.1f} mm from the truth with all features, "
+                f"{sizes[1]:.1f} mm with those kept."
+            )
+        if judged is not None and removed:
+            sentence += " Orange in a parked box (dashed): features that do not agree with the background."
+        if state.view.model.strip() == "street" and truth(sequence) is None:
+            sentence += " Mind: `street` was trained on drawn streets; do not trust it on real images."
+        if "filter_off" in result.flags:
+            sentence += " Too few features would be left, so the filter is off in this frame."
+        facts = [
+            Fact("candidates", candidates),
+            Fact("boxes", len(shown)),
+            Fact("features", len(matches)),
+            Fact("removed", removed),
+            Fact("error, all", sizes[0], "mm", 1),
+            Fact("error, kept", sizes[1], "mm", 1),
+            Fact("change of t", change, "mm", 1),
+            Fact("rotation error, kept", np.nan if T_true is None else _degrees(kept, T_true), "°", 3),
+        ]
+        if truth(sequence) is not None:
+            moving = on_moving(sequence, frame, state.config)
+            facts += [
+                Fact("on moving things, kept", int(np.count_nonzero(moving & result.keep))),
+                Fact("on standing things, removed", int(np.count_nonzero(~moving & ~result.keep))),
+            ]
+        chart, (axis,) = figure(CHART_HEIGHT, width=WIDTH - NET_WIDTH)
+        errors_chart(axis, errors, words, title)
+        below = np.hstack([network, raster(chart)])
+        return Drawing(stack([picture, below], self.height), sentence, tuple(facts))
+
+    def work(self, state: State, progress: Progress) -> Drawing:
+        """The errors by rule over the next frames."""
+        last = min(state.frame + FRAMES, len(state.sequence))
+        rules = (*RULES, "truth") if truth(state.sequence) is not None else RULES
+        frames = range(state.frame, last)
+        progress(0, len(frames))
+        errors = compare_rules(state.sequence, frames, rules, state.config, state.view, progress)
+        in_mm = {rule: MILLI * values for rule, values in errors.items()}
+        chart = rules_figure(in_mm, state.frame, self.height)
+        sentence = (
+            f"Error of the translation in frames {state.frame} to {last - 1}, each from its two pairs alone; "
+            "move a control to come back."
+        )
+        facts = tuple(Fact(f"median, {rule}", float(np.median(v)), "mm", 2) for rule, v in in_mm.items())
+        return Drawing(stack([chart], self.height), sentence, facts)
+
+    def _network(self, state: State, boxes: Boxes) -> tuple[Image, int]:
+        """The picture of the candidates, and their number; of labels the image alone."""
+        image, rule = stereo(state.sequence, state.frame)[0], state.config.filter
+        if state.view.model.strip() == LABELS:
+            plain = photo(image, NET_WIDTH, CHART_HEIGHT)
+            return caption(plain, f"{len(boxes)} boxes of the label folder, no network"), len(boxes)
+        found = frame_candidates(state.sequence, state.frame, detector_of(state.view.model))
+        plan = found.plan
+        corners = (boxes.xyxy + 0.5) * plan.scale + (plan.left, plan.top) * 2
+        count = int(np.count_nonzero(found.scores.max(axis=1) >= rule.score))
+        words = f"network's image: {count} candidates orange, {len(boxes)} boxes left blue"
+        return candidates_picture(image, found, rule.score, corners, words, NET_WIDTH, CHART_HEIGHT), count
+
+
+def _degrees(T: Array, reference: Array) -> float:
+    return float(np.degrees(rotation_angle(T[:3, :3].T @ reference[:3, :3])))

@@ -1,0 +1,5 @@
+"""Chapter 6."""
+
+from .panel import EvaluationPanel
+
+__all__ = ["EvaluationPanel"]

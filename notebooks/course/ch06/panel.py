@@ -1,0 +1,204 @@
+"""Chapter 6: one trajectory judged in every way, with one of its sub-sequences in view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vo_lib.config import METHODS, preset
+from vo_lib.core.errors import DataError
+from vo_lib.core.files import read_text
+from vo_lib.core.poses import read_kitti_poses, read_tum
+from vo_lib.core.settings import Checked, setting
+from vo_lib.core.types import Array, Progress
+from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, check_pair, relative_error, rmse
+from vo_lib.evaluation.kitti import KittiErrors, kitti_errors, suitable_measure
+from vo_lib.runs.match_cache import CachedMatches
+from vo_lib.runs.runner import run_methods
+
+from ..controls import Control
+from ..drawing import figure, say, stack
+from ..facts import Fact
+from ..frames import Memory
+from ..made_up import made_up
+from ..panel import Drawing, Panel, State
+from .figures import PER_100_M, PER_CENT, drift_chart, length_chart, paths_chart
+
+MADE_UP = "made-up errors"
+PATH_HEIGHT, CHART_HEIGHT = 330, 220
+MILLI = 1e3
+TUM_COLUMNS = 8
+
+_runs: Memory[Array] = Memory(24)
+
+
+@dataclass(frozen=True)
+class EvaluationView(Checked):
+    """What the panel of chapter 6 judges, and how."""
+
+    estimate: str = setting(
+        MADE_UP,
+        "whose poses are judged: the truth with errors put in, or a method that was run",
+        choices=(MADE_UP, *METHODS),
+    )
+    lengths: tuple[float, ...] = setting(
+        (), "lengths of the sub-sequences; none given: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000
+    )
+    step: int = setting(10, "frames from one start to the next", low=1, high=50)
+    alignment: str = setting(
+        Alignment.SE3.value,
+        "what may be moved before ATE is taken; TE and RE need nothing",
+        choices=tuple(alignment.value for alignment in Alignment),
+    )
+    scale: float = setting(1.0, "made-up: every step is so much too long", unit="%", low=-5, high=5)
+    yaw: float = setting(1.0, "made-up: turns too far to the right", unit="deg/100 m", low=-5, high=5)
+    noise: float = setting(5.0, "made-up: noise of each step", unit="mm", low=0, high=100)
+    jitter: float = setting(0.0, "made-up: noise of each turn", unit="deg", low=0, high=0.5)
+    file: str = setting("", "its path, to judge that instead: KITTI's format (12 numbers a row) or TUM's (8)")
+
+
+def known_run(sequence: Sequence, method: str) -> Array | None:
+    """Poses of a method that `method_poses` has run here, or None."""
+    key = _key(sequence, method)
+    return _runs.get(key, lambda: np.zeros(0)) if key in _runs else None
+
+
+def method_poses(sequence: Sequence, method: str, progress: Progress | None = None) -> Array:
+    """Poses (N, 4, 4) of a method over a whole sequence; the matches are kept on disk, the poses here."""
+
+    def run() -> Array:
+        config = preset(method)
+        matches = CachedMatches(sequence, config.features, config.matching)
+        return run_methods(sequence, {method: config}, progress, matches)[method].poses
+
+    return _runs.get(_key(sequence, method), run)
+
+
+def _key(sequence: Sequence, method: str) -> tuple[object, ...]:
+    return sequence.folder, sequence.frames[0], len(sequence), method
+
+
+def read_own(path: str, truth: Array) -> Array:
+    """Poses (N, 4, 4) of a file in KITTI's or TUM's format, as many as the truth has.
+
+    Raises
+    ------
+    DataError : the file cannot be read, or has another number of poses.
+    """
+    rows = [line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
+    is_tum = bool(rows) and len(rows[0].split()) == TUM_COLUMNS
+    poses = read_tum(path)[1] if is_tum else read_kitti_poses(path)
+    check_pair(truth, poses, f"{path}: ")
+    return poses
+
+
+class EvaluationPanel(Panel):
+    """Paths, the sub-sequence that starts at the frame, and the errors of all sub-sequences."""
+
+    title = "One trajectory, judged"
+    view = EvaluationView
+    height = PATH_HEIGHT + CHART_HEIGHT
+    long_job = "Run the method"
+    controls = (
+        Control("view.estimate", "estimate"),
+        Control("view.alignment", "alignment"),
+        Control("view.file", "a file of your own"),
+        Control("view.scale", "scale error", step=0.1),
+        Control("view.yaw", "yaw error", step=0.1),
+        Control("view.noise", "noise", step=1),
+        Control("view.jitter", "jitter", step=0.01),
+        Control("view.lengths", "lengths"),
+        Control("view.step", "step", high=20),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        truth = _truth(state.sequence)
+        estimate = self._estimate(state, truth)
+        if estimate is None:
+            path, (axis,) = figure(PATH_HEIGHT)
+            paths_chart(axis, truth, None, state.sequence.name)
+            sentence = f"{state.view.estimate} has not been run on {state.sequence.name} here: press Run."
+            return Drawing(stack([path], self.height), sentence, (Fact("poses", len(truth)),))
+        return self._judged(state, truth, estimate)
+
+    def work(self, state: State, progress: Progress) -> Drawing:
+        if state.view.estimate not in METHODS:
+            raise DataError(f"choose one of the methods as the estimate: {', '.join(METHODS)}")
+        method_poses(state.sequence, state.view.estimate, progress)
+        return self.draw(state)
+
+    def _estimate(self, state: State, truth: Array) -> Array | None:
+        view = state.view
+        if view.file.strip():
+            return read_own(view.file.strip(), truth)
+        if view.estimate == MADE_UP:
+            return made_up(truth, view.scale, view.yaw, view.noise, view.jitter)
+        return known_run(state.sequence, view.estimate)
+
+    def _judged(self, state: State, truth: Array, estimate: Array) -> Drawing:
+        view, frame = state.view, state.frame
+        lengths = view.lengths or suitable_measure(truth).lengths
+        errors = kitti_errors(truth, estimate, lengths, view.step)
+        part = longest_from(truth, estimate, lengths, frame)
+        aligned, scale = align(truth, estimate, Alignment(view.alignment))
+        ate = rmse(absolute_error(truth, estimate, Alignment(view.alignment)).distance)
+        rpe = relative_error(truth, estimate)
+        shown = None if part is None else (int(part.first[0]), int(part.last[0]))
+        paths, (whole, piece) = figure(PATH_HEIGHT, 2)
+        paths_chart(whole, truth, aligned, f"{state.sequence.name}, alignment {view.alignment}", shown)
+        if shown is None:
+            say(piece, f"from frame {frame} on the path is too short")
+        else:
+            drift_chart(piece, truth, estimate, *shown)
+        others = {
+            name: kitti_errors(truth, poses, lengths, view.step)
+            for name in METHODS
+            if name != view.estimate and (poses := known_run(state.sequence, name)) is not None
+        }
+        by_length, axes = figure(CHART_HEIGHT, 2)
+        for axis, rotation in zip(axes, (False, True), strict=True):
+            length_chart(axis, errors, others, rotation)
+        facts = (
+            Fact("TE", _number(errors.te), "%", 3),
+            Fact("RE", _number(errors.re), "deg/100 m", 3),
+            Fact("sub-sequences", len(errors)),
+            Fact("TE here", float("nan") if part is None else _number(part.te), "%", 3),
+            Fact("RE here", float("nan") if part is None else _number(part.re), "deg/100 m", 3),
+            Fact("ATE", _number(ate), "m", 3),
+            Fact("RPE", MILLI * _number(rmse(rpe.translation)), "mm", 2),
+            Fact("scale", scale, "", 4),
+        )
+        return Drawing(stack([paths, by_length], self.height), _sentence(errors, part), facts)
+
+
+def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors | None:
+    """The longest sub-sequence of these lengths that starts at a frame; None where the path is too short."""
+    errors = kitti_errors(truth[first:], estimate[first:], lengths, len(truth))
+    if len(errors) == 0:
+        return None
+    longest = errors[np.array([np.argmax(errors.length)])]
+    return replace(longest, first=longest.first + first, last=longest.last + first)
+
+
+def _sentence(errors: KittiErrors, part: KittiErrors | None) -> str:
+    if part is None:
+        return "No sub-sequence of these lengths starts here: choose an earlier frame, or shorter lengths."
+    metres = float(part.t_err[0] * part.length[0])
+    degrees = float(np.degrees(part.r_err[0] * part.length[0]))
+    return (
+        f"From frame {part.first[0]} to {part.last[0]}, {part.length[0]:g} m: the end is {metres:.2f} m off "
+        f"({PER_CENT * part.t_err[0]:.2f} %), and turned by {degrees:.2f}° ({PER_100_M * part.r_err[0]:.2f} "
+        f"deg/100 m). TE and RE are the means over {len(errors)} such sub-sequences."
+    )
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _truth(sequence: Sequence) -> Array:
+    if sequence.truth is None:
+        raise DataError(f"{sequence.name} has no ground truth to compare with")
+    return sequence.truth

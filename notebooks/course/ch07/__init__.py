@@ -1,0 +1,6 @@
+"""Chapter 7."""
+
+from .explore import ExplorePanel
+from .reproduce import ReproducePanel
+
+__all__ = ["ExplorePanel", "ReproducePanel"]

@@ -1,0 +1,237 @@
+"""The checker of all exercises: it runs an answer over the cases and says what is wrong with it."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import json
+import sys
+import warnings
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vo_lib.core.types import Array
+
+from .keep import handed_back, keep
+from .results import SHORT, Unusable, Verdict, differ, holds, is_list, outcome, result, shown, unusable
+
+Case = tuple[Any, ...]  # the inputs of a call
+LONGEST = 80  # characters of an input that a message tells
+WORDS = json.loads(Path(__file__).with_name("words.json").read_text(encoding="utf-8"))
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A known mistake: answers that make it, each a function of a case's inputs or a value; and its words.
+
+    With `when`, a test of (the first wrong result, *inputs), it is told by that, too. Where a panel is read
+    `when` is a test of its facts, and the answers are facts that differ from the right ones.
+    """
+
+    says: str
+    hint: str
+    answers: tuple[Any, ...]
+    when: Callable[..., Any] | None
+
+
+def times(right: Callable[..., Any], *factors: Any) -> Callable[..., Any]:
+    """A right answer whose result is too large by a factor; its results, by one factor each."""
+    if len(factors) == 1:
+        return lambda *inputs: factors[0] * right(*inputs)
+    return lambda *inputs: [factor * each for factor, each in zip(factors, right(*inputs), strict=True)]
+
+
+def any_order(indices: Array) -> Array:
+    """The form of a result whose order is free."""
+    return np.sort(indices, axis=None)
+
+
+class Exercise:
+    """An exercise; called with an answer, and what the task needs beside it, it gives the `Verdict`.
+
+    An answer is right when its results are those of `right` in every case. If not, it is compared with the
+    known mistakes: the one that gives the same results beyond the first wrong one, and for longest, is named.
+
+    Parameters
+    ----------
+    name : chapter and exercise, "ch03.angle": its task, praise, hints and known mistakes stand under it in
+        `words.json`, and the library's functions that an answer must not call.
+    right : a function of a case's inputs; a value; or, where a panel is read, facts of one that passes.
+    cases : where the answer is a function, gives the inputs of its calls, simple ones first.
+    also : other answers that are right.
+    parts : names of the results, where there are several; they are judged in this order.
+    form : what of a result is compared: `any_order`, say.
+    atol, rtol : by how much a result may differ, in its unit and as a share of what is expected.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        right: Any,
+        cases: Callable[[], list[Case]] | None = None,
+        *,
+        also: tuple[Any, ...] = (),
+        parts: tuple[str, ...] = (),
+        form: Callable[..., Any] = np.asarray,
+        atol: float = 1e-9,
+        rtol: float = 0.0,
+    ):
+        self.chapter, own = name.split(".")
+        self.words = WORDS[self.chapter][own]
+        self.right, self.cases, self.also, self.parts, self.form = right, cases, also, parts, form
+        self.atol, self.rtol = atol, rtol
+        self.__doc__ = self.words["task"]
+
+    @cached_property
+    def mistakes(self) -> dict[str, Mistake]:
+        """The known mistakes by name; their answers are written with the names of the chapter's module."""
+        module = sys.modules.get(f"{__package__}.{self.chapter}.exercises")
+        names = {"np": np, "times": times, **(vars(module) if module else {})}
+
+        def made(told: dict[str, Any]) -> Mistake:
+            answers = tuple(eval(code, names) for code in told["answers"])
+            return Mistake(told["says"], told["hint"], answers, eval(told.get("when", "None"), names))
+
+        return {name: made(told) for name, told in self.words["mistakes"].items()}
+
+    def __call__(self, answer: Any, *given: Any) -> Verdict:
+        if any(each is None or each is ... for each in (answer, *given)):
+            return Verdict(False, "there is no answer, replace the dots.")
+        try:
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")
+                if isinstance(self.right, Mapping):
+                    return self._judge_facts(answer)
+                if self.cases is None:
+                    return self._judge(lambda *_: answer, [given])
+                if not callable(answer):
+                    return Verdict(False, f"expected a function, got {type(answer).__name__}.")
+                if name := handed_back(answer, self.words.get("library", ())):
+                    return Verdict(
+                        False,
+                        f"this hands the work to `{name}`.",
+                        "writing it yourself is the point here; compare the two once yours passes.",
+                    )
+                verdict = self._judge(answer, self.cases())
+                return Verdict(True, verdict.message + keep(answer)) if verdict.passed else verdict
+        except Exception as error:
+            return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
+
+    def passes(self, answer: Any) -> bool:
+        """Whether a function gives the right results; nothing is told or kept."""
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            return self.cases is not None and self._judge(answer, self.cases()).passed
+
+    def _judge_facts(self, answer: Any) -> Verdict:
+        """The first mistake that the facts of a panel show; an unknown fact is NaN."""
+        if not isinstance(answer, Mapping):
+            return Verdict(False, f"expected the facts of a panel, got {type(answer).__name__}.")
+        facts = defaultdict(lambda: float("nan"), answer)
+        for mistake in self.mistakes.values():
+            if mistake.when is not None and mistake.when(facts):
+                return Verdict(False, mistake.says.format_map(facts), mistake.hint)
+        return Verdict(True, self.words["right"].format_map(facts))
+
+    def _judge(self, answer: Callable[..., Any], cases: list[Case]) -> Verdict:
+        changed: list[int] = []
+        got = self._results(answer, cases, changed)
+        tables = [self._results(right, cases) for right in (self.right, *self.also)]
+        right = max(tables, key=lambda table: self._agreed(got, table))
+        first = self._agreed(got, right)
+        if first == len(got):
+            return self._passed(got, right, len(cases), changed)
+        wrong, expected = got[first], right[first]
+        if isinstance(expected, Unusable):
+            return expected
+        agreed = {
+            name: max((self._agreed(got, self._results(each, cases)) for each in mistake.answers), default=0)
+            for name, mistake in self.mistakes.items()
+        }
+        part, case = divmod(first, len(cases))
+        what = self.parts[part] if self.parts else "the result"
+        named = max(agreed, key=lambda name: agreed[name], default="")
+        if agreed.get(named, 0) <= first:
+            # A function that may give back None can do so in the wrong case.
+            missing = wrong is None and any(each is None for each in right)
+            if not missing and (reason := unusable(wrong, expected, what, self.words["hint"])):
+                return reason
+            tests = {name: mistake.when for name, mistake in self.mistakes.items() if mistake.when}
+            named = next((name for name in tests if holds(tests[name], wrong, *cases[case])), "")
+        if named:
+            mistake = self.mistakes[named]
+            return Verdict(False, mistake.says.format_map({"got": wrong, "right": expected}), mistake.hint)
+        if wrong is not None and np.isnan(wrong).any():
+            return Verdict(False, f"{what} contains NaN.", "is something divided by zero?")
+        return Verdict(False, self._difference(wrong, expected, what, cases[case]), self.words["hint"])
+
+    def _passed(self, got: list[Any], right: list[Any], cases: int, changed: list[int]) -> Verdict:
+        """Praise, with the results of the first case; unless a call changed its inputs."""
+        if changed:
+            name = [*inspect.signature(self.right).parameters][changed[0]]
+            says = f"all is right, but the function changes its input `{name}`."
+            return Verdict(False, says, "copy it first.")
+        first = [table[::cases] if self.parts else table[0] for table in (got, right)]
+        return Verdict(True, self.words["right"].format(got=first[0], right=first[1]))
+
+    def _results(self, answer: Any, cases: list[Case], changed: list[int] | None = None) -> list[Any]:
+        """What an answer gives, part by part and in a part case by case: arrays, None or `Unusable`.
+
+        Every call has inputs of its own; `changed` gets the numbers of those that a call changed.
+        """
+        rows = []
+        for inputs in cases:
+            own = copy.deepcopy(inputs) if self.cases else inputs
+            rows.append(self._split(outcome(answer, own)))
+            if changed is not None:
+                changed += [i for i, pair in enumerate(zip(inputs, own, strict=True)) if differ(*pair)]
+        return [row[part] for part in range(len(rows[0])) for row in rows]
+
+    def _split(self, given: Any) -> list[Any]:
+        """The results that a call gave back: one, or one for each name in `parts`."""
+        if not self.parts or given is None or isinstance(given, Unusable):
+            return [result(given)] * max(len(self.parts), 1)
+        results = list(given) if np.iterable(given) else []
+        if len(results) == len(self.parts):
+            return [result(each) for each in results]
+        names = ", ".join(self.parts)
+        message = f"the function should give back {len(self.parts)} results: {names}."
+        return [Unusable(False, message, f"`return {names}`.")] * len(self.parts)
+
+    def _agreed(self, got: list[Any], expected: list[Any]) -> int:
+        """How many results are the same before the first that differs."""
+        same = [self._same(*pair) for pair in zip(got, expected, strict=True)]
+        return same.index(False) if False in same else len(same)
+
+    def _same(self, got: Any, expected: Any) -> bool:
+        if not (isinstance(got, np.ndarray) and isinstance(expected, np.ndarray)):
+            return type(got) is type(expected) and bool(got == expected)
+        if got.shape == expected.shape or is_list(expected):
+            got, expected = self.form(got), self.form(expected)
+        return got.shape == expected.shape and np.allclose(
+            got, expected, self.rtol, self.atol, equal_nan=True
+        )
+
+    def _difference(self, got: Any, expected: Any, what: str, inputs: Case) -> str:
+        """What was got and what was expected, for the inputs of a case as far as they are short."""
+        if self.cases is None:
+            return f"{shown(got)} is not it."
+        if is_list(expected) and expected.size > SHORT:
+            others = np.setdiff1d(got, expected)
+            named = f" ({others[0]:g} for one)" if len(others) else ""
+            strangers = f"{len(others)} of them do not belong there{named}"
+            return f"{what} has {got.size} indices, expected {expected.size}; {strangers}."
+        if not (shown(got) and shown(expected)):
+            wrong = ~np.isclose(got, expected, self.rtol, self.atol)
+            place = tuple(np.argwhere(wrong)[0].tolist())
+            numbers = f"it is {got[place]:.4g}, expected {expected[place]:.4g}"
+            return f"{what} has {wrong.sum()} of {wrong.size} numbers wrong: at {list(place)} {numbers}."
+        named_inputs = zip(inspect.signature(self.right).parameters, map(shown, inputs), strict=False)
+        told = ", ".join(f"{name} = {value}" for name, value in named_inputs if 0 < len(value) < LONGEST)
+        return f"{what} is {shown(got)}, expected {shown(expected)}{told and f' for {told}'}."

@@ -1,0 +1,176 @@
+"""Earlier stages of a frame, kept: what notebooks and panels ask for again and again."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from vo_lib.config import Config
+from vo_lib.core.errors import DataError
+from vo_lib.core.geometry import inverse
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.types import Array, Image, Progress
+from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.sequence import PROCESSES, SYNTHETIC, Sequence, open_sequence
+from vo_lib.data.truth import Truth, open_truth
+from vo_lib.front_end.front_end import make_front_end
+from vo_lib.method.buckets import select_by_bucket
+from vo_lib.runs.runner import single_threaded
+
+from .progress import with_bar
+
+DEFAULT = "synthetic/traffic"
+WARM_UP = 1  # pairs before the two asked for: they give the front end a motion to predict from
+
+Value = TypeVar("Value")
+
+
+class Memory(Generic[Value]):
+    """The last few results of something slow, by key; the least recently used one is forgotten first."""
+
+    def __init__(self, size: int):
+        self.size = size
+        self._kept: OrderedDict[Hashable, Value] = OrderedDict()
+        self._making: dict[Hashable, threading.Lock] = {}
+        self._lock = threading.Lock()
+
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._kept
+
+    def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
+        """The result kept under `key`; made now, once, where there is none."""
+        with self._lock:
+            gate = self._making.setdefault(key, threading.Lock())
+        # Others may make other things meanwhile; who wants the same one waits for it.
+        with gate:
+            try:
+                value = self._kept[key] if key in self._kept else make()
+            finally:
+                with self._lock:
+                    self._making.pop(key, None)
+            with self._lock:
+                self._kept[key] = value
+                self._kept.move_to_end(key)
+                while len(self._kept) > self.size:
+                    self._kept.popitem(last=False)
+            return value
+
+
+_sequences: Memory[Sequence] = Memory(8)
+_pairs: Memory[tuple[Image, Image]] = Memory(12)
+_prepared: Memory[Any] = Memory(6)
+_matches: Memory[StereoMatches] = Memory(24)
+_truths: Memory[Truth] = Memory(4)
+
+
+def is_open(name: str) -> bool:
+    """Whether a sequence can be had at once."""
+    return name in _sequences
+
+
+def keep(sequence: Sequence) -> str:
+    """Remember a sequence that was opened elsewhere; gives its name."""
+    return _sequences.get(sequence.name, lambda: sequence).name
+
+
+def opened(name: str, progress: Progress | None = None) -> Sequence:
+    """A sequence by name or folder; `progress` is called while a synthetic scene is drawn."""
+    return _sequences.get(name, lambda: open_sequence(name, progress=progress))
+
+
+def load(name: str = DEFAULT) -> Sequence:
+    """A sequence for a notebook cell; shows a bar while a synthetic scene is drawn for the first time."""
+    return with_bar(f"drawing {name}", lambda report: opened(name, report))
+
+
+def load_part(name: str, first: int, last: int) -> Sequence:
+    """Frames first … last of a drawn scene; no others are drawn where the whole scene is not there."""
+
+    def find(report: Progress) -> Sequence:
+        frames = range(first, last + 1)
+        scene = name.removeprefix(SYNTHETIC)
+        folder = ensure_scene(scene, progress=report, jobs=PROCESSES, frames=frames)
+        sequence = replace(open_sequence(folder), name=name)
+        start = sequence.frames.index(f"{first:06d}")
+        return sequence.part(start, start + len(frames))
+
+    return with_bar(f"drawing frames {first} to {last} of {name}", find)
+
+
+def key_of(sequence: Sequence, frame: int) -> tuple[Hashable, ...]:
+    """What tells a frame of a sequence, or of a part of it, from all others."""
+    return sequence.folder, sequence.frames[0], frame
+
+
+def stereo(sequence: Sequence, frame: int) -> tuple[Image, Image]:
+    """Left and right image of a frame."""
+    return _pairs.get(key_of(sequence, frame), lambda: sequence.stereo(frame))
+
+
+def frame_matches(sequence: Sequence, frame: int, config: Config) -> StereoMatches:
+    """Matches of a frame >= 1 with the one before, as the configuration's front end finds them."""
+    settings = config.features, config.matching
+
+    def make() -> StereoMatches:
+        front_end = make_front_end(sequence.camera, *settings)
+
+        def prepare(index: int) -> Any:
+            key = (*key_of(sequence, index), *settings)
+            return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
+
+        indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
+        with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
+            return [front_end.step(pair) for pair in pool.map(prepare, indices)][-1]
+
+    return _matches.get((*key_of(sequence, frame), *settings), make)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Matches of a frame after bucketing, as the method takes them.
+
+    Attributes
+    ----------
+    matches : (N,); x_p, x_c : (N, 2) normalised points; X_p : (N, 3) metres, previous left frame.
+    T_cp : (4, 4) the true motion, or None.
+    """
+
+    matches: StereoMatches
+    x_p: Array
+    x_c: Array
+    X_p: Array
+    T_cp: Array | None
+
+
+def frame_points(sequence: Sequence, frame: int, config: Config) -> Points:
+    """What chapters 2 to 4 start from: a frame's matches, bucketed, in normalised coordinates."""
+    matches, camera = frame_matches(sequence, frame, config), sequence.camera
+    matches = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)]
+    if len(matches) < 5:
+        raise DataError(f"frame {frame} has {len(matches)} matches; the five-point algorithm needs five")
+    return Points(
+        matches,
+        camera.normalise(matches.prev_left),
+        camera.normalise(matches.cur_left),
+        camera.triangulate(matches.prev_left, matches.prev_right),
+        true_motion(sequence, frame),
+    )
+
+
+def true_motion(sequence: Sequence, frame: int) -> Array | None:
+    """The true T_cp (4, 4) of a frame >= 1, or None."""
+    poses = sequence.truth
+    return None if poses is None else np.asarray(inverse(poses[frame]) @ poses[frame - 1])
+
+
+def truth(sequence: Sequence) -> Truth | None:
+    """The full truth of a drawn scene (depth, objects); None for other sequences."""
+    if not (sequence.folder / "truth" / "scene.json").exists():
+        return None
+    return _truths.get(sequence.folder, lambda: open_truth(sequence.folder))

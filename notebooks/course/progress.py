@@ -1,0 +1,112 @@
+"""Work of more than a second: a bar in a cell, or a thread of its own with a bar and a Stop button."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import ipywidgets as widgets
+from IPython.display import display
+
+from vo_lib.core.types import Progress
+
+Value = TypeVar("Value")
+
+
+def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
+    """The result of `work(progress)` for a notebook cell; a bar is shown from its first report to its end."""
+    bar = widgets.IntProgress(description=words, style={"description_width": "initial"})
+
+    def report(done: int, total: int) -> None:
+        if bar.value == 0:
+            display(bar)  # type: ignore[no-untyped-call]
+        bar.max, bar.value = total, max(done, 1)
+
+    try:
+        return work(report)
+    finally:
+        bar.close()
+
+
+class Stopped(Exception):
+    """Raised inside a job, from its progress function, once Stop was pressed."""
+
+
+class Job:
+    """At most one piece of work at a time; a new one stops the one before.
+
+    `box` has bar, words and Stop button; it is hidden while nothing runs.
+    """
+
+    def __init__(self) -> None:
+        self._bar = widgets.IntProgress(min=0, max=1, layout={"width": "420px"})
+        self._words = widgets.Label(layout={"width": "380px"})
+        button = widgets.Button(description="Stop", icon="stop", layout={"width": "90px"})
+        button.on_click(lambda _: self.stop())
+        self.box = widgets.HBox([self._bar, self._words, button], layout={"display": "none"})
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+
+    @property
+    def running(self) -> bool:
+        """Whether work is going on."""
+        with self._lock:  # not between a thread's making and its start
+            return self._thread is not None and self._thread.is_alive()
+
+    def start(
+        self,
+        label: str,
+        work: Callable[[Progress], Any],
+        done: Callable[[Any], None],
+        failed: Callable[[Exception], None],
+        after: float = 0.0,
+    ) -> None:
+        """Run `work(progress)` on a thread; then `done(result)`, or `failed(exception)`, there as well.
+
+        `work` calls progress(done, total) at least a few times a second: that is where Stop takes effect.
+        The bar is shown `after` so many seconds: short work does not make the page jump.
+        """
+        self.stop()
+        self.wait()
+        stop = self._stop = threading.Event()
+        show_at = time.monotonic() + after
+        self._bar.value, self._words.value = 0, label
+        if not after:
+            self.box.layout.display = ""
+
+        def report(count: int, total: int) -> None:
+            if stop.is_set():
+                raise Stopped
+            if time.monotonic() >= show_at:  # before, a message to the browser would only cost time
+                self.box.layout.display = ""
+                self._bar.max, self._bar.value = max(total, 1), count
+                self._words.value = f"{label}: {count} of {total}"
+
+        def body() -> None:
+            try:
+                result = work(report)
+                self.box.layout.display = "none"
+                done(result)
+            except Exception as error:
+                self.box.layout.display = "none"
+                failed(error)
+
+        with self._lock:
+            self._thread = threading.Thread(target=body, daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Ask the running work to end; it does so with its next report."""
+        self._stop.set()
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Block until the work has ended, with what it started in turn; not from inside it."""
+        end = None if seconds is None else time.monotonic() + seconds
+        while self.running and (end is None or time.monotonic() < end):
+            thread = self._thread
+            if thread is None or thread is threading.current_thread():
+                return
+            thread.join(None if end is None else max(end - time.monotonic(), 0))

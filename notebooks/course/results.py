@@ -1,0 +1,127 @@
+"""What an answer gives back: made comparable, shown in a few words, or the reason why it cannot be judged."""
+
+from __future__ import annotations
+
+import html
+import re
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import vo_lib
+
+RIGHT, NOT_YET = "#009E73", "#D55E00"
+RIGHT_CLASS, NOT_YET_CLASS = "vo-right", "vo-not-yet"  # tests look for them
+SHORT = 6  # so many numbers are shown whole
+NOT_OWN = str(Path(__file__).parent), str(Path(vo_lib.__path__[0])), "site-packages"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The result of a check, shown by a notebook as a line in green or orange."""
+
+    passed: bool
+    message: str
+    hint: str = ""
+
+    def __repr__(self) -> str:
+        word = "right" if self.passed else "not yet"
+        return f"{word}: {self.message}" + (f" Hint: {self.hint}" if self.hint else "")
+
+    def _repr_html_(self) -> str:
+        colour, word = (RIGHT, "✓ Right:") if self.passed else (NOT_YET, "✗ Not yet:")
+        name = RIGHT_CLASS if self.passed else NOT_YET_CLASS
+        hint = f"<br><i>Hint: {marked(self.hint)}</i>" if self.hint else ""
+        style = f"border-left:4px solid {colour};padding:4px 10px;max-width:940px"
+        return f'<div class="{name}" style="{style}"><b>{word}</b> {marked(self.message)}{hint}</div>'
+
+
+def marked(text: str) -> str:
+    """Text as HTML; what stands between backticks is code."""
+    return re.sub("`([^`]+)`", r"<code>\1</code>", html.escape(text))
+
+
+class Unusable(Verdict):
+    """A result that cannot be compared; two are alike when they begin alike, with a kind of exception."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Unusable) and self.message.split(":")[0] == other.message.split(":")[0]
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def outcome(answer: Any, inputs: tuple[Any, ...]) -> Any:
+    """What an answer gives for the inputs of a case; a value gives itself."""
+    if not callable(answer):
+        return answer
+    try:
+        return answer(*inputs)
+    except Exception as error:
+        # The innermost line that is the student's own.
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [f.line for f in frames if not any(place in f.filename for place in NOT_OWN)]
+        where = f" in the line `{own[-1]}`" if own else ""
+        return Unusable(False, f"the code stopped with {type(error).__name__}: {error}{where}.")
+
+
+def result(outcome: Any) -> Any:
+    """A result as an array, a lone number with the shape (); None and `Unusable` as they are."""
+    if outcome is None or isinstance(outcome, Unusable):
+        return outcome
+    try:
+        value = np.asarray(outcome)
+        if value.dtype.kind not in "iu":
+            value = value.astype(np.float64, casting="same_kind" if value.dtype.kind == "c" else "unsafe")
+    except (TypeError, ValueError):
+        return Unusable(False, f"expected numbers, got {type(outcome).__name__}.")
+    return value.reshape(()) if value.size == 1 else value
+
+
+def is_list(expected: Any) -> bool:
+    """Whether a result is a list of indices, whose length is a part of the answer."""
+    return isinstance(expected, np.ndarray) and expected.dtype.kind in "iu" and expected.ndim == 1
+
+
+def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
+    """Why a wrong result cannot even be compared with what is expected; the hint is for another shape."""
+    if isinstance(got, Unusable):
+        return got
+    if got is None:
+        says = f"{what} is missing: the function gives back nothing."
+        return Unusable(False, says, "does it end with `return`?")
+    if expected is None or got.shape == expected.shape or is_list(expected):
+        return None
+    hint = "a transpose is missing." if got.shape == expected.shape[::-1] else hint
+    return Unusable(False, f"{what} has shape {got.shape}, expected {expected.shape or 'one number'}.", hint)
+
+
+def holds(test: Callable[..., Any], *given: Any) -> bool:
+    """Whether a test of a result holds; not where the result is nothing that it can be made on."""
+    try:
+        return bool(test(*given))
+    except (TypeError, ValueError, IndexError):
+        return False
+
+
+def differ(one: Any, other: Any) -> bool:
+    """Whether arrays, lists of them or dictionaries differ; other things are not looked into."""
+    if isinstance(one, np.ndarray):
+        return not np.array_equal(one, other, equal_nan=True)
+    if isinstance(one, (list, tuple)):
+        return len(one) != len(other) or any(map(differ, one, other))
+    return isinstance(one, dict) and bool(one != other)
+
+
+def shown(value: Any) -> str:
+    """A number, a short array or a list of indices as text; else nothing."""
+    if isinstance(value, np.ndarray) and value.ndim:
+        short = value.size <= SHORT or is_list(value)
+        text = np.array2string(value, separator=", ", formatter={"all": "{:.4g}".format})
+        return " ".join(text.split()) if short else ""
+    if isinstance(value, (int, float, np.number, np.ndarray)):
+        return f"{value:.5g}"
+    return str(value) if value is None or isinstance(value, dict) else ""
