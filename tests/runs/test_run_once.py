@@ -20,6 +20,7 @@ from vo_lib.core import settings
 from vo_lib.core.files import only_process, write_text_atomic
 from vo_lib.runs.results import is_finished, read_run, write_run
 from vo_lib.runs.run_once import run_once
+from vo_lib.tables.comparison import read_stored_run
 
 FRAMES = 14
 
@@ -154,8 +155,8 @@ def test_a_finished_run_is_only_read(
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == written
 
 
-@pytest.mark.parametrize("damage", [None, "{", "[]", '{"kitti": 3}'])
-def test_missing_or_damaged_errors_of_a_finished_run_are_written_again(
+@pytest.mark.parametrize("damage", [None, "{", "edited"])
+def test_missing_damaged_or_edited_errors_of_a_finished_run_are_written_again(
     sequence: Sequence, folder: Path, damage: str | None
 ) -> None:
     run_once(folder, sequence, small(), "m")
@@ -164,8 +165,13 @@ def test_missing_or_damaged_errors_of_a_finished_run_are_written_again(
     if damage is None:
         path.unlink()
     else:
-        path.write_text(damage, encoding="utf-8")
+        text = path.read_text(encoding="utf-8").replace('"rmse_m": 0.0', '"rmse_m": 0.1')
+        path.write_text(text if damage == "edited" else damage, encoding="utf-8")
+        assert json.loads(text) != wanted
+        with pytest.raises(DataError, match="metrics.json: was cut or changed since the run wrote it"):
+            read_stored_run(folder)
     run_once(folder, sequence, small(), "m")
+    read_stored_run(folder)
     again = json.loads(path.read_text(encoding="utf-8"))
     assert again.keys() == wanted.keys()
     assert again.pop("path") == wanted.pop("path")

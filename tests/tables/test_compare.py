@@ -56,7 +56,7 @@ def long_run(runs: Path, folder: Path, method: str, error: float, measures: tupl
     metrics = {kind: errors[kind].to_dict() for kind in measures}
     (folder / "metrics.json").write_text(json.dumps(metrics), encoding="utf-8")
     config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-    (folder / "config.json").write_text(json.dumps(config | {"method": method}), encoding="utf-8")
+    (folder / "config.json").write_text(json.dumps(config | {"method": method, "files": {}}), encoding="utf-8")
     return str(folder)
 
 

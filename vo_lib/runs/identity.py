@@ -43,8 +43,8 @@ def images_digest(sequence: Sequence) -> str:
 def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
     """Hash of the content of each file of a folder, by name.
 
-    Hashes are remembered in the user's cache folder with the size and the time of the file, in a JSON file
-    for each folder. Where that is damaged, or two processes wrote it at once, files are hashed again.
+    Hashes are remembered in the user's cache folder with size and times of the file, in a JSON file for each
+    folder; no program can set the time of the last change of any kind (ctime). Where that is damaged, or two processes wrote it at once, files are hashed again.
     """
     place = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:DIGITS]
     memory = cache_folder().parent / "hashes" / f"{place}.json"
@@ -53,23 +53,23 @@ def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
         stats = {name: (folder / name).stat() for name in names}
     except OSError as error:
         raise DataError(f"the image cannot be read: {error.strerror}", error.filename) from None
-    stamps = {name: [stat.st_size, stat.st_mtime_ns] for name, stat in stats.items()}
-    changed = [name for name in names if known.get(name, [])[:2] != stamps[name]]
+    stamps = {name: [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns] for name, stat in stats.items()}
+    changed = [name for name in names if known.get(name, [])[:3] != stamps[name]]
     with ThreadPoolExecutor(max_workers=2) as pool:
         fresh = dict(zip(changed, pool.map(file_sha256, [folder / name for name in changed]), strict=True))
-    settled = {n: [*stamps[n], fresh[n]] for n in changed if stamps[n][1] < now - UNSETTLED}
+    settled = {n: [*stamps[n], fresh[n]] for n in changed if max(stamps[n][1:]) < now - UNSETTLED}
     if settled:
         with suppress(OSError, DataError):
             memory.parent.mkdir(parents=True, exist_ok=True)
             write_text_atomic(memory, json.dumps(_remembered(memory) | settled))
-    return {name: fresh[name] if name in fresh else known[name][2] for name in names}
+    return {name: fresh[name] if name in fresh else known[name][3] for name in names}
 
 
 def _remembered(memory: Path) -> dict[str, list[Any]]:
     """Size, time and hash of files by name; nothing where it is missing or damaged."""
     with suppress(DataError):
         known = read_json(memory, {str: [(int, str)]}, "hashes")
-        return {n: entry for n, entry in known.items() if len(entry) == 3 and fits(entry[2:], [str])}
+        return {n: entry for n, entry in known.items() if len(entry) == 4 and fits(entry[3:], [str])}
     return {}
 
 

@@ -46,7 +46,7 @@ LOG = "frames.csv"
 METRICS = "metrics.json"
 POSES = "poses.txt"
 CALIBRATION = "calibration.json"
-RESULTS = (POSES, LOG, CALIBRATION)  # errors follow from the poses
+RESULTS = (POSES, LOG, CALIBRATION, METRICS)
 UNFINISHED = "unfinished"
 FILES = "files"
 NUMBER_OR_NONE = (*NUMBER, type(None))
@@ -171,12 +171,14 @@ def read_metrics(folder: Path) -> dict[str, Any]:
 
 
 def mend_metrics(folder: Path, result: Run) -> None:
-    """Write metrics.json of a finished run again where it is missing or damaged."""
+    """Write metrics.json of a finished run again where it is missing, damaged or changed: poses decide it."""
+    config = read_config(folder)
     with suppress(DataError):
-        if (folder / METRICS).exists():
-            read_metrics(folder)
-            return
+        require_unchanged(folder, config, METRICS)
+        return
     _write_metrics(folder, evaluate_run(result), result)
+    config[FILES] = config.get(FILES, {}) | {METRICS: file_sha256(folder / METRICS)}
+    write_text_atomic(folder / CONFIG, _json(config))
 
 
 def timing(result: Run) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from ..core.files import NUMBER, fits
 from ..core.poses import from_first, read_kitti_poses
 from ..core.types import Array
 from ..evaluation.kitti import KITTI_BIN_MINIMUM
-from ..runs.results import CONFIG, POSES, evaluate_path, read_config, read_metrics, require_unchanged
+from ..runs.results import CONFIG, METRICS, POSES, evaluate_path, read_config, read_metrics, require_unchanged
 from .report import ReportTable, number
 
 KINDS = {"kitti": "as KITTI, 100 m and more", "short": "20, 50, 100 m, every frame"}
@@ -61,7 +61,7 @@ def read_stored_run(folder: str | Path) -> StoredRun:
     config = {"variant": "kit", "timing": {"ms_per_frame": math.nan}} | read_config(folder)
     if not fits(config, STORED) or len(config["frames"]) != 2:
         raise DataError("expected method, sequence and frames of a run", folder / CONFIG)
-    require_unchanged(folder, config, POSES)
+    require_unchanged(folder, config, POSES, *([METRICS] if (folder / METRICS).exists() else []))
     poses = read_kitti_poses(folder / POSES)
     first, last = config["frames"]
     seed, ms = config["settings"]["seed"], float(config["timing"]["ms_per_frame"])
