@@ -69,7 +69,7 @@ def test_vo_boxes_prints_each_box_and_draws_each_frame(
     printed = capsys.readouterr().out
     assert printed.count("parked") == 4
     assert printed.count("0.75") == 4
-    assert sorted(p.name for p in out.iterdir()) == [f"{i:06d}.jpg" for i in range(3, 7)]
+    assert sorted(p.name for p in out.glob("[!.]*")) == [f"{i:06d}.jpg" for i in range(3, 7)]
     picture = cv2.imread(str(out / "000004.jpg"))
     assert picture is not None
     assert picture.shape == (240, 480, 3)

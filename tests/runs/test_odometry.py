@@ -57,7 +57,7 @@ def test_same_seed_same_bytes_and_another_seed_other_bytes(bands: Path) -> None:
 def changed(folder: Path, frame: int) -> None:
     """One pixel of a frame's left image becomes another: noise makes no two images the same."""
     path = str(folder / "image_0" / f"{frame:06d}.png")
-    image = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+    image = np.asarray(cv2.imread(path, cv2.IMREAD_GRAYSCALE), np.uint8)
     image[0, 0] += np.uint8(1 + frame)
     cv2.imwrite(path, image)
 

@@ -168,7 +168,7 @@ def test_missing_damaged_or_edited_errors_of_a_finished_run_are_written_again(
         text = path.read_text(encoding="utf-8").replace('"rmse_m": 0.0', '"rmse_m": 0.1')
         path.write_text(text if damage == "edited" else damage, encoding="utf-8")
         assert json.loads(text) != wanted
-        with pytest.raises(DataError, match="metrics.json: was cut or changed since the run wrote it"):
+        with pytest.raises(DataError, match=r"metrics\.json: was cut or changed since the run wrote it"):
             read_stored_run(folder)
     run_once(folder, sequence, small(), "m")
     read_stored_run(folder)

@@ -15,6 +15,7 @@ from conftest import BANDS, BASELINE, FOCAL
 from vo_lib import Run, preset, run
 from vo_lib.commands.cli import main
 from vo_lib.core.errors import DataError
+from vo_lib.core.files import claim
 from vo_lib.core.types import Image
 from vo_lib.data.sequence import open_sequence
 from vo_lib.tables.film import PATH, STRIP, Film, shown_frames
@@ -103,6 +104,7 @@ def whole_film(place: Path, result: Run) -> None:
 def test_a_film_on_a_full_disk_is_no_film_and_the_old_one_stays(bands: Path, name: str) -> None:
     resource = pytest.importorskip("resource")
     result, place = run(open_sequence(bands), preset("viso2")), bands.parent / name
+    claim(place)
     place.write_bytes(b"an older one")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (6000, limits[1]))  # a write beyond fails, as on a full disk
@@ -112,4 +114,4 @@ def test_a_film_on_a_full_disk_is_no_film_and_the_old_one_stays(bands: Path, nam
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert place.read_bytes() == b"an older one"
-    assert {path.name for path in bands.parent.iterdir()} == {bands.name, name}
+    assert {path.name for path in bands.parent.glob("[!.]*")} == {bands.name, name}

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..beyond.box_tracks import MOVING, PARKED, UNKNOWN, Judgement
 from ..config import preset
-from ..core.files import write_bytes_atomic
+from ..core.files import write_result
 from ..core.matches import StereoMatches
 from ..data.sequence import Sequence
 from ..runs.results import run_folder
@@ -43,7 +43,7 @@ def _boxes(options: argparse.Namespace) -> int:
     if options.out is None:
         rows = _judge(sequence, None)
     else:
-        with run_folder(options.out) as folder:
+        with run_folder(options.out, *(f"{frame}.jpg" for frame in sequence.frames[1:])) as folder:
             rows = _judge(sequence, folder)
     show_table(f"{sequence.name}: boxes judged by the features in them", COLUMNS, rows)
     if options.out is not None:
@@ -70,7 +70,7 @@ def _judge(sequence: Sequence, folder: Path | None) -> list[list[str]]:
             rows += [[sequence.frames[index], *row] for row in _rows(judgement, seconds)]
             if folder is not None:
                 picture = _picture(sequence, index, matches, odometry.filtered.keep, judgement)
-                write_bytes_atomic(folder / f"{sequence.frames[index]}.jpg", picture)
+                write_result(folder / f"{sequence.frames[index]}.jpg", picture)
     return rows
 
 

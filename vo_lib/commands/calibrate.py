@@ -10,7 +10,7 @@ from typing import Any
 from ..beyond.calibration import require_same_camera
 from ..config import Config, preset
 from ..core.errors import DataError
-from ..core.files import write_bytes_atomic, write_text_atomic
+from ..core.files import require_own, write_result
 from ..runs.runner import run
 from ..tables.field_figure import field_figure
 from ..tables.plots import png
@@ -37,6 +37,8 @@ def _calibrate(options: argparse.Namespace) -> int:
     for path, ending in ((options.out, ".json"), (options.picture, ".png")):
         if path is not None and (path.suffix != ending or not path.parent.is_dir()):
             raise DataError(f"expected a name ending in {ending}, in a folder that exists", path)
+        if path is not None:
+            require_own(path)
     config = preset("solution_selection")
     assert isinstance(config, Config)
     sequences = [open_with_bar(name, options.cache) for name in options.sequences]
@@ -49,9 +51,9 @@ def _calibrate(options: argparse.Namespace) -> int:
         assert known is not None
         say(f"after {sequence.name}: {known.in_words(config.calibration)}")
     assert known is not None
-    write_text_atomic(options.out, known.to_json())
+    write_result(options.out, known.to_json())
     if options.picture is not None:
         coefficients, _ = known.in_use(config.calibration)
-        write_bytes_atomic(options.picture, png(field_figure(coefficients, known.camera)))
+        write_result(options.picture, png(field_figure(coefficients, known.camera)))
     say(f"written to {options.out}")
     return 0

@@ -20,7 +20,7 @@ from ..tables.plots import jpeg, match_image
 from ..tables.report import Picture
 from ..tables.reproduce import collect, plan_jobs
 from ..tables.table1 import method_table
-from ..tables.table_files import write_table_files
+from ..tables.table_files import TABLE_FILES, write_table_files
 from .common import BOTH, add_cache, add_variant, open_with_bar, parse_methods
 from .console import reporting, say, show_report_table
 from .script import typed
@@ -45,7 +45,7 @@ def add(commands: Any) -> None:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    with run_folder(options.out) as folder:
+    with run_folder(options.out, *TABLE_FILES) as folder:
         sequence = open_with_bar(SCENE, options.cache)
         jobs = plan_jobs([sequence], parse_methods(None, options.variant), 1, folder)
         with reporting("all methods") as report:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.errors import DataError
-from ..core.files import write_text_atomic
+from ..core.files import write_result
 from ..core.poses import read_by_time, read_euroc, read_kitti_pair, read_tum
 from ..core.types import Array
 from ..evaluation.ate_rpe import Alignment
@@ -95,9 +95,9 @@ def _evaluate(options: argparse.Namespace) -> int:
         systems.append(System(label, pairs, result, turned))
     data = json.dumps(as_json(systems), indent=2, allow_nan=False)
     if options.out is not None:
-        with run_folder(options.out) as folder:
-            write_text_atomic(folder / "evaluation.json", data + "\n")
-            write_text_atomic(folder / "evaluation.csv", as_csv(systems))
+        with run_folder(options.out, "evaluation.json", "evaluation.csv") as folder:
+            write_result(folder / "evaluation.json", data + "\n")
+            write_result(folder / "evaluation.csv", as_csv(systems))
     if options.plot is not None:
         with run_folder(options.plot) as folder:
             write_pictures(folder, systems)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import html
 import os
 import re
-import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
 
+from ..core.files import require_own, write_result
 from .console import say
 from .mathml import with_mathml
 
@@ -36,19 +36,23 @@ def write_pages(source: Path, target: Path) -> None:
     """Execute every notebook below `source`; write it, and the texts beside them, as pages into `target`."""
     import nbformat  # with JupyterLab; slow to import
 
-    target.mkdir(parents=True, exist_ok=True)
-    for path in sorted([*source.glob("*.ipynb"), *source.glob("solutions/*.ipynb"), *source.glob("*.md")]):
+    paths = sorted([*source.glob("*.ipynb"), *source.glob("solutions/*.ipynb"), *source.glob("*.md")])
+    places = [(target / path.relative_to(source)).with_suffix(".html") for path in paths]
+    pictures = [path for path in source.glob("images/*") if path.is_file()]
+    copies = [target / path.relative_to(source) for path in pictures]
+    require_own(*places, *copies)
+    for path, place in zip(paths, places, strict=True):
         say(f"{path.relative_to(source)} …")
         if path.suffix == ".md":
             text = nbformat.v4.new_markdown_cell(path.read_text(encoding="utf-8"))  # type: ignore[no-untyped-call]
             notebook = nbformat.v4.new_notebook(cells=[text])  # type: ignore[no-untyped-call]
         else:
             notebook = executed(nbformat.read(path, as_version=4), source)  # type: ignore[no-untyped-call]
-        place = (target / path.relative_to(source)).with_suffix(".html")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        write_result(place, portable(page(notebook, path.stem), source.resolve().parent))
+    for path, place in zip(pictures, copies, strict=True):
         place.parent.mkdir(exist_ok=True)
-        place.write_text(portable(page(notebook, path.stem), source.resolve().parent), encoding="utf-8")
-    if (source / "images").is_dir():
-        shutil.copytree(source / "images", target / "images", dirs_exist_ok=True)
+        write_result(place, path.read_bytes())
     say(f"open {target / '00_start_here.html'}")
 
 

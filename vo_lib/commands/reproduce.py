@@ -18,7 +18,7 @@ from ..tables.entries import group_entries
 from ..tables.paper import read_paper_table
 from ..tables.reproduce import collect, default_sequences, plan_jobs, split_missing
 from ..tables.table1 import layout_tables
-from ..tables.table_files import write_table_files
+from ..tables.table_files import TABLE_FILES, write_table_files
 from .common import BOTH, add_cache, add_variant, open_with_bar, parse_lengths, parse_methods, parse_whole
 from .console import reporting, say, show_report_table
 
@@ -72,7 +72,7 @@ def _reproduce(options: argparse.Namespace) -> int:
         find_model(options.detector)
     asked = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
     names, missing = split_missing(asked)
-    with run_folder(options.out) as folder:
+    with run_folder(options.out, *TABLE_FILES) as folder:
         sequences = [_labelled(open_with_bar(name, options.cache), options) for name in names]
         jobs = plan_jobs(sequences, methods, seeds, folder)
         with reporting(f"{len(jobs)} runs") as report:

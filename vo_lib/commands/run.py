@@ -13,7 +13,7 @@ from ..beyond.calibration import read_calibration
 from ..config import Config, DetectorConfig, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
-from ..core.files import write_bytes_atomic
+from ..core.files import claim, require_own, write_result
 from ..data.sequence import Sequence
 from ..data.stereo_check import doubts
 from ..detection.label_cache import detected_sequence
@@ -29,6 +29,7 @@ from .console import reporting, say, show_run
 from .setting_options import add_option, given
 
 DETECTOR = "detector."
+PICTURE = "trajectory.png"
 
 
 def add(commands: Any) -> None:
@@ -144,6 +145,7 @@ def _run(options: argparse.Namespace) -> int:
             raise DataError("expected a page's name, ending in .html", options.view)
         if not options.view.absolute().parent.is_dir():
             raise DataError("the page's folder is missing", options.view.parent)
+        require_own(options.view)
     cache = Path(options.cache) if options.cache else None
     sequence = open_part(options, cache)
     if options.calibration is not None:
@@ -153,7 +155,10 @@ def _run(options: argparse.Namespace) -> int:
         known.check(sequence.camera)
         sequence = replace(sequence, calibration=known)
     label = f"{sequence.name}, {options.method}" + (", published" if config.variant == "published" else "")
-    with run_folder(options.out) as folder, _with_boxes(sequence, options, cache) as sequence:
+    with (
+        run_folder(options.out, *() if options.fresh else (PICTURE,)) as folder,
+        _with_boxes(sequence, options, cache) as sequence,
+    ):
         with reporting(label) as report:
             result, done_before = run_once(
                 folder,
@@ -166,7 +171,9 @@ def _run(options: argparse.Namespace) -> int:
                 progress=report,
             )
         picture = trajectory_figure(label, sequence.truth, {options.method: result.poses})
-        write_bytes_atomic(folder / "trajectory.png", png(picture))
+        if options.fresh:
+            claim(folder / PICTURE)
+        write_result(folder / PICTURE, png(picture))
         if options.video is not None or options.view is not None:
             _draw_frames(result, label, options, cache)
     show_run(result, options.method, evaluate_run(result), folder)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.files import write_bytes_atomic, write_text_atomic
+from ..core.files import write_result
 from ..runs.jobs import run_jobs
 from ..runs.results import run_folder
 from ..tables.plots import heat_map_figure, png
@@ -58,7 +58,7 @@ def _sweep(options: argparse.Namespace) -> int:
     axes = tuple(parse_axis(text) for text in options.axes)
     seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
     sequence = open_part(options, options.cache)
-    with run_folder(options.out) as folder:
+    with run_folder(options.out, "sweep.csv", "sweep.png") as folder:
         with reporting(f"{sequence.name}, {options.method}") as report:
             run = partial(
                 run_jobs,
@@ -69,9 +69,9 @@ def _sweep(options: argparse.Namespace) -> int:
                 fresh=options.fresh,
             )
             sweep = run_sweep(sequence, options.method, axes, seeds, folder, run, options.variant)
-        write_text_atomic(folder / "sweep.csv", sweep_csv(sweep))
+        write_result(folder / "sweep.csv", sweep_csv(sweep))
         if len(axes) == 2:
-            write_bytes_atomic(folder / "sweep.png", _heat_map(sweep))
+            write_result(folder / "sweep.png", _heat_map(sweep))
     show_report_table(sweep_table(sweep))
     say(f"written to {folder / 'sweep.csv'}" + (f" and {folder / 'sweep.png'}" if len(axes) == 2 else ""))
     return int(any(cell.errors for cell in sweep.cells))

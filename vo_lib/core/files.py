@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from .errors import DataError
 
 LOCK = ".lock"
+WRITTEN = ".written_by_vo"  # in a folder of results: names of the files there that the kit wrote, one a line
 ABANDONED = 60.0  # seconds; no write takes so long
 NUMBER = (int, float)
 
@@ -193,6 +194,43 @@ def write_text_atomic(path: str | Path, text: str) -> None:
     What is no letter, such as bytes of a file's name that are not UTF-8, becomes a question mark.
     """
     write_bytes_atomic(path, text.encode("utf-8", "replace"))
+
+
+def require_own(*paths: Path) -> None:
+    """`DataError` naming the first of these files that is there and that the kit did not write."""
+    for path in paths:
+        if path.name.encode("utf-8", "replace") not in _written(path.parent) and os.path.lexists(path):
+            raise DataError("is not the kit's, which does not replace it: choose another place", path)
+
+
+def claim(*paths: Path) -> None:
+    """Note these files as the kit's own, to be written and replaced from now on."""
+    for path in paths:
+        name = path.name.encode("utf-8", "replace")
+        if name in _written(path.parent):
+            continue
+        try:
+            # Before the file: killed in between, no file of the kit's is taken for somebody else's.
+            # Short lines are appended whole, whoever else does so at the same time.
+            with open(path.with_name(WRITTEN), "ab", buffering=0) as ledger:
+                ledger.write(name + b"\n")
+        except OSError as error:
+            raise DataError(f"cannot be written: {error.strerror}", path) from error
+
+
+def _written(folder: Path) -> frozenset[bytes]:
+    ledger = folder / WRITTEN
+    return frozenset(read_bytes(ledger).split(b"\n")) if ledger.exists() else frozenset()
+
+
+def write_result(path: Path, data: bytes | str) -> None:
+    """Write a file into a folder of the user's, whole or not at all; what the kit did not write stays.
+
+    Raises `DataError` as `require_own` and `write_bytes_atomic` do.
+    """
+    require_own(path)
+    claim(path)
+    write_bytes_atomic(path, data.encode("utf-8", "replace") if isinstance(data, str) else data)
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:

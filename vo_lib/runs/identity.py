@@ -44,7 +44,8 @@ def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
     """Hash of the content of each file of a folder, by name.
 
     Hashes are remembered in the user's cache folder with size and times of the file, in a JSON file for each
-    folder; no program can set the time of the last change of any kind (ctime). Where that is damaged, or two processes wrote it at once, files are hashed again.
+    folder; no program can set the time of the last change of any kind (ctime). Where the file is damaged, or
+    two processes wrote it at once, files are hashed again.
     """
     place = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:DIGITS]
     memory = cache_folder().parent / "hashes" / f"{place}.json"

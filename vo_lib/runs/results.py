@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -22,6 +23,7 @@ from ..core.files import (
     fits,
     read_csv,
     read_json,
+    require_own,
     write_bytes_atomic,
     write_text_atomic,
 )
@@ -47,6 +49,8 @@ METRICS = "metrics.json"
 POSES = "poses.txt"
 CALIBRATION = "calibration.json"
 RESULTS = (POSES, LOG, CALIBRATION, METRICS)
+POSES_TUM = "poses_tum.txt"
+RUN_FILES = (CONFIG, *RESULTS, POSES_TUM)  # a run's own where config.json says that it is one
 UNFINISHED = "unfinished"
 FILES = "files"
 NUMBER_OR_NONE = (*NUMBER, type(None))
@@ -72,8 +76,10 @@ STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "tr
 
 
 @contextmanager
-def run_folder(folder: str | Path) -> Iterator[Path]:
-    """A run folder that can be written to, seen before any work is done.
+def run_folder(folder: str | Path, *names: str) -> Iterator[Path]:
+    """A folder for results that can be written to, seen before any work is done.
+
+    names : files that the work writes there; what the kit did not write is refused.
 
     When the work inside fails, folders made for it are taken away again if they are still empty. A sequence's
     own folder is refused: a run's poses.txt would take the place of the truth.
@@ -90,7 +96,8 @@ def run_folder(folder: str | Path) -> Iterator[Path]:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise DataError(f"the folder cannot be made: {error.strerror}", path) from None
-        probe = path / ".writable"
+        require_own(*(path / name for name in names))
+        probe = path / f".{os.getpid()}.writable"
         write_bytes_atomic(probe, b"")
         probe.unlink()
         yield path
@@ -129,7 +136,7 @@ def write_run(
     config = identity or run_identity(sequence, result.config, method)
     write_text_atomic(folder / CONFIG, _json(config | {UNFINISHED: True}))
     write_text_atomic(folder / POSES, format_kitti_poses(result.poses))
-    write_text_atomic(folder / "poses_tum.txt", format_tum(sequence.times, result.poses))
+    write_text_atomic(folder / POSES_TUM, format_tum(sequence.times, result.poses))
     write_text_atomic(folder / LOG, frames_csv(sequence.frames[1:], result.motions))
     if result.calibration is not None:
         write_text_atomic(folder / CALIBRATION, result.calibration.to_json())

@@ -14,7 +14,7 @@ from ..core.types import Progress
 from ..data.sequence import Sequence
 from .identity import NOT_USED, run_identity
 from .match_cache import CachedMatches
-from .results import CONFIG, METRICS, POSES, is_finished, mend_metrics, read_config, read_run, write_run
+from .results import CONFIG, RUN_FILES, is_finished, mend_metrics, read_config, read_run, write_run
 from .runner import Run, run_methods
 
 
@@ -69,7 +69,7 @@ def run_once(
 def _refuse_another(folder: Path, wanted: dict[str, Any]) -> None:
     """`DataError` naming what differs, where the folder holds anything else than the run that is wanted."""
     if not (folder / CONFIG).exists():
-        for name in (POSES, METRICS):
+        for name in RUN_FILES:
             if (folder / name).exists():
                 raise DataError(
                     f"of something else, for there is no {CONFIG} beside it; choose another folder, or start "

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.boxes import Boxes
 from ..core.errors import DataError
+from ..core.files import claim, require_own
 from ..core.frame import FrameResult
 from ..core.matches import SAME, StereoMatches
 from ..core.poses import from_first
@@ -77,6 +78,7 @@ def require_film(path: Path) -> None:
         raise DataError("the film's folder is missing", path.parent)
     if path.is_dir():
         raise DataError("is a folder, expected a film's name", path)
+    require_own(path)
 
 
 class Film:
@@ -110,6 +112,7 @@ class Film:
         try:
             if kind is None:
                 self._require_whole()
+                claim(self.path)
                 os.replace(self._working, self.path)
         finally:
             self._working.unlink(missing_ok=True)

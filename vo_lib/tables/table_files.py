@@ -9,8 +9,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from ..config import CalibrationConfig
-from ..core.files import write_bytes_atomic, write_text_atomic
-from ..core.poses import write_kitti_poses
+from ..core.files import write_result
+from ..core.poses import format_kitti_poses
 from ..core.types import Array
 from ..data.sequence import KITTI
 from .entries import Group, group_entries
@@ -23,6 +23,7 @@ from .table1 import VARIANT_WORDS, layout_tables, length_table, trajectory_table
 from .table1_data import groups_json, table_csv
 
 FIGURE_4 = (f"{KITTI}02", f"{KITTI}07")
+TABLE_FILES = ("table1.md", "table1.csv", "metrics.json", "report.html")
 COLOURS = {
     "viso2": "green",
     "mesvo_f": "black",
@@ -62,9 +63,9 @@ def write_table_files(
         "made_with": provenance(),
     }
     text = "".join(f"{line}\n\n" for line in result.problems) + "\n".join(map(markdown, tables))
-    write_text_atomic(folder / "table1.md", text)
-    write_text_atomic(folder / "table1.csv", table_csv(groups, paper))
-    write_text_atomic(folder / "metrics.json", json.dumps(metrics, indent=2, allow_nan=False) + "\n")
+    as_json = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
+    for name, content in zip(TABLE_FILES, (text, table_csv(groups, paper), as_json), strict=False):
+        write_result(folder / name, content)
     write_results(folder, result)
     pictures = [*more, *_trajectories(folder, result), *_curves(folder, groups), *_fields(folder, result)]
     page = render_report(
@@ -75,7 +76,7 @@ def write_table_files(
         [command],
         tuple(result.problems),
     )
-    write_text_atomic(folder / "report.html", page)
+    write_result(folder / TABLE_FILES[-1], page)
     return metrics
 
 
@@ -92,7 +93,7 @@ def write_results(folder: Path, result: Reproduction) -> None:
         for method, poses in by_method.items():
             place = folder / "results" / variant / method
             place.mkdir(parents=True, exist_ok=True)
-            write_kitti_poses(place / f"{slug(sequence.removeprefix(KITTI))}.txt", poses)
+            write_result(place / f"{slug(sequence.removeprefix(KITTI))}.txt", format_kitti_poses(poses))
 
 
 def _introduction(result: Reproduction) -> list[str]:
@@ -189,8 +190,8 @@ def _title(group: Group) -> str:
 def write_figure(folder: Path, name: str, figure: Figure) -> bytes:
     """Write a figure as PNG and as PDF; returns the PNG."""
     data = png(figure)
-    write_bytes_atomic(folder / f"{name}.png", data)
-    write_bytes_atomic(folder / f"{name}.pdf", pdf(figure))
+    write_result(folder / f"{name}.png", data)
+    write_result(folder / f"{name}.pdf", pdf(figure))
     return data
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from ..core.files import write_text_atomic
+from ..core.files import write_result
 from ..core.geometry import transform
 from ..core.poses import from_first
 from ..core.types import Array
@@ -61,4 +61,4 @@ class View:
             centre=np.round((low + high) / 2, 2).tolist(),
             size=float(np.ceil(1.3 * max((high - low).max(), 20.0))),
         )
-        write_text_atomic(path, text)
+        write_result(path, text)
