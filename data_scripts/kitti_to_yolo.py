@@ -26,6 +26,7 @@ from training.kitti_set import (
     split,
     write_set,
 )
+from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
@@ -44,7 +45,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--valid", type=share, default=0.15, metavar="X", help="share to validate, default 0.15"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the choice of these, default 0")
+    parser.add_argument("--seed", default="0", help="of the choice of these, default 0")
     parser.add_argument("--allow-evaluated", action="store_true", help="take evaluated, unknown drives too")
 
 
@@ -57,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     used = check_origin(found, options.allow_evaluated)
     if len(used) < 2:
         raise DataError(f"{len(used)} images may be trained on: expected two or more", options.kitti)
-    parts = split(used, options.valid, options.seed)
+    parts = split(used, options.valid, parse_whole("--seed", options.seed, least=0))
     with reporting("writing the data set") as report:
         write_set(parts, options.out, report)
     counts = ", ".join(f"{n} {name}" for n, name in zip(boxes_by_class(used), NAMES, strict=True))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import warnings
 
 
 def main() -> int:
@@ -15,6 +16,9 @@ def main() -> int:
     ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN  # by nohup
     if not ignored:
         signal.signal(signal.SIGINT, _stop)
+    if not sys.warnoptions:  # what overflows is seen and said by the kit itself, here and in its processes
+        warnings.simplefilter("ignore", RuntimeWarning)
+        os.environ["PYTHONWARNINGS"] = "ignore::RuntimeWarning"
     from .commands.cli import main as command
 
     if not ignored:

@@ -82,6 +82,8 @@ def _images(camera: Path) -> dict[int, Path]:
             continue
         if len(words) != 2 or not MOMENT.fullmatch(words[0]):
             raise DataError("expected a time in ns and a file name, with a comma between", path, number)
+        if int(words[0]) in found:
+            raise DataError(f"names the time {words[0]} twice", path, number)
         found[int(words[0])] = camera / "data" / words[1]
         if not os.path.isfile(found[int(words[0])]):  # a name may be too long for any file
             raise DataError(f"names {words[1]}, which is missing in {camera / 'data'}", path, number)

@@ -104,12 +104,12 @@ def fetch(
     progress : called with (bytes of the archive done, bytes in all).
     """
     for folder in sorted({root / member.target.parent for member in members}):
+        if not folder.resolve().is_relative_to(root.resolve()):
+            raise DataError("leads outside of the tree by a link: nothing is written there", folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise DataError(f"the folder cannot be made: {error.strerror}", folder) from None
-        if not folder.resolve().is_relative_to(root.resolve()):
-            raise DataError("leads outside of the tree by a link: nothing is written there", folder)
     total, done = sum(member.packed for member in members), 0
     pool = ThreadPoolExecutor(max_workers=jobs)
     try:

@@ -126,7 +126,7 @@ def _timestamps(path: Path) -> Array:
         whole, _, fraction = line.strip().partition(".")
         try:
             moment = datetime.datetime.fromisoformat(whole)
-            if not (fraction or "0").isdecimal():
+            if moment.tzinfo is not None or not (fraction or "0").isdecimal():
                 raise ValueError
             part = float(f"0.{fraction or 0}")
         except ValueError:

@@ -85,6 +85,21 @@ def test_it_belongs_to_one_camera(learnt: Calibration) -> None:
         other = dataclasses.replace(CAMERA, **{name: 1.02 * getattr(CAMERA, name)})
         with pytest.raises(DataError, match=f"another camera: {name} is"):
             learnt.check(other)
+    others = {"image": {"width": 2 * CAMERA.size[0]}, "principal point": {"cy": 0.4 * CAMERA.cy}}
+    for name, change in others.items():
+        with pytest.raises(DataError, match=f"another camera: {name} is"):
+            learnt.check(dataclasses.replace(CAMERA, **change))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", [1e2, 1e6, 1e300])
+def test_an_error_that_no_rig_has_is_refused(learnt: Calibration, tmp_path: Path, size: float) -> None:
+    path = tmp_path / "mine.json"
+    far = dataclasses.replace(learnt, estimate=field(d_1=size))
+    bent = dataclasses.replace(learnt, lens_vector=learnt.lens_information @ np.full(3, size / CAMERA.f))
+    for wrong in (far, bent):
+        path.write_text(wrong.to_json(), encoding="utf-8")
+        with pytest.raises(DataError, match=r"mine\.json: an error of .* px: expected 30 px at most"):
+            read_calibration(path)
 
 
 def test_on_another_drive_the_shift_alone_is_less_certain(learnt: Calibration) -> None:

@@ -8,8 +8,9 @@ from xml.etree import ElementTree
 import nbformat
 import pytest
 
-from vo_lib.commands.lab_html import executed, page, portable
+from vo_lib.commands.lab_html import executed, page, portable, write_pages
 from vo_lib.commands.mathml import FORMULA, to_mathml, with_mathml
+from vo_lib.core.errors import DataError
 
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
 TEXTS = sorted([*NOTEBOOKS.rglob("*.ipynb"), *NOTEBOOKS.glob("*.md")])
@@ -63,6 +64,14 @@ def test_a_page_has_its_panel_as_a_picture_and_needs_no_network() -> None:
     assert 'src="data:image/jpeg;base64,YWJj' in written
     assert "<script" not in written
     assert "http" not in written.replace("http-equiv", "")
+
+
+def test_a_damaged_notebook_is_named_before_any_page_is_written(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "00_start_here.ipynb").write_text('{"cells": [', encoding="utf-8")
+    with pytest.raises(DataError, match=r"00_start_here\.ipynb: is no notebook"):
+        write_pages(tmp_path / "in", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_page_names_no_folder_of_this_machine(tmp_path: Path) -> None:

@@ -58,6 +58,16 @@ def test_every_sketch_is_another_picture() -> None:
     assert len(pictures) == len(names)
 
 
+@pytest.mark.parametrize("line", ["import sys; sys.exit(0)", "raise KeyboardInterrupt", "1 / 0"])
+def test_a_module_of_mine_that_ends_the_program_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_vo.py").write_text(f"{line}\n", encoding="utf-8")
+    with pytest.raises(DataError, match=r"my_vo\.py: it cannot be run"):
+        own.join()
+
+
 def test_the_source_of_a_stage_is_the_real_one() -> None:
     shown = str(show_source(nearest_to_prior, Exercise))
     assert shown.startswith("# vo_lib/method/selection.py\ndef nearest_to_prior(")

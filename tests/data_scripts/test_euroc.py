@@ -138,6 +138,7 @@ BAD = {
     "size": ("cam1/sensor.yaml", "[752, 480]", "[752, 481]", "resolution differs"),
     "row": ("cam0/data.csv", f"{START},", "first,", "data.csv, line 2: expected a time in ns"),
     "image": ("cam0/data.csv", f",{START}.png", ",gone.png", "line 2: names gone.png"),
+    "time": ("cam0/data.csv", f"{START + STEP},", f"{START},", f"line 3: names the time {START} twice"),
     "truth": ("state_groundtruth_estimate0/data.csv", f"{START}, ", f"{START}, 1e30", "line 2: a position"),
 }
 

@@ -243,11 +243,12 @@ def test_an_archive_that_cannot_be_unpacked_is_one_line_and_leaves_no_file(tmp_p
     assert [path for path in (tmp_path / "root").rglob("*") if path.is_file()] == []
 
 
-def test_a_link_below_the_root_that_leads_outside_is_not_written_through(tmp_path: Path) -> None:
+@pytest.mark.parametrize("link", ["sequences", "sequences/07"])
+def test_a_link_below_the_root_that_leads_outside_is_not_written_through(tmp_path: Path, link: str) -> None:
     (tmp_path / "odd.zip").write_bytes(packed(DEFLATED))
     (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "root" / "sequences").mkdir(parents=True)
-    (tmp_path / "root" / "sequences" / "07").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "root" / link).parent.mkdir(parents=True)
+    (tmp_path / "root" / link).symlink_to(tmp_path / "elsewhere")
     with Archives() as archives, pytest.raises(DataError, match="07: leads outside of the tree"):
         fetch(archives, plan(archives, [str(tmp_path / "odd.zip")], ["07"]), tmp_path / "root")
     assert list((tmp_path / "elsewhere").iterdir()) == []

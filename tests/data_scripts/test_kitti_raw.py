@@ -143,6 +143,11 @@ def test_what_is_wrong_with_a_drive_is_named(drive: Path, tmp_path: Path) -> Non
     stamps.write_text(text.replace("2011-09-26 23:59:59.2", "yesterday", 1), encoding="utf-8")
     with pytest.raises(DataError, match=r"timestamps.txt, line 3: expected a time"):
         read_raw_drive(drive)
+    zoned = text.replace("23:59:59.264389445", "23:59:59+01:00", 1)
+    assert zoned != text
+    stamps.write_text(zoned, encoding="utf-8")
+    with pytest.raises(DataError, match=r"timestamps.txt, line 3: expected a time"):
+        read_raw_drive(drive)
     stamps.write_text("\n".join(text.splitlines()[:3]) + "\n", encoding="utf-8")
     with pytest.raises(DataError, match="3 rows"):
         read_raw_drive(drive)

@@ -138,6 +138,7 @@ def test_wrong_options_end_with_one_line(
         ["object", str(tmp_path), out],
         ["object", str(objects), out],
         ["object", str(objects), out, "--valid", "2"],
+        ["object", str(objects), out, "--allow-evaluated", "--seed=-1"],
         ["tracking", str(objects), out, "--drive", "0000"],
     ):
         assert kitti_to_yolo(words) == 2

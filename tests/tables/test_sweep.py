@@ -107,7 +107,9 @@ def test_the_command_writes_table_and_heat_map(
 def test_a_heat_map_shows_its_numbers_and_marks_what_is_missing() -> None:
     cells = np.dstack([np.arange(6.0).reshape(2, 3), np.full((2, 3), 0.25)])
     cells[1, 0] = np.nan
-    figure = heat_map_figure("t", ("row", ["a", "b"]), ("column", ["x", "y", "z"]), {"TE [%]": cells})
+    figure = heat_map_figure(
+        r"$\foo$ " * 30, ("row", ["a", "b"]), ("column", ["x", "y", "z"]), {"TE [%]": cells}
+    )
     axis = figure.axes[0]
     texts = [text.get_text() for text in axis.texts]
     assert texts == ["0.000\n± 0.250", "1.000\n± 0.250", "2.000\n± 0.250", "×", *texts[4:]]

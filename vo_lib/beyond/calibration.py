@@ -27,6 +27,8 @@ SHAPE = {
     "lens_vector": [NUMBER],
 }
 ALIKE = 0.01  # share by which focal length and baseline of a camera that is the same may differ
+SAME_VIEW = 0.05  # share of the image by which its size and principal point may
+LARGEST = 30.0  # pixels; no rig that anybody used is so far from its calib.txt
 NOTHING = 0.05  # pixels; a smaller error is not worth a word
 EDGE = 0.08  # share of the image at each side that is left out where an error is said in words
 
@@ -84,11 +86,21 @@ class Calibration:
 
 
 def require_same_camera(one: StereoCamera, other: StereoCamera, name: str) -> None:
-    """`DataError` naming what differs, unless both have one focal length and baseline, within a hundredth."""
+    """`DataError` naming what differs between two cameras.
+
+    Focal length and baseline are the same within a hundredth, size and principal point within a twentieth.
+    """
     for field in ("f", "baseline"):
         mine, theirs = getattr(one, field), getattr(other, field)
         if abs(mine - theirs) > ALIKE * theirs:
             raise DataError(f"{name} is of another camera: {field} is {mine:g} and {theirs:g}")
+    for field, two in (
+        ("image", (one.size, other.size)),
+        ("principal point", ((one.cx, one.cy), (other.cx, other.cy))),
+    ):
+        if (np.abs(np.subtract(*two)) > SAME_VIEW * np.array(other.size)).any():
+            mine, theirs = ("×".join(f"{number:g}" for number in each) for each in two)
+            raise DataError(f"{name} is of another camera: {field} is {mine} and {theirs} px")
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -99,15 +111,21 @@ def read_calibration(path: Path) -> Calibration:
         camera = StereoCamera(**data["camera"])
         if min(camera.f, camera.baseline, *camera.size) <= 0:
             raise ValueError
-        return Calibration(
+        known = Calibration(
             camera,
             _array(list(data["field"].values()), SIZE),
             _covariance(data["field_covariance"], SIZE),
             _covariance(data["lens_information"], 3),
             _array(data["lens_vector"], 3),
         )
-    except (ValueError, TypeError, OverflowError):
+        corners = camera.normalise(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) * camera.size).T
+        lens = np.linalg.solve(known.lens_information, known.lens_vector)
+        largest = np.abs([*np.ravel(field_at(known.estimate, *corners)), *camera.f * lens[:2]]).max()
+    except (ValueError, TypeError, OverflowError, np.linalg.LinAlgError):
         raise DataError(f"expected {expected}", path) from None
+    if not largest <= LARGEST:
+        raise DataError(f"an error of {largest:.3g} px: expected {LARGEST:g} px at most", path)
+    return known
 
 
 def _array(values: Any, *shape: int) -> Array:

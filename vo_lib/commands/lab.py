@@ -38,6 +38,9 @@ def add(commands: Any) -> None:
 
 def _lab(options: argparse.Namespace) -> int:
     folder = find_notebooks(NOTEBOOKS)
+    places = [Path(place).resolve() for place in (options.copy, options.html) if place is not None]
+    if len(set(places)) < len(places):
+        raise DataError("--copy and --html: expected two folders")
     if options.copy is not None:
         folder = copy_notebooks(folder, Path(options.copy))
     if importlib.util.find_spec("jupyterlab") is None:

@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from ..core.errors import DataError
 from ..core.files import require_own, write_result
 from .console import say
 from .mathml import with_mathml
@@ -41,19 +42,30 @@ def write_pages(source: Path, target: Path) -> None:
     pictures = [path for path in source.glob("images/*") if path.is_file()]
     copies = [target / path.relative_to(source) for path in pictures]
     require_own(*places, *copies)
+    notebooks = {path: _read(path) for path in paths if path.suffix == ".ipynb"}
     for path, place in zip(paths, places, strict=True):
         say(f"{path.relative_to(source)} …")
         if path.suffix == ".md":
             text = nbformat.v4.new_markdown_cell(path.read_text(encoding="utf-8"))  # type: ignore[no-untyped-call]
             notebook = nbformat.v4.new_notebook(cells=[text])  # type: ignore[no-untyped-call]
         else:
-            notebook = executed(nbformat.read(path, as_version=4), source)  # type: ignore[no-untyped-call]
+            notebook = executed(notebooks[path], source)
         place.parent.mkdir(parents=True, exist_ok=True)
         write_result(place, portable(page(notebook, path.stem), source.resolve().parent))
     for path, place in zip(pictures, copies, strict=True):
         place.parent.mkdir(exist_ok=True)
         write_result(place, path.read_bytes())
     say(f"open {target / '00_start_here.html'}")
+
+
+def _read(path: Path) -> Any:
+    """A notebook; `DataError` where the file is damaged."""
+    import nbformat
+
+    try:
+        return nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
+    except Exception as error:  # of JSON, of its schema, of versions: they share no other base
+        raise DataError(f"is no notebook: {str(error).splitlines()[0][:100]}", path) from None
 
 
 def portable(text: str, kit: Path) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -28,7 +29,12 @@ class OneLineParser(argparse.ArgumentParser):
         return super().parse_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+        self.exit(2, f"{self.prog}: error: {brief(message)} (see {self.prog} --help)\n")
+
+
+def brief(message: str) -> str:
+    """A message without the rest of what is longer than any name of a file: nobody reads 5000 digits."""
+    return re.sub(r"[^\s/]{256,}", lambda found: f"{found[0][:40]}…", message)
 
 
 def typed(command: str) -> str:
@@ -65,7 +71,7 @@ def guarded(program: str, work: Callable[[], int]) -> int:
             finally:
                 sys.stdout.flush()  # here it is said whether somebody still reads
     except DataError as error:
-        print(f"{program}: error: {error}", file=sys.stderr)
+        print(f"{program}: error: {brief(str(error))}", file=sys.stderr)
         return 2
     except Ended:
         print(f"{program}: ended", file=sys.stderr)

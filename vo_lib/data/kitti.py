@@ -28,6 +28,7 @@ EXPECTED_FRAMES = {f"{number:02d}": frames for number, frames in enumerate(_FRAM
 # Far beyond any camera; numbers beyond these overflow later on.
 LONGEST = 1e6  # pixels of focal length and principal point, metres of baseline
 SHORTEST_BASELINE = 1e-5  # metres
+PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
 NARROWEST, WIDEST = 3.0, 160.0  # degrees, angle of view across the image; KITTI's cameras have 81
 
 
@@ -147,13 +148,15 @@ def count_pairs(folder: Path) -> int:
 def read_image(path: Path) -> Image:
     """A grey PNG, (H, W) uint8. A truncated or damaged file raises `DataError`, never a half image."""
     data = read_bytes(path)
-    if not _png_is_whole(data):
+    if not data.startswith(PNG):
         raise DataError("the image is truncated or damaged: expected a whole PNG file", path)
     return decode_image(data, path)
 
 
 def decode_image(data: bytes, path: Path) -> Image:
     """A grey image from the bytes of a file, (H, W) uint8; `DataError` where OpenCV cannot decode them."""
+    if data.startswith(PNG) and not _png_is_whole(data):  # OpenCV's decoder would say so in words of its own
+        raise DataError("the image is truncated or damaged: expected a whole PNG file", path)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
     except cv2.error:  # such as more pixels than OpenCV takes
@@ -165,8 +168,6 @@ def decode_image(data: bytes, path: Path) -> Image:
 
 def _png_is_whole(data: bytes) -> bool:
     """Whether all chunks up to IEND are there with right checksums: decoders fill what is lost with grey."""
-    if not data.startswith(b"\x89PNG\r\n\x1a\n"):
-        return False
     start, view = 8, memoryview(data)
     while start + 12 <= len(data):
         length, kind = struct.unpack_from(">I4s", data, start)

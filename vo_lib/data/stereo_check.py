@@ -16,6 +16,7 @@ from .sequence import Sequence
 
 SAMPLE = 6  # pairs looked at
 FEATURES = 1500  # in an image
+LARGEST = 4096  # pixels; larger images are made smaller: SIFT needs 170 bytes a pixel
 RATIO = 0.75  # a match is nearer than the second nearest by this factor (Lowe 2004)
 FEW_IN_A_FRAME = 100  # matches of a run's median frame, below which its pairs are looked at
 FEWEST = 20  # matches in a pair, on the average, below which nothing can be said
@@ -88,8 +89,10 @@ def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
 def _shifts(left: Image, right: Image) -> Array:
     """Right minus left pixel of matched features, (N, 2)."""
     sift = cv2.SIFT.create(FEATURES)
+    scale = min(1.0, LARGEST / max(left.shape))
     (points_l, descriptors_l), (points_r, descriptors_r) = (
-        sift.detectAndCompute(image, None) for image in (left, right)
+        sift.detectAndCompute(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), None)
+        for image in (left, right)
     )
     if not points_l or not points_r:
         return np.zeros((0, 2))
@@ -99,7 +102,7 @@ def _shifts(left: Image, right: Image) -> Array:
     if not good:
         return np.zeros((0, 2))
     uv_l = np.array([points_l[match.queryIdx].pt for match in good])
-    shift = np.array([points_r[match.trainIdx].pt for match in good]) - uv_l
+    shift = (np.array([points_r[match.trainIdx].pt for match in good]) - uv_l) / scale
     return np.asarray(shift[np.abs(shift[:, 1]) <= FARTHEST_ROW * left.shape[0]], np.float64)
 
 

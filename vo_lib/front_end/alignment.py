@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.types import Array, Image
 
+MOST_ROWS = 32766  # of what cv2.remap makes at once
 # cv2.remap knows places to 1/32 pixel: tiles are centred there, so that their samples are exact.
 GRID = 32
 # A finish that moves a feature farther is no finish, pixels.
@@ -104,7 +105,11 @@ def _bent_tiles(image: Image, uv: Array, A: Array, tile: int) -> Tiles:
     dv, du = np.indices((tile, tile)).reshape(2, -1) - tile // 2
     offset = np.stack([du, dv, np.ones_like(du)]).astype(np.float32)
     u, v = (np.column_stack([A[:, axis], uv[:, axis]]).astype(np.float32) @ offset for axis in (0, 1))
-    return np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+    bent = np.empty(u.shape, np.uint8)
+    for at in range(0, len(uv), MOST_ROWS):
+        some = slice(at, at + MOST_ROWS)
+        bent[some] = cv2.remap(image, u[some], v[some], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return bent
 
 
 def _side_by_side(tiles: Tiles, tile: int) -> Image:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import textwrap
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -165,7 +166,8 @@ def heat_map_figure(
     (row_name, rows), (column_name, columns) = down, across
     size = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns)), len(panels) * (1.2 + 0.55 * len(rows)) + 0.8
     figure = Figure(figsize=size, dpi=160, layout="constrained")
-    figure.suptitle(title, fontsize="medium", wrap=True)
+    # Matplotlib's own wrapping takes what stands between dollar signs for a formula.
+    figure.suptitle(textwrap.fill(title, int(11 * size[0])), fontsize="medium")
     for place, (label, cells) in enumerate(panels.items(), start=1):
         axis = figure.add_subplot(len(panels), 1, place)
         mean = np.ma.masked_invalid(cells[..., 0])

@@ -86,7 +86,7 @@ def _kept(path: Path) -> dict[str, Any]:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit, KeyboardInterrupt) as error:
         raise DataError(f"it cannot be run, {type(error).__name__}: {error}", path) from None
     return vars(module)
 
