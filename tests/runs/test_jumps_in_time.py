@@ -101,3 +101,6 @@ def test_a_pair_that_equals_the_one_before_changes_nothing(
     assert np.abs(twice.poses - once.poses[frames]).max() < 1e-9
     repeated = [REPEATED in motion.flags for motion in twice.motions]
     assert repeated == [a == b for a, b in itertools.pairwise(frames)]
+    which = "every second pair" if name.startswith("every") else "a pair"
+    assert twice.doubts[0].startswith(f"{which} equals the one before: {sum(repeated)} of {len(repeated)}")
+    assert once.doubts == ()

@@ -1,0 +1,66 @@
+"""A focal length that the turns of a drive contradict is doubted, and no other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vo_lib import Sequence, open_sequence, preset, run
+from vo_lib.beyond.focal import FocalCheck
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import rigid, rotation_from_vector, transform
+from vo_lib.core.matches import StereoMatches
+
+CAMERA = StereoCamera(700.0, 600.0, 180.0, 0.54, 1200, 360)
+
+
+def doubt_after(true: StereoCamera, turn: float, frames: int = 40) -> str | None:
+    """What is said after frames that turn by degrees, seen through a camera that is not the one told."""
+    rng = np.random.default_rng(6)
+    check = FocalCheck(CAMERA)
+    T_cp = rigid(rotation_from_vector(np.array([0.0, np.radians(turn), 0.0])), np.array([0.0, 0.0, -1.0]))
+    for _ in range(frames):
+        uv = rng.uniform([100.0, 40.0], [1100.0, 320.0], (150, 2))
+        rays = np.column_stack([true.normalise(uv), np.ones(150)])
+        X_p = rays * rng.uniform(6.0, 60.0, (150, 1))
+        pixels = [*true.project(X_p), *true.project(transform(T_cp, X_p))]
+        whole = np.zeros(150, np.int64)
+        noisy = [each + rng.normal(0.0, 0.1, each.shape) for each in pixels]
+        check.update(StereoMatches(*noisy, whole, np.zeros(150), whole), T_cp)
+    return check.doubt()
+
+
+@pytest.mark.parametrize("turn", [-1.5, 1.0])
+@pytest.mark.parametrize(
+    ("zoom", "words"), [(1.1, "10 % longer"), (0.9, "10 % shorter"), (0.94, "6 % shorter")]
+)
+def test_a_camera_that_turns_tells_its_focal_length(turn: float, zoom: float, words: str) -> None:
+    said = doubt_after(replace(CAMERA, f=zoom * CAMERA.f), turn)
+    assert said is not None
+    assert f"{words} than the 700.0 px of calib.txt" in said
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, 1.0, -3.0])
+def test_a_right_focal_length_is_not_doubted(turn: float) -> None:
+    assert doubt_after(CAMERA, turn) is None
+
+
+def test_a_wrong_baseline_shows_in_no_image() -> None:
+    assert doubt_after(replace(CAMERA, baseline=0.27), 1.0) is None
+
+
+def test_who_only_goes_ahead_tells_nothing() -> None:
+    assert doubt_after(replace(CAMERA, f=1.1 * CAMERA.f), 0.0) is None
+
+
+@pytest.mark.parametrize("name", ["00", "01", "drive_0005"])
+def test_good_drives_are_not_doubted_and_with_a_wrong_focal_length_they_are(
+    clips: object, name: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    drive: Sequence = open_sequence(f"{clips}/sequences/{name}")
+    assert run(drive, preset("solution_selection")).doubts == ()
+    wrong = replace(drive, camera=replace(drive.camera, f=drive.camera.f / 1.1))
+    (said,) = run(wrong, preset("solution_selection")).doubts
+    assert "longer than the" in said
