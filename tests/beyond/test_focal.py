@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -25,21 +26,23 @@ def doubt_after(true: StereoCamera, turn: float, frames: int = 40) -> str | None
         uv = rng.uniform([100.0, 40.0], [1100.0, 320.0], (150, 2))
         rays = np.column_stack([true.normalise(uv), np.ones(150)])
         X_p = rays * rng.uniform(6.0, 60.0, (150, 1))
-        pixels = [*true.project(X_p), *true.project(transform(T_cp, X_p))]
+        seen = np.array([*true.project(X_p), *true.project(transform(T_cp, X_p))])
+        a, b, c, d = seen + rng.normal(0.0, 0.1, seen.shape)
         whole = np.zeros(150, np.int64)
-        noisy = [each + rng.normal(0.0, 0.1, each.shape) for each in pixels]
-        check.update(StereoMatches(*noisy, whole, np.zeros(150), whole), T_cp)
+        check.update(StereoMatches(a, b, c, d, whole, np.zeros(150), whole), T_cp)
     return check.doubt()
 
 
 @pytest.mark.parametrize("turn", [-1.5, 1.0])
-@pytest.mark.parametrize(
-    ("zoom", "words"), [(1.1, "10 % longer"), (0.9, "10 % shorter"), (0.94, "6 % shorter")]
-)
-def test_a_camera_that_turns_tells_its_focal_length(turn: float, zoom: float, words: str) -> None:
+@pytest.mark.parametrize("zoom", [1.1, 0.9, 0.94])
+def test_a_camera_that_turns_tells_its_focal_length(turn: float, zoom: float) -> None:
     said = doubt_after(replace(CAMERA, f=zoom * CAMERA.f), turn)
     assert said is not None
-    assert f"{words} than the 700.0 px of calib.txt" in said
+    found = re.search(r"about (\d+) % (longer|shorter) than the 700.0 px of calib.txt", said)
+    assert found is not None
+    # One linear step from calib.txt's: a little short of the truth.
+    assert abs(int(found[1]) - 100 * abs(zoom - 1)) <= 2.5
+    assert found[2] == ("longer" if zoom > 1 else "shorter")
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, 1.0, -3.0])
