@@ -34,21 +34,29 @@ from vo_lib.runs.runner import Run
 from vo_lib.tables.report import ReportTable, markdown, provenance
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """The options."""
+def add_inputs(parser: argparse.ArgumentParser) -> None:
+    """The options that say what is measured, and in how many processes."""
     scenes = ",".join(f"{SYNTHETIC}{name}" for name in SCENES)
     parser.add_argument("--sequences", default=scenes, metavar="S,S,…", help="default: the drawn scenes")
     parser.add_argument("--detector", metavar="MODEL", help="finds the vehicles where there are no labels")
     parser.add_argument("--jobs", default="1", metavar="N", help="processes; default 1")
+    add_cache(parser)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options."""
+    add_inputs(parser)
     parser.add_argument("--runs", default="runs/results", metavar="DIR", help="folder for the runs")
     parser.add_argument("--out", default="runs/results/results.md", metavar="FILE", help="the page")
-    add_cache(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run what is missing; write the page."""
     workers = parse_whole("--jobs", options.jobs)
-    sequences = [_opened(name, options) for name in parse_sequences(options.sequences)]
+    sequences = open_all(options)
+    for sequence in sequences:
+        if sequence.truth is None:
+            raise DataError(f"{sequence.name} has no ground truth to measure against")
     with run_folder(options.runs) as folder:
         jobs = {key: job for sequence in sequences for key, job in jobs_of(sequence, folder)}
         with reporting(f"{len(jobs)} runs") as report:
@@ -69,10 +77,13 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
+def open_all(options: argparse.Namespace) -> list[Sequence]:
+    """The sequences that the options name, with the labels they have, or those of the detector."""
+    return [_opened(name, options) for name in parse_sequences(options.sequences)]
+
+
 def _opened(name: str, options: argparse.Namespace) -> Sequence:
     sequence = open_with_bar(name, options.cache)
-    if sequence.truth is None:
-        raise DataError(f"{name} has no ground truth to measure against")
     if sequence.labels is not None or options.detector is None:
         return sequence
     with reporting(f"vehicles of {name}") as report:
