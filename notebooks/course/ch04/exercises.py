@@ -74,6 +74,18 @@ def cauchy(r: Array, s: float) -> Array:
     return np.asarray(1.0 / (1.0 + (r / s) ** 2))
 
 
+def drawn_answers() -> list[Case]:
+    """Translations of a few draws (S, 3), and the true one."""
+    rng = np.random.default_rng(8)
+    return [(0.97 * T_CP + rng.normal(0.0, 0.01, (count, 3)), T_CP) for count in (5, 20)]
+
+
+def bias_and_scatter(answers: Array, t_true: Array) -> tuple[float, float]:
+    """Mean and standard deviation of the error of the lengths, per cent."""
+    off = 100.0 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1.0)
+    return float(off.mean()), float(off.std())
+
+
 feature_rows = Exercise("ch04.feature_rows", eight_rows, one_match, parts=("M", "c"))
 
 one_feature = Exercise(
@@ -88,6 +100,8 @@ rank_at_infinity = Exercise("ch04.rank_at_infinity", 4)
 row_error = Exercise("ch04.row_error", FAR / NEAR, rtol=0.01)
 
 stack = Exercise("ch04.stack", stacked, lambda: [noisy_rows(30, 5, 0.5)], atol=1e-6)
+
+bias = Exercise("ch04.bias", bias_and_scatter, drawn_answers, parts=("bias", "scatter"), atol=1e-6)
 
 robust_weight = Exercise(
     "ch04.robust_weight",

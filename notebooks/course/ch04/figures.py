@@ -164,6 +164,29 @@ def variants_figure(tables: dict[str, dict[str, Array]], height: int = 290) -> F
     return made
 
 
+def bias_figure(
+    noises: Array, tables: dict[str, list[dict[str, Array]]], t_true: Array, height: int = 260
+) -> Figure:
+    """Mean length of the answers by noise, and a band of one standard deviation; an axis for each table.
+
+    Parameters
+    ----------
+    noises : (K,) pixels. tables : by title, for each noise the answers (S, 3) by name. t_true : (3,).
+    """
+    made, axes = figure(height, len(tables))
+    for axis, (title, table) in zip(axes, tables.items(), strict=True):
+        for name, colour in zip(table[0], (BAD, GOOD), strict=True):
+            lengths = np.array([np.linalg.norm(row[name], axis=1) for row in table])
+            off = 100.0 * (lengths / np.linalg.norm(t_true) - 1.0)
+            mean, spread = off.mean(axis=1), off.std(axis=1)
+            axis.fill_between(noises, mean - spread, mean + spread, color=colour, alpha=0.2, linewidth=0)
+            axis.plot(noises, mean, ".-", color=colour, linewidth=1.5, label=name)
+        axis.axhline(0.0, color=DARK, linewidth=1, linestyle=":")
+        axis.set_ylim(-6.0, 2.0)
+        finish(axis, f"length of the step, {title}", "noise [px]", "error [%]", "lower left")
+    return made
+
+
 def weight_figure(scale: float, height: int = 200) -> Figure:
     """What a feature's error costs and counts, least squares beside the robust weights."""
     made, (cost, weight) = figure(height, 2)
