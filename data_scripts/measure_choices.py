@@ -1,6 +1,6 @@
 """Measure what the choices are worth that the paper leaves open; writes `notebooks/choices.csv`.
 
-example:
+examples:
   vo data measure_choices --sequences 00,01 --detector yolov8n.onnx --jobs 2 --out notebooks/choices.csv
 
 A row has what another choice changes in `published`: mean and deviation over five seeds, lengths in per cent.

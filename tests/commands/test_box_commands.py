@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from vo_lib.core.matches import empty_matches
 from vo_lib.tables.plots import match_image
 
 measure_results = load("measure_results")
+measure_choices = load("measure_choices")
 
 
 @pytest.fixture
@@ -109,3 +111,24 @@ def test_results_are_measured_by_one_command_with_other_seeds_to_check_them(
     assert page.read_bytes() == before
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
     assert measure_results(["--jobs", "0", "--out", str(page)]) == 2
+
+
+def test_what_other_choices_change_is_written_with_its_spread(
+    labelled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import measure_choices as script
+
+    asked = ("as published", "solutions kept k", "rounds", "place kept whole", "boxes of classes")
+    monkeypatch.setattr(script, "OPEN", [row for row in script.OPEN if row[0] in asked])
+    table = tmp_path / "choices.csv"
+    words = ["--sequences", str(labelled), "--cache", str(tmp_path / "cache"), "--out", str(table)]
+    assert measure_choices(words) == 0
+    with table.open(encoding="utf-8", newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    assert [row["choice"] for row in rows] == [name for name, _, other in script.OPEN for _ in other]
+    lengths = {(row["choice"], row["alternative"]): float(row["length"]) for row in rows}
+    # The length as published is held against the truth's; the others against that of the same seed.
+    assert abs(lengths["as published", ""]) < 1.0
+    assert lengths["solutions kept k", "all"] == 0.0
+    assert lengths["place kept whole", "current left"] != 0.0
+    assert measure_choices(["--jobs", "0", "--out", str(table)]) == 2

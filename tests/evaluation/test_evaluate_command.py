@@ -86,7 +86,7 @@ def test_pictures_of_paths_and_errors_are_drawn_and_the_same_each_time(files: Pa
     command = words(files, ["truth/07.txt"], ["ours/07.txt", "theirs/07.txt"])
     for folder in ("a", "b"):
         assert main([*command, "--plot", str(files / folder)]) == 0
-    drawn = {path.name for path in (files / "a").iterdir()}
+    drawn = {path.name for path in (files / "a").glob("[!.]*")}
     kinds = ("trajectory_07", "errors_07_by_length", "errors_07_by_speed")
     assert drawn == {f"{kind}.{end}" for kind in kinds for end in ("png", "pdf")}
     assert all((files / "a" / name).read_bytes() == (files / "b" / name).read_bytes() for name in drawn)
@@ -100,7 +100,7 @@ def test_a_path_that_is_too_short_is_said_with_what_to_try(
     command = ["evaluate", "--truth", str(files / "short.txt"), "--estimate", str(files / "short.txt")]
     assert main([*command, "--plot", str(files / "plot")]) == 0
     assert "no path holds a sub-sequence of 100 m: try --lengths 20,50,100" in capsys.readouterr().out
-    assert {path.name for path in (files / "plot").iterdir()} == {
+    assert {path.name for path in (files / "plot").glob("[!.]*")} == {
         "trajectory_short.png",
         "trajectory_short.pdf",
     }

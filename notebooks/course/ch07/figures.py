@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import html
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,8 +21,9 @@ from vo_lib.tables.plots import METHOD_MARKERS, TRUTH_COLOUR, draw_drift, draw_t
 from vo_lib.tables.report import ReportTable
 from vo_lib.tables.table1 import layout_tables, method_table
 
-from ..drawing import DARK, FONT_SIZE, PALE, figure, finish, room
+from ..drawing import CYCLE, DARK, FONT_SIZE, PALE, figure, finish, log_axis, room
 
+CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
 HALF = 0.36  # of the distance between two sequences: the methods stand side by side within it
 
 
@@ -172,3 +175,45 @@ def table_html(table: ReportTable) -> str:
 
 def _lines(word: str) -> str:
     return html.escape(word).replace("\n", "<br>")
+
+
+def choice_ratios(path: Path = CHOICES) -> dict[str, dict[str, dict[str, float]]]:
+    """TE with another choice over TE as published: by choice, alternative and sequence.
+
+    The choices come in the order of their largest mean |log ratio| over the sequences.
+    """
+    with path.open(encoding="utf-8", newline="") as lines:
+        rows = [row for row in csv.DictReader(lines) if row["te"]]
+    plain = {row["sequence"]: float(row["te"]) for row in rows if not row["alternative"]}
+    ratios: dict[str, dict[str, dict[str, float]]] = {}
+    for row in rows:
+        if row["alternative"]:
+            cells = ratios.setdefault(row["choice"], {}).setdefault(row["alternative"], {})
+            cells[row["sequence"]] = 1 + float(row["te"]) / plain[row["sequence"]]
+
+    def size(name: str) -> float:
+        return max(float(np.abs(np.log([*cells.values()])).mean()) for cells in ratios[name].values())
+
+    return {name: ratios[name] for name in sorted(ratios, key=size, reverse=True)}
+
+
+def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]], height: int = 380) -> Figure:
+    """A line an alternative, a dot a sequence: left of 1 the other choice is better, right of it worse."""
+    made, (axis,) = figure(height)
+    box = axis.get_position()
+    axis.set_position((0.22, box.y0, 0.6, box.height))  # room for names and for the legend
+    lines = [(f"{name}: {words}", cells) for name, each in ratios.items() for words, cells in each.items()]
+    sequences = list(dict.fromkeys(name for _, cells in lines for name in cells))
+    for number, (sequence, marker) in enumerate(zip(sequences, "os^vDP*X", strict=False)):
+        x = [cells[sequence] for _, cells in lines]
+        colour = CYCLE[number % len(CYCLE)]
+        axis.plot(x, np.arange(len(lines)), marker, label=sequence, color=colour, markersize=7, alpha=0.9)
+    axis.axvline(1.0, color=DARK, linewidth=0.8)
+    axis.hlines(range(len(lines)), 0.1, 10, color=PALE, linewidth=0.5, zorder=0)
+    axis.set_yticks(range(len(lines)), [words for words, _ in lines])
+    axis.set_ylim(len(lines) - 0.5, -0.5)
+    values = [value for _, cells in lines for value in cells.values()]
+    log_axis(axis.xaxis, 0.9 * min(values), 1.1 * max(values), (0.2, 0.3, 0.5, 0.7, 1.0))
+    finish(axis, "what another choice does to the translation error", "TE with it / TE as published")
+    axis.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=FONT_SIZE - 1, frameon=False)
+    return made
