@@ -12,12 +12,12 @@ from typing import Any
 from ..core.errors import DataError
 from ..core.files import require_own, write_result
 from .console import say
-from .mathml import with_mathml
 
 WIDGETS = "application/vnd.jupyter.widget-state+json"
 VIEW = "application/vnd.jupyter.widget-view+json"
 LONGEST_CELL = 1200  # seconds
 REFERENCE = "IPY_MODEL_"
+FORMULA = re.compile(r"(```.*?```|`[^`\n]*`)|\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{style}
 body {{ max-width: 1010px; margin: 24px auto; padding: 0 12px; font: 15px/1.5 sans-serif; color: #222 }}
@@ -110,6 +110,28 @@ def page(notebook: Any, title: str) -> str:
     body, _ = exporter.from_notebook_node(notebook)
     style = HtmlFormatter().get_style_defs(".highlight")
     return PAGE.format(title=html.escape(title), style=style, body=body)
+
+
+def with_mathml(markdown: str) -> str:
+    """Markdown whose formulas, between $ or $$, are MathML, which needs no script; code stays as it is."""
+    from latex2mathml.converter import convert
+
+    def drawn(found: re.Match[str]) -> str:
+        code, display, inline = found.groups()
+        if code:
+            return str(code)
+        try:
+            made = convert(display or inline, display="block" if display else "inline")
+        except (
+            Exception
+        ):  # a reader's own formula with a slip: as it was typed; its errors share no other base
+            return found.group()
+        # Bars that stand alone would grow with what follows; as a character they would end a table's cell.
+        return re.sub(r"<mo>(&#x0(?:007C|2016);)</mo>", r'<mo stretchy="false">\1</mo>', made).replace(
+            "|", "&#124;"
+        )
+
+    return FORMULA.sub(drawn, markdown)
 
 
 def _shown(state: dict[str, Any], model: str) -> list[str]:
