@@ -3,7 +3,7 @@
     python tests/compare_paths.py write FILE [SEQUENCE ...]     before: one line for each run
     python tests/compare_paths.py compare FILE [SEQUENCE ...]   after: says which lines differ; 1 if any does
 
-A run is a sequence, a front end, a mode and a method, or a published method; its digest is the SHA-256 of its
+A run is a sequence, a mode and a method, or a published method; its digest is the SHA-256 of its
 poses as KITTI writes them. Without sequences: synthetic/traffic and synthetic/jam, and
 kitti/00 where there is one (KITTI_ROOT). `compare` looks at the sequences it is given, or all of FILE.
 """
@@ -18,28 +18,26 @@ from pathlib import Path
 from typing import Any
 
 from vo_lib import open_sequence, preset
-from vo_lib.config import METHODS, PUBLISHED, PublishedConfig, change
+from vo_lib.config import METHODS, PUBLISHED, PublishedConfig
 from vo_lib.core.poses import format_kitti_poses
 from vo_lib.data.sequence import available
 from vo_lib.runs.runner import run_methods
 
-FRONT_ENDS = ("klt", "blob_corner")
 MODES = ("refined", "literal")
 SEQUENCES = ("synthetic/traffic", "synthetic/jam")
 WHERE_FOUND = "kitti/00"
 
 
 def configs() -> Iterator[tuple[str, PublishedConfig]]:
-    """Every name and configuration: the kit's with each front end and mode, the published ones as such."""
-    for front_end, mode, method in itertools.product(FRONT_ENDS, MODES, METHODS):
-        made = change(preset(method, mode=mode), "matching.front_end", front_end)
-        yield f"{front_end} - {mode} {method}", made
+    """Every name and configuration: the kit's with each mode, the published ones as such."""
+    for mode, method in itertools.product(MODES, METHODS):
+        yield f"{mode} {method}", preset(method, mode=mode)
     for method, published in PUBLISHED.items():
         yield f"published {method}", published
 
 
 def digests(sequence: str) -> dict[str, str]:
-    """Digest of the path of each run over a sequence, by "sequence front_end variant mode method"."""
+    """Digest of the path of each run over a sequence, by "sequence mode method"."""
     opened = open_sequence(sequence)
     # Runs with the same front end share its matches, which take most of the time.
     groups: dict[Any, dict[str, PublishedConfig]] = {}

@@ -293,7 +293,7 @@ def test_the_matching_panel_left_alone_prepares_the_frames_beside_and_the_other_
     panel.frame.value = 2
     assert panel.error == ""
     panel._ahead.cancel()
-    panel.set(frame=1, matching__front_end="blob_corner")
+    panel.set(frame=1, view__variant="published")
     assert panel.error == ""
     panel.set(frame=2)
     assert "matched only now" in panel.error

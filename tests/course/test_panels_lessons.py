@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from course.ch01.figures import four_images, walk
+from course.ch01.panel import MatchingView, with_view
 from course.ch01.trace import KEPT, REASONS, trace
 from course.ch04.panel import alone, covariance
 from course.ch05.figures import cells_picture
@@ -16,7 +17,7 @@ from course.ch05.panel import as_yolox
 from course.ch06.panel import EvaluationPanel, read_own
 from course.drawing import GOOD, WIDTH, bgr
 from vo_lib import open_sequence
-from vo_lib.config import FeatureConfig, MatchingConfig, TranslationConfig
+from vo_lib.config import Config, FeatureConfig, MatchingConfig, TranslationConfig
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.poses import write_kitti_poses, write_tum
@@ -27,10 +28,10 @@ LONG = 300.0  # seconds; a safeguard
 FEATURES = FeatureConfig(cell=10)
 
 
-@pytest.mark.parametrize("front_end", ["klt", "blob_corner"])
-def test_every_feature_has_one_fate(bands: Path, front_end: str) -> None:
-    sequence, matching = open_sequence(bands), MatchingConfig(front_end=front_end)
-    traced = trace(sequence, 3, FEATURES, matching)
+@pytest.mark.parametrize("variant", ["kit", "published"])
+def test_every_feature_has_one_fate(bands: Path, variant: str) -> None:
+    settings = with_view(Config(), MatchingView(variant=variant, spacing=10, threshold=0.5))
+    traced = trace(open_sequence(bands), 3, *settings)
     assert len(traced.left) == len(traced.id) == len(traced.reason)
     np.testing.assert_array_equal(traced.id[traced.index], traced.found.id)
     assert (traced.reason[traced.index] > 0).all()

@@ -11,9 +11,8 @@ from vo_lib.config import FeatureConfig, MatchingConfig
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array, Image
-from vo_lib.front_end.blob_corner import BlobCornerMatcher
 from vo_lib.front_end.front_end import FrontEnd, make_front_end
-from vo_lib.method.matching import LoopMatcher
+from vo_lib.method.matching import LoopMatcher, describe_pair
 
 WIDTH, HEIGHT, DISPARITY = 320, 160, 12
 CAMERA = StereoCamera(f=300.0, cx=160.0, cy=80.0, baseline=0.5, width=WIDTH, height=HEIGHT)
@@ -27,9 +26,7 @@ def matched(kind: str, pairs: list[Pair], features: FeatureConfig, **settings: A
     """Matches of the last pair with the one before."""
     # The surface of a feature is let pass: most of these textures show two depths at once.
     open_ones: dict[str, Any] = {"surface_share": 0.0, "surface_tolerance": 10.0, "max_difference": 40.0}
-    config = MatchingConfig(
-        front_end="klt" if kind == PAPER else kind, max_disparity=32, **open_ones, **settings
-    )
+    config = MatchingConfig(max_disparity=32, **open_ones, **settings)
     front_end: FrontEnd = make_front_end(CAMERA, features, config)
     if kind == PAPER:
         front_end = LoopMatcher(features, config)
@@ -66,7 +63,7 @@ def window_pane(slip: float) -> list[Pair]:
     return [first, second]
 
 
-@pytest.mark.parametrize("kind", ["klt", "blob_corner", PAPER])
+@pytest.mark.parametrize("kind", ["kit", PAPER])
 def test_a_loop_that_two_textures_open_does_not_close(kind: str) -> None:
     default = MatchingConfig().loop_tolerance
     assert default < 0.5
@@ -80,7 +77,7 @@ def test_a_loop_that_two_textures_open_does_not_close(kind: str) -> None:
         return closed / any_loop
 
     # With one place in all images the loops close. With two, 1.5 px apart, most of them stay open.
-    assert share(0.0, default) > {"klt": 0.8, "blob_corner": 0.9, PAPER: 0.85}[kind]
+    assert share(0.0, default) > {"kit": 0.8, PAPER: 0.85}[kind]
     assert share(1.5, default) < 0.6
     if kind != PAPER:
         # Two textures in one window move a place by some tenths of a pixel; no more than that.
@@ -113,8 +110,7 @@ def near(uv: Array, place: Place, reach: int = 5) -> Array:
     return np.asarray(np.abs(uv - place).max(axis=1) <= reach)
 
 
-@pytest.mark.parametrize("kind", ["blob_corner", PAPER])
-def test_of_two_look_alikes_in_the_right_image_the_loop_takes_the_one_that_closes_it(kind: str) -> None:
+def test_of_two_look_alikes_in_the_right_image_the_loop_takes_the_one_that_closes_it() -> None:
     """All posts fade a little; under some of them the right camera then sees their old look once more.
 
     From right to right the old look is followed, 9 px too low; across the pair the faded look is. The
@@ -124,7 +120,7 @@ def test_of_two_look_alikes_in_the_right_image_the_loop_takes_the_one_that_close
     faded = {place: 0.85 * pattern for place, pattern in patterns.items()}
     copies = {(u, v + 9): patterns[u, v] for u, v in POSTS[::2]}
     before, now = [scene(patterns, side) for side in (0, 1)], [scene(faded, 0), scene(faded | copies, 1)]
-    found = matched(kind, [(before[0], before[1]), (now[0], now[1])], SHARP, row_tolerance=10.0)
+    found = matched(PAPER, [(before[0], before[1]), (now[0], now[1])], SHARP, row_tolerance=10.0)
     apart = found.cur_left - found.cur_right
     for places, fewest in ((POSTS[::2], 0), (POSTS[1::2], 4)):
         centre = np.any([near(found.prev_left, place, 1) for place in places], axis=0)
@@ -142,11 +138,13 @@ def test_of_two_look_alikes_in_the_left_image_the_right_one_has_but_one_partner(
     left = scene({seen: pattern, hidden: 0.8 * pattern}, 0)
     right = scene({seen: pattern}, 1)
     # Its left and right image have features in common, and the hidden post would be 30 px nearer.
-    pair = BlobCornerMatcher(CAMERA, SHARP, MatchingConfig(max_disparity=64)).prepare((left, right))
+    pair = describe_pair((left, right), SHARP, MatchingConfig(max_disparity=64))
+    mutual = pair.to_left[pair.to_right] == np.arange(len(pair.to_right))
+    partner = np.where((pair.to_right >= 0) & mutual, pair.to_right, -1)
     of_seen, of_hidden = (near(pair.in_left.uv, place, 4) for place in (seen, hidden))
     assert np.count_nonzero(of_hidden) >= 2
-    assert (pair.partner[of_hidden] == -1).all()
-    partner = pair.partner[of_seen]
+    assert (partner[of_hidden] == -1).all()
+    partner = partner[of_seen]
     assert np.count_nonzero(partner >= 0) >= 2
     ok = partner >= 0
     shift = pair.in_left.uv[of_seen][ok] - pair.in_right.uv[partner[ok]]
@@ -159,7 +157,7 @@ def test_two_that_come_to_one_feature_are_the_older_one_and_no_match() -> None:
     old, new = (120, 80), (150, 80)
     alone, both = {old: pattern}, {old: pattern, new: 1.2 * pattern}
     pairs = [(scene(posts, 0), scene(posts, 1)) for posts in (alone, both, alone)]
-    found = matched("blob_corner", pairs, SHARP)
+    found = matched(PAPER, pairs, SHARP)
     assert not near(found.prev_left, new).any()
     here = near(found.prev_left, old)
     assert np.count_nonzero(here) >= 1

@@ -202,8 +202,8 @@ def test_variants_are_never_averaged_together_and_each_says_what_made_it() -> No
     assert (published.variant, kit.variant) == ("published", "kit")
     words = [layout_tables(group, full_table())[0] for group in (published, kit)]
     assert "the paper as published" in words[0].title
-    assert "blobs and corners; the winner as it is" in words[0].head[-1]
-    assert "klt; refined" in words[1].head[-1]
+    assert "blobs and corners matched by their descriptors; the winning E as it is" in words[0].head[-1]
+    assert "Lucas-Kanade; the winning E refined on its inliers" in words[1].head[-1]
 
 
 def test_that_there_were_no_boxes_is_said_first() -> None:

@@ -1,4 +1,4 @@
-"""Thresholds of the kit's own front ends, beside those of the paper's."""
+"""Thresholds of the kit's own front end, beside those of the paper's."""
 
 from __future__ import annotations
 
@@ -24,9 +24,8 @@ class FeatureConfig(method.FeatureConfig):
 
 @dataclass(frozen=True)
 class MatchingConfig(method.MatchingConfig):
-    """Matching by either front end, with bent windows (chapter 1)."""
+    """Matching by Lucas-Kanade with bent windows (chapter 1)."""
 
-    front_end: str = setting("klt", "how features are found and followed", choices=("klt", "blob_corner"))
     window: int = setting(9, "side of the Lucas-Kanade window", unit="px", low=5, high=41)
     levels: int = setting(1, "pyramid levels above the image where a prediction exists", low=0, high=5)
     search_levels: int = setting(4, "pyramid levels where there is no prediction", low=0, high=6)

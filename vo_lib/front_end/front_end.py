@@ -1,7 +1,4 @@
-"""Chapter 1: the front ends behind one interface.
-
-`klt` is the default: its matches are as good as those of `blob_corner`, and it takes a third of the time.
-"""
+"""Chapter 1: the paper's front end and the kit's behind one interface."""
 
 from __future__ import annotations
 
@@ -12,7 +9,6 @@ from ..core.matches import StereoMatches
 from ..core.types import Image
 from ..method import config as method
 from ..method.matching import LoopMatcher as PublishedMatcher
-from .blob_corner import BlobCornerMatcher
 from .config import FeatureConfig, MatchingConfig
 from .klt import LoopMatcher
 
@@ -33,11 +29,7 @@ class FrontEnd(Protocol):
 def make_front_end(
     camera: StereoCamera, features: method.FeatureConfig, matching: method.MatchingConfig
 ) -> FrontEnd:
-    """The front end that the settings name; the paper's where they are no more than the paper's."""
-    if not isinstance(matching, MatchingConfig) or not isinstance(features, FeatureConfig):
-        return PublishedMatcher(features, matching)
-    kinds: dict[str, type[LoopMatcher] | type[BlobCornerMatcher]] = {
-        "klt": LoopMatcher,
-        "blob_corner": BlobCornerMatcher,
-    }
-    return kinds[matching.front_end](camera, features, matching)
+    """The kit's front end for the kit's settings, the paper's for the paper's."""
+    if isinstance(matching, MatchingConfig) and isinstance(features, FeatureConfig):
+        return LoopMatcher(camera, features, matching)
+    return PublishedMatcher(features, matching)

@@ -154,13 +154,13 @@ def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -
 
 
 def in_words(config: PublishedConfig) -> str:
-    """Front end and mode of a configuration: "blobs and corners, the winner as it is"."""
-    if not isinstance(config, Config):
-        return "blobs and corners; " + (
-            "one fit" if config.estimator == "reprojection" else "the winner as it is"
-        )
-    mode = "one fit" if config.estimator == "reprojection" else config.selection.mode
-    return f"{config.matching.front_end}; {mode}"
+    """Front end and mode of a configuration: "blobs and corners; the winning E as it is"."""
+    kit = isinstance(config, Config)
+    matches = "corners followed by Lucas-Kanade" if kit else "blobs and corners matched by their descriptors"
+    if config.estimator == "reprojection":
+        return f"{matches}; one fit of the reprojection error"
+    refined = isinstance(config, Config) and config.selection.mode == "refined"
+    return f"{matches}; the winning E {'refined on its inliers' if refined else 'as it is'}"
 
 
 def back_end_ms(run: Run) -> float:

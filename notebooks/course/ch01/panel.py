@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import threading
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
-from vo_lib.config import Config
+from vo_lib.config import VARIANTS, Config
 from vo_lib.core.errors import DataError
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import Truth
+from vo_lib.method import config as published
 from vo_lib.method.buckets import select_by_bucket
 
 from ..controls import Control
@@ -35,8 +36,9 @@ _errors: Memory[Array] = Memory(16)
 
 @dataclass(frozen=True)
 class MatchingView(Checked):
-    """Settings of the panel that mean the same for both detectors."""
+    """Which front end, and settings that mean the same for both detectors."""
 
+    variant: str = setting("kit", "the kit's front end, or the paper's as published", choices=tuple(VARIANTS))
     spacing: int = setting(
         18, "at most one feature (of a kind) in a square of this size", unit="px", low=10, high=60
     )
@@ -48,8 +50,8 @@ class MatchingView(Checked):
     )
 
 
-def with_view(config: Config, view: MatchingView) -> Config:
-    """The configuration with the view's spacing and threshold for whichever detector is in use."""
+def with_view(config: Config, view: MatchingView) -> tuple[published.FeatureConfig, published.MatchingConfig]:
+    """The settings of the variant's front end, with the view's spacing and threshold for its detector."""
     usual = config.features
     features = replace(
         usual,
@@ -58,7 +60,14 @@ def with_view(config: Config, view: MatchingView) -> Config:
         quality=min(view.threshold * usual.quality, 50.0),
         blob_quality=view.threshold * usual.blob_quality,
     )
-    return replace(config, features=features)
+    if view.variant == "kit":
+        return features, config.matching
+    paper = published.FeatureConfig, published.MatchingConfig
+    of_features, of_matching = (
+        {field.name: getattr(settings, field.name) for field in fields(base)}
+        for base, settings in zip(paper, (features, config.matching), strict=True)
+    )
+    return paper[0](**of_features), paper[1](**of_matching)
 
 
 class MatchingPanel(Panel):
@@ -68,7 +77,7 @@ class MatchingPanel(Panel):
     view = MatchingView
     height = PHOTO_HEIGHT + CHART_HEIGHT
     controls = (
-        Control("matching.front_end", "front end"),
+        Control("view.variant", "front end"),
         Control("view.spacing", "spacing"),
         Control("view.threshold", "threshold ×", step=0.1),
         Control("matching.max_difference", "difference", high=60),
@@ -100,19 +109,17 @@ class MatchingPanel(Panel):
         self._ahead = ahead
 
     def _look(self, state: State, over: threading.Event) -> None:
-        """Trace the frames beside, and the other front end: a second each with blobs and corners."""
-        other = "klt" if state.config.matching.front_end == "blob_corner" else "blob_corner"
-        matching = replace(state.config.matching, front_end=other)
+        """Trace the frames beside, and the other front end."""
+        other = "kit" if state.view.variant == "published" else "published"
         beside = [replace(state, frame=frame) for frame in (state.frame + 1, state.frame - 1)]
-        for next_ in [*beside, replace(state, config=replace(state.config, matching=matching))]:
+        for next_ in [*beside, replace(state, view=replace(state.view, variant=other))]:
             if 1 <= next_.frame < len(state.sequence) and not over.is_set():
                 with suppress(Exception):  # whoever asks for it is told
                     self._traced(next_)
 
     def _traced(self, state: State) -> tuple[Trace, Array]:
         """What became of the features, and the true errors (M,) of those that were found again."""
-        config = with_view(state.config, state.view)
-        traced = trace(state.sequence, state.frame, config.features, config.matching)
+        traced = trace(state.sequence, state.frame, *with_view(state.config, state.view))
         return traced, _true_errors(state.sequence, truth(state.sequence), traced.found, state.frame)
 
     def draw(self, state: State) -> Drawing:

@@ -15,16 +15,17 @@ from vo_lib.config import FeatureConfig, MatchingConfig
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
-from vo_lib.front_end.blob_corner import DescribedPair, describe_pair
 from vo_lib.front_end.corners import corner_strength, detect_corners
 from vo_lib.front_end.front_end import make_front_end
 from vo_lib.front_end.klt import PreparedPair
 from vo_lib.front_end.surface import CoarseDisparity, coarse_disparity
+from vo_lib.method import config as published
+from vo_lib.method.matching import DescribedPair, describe_pair
 from vo_lib.runs.runner import single_threaded
 
 from ..frames import WARM_UP, Memory, key_of, stereo
 
-# The settings of each check, and what happens to a match that fails it.
+# The settings of each check, and what happens to a match that fails it; the paper's way has the second and last.
 CHECKS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("looks different", ("max_difference",)),
     ("rows, disparity", ("row_tolerance", "min_disparity")),
@@ -69,19 +70,23 @@ class Trace:
     kept: StereoMatches
 
 
-def trace(sequence: Sequence, frame: int, features: FeatureConfig, matching: MatchingConfig) -> Trace:
-    """What became of the features of the pair before `frame`.
+def trace(
+    sequence: Sequence, frame: int, features: published.FeatureConfig, matching: published.MatchingConfig
+) -> Trace:
+    """What became of the features of the pair before `frame`, by the kit's settings or the paper's.
 
     The pairs before are matched with the checks as they are by default: the settings act on this step alone.
     """
-    usual = MatchingConfig(front_end=matching.front_end)
+    usual = type(matching)()
     base = *key_of(sequence, frame), features, usual
     before, pair = _histories.get(base, lambda: _history(sequence, frame, features, usual))
-    stages = [dataclasses.replace(matching, **OPEN)]
+    own = {field.name for field in dataclasses.fields(matching)}
+    stages = [dataclasses.replace(matching, **{name: value for name, value in OPEN.items() if name in own})]
     for _, names in CHECKS:
-        stages.append(dataclasses.replace(stages[-1], **{name: getattr(matching, name) for name in names}))
+        checked = {name: getattr(matching, name) for name in names if name in own}
+        stages.append(dataclasses.replace(stages[-1], **checked))
 
-    def step(stage: MatchingConfig) -> StereoMatches:
+    def step(stage: published.MatchingConfig) -> StereoMatches:
         def make() -> StereoMatches:
             # A step replaces what the front end holds and changes none of it: a shallow copy will do.
             front_end = copy.copy(before)
@@ -106,7 +111,7 @@ def trace(sequence: Sequence, frame: int, features: FeatureConfig, matching: Mat
 
 
 def _history(
-    sequence: Sequence, frame: int, features: FeatureConfig, matching: MatchingConfig
+    sequence: Sequence, frame: int, features: published.FeatureConfig, matching: published.MatchingConfig
 ) -> tuple[Any, Any]:
     """A front end that has seen the pair before `frame`, and the prepared pair of `frame`."""
     front_end = make_front_end(sequence.camera, features, matching)
@@ -125,23 +130,23 @@ def _history(
     return front_end, pair
 
 
-def _prepare(sequence: Sequence, index: int, features: FeatureConfig, matching: MatchingConfig) -> Any:
+def _prepare(
+    sequence: Sequence, index: int, features: published.FeatureConfig, matching: published.MatchingConfig
+) -> Any:
     """A prepared pair. What does not depend on the features' settings is kept for itself."""
     images, key = stereo(sequence, index), key_of(sequence, index)
+    if not isinstance(features, FeatureConfig) or not isinstance(matching, MatchingConfig):
+        described = (*key, features, matching)
+        return _described.get(described, lambda: describe_pair(images, features, matching))
     largest = matching.max_disparity
     disparity = _disparities.get((*key, largest), lambda: coarse_disparity(*images, largest))
-    if matching.front_end == "blob_corner":
-
-        def describe() -> DescribedPair:
-            return describe_pair(images, disparity, features, matching)
-
-        return _described.get((*key, features, matching), describe)
     return PreparedPair(*images, *detect_corners(corner_strength(images[0]), features), disparity)
 
 
 def _candidates(front_end: Any) -> tuple[Array, NDArray[np.int64]]:
     """Features with a stereo match that wait in a front end: left pixels (N, 2) and numbers (N,)."""
+    if isinstance(front_end._previous, DescribedPair):
+        stereo_match = front_end._previous.to_right >= 0
+        return front_end._previous.in_left.uv[stereo_match], front_end._id[stereo_match]
     known = front_end._previous[1]
-    if isinstance(known, dict):  # of blob_corner, which keeps those without a stereo match too
-        return known["left"][known["stereo"]], known["id"][known["stereo"]]
     return known.left, known.id
