@@ -49,7 +49,6 @@ SHARED: dict[str, tuple[Any, str]] = {
     "filter.score": (0.25, "YOLOv8's usual threshold"),
     "filter.min_matches": (60, "with fewer the filter is off: a motion from vehicles is better than none"),
     "filter.min_share": (0.3, "the same, as a share"),
-    "translation.variant": ("stacked", "equation (3): one t for all features"),
     "translation.max_depth": (100.0, "farther points have hardly any disparity"),
     "features.blob_cell": (19, "StereoScan: extrema of a neighbourhood; a few thousand on an image of KITTI"),
     "features.blob_quality": (50.0, "StereoScan: extrema of the 5×5 masks above 50"),

@@ -71,34 +71,18 @@ def test_eliminating_the_points_changes_nothing() -> None:
     matches, X_p = scene(25, 0.5)
     for depth in (np.ones(25), X_p[:, 2]):
         np.testing.assert_allclose(stacked_once(matches, depth), least_squares(matches, depth), atol=1e-8)
-    plain = solve_translation(CAMERA, matches, R_CP, TranslationConfig(variant="unweighted"))
-    assert plain is not None
-    np.testing.assert_allclose(plain[0], least_squares(matches, np.ones(25)), atol=1e-8)
-
-
-def test_a_feature_alone_says_where_its_points_differ() -> None:
-    """The eight rows and six unknowns of one feature have one solution: t = P - R Q."""
-    matches, _ = scene(9, 0.5)
-    A, B, c = feature_rows(CAMERA, matches, R_CP)
-    each = [np.linalg.lstsq(np.concatenate([A[i], B[i]], axis=1), c[i], rcond=None)[0][3:] for i in range(9)]
-    for variant, middle in (("feature_median", np.median), ("feature_mean", np.mean)):
-        solved = solve_translation(CAMERA, matches, R_CP, TranslationConfig(variant=variant))
-        assert solved is not None
-        np.testing.assert_allclose(solved[0], middle(each, axis=0), atol=1e-7)
 
 
 def test_residuals_are_those_of_the_eight_rows_in_pixels() -> None:
-    matches, _ = scene(40, 0.4)
-    config = TranslationConfig(variant="feature_mean")
-    solved = solve_translation(CAMERA, matches, R_CP, config)
-    assert solved is not None
+    matches, X_p = scene(40, 0.4)
+    depth, t = X_p[:, 2], T_CP + np.array([0.1, -0.05, 0.3])
+    found = CAMERA.f * np.sqrt(eliminated(matches, depth).squared_residuals(t))
     A, B, c = feature_rows(CAMERA, matches, R_CP)
-    depth = CAMERA.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     for i in range(40):
-        right = c[i] - B[i] @ solved[0]
+        right = c[i] - B[i] @ t
         residual = right - A[i] @ np.linalg.lstsq(A[i], right, rcond=None)[0]
         expected = CAMERA.f * np.linalg.norm(residual) / depth[i]
-        np.testing.assert_allclose(solved[1][i], expected, rtol=1e-5, atol=1e-8)
+        np.testing.assert_allclose(found[i], expected, rtol=1e-5, atol=1e-8)
 
 
 def test_the_depth_of_a_feature_is_that_of_its_best_point_under_the_translation() -> None:

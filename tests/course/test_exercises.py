@@ -13,6 +13,7 @@ from course.ch01 import exercises as ch01
 from course.ch02 import exercises as ch02
 from course.ch03 import exercises as ch03
 from course.ch04 import exercises as ch04
+from course.ch04.weightings import METRES, solve_by
 from course.ch05 import exercises as ch05
 from course.ch06 import exercises as ch06
 from course.ch07 import exercises as ch07
@@ -21,7 +22,6 @@ from course.checker import WORDS, Exercise
 from course.made_up import block_tour, made_up
 from course.results import NOT_YET_CLASS, Verdict
 from vo_lib.beyond.box_filter import static_matches
-from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import FilterConfig, TranslationConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.matches import StereoMatches
@@ -178,8 +178,7 @@ def test_the_answers_of_chapter_4_are_the_librarys() -> None:
     M, right = ch04.eight_rows(*ch04.one_match()[0])
     np.testing.assert_allclose(M, np.concatenate([A[0], B[0]], axis=1), atol=1e-12)
     np.testing.assert_allclose(right, c[0], atol=1e-12)
-    config = TranslationConfig(variant="unweighted", max_depth=1000)
-    solved = solve_translation(ch04.CAMERA, matches, ch04.R_CP, config)
+    solved = solve_by(METRES, ch04.CAMERA, matches, ch04.R_CP, TranslationConfig(max_depth=1000))
     assert solved is not None
     np.testing.assert_allclose(ch04.stacked(*ch04.noisy_rows(30, 5, 0.5)), solved[0], atol=1e-9)
 

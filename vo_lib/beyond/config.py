@@ -113,11 +113,6 @@ class SelectionConfig(method.SelectionConfig):
 class TranslationConfig(method.TranslationConfig):
     """The translation with weights, robust (chapter 4)."""
 
-    variant: str = setting(
-        "stacked",
-        "all features stacked, weighted and robust: the method; the others are for comparison",
-        choices=("stacked", "unweighted", "feature_median", "feature_mean"),
-    )
     scale: float = setting(
         0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
     )

@@ -31,11 +31,10 @@ NEAREST = 0.1  # metres; rows are divided by no smaller depth
 def solve_translation(
     camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: TranslationConfig
 ) -> tuple[Array, Array] | None:
-    """One translation for all features, by the variant that the settings name.
+    """One translation for all features, stacked.
 
-    `stacked`, the method: a row is an error in metres and grows with depth, so rows are weighted by 1/Z;
-    a few re-weightings by the residual in pixels (Cauchy) make it robust. For comparison: `unweighted`,
-    plain least squares over all rows; `feature_median` and `feature_mean` of the features' own answers.
+    A row is an error in metres and grows with depth, so rows are weighted by 1/Z, depths as solved; a few
+    re-weightings by the residual in pixels (Cauchy) make it robust.
 
     Parameters
     ----------
@@ -54,17 +53,8 @@ def solve_translation(
         return None
     before = stereo_points(camera, matches.prev_left[used], matches.prev_right[used]).rotated(R_cp)
     now = stereo_points(camera, matches.cur_left[used], matches.cur_right[used])
-    depth, one = depth[used], np.ones(len(used))
     try:
-        if config.variant == "stacked":
-            system, t = _stacked(before, now, depth, camera.f, config)
-        elif config.variant == "unweighted":
-            H, g = eliminate_points(before, now, one, one).normal_equations()
-            system = eliminate_points(before, now, depth, depth)
-            t = np.linalg.solve(H.sum(axis=1)[FULL], g.sum(axis=1))
-        else:
-            middle = np.median if config.variant == "feature_median" else np.mean
-            system, t = eliminate_points(before, now, depth, depth), middle(now.X - before.X, axis=1)
+        system, t = _stacked(before, now, depth[used], camera.f, config)
     except np.linalg.LinAlgError:
         return None
     if not np.isfinite(t).all():

@@ -25,10 +25,10 @@ from ..facts import Fact
 from ..frames import Points, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
 from .figures import MILLI, ellipse_chart, features_picture, residuals_chart
+from .weightings import ROBUST, WEIGHTINGS, solve_by
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 GROUPS = 10  # of features that are solved apart, to see how the answers scatter
-ROBUST = "stacked"
 TRUE, RECORDED = "the truth", "the recorded truth"
 
 
@@ -36,6 +36,7 @@ TRUE, RECORDED = "the truth", "the recorded truth"
 class TranslationView(Checked):
     """What the panel of chapter 4 does to the matches and to the rotation of the frame."""
 
+    weighting: str = setting(ROBUST, "how the rows of all features are put together", choices=WEIGHTINGS)
     noise: float = setting(
         0.1, "Gaussian noise added to each coordinate in all four images", unit="px", low=0, high=2
     )
@@ -122,14 +123,20 @@ def alone(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> Array:
     return np.asarray((stereo_points(camera, matches.cur_left, matches.cur_right).X - before.X).T)
 
 
-def covariance(camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: TranslationConfig) -> Array:
-    """Covariance (3, 3) of the translation, m², from the data alone, for every variant alike.
+def covariance(
+    camera: StereoCamera,
+    matches: StereoMatches,
+    R_cp: Array,
+    config: TranslationConfig,
+    weighting: str = ROBUST,
+) -> Array:
+    """Covariance (3, 3) of the translation, m², from the data alone, for every weighting alike.
 
     The features are dealt into G groups which are solved apart. The mean of G answers that scatter with the
     covariance S has S / G, and all features together are about as sure as that.
     """
     group = np.arange(len(matches)) % GROUPS
-    solved = [solve_translation(camera, matches[group == g], R_cp, config) for g in range(GROUPS)]
+    solved = [solve_by(weighting, camera, matches[group == g], R_cp, config) for g in range(GROUPS)]
     t = np.array([each[0] for each in solved if each is not None]).reshape(-1, 3)
     return np.zeros((3, 3)) if len(t) < 2 else np.asarray(np.cov(t.T) / len(t))
 
@@ -141,7 +148,7 @@ class TranslationPanel(Panel):
     view = TranslationView
     height = PHOTO_HEIGHT + CHART_HEIGHT
     controls = (
-        Control("translation.variant", "weighting"),
+        Control("view.weighting", "weighting"),
         Control("translation.max_depth", "depth limit", high=150, step=5),
         Control("translation.scale", "scale s", high=5, step=0.05),
         Control("view.noise", "noise added", step=0.05),
@@ -158,18 +165,15 @@ class TranslationPanel(Panel):
         reference, words = _reference(camera, points, R_usual, truth(sequence) is not None)
         R = rotation_from_vector(np.radians([0.0, state.view.turn, 0.0])) @ R_usual
         matches = disturbed(points.matches, state.view)
-        solved = solve_translation(camera, matches, R, config)
+        weighting = state.view.weighting
+        solved = solve_by(weighting, camera, matches, R, config)
         if solved is None:
             raise DataError("no feature can be used: raise the depth limit")
-        t, residual = solved
-        robust = config.variant == ROBUST
+        t, residual, weight = solved
         used = np.isfinite(residual)
-        weight = np.where(used, 1.0, np.nan)
-        if robust:
-            weight[used] = 1.0 / (1.0 + (residual[used] / config.scale) ** 2)
-        C = covariance(camera, matches, R, config)
+        C = covariance(camera, matches, R, config, weighting)
         chart, (left, right) = figure(CHART_HEIGHT, 2, (1.7, 1.0))
-        residuals_chart(left, points.X_p[:, 2], residual, config.scale, robust)
+        residuals_chart(left, points.X_p[:, 2], residual, config.scale, weighting == ROBUST)
         ellipse_chart(right, alone(camera, matches, R), weight, t, C, reference, words)
         picture = features_picture(
             stereo(sequence, frame)[0],

@@ -1,0 +1,71 @@
+"""Chapter 4: ways to put all features' rows together, beside the paper's and the kit's own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vo_lib.beyond.translation import solve_translation
+from vo_lib.config import TranslationConfig, preset
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.matches import StereoMatches
+from vo_lib.core.types import Array
+from vo_lib.data.tracks import TrackConfig
+from vo_lib.method import translation as paper
+
+from ..lessons import CAMERA, drive, estimated_rotations
+
+ROBUST, PUBLISHED, PIXELS, METRES = "robust", "published", "rows in pixels", "rows in metres"
+MEDIAN, MEAN = "median of features", "mean of features"
+WEIGHTINGS = (ROBUST, PUBLISHED, PIXELS, METRES, MEDIAN, MEAN)
+
+
+def solve_by(
+    weighting: str, camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: TranslationConfig
+) -> tuple[Array, Array, Array] | None:
+    """The translation t_cp (3,), metres, that a weighting gives.
+
+    With it the residual norm (N,) of each feature's eight rows, pixels (infinite beyond the largest depth), and
+    the weight (N,) that it has beside its depth (NaN: not used). None where there is no answer.
+    """
+    if weighting == ROBUST:
+        solved = solve_translation(camera, matches, R_cp, config)
+        if solved is None:
+            return None
+        t, residual = solved
+        return t, residual, np.where(np.isfinite(residual), 1 / (1 + (residual / config.scale) ** 2), np.nan)
+    depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
+    used = np.flatnonzero(depth <= config.max_depth)
+    if len(used) == 0:
+        return None
+    M, d = paper.eliminate_points(*paper.feature_rows(camera, matches[used], R_cp))
+    weight = np.ones(len(used))
+    if weighting == PUBLISHED:
+        settings = preset("solution_selection", variant="published").translation
+        found = paper.solve_translation(camera, matches[used], R_cp, settings)
+        if found is None:
+            return None
+        t, weight = found[0], found[1].astype(np.float64)
+    elif weighting in (MEDIAN, MEAN):
+        each = (np.linalg.pinv(M) @ d[..., None])[..., 0]
+        t = (np.median if weighting == MEDIAN else np.mean)(each, axis=0)
+    else:
+        row = np.ones(len(used)) if weighting == METRES else 1 / depth[used]
+        t = np.asarray(
+            np.linalg.lstsq((row[:, None, None] * M).reshape(-1, 3), (row[:, None] * d).ravel())[0],
+            np.float64,
+        )
+    residuals, weights = np.full((2, len(matches)), ((np.inf,), (np.nan,)))
+    residuals[used] = camera.f * np.linalg.norm(d - M @ t, axis=1) / depth[used]
+    weights[used] = weight
+    return np.asarray(t), residuals, weights
+
+
+def weighting_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str, Array]:
+    """Translation error of each frame, millimetres, by weighting; the same estimated rotations for all."""
+    errors: dict[str, list[float]] = {name: [] for name in WEIGHTINGS}
+    for frame, R_cp in estimated_rotations(drive(frames), tracks, seed):
+        for name in WEIGHTINGS:
+            solved = solve_by(name, CAMERA, frame.matches, R_cp, TranslationConfig())
+            assert solved is not None
+            errors[name].append(1e3 * float(np.linalg.norm(solved[0] - frame.T_cp[:3, 3])))
+    return {name: np.array(values) for name, values in errors.items()}
