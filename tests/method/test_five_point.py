@@ -6,13 +6,25 @@ import cv2
 import numpy as np
 import pytest
 
-from vo_lib.commands.bench_solver import distance, error_of_best
 from vo_lib.core.real_roots import real_roots
+from vo_lib.core.types import Array
 from vo_lib.data.problems import MOTIONS, Motion, PoseProblems, random_problems
 from vo_lib.method import five_point as fp
-from vo_lib.method.five_point import five_point
+from vo_lib.method.five_point import Candidates, five_point
 
 WITH_PARALLAX: list[Motion] = [motion for motion in MOTIONS if motion != "pure_rotation"]
+
+
+def distance(E: Array, F: Array) -> Array:
+    """‖E - F‖ of unit matrices (..., 3, 3), whatever their signs."""
+    return np.asarray(np.minimum(*(np.linalg.norm(E + sign * F, axis=(-2, -1)) for sign in (-1.0, 1.0))))
+
+
+def error_of_best(found: Candidates, truth: Array) -> Array:
+    """Distance of the nearest candidate to the truth (S, 3, 3) in each set, (S,); infinite without any."""
+    error = np.full(len(truth), np.inf)
+    np.minimum.at(error, found.set_index, distance(found.E, truth[found.set_index]))
+    return error
 
 
 def problems(motion: Motion, count: int, noise_px: float = 0.0, points: int = 5) -> PoseProblems:
