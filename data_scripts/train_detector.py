@@ -1,89 +1,119 @@
-"""Train a small vehicle detector on a data set in YOLO form, and export it as ONNX (extra `[train]`).
+"""Train YOLOv8, the paper's detector, with Ultralytics on a data set in YOLO form; export it as ONNX.
 
 examples:
-  vo data train_detector data/street --out runs/street --one-class vehicle
-  vo data train_detector roboflow/data.yaml --out runs/cars --epochs 400 --width 640 --height 192
-  vo data train_detector data/street --out runs/more --one-class vehicle --start runs/street/detector.onnx
+  vo data train_detector data/cars --out runs/cars --epochs 400
+  vo data train_detector roboflow/data.yaml --out runs/cars --weights yolov8n.pt --register cars
+  vo data train_detector data/street --out runs/street --one-class vehicle --size 800
 
-A training that was stopped goes on at its last whole epoch. The folder gets last.pt, curves.png and
-detector.onnx, which `vo run --detector` and `vo data write_labels` take.
+Needs the extra `[train]`. Ultralytics and what it trains are AGPL-3.0: see https://www.ultralytics.com/license.
+A training that was stopped goes on at its last whole epoch. The folder gets data.yaml, train/ (weights,
+curves) and detector.onnx, which `vo run --detector` and `vo data write_labels` take.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
+import os
 import sys
 from pathlib import Path
+from typing import Any
 
-from training.assess import assess
-from training.config import MODEL, TrainingConfig
+import yaml
+
+from fetch.detectors import register_detector
 from training.dataset import DetectionSet, open_set
 from training.evaluated import refuse_evaluated
-from vo_lib.commands.console import reporting, say, show_table
+from vo_lib.commands.common import parse_whole
+from vo_lib.commands.console import say
 from vo_lib.commands.data import run_script
 from vo_lib.commands.script import install
-from vo_lib.commands.setting_options import add_settings, from_options
 from vo_lib.core.errors import DataError
-from vo_lib.detection.yolo_layout import LEAST_SIZE, MOST_SIZE
+from vo_lib.core.files import require_own, write_result
+
+MODEL = "detector.onnx"
+FAILURES = (RuntimeError, AssertionError, ValueError, TypeError, OSError)  # Ultralytics', of damaged files
+LICENCE = "AGPL-3.0"
+FROM_SCRATCH = "yolov8n.yaml"  # the smallest YOLOv8, with random weights
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options: every setting of the training has one."""
+    """Options of the training."""
     parser.add_argument("data", type=Path, help="folder with data.yaml, or that file")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the training")
     parser.add_argument("--one-class", metavar="NAME", help="take all classes for one of this name")
     parser.add_argument(
-        "--start",
-        type=Path,
-        metavar="FILE",
-        help="begin with the weights of another last.pt or detector.onnx",
+        "--weights", type=Path, metavar="FILE", help="a .pt file to begin with; default: none"
     )
-    parser.add_argument(
-        "--export-size",
-        type=int,
-        metavar="PX",
-        help="longer side of the images that the exported model is used with; default: --size",
-    )
+    parser.add_argument("--epochs", default="400", metavar="N", help="default 400, as the paper's")
+    parser.add_argument("--size", default="640", metavar="PX", help="longer side of an image; default 640")
+    parser.add_argument("--batch", default="16", metavar="N", help="images in one step; default 16")
+    parser.add_argument("--seed", default="0", metavar="N", help="default 0")
+    parser.add_argument("--device", default="cpu", help="cpu, or the number of a GPU; default cpu")
+    parser.add_argument("--register", metavar="NAME", help="keep the model under this name for --detector")
     parser.add_argument("--allow-evaluated", action="store_true", help="train on KITTI odometry images too")
-    add_settings(parser, TrainingConfig)
 
 
 def run(options: argparse.Namespace) -> int:
     """Train, export, and say how good the exported model is."""
-    config = from_options(options, TrainingConfig)
-    data = dataclasses.replace(open_set(options.data), merged=options.one_class)
+    epochs, size = parse_whole("--epochs", options.epochs), parse_whole("--size", options.size)
+    batch, seed = parse_whole("--batch", options.batch), parse_whole("--seed", options.seed, least=0)
+    data = open_set(options.data)
     if not options.allow_evaluated:
         refuse_evaluated(path for part in data.images.values() for path in part)
-    if options.export_size is not None and not LEAST_SIZE <= options.export_size <= MOST_SIZE:
-        raise DataError(f"--export-size {options.export_size}: expected {LEAST_SIZE} to {MOST_SIZE} px")
+    if options.weights is not None and not options.weights.is_file():
+        raise DataError("the file is missing", options.weights)
+    model, described = options.out / MODEL, options.out / "data.yaml"
+    require_own(model, described)
+    YOLO = _ultralytics()
+    options.out.mkdir(parents=True, exist_ok=True)
+    write_result(described, _description(data, options.one_class))
+    last = options.out / "train" / "weights" / "last.pt"
+    say(f"Ultralytics and what it trains are {LICENCE}.")
     try:
-        from training.folder import train_in
-    except ImportError as error:
-        raise DataError(f"{error.name} is missing: {install('train')}") from None
-    with reporting(f"training, {config.epochs} epochs") as report:
-        state = train_in(options.out, data, config, options.start, options.export_size or config.size, report)
-    model = options.out / MODEL
-    say(f"{model}: validation mAP50 {state.maps[-1]:.3f} after {state.epoch} epochs")
-    report_quality(model, data)
+        if last.is_file() and not (last.parent / "finished").is_file():
+            network = YOLO(str(last))
+            network.train(resume=True)
+        else:
+            network = YOLO(str(options.weights or FROM_SCRATCH))
+            where = {"data": str(described), "project": str(options.out.resolve()), "name": "train"}
+            how = {"epochs": epochs, "imgsz": size, "batch": batch, "seed": seed, "device": options.device}
+            merged = options.one_class is not None
+            network.train(**where, **how, single_cls=merged, exist_ok=True, amp=False, workers=2)
+        best = YOLO(str(last.with_name("best.pt")))
+        if options.one_class is not None:
+            best.model.names = {0: options.one_class}  # Ultralytics calls a single class "item"
+        split = "test" if data.images["test"] else "val"
+        found = best.val(data=str(described), split=split, imgsz=size, device=options.device, plots=False)
+        exported = Path(best.export(format="onnx", dynamic=True, simplify=False, imgsz=size))
+    except FAILURES as error:
+        words = (str(error).splitlines() or [type(error).__name__])[0]
+        raise DataError(f"Ultralytics: {words[:160]}") from None
+    write_result(model, exported.read_bytes())
+    (last.parent / "finished").touch()
+    say(f"{model}: mAP50 {found.box.map50:.3f}, mAP50-95 {found.box.map:.3f} on {split}")
+    if options.register is not None:
+        registered = register_detector(options.register, model, licence=LICENCE)
+        say(f"registered: vo run … --detector {registered.name}")
     return 0
 
 
-def report_quality(model: Path, data: DetectionSet) -> None:
-    """A table of the exported model's quality on the test split, or the validation split without one."""
-    split = "test" if data.images["test"] else "valid"
-    heights = (16.0, 25.0, 32.0)
-    with reporting(f"judging on {split}") as report:
-        results = assess(model, data, split, heights, progress=report)
-    rows = [
-        [f"{r.min_height:g} px", str(r.vehicles), f"{r.map50:.3f}", f"{r.recall:.3f}", f"{r.precision:.3f}"]
-        for r in results
-    ]
-    show_table(
-        f"{split}: {results[0].images} images, IoU 0.5, score 0.25",
-        ["vehicles at least", "how many", "mAP50", "recall", "precision"],
-        rows,
-    )
+def _ultralytics() -> Any:
+    """Ultralytics' class of models; it must neither report, nor install packages by itself."""
+    os.environ.setdefault("YOLO_AUTOINSTALL", "false")
+    try:
+        import onnx  # noqa: F401  (its export needs it)
+        from ultralytics import YOLO, settings
+    except ImportError as error:
+        raise DataError(f"{error.name} is missing: {install('train')}") from None
+    settings.update({"sync": False})
+    return YOLO
+
+
+def _description(data: DetectionSet, one_class: str | None) -> bytes:
+    """A data.yaml with full paths, as Ultralytics finds a data set wherever it lies."""
+    folders = {key: str(data.images[split][0].parent.resolve()) for split, key in data.keys.items()}
+    names = [one_class] if one_class is not None else list(data.names)
+    return str(yaml.safe_dump({**folders, "names": dict(enumerate(names))}, sort_keys=False)).encode()
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from training.detection_plots import detection_image
+from training.pictures import detection_image
 from vo_lib.commands.common import add_cache, open_with_bar
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script

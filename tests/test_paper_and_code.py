@@ -16,7 +16,7 @@ from vo_lib.core.settings import declared
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
 PAGE = (NOTEBOOKS / "paper_and_code.md").read_text(encoding="utf-8")
 WORDS = ("as said", "changed", "left open")
-DOTTED = re.compile(r"`((?:vo_lib|course|fetch|training)(?:\.\w+){2,})`")
+DOTTED = re.compile(r"`((?:vo_lib|course|fetch|training)(?:\.\w+){2,}|train_detector\.\w+)`")
 GIVEN = {"buckets.size", "selection.keep"}  # settings that the paper itself gives
 
 

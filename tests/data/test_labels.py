@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from training.detection_plots import DETECTED, detection_image, training_figure
+from training.pictures import DETECTED, detection_image
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels, write_labels
@@ -74,11 +74,3 @@ def test_a_drawn_box_lies_where_the_box_is() -> None:
     assert not coloured[45:75, 60:110].any()
     assert coloured[25:39, 50:80].any()  # class and score above it
     assert (detection_image(image, no_boxes()) == 60).all()
-
-
-def test_the_curves_of_a_training_start_at_epoch_one() -> None:
-    figure = training_figure(np.array([[2.0, 4.0], [1.5, 2.7]]), np.array([0.66, 0.79]), "two epochs")
-    left, right = figure.axes
-    assert [list(np.asarray(line.get_ydata())) for line in left.lines] == [[2.0, 1.5], [4.0, 2.7]]
-    assert list(np.asarray(right.lines[0].get_xdata())) == [1, 2]
-    assert right.get_ylim() == (0.0, 1.0)

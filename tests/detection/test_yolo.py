@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import onnxruntime
 import pytest
+from detections import Judged, judge, recall_precision
 from hypothesis import given
 from hypothesis import strategies as st
 from tiny_onnx import write_answering
@@ -21,7 +22,6 @@ from street.render import Renderer
 from street.sensor import expose
 from street.truth_files import visible_boxes
 from street.world import make_world
-from training.mean_ap import Judged, judge, recall_precision
 from vo_lib.config import DetectorConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError

@@ -1,4 +1,4 @@
-"""Pictures of a detector: its boxes with scores, and the curves of its training."""
+"""What a detector found, drawn: boxes with class and score."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from vo_lib.core.boxes import Boxes
-from vo_lib.core.types import Array, Image
+from vo_lib.core.types import Image
 from vo_lib.detection.class_names import COCO
-from vo_lib.tables.plots import ESTIMATE_COLOURS
 
 DETECTED = (66, 228, 240)  # yellow, BGR
 
@@ -37,23 +34,3 @@ def detection_image(image: Image, boxes: Boxes, names: Sequence[str] = COCO) -> 
             picture, words, (left + 2, foot), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA
         )
     return np.asarray(picture, np.uint8)
-
-
-def training_figure(losses: Array, scores: Array, title: str) -> Figure:
-    """Box and class loss (E, 2), and mAP (E,) in [0, 1], after each of E epochs."""
-    figure = Figure(figsize=(7.2, 3.2), dpi=120, layout="constrained")
-    left, right = figure.subplots(1, 2)
-    epochs = np.arange(1, len(scores) + 1)
-    for column, name in enumerate(("box loss", "class loss")):
-        left.plot(epochs, losses[:, column], ".-", color=ESTIMATE_COLOURS[column], label=name)
-    right.plot(epochs, scores, ".-", color=ESTIMATE_COLOURS[2], label="mAP50, validation")
-    left.set_ylim(bottom=0.0)
-    right.set_ylim(0.0, 1.0)
-    for axis in (left, right):
-        axis.set_xlabel("epoch")
-        axis.set_xlim(0.5, len(scores) + 0.5)
-        axis.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-        axis.grid(alpha=0.3)
-        axis.legend(loc="best")
-    figure.suptitle(title)
-    return figure

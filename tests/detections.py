@@ -1,4 +1,4 @@
-"""How good detections are: recall, precision and average precision at one overlap, numpy only."""
+"""How good detections are: recall and precision at one overlap."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import numpy as np
 from vo_lib.core.boxes import Boxes, area, common_area, overlap
 from vo_lib.core.types import Array, Mask, Whole
 
-RECALLS = np.linspace(0.0, 1.0, 101)  # where the precision is read, as COCO's evaluation does
-
 
 @dataclass(frozen=True)
 class Judged:
@@ -19,12 +17,11 @@ class Judged:
     Attributes
     ----------
     score, right : (D,) of the detections that count; `right` where one found a true box of its own.
-    class_id : (D,) their classes. wanted : (K,) classes of the true boxes that count.
+    wanted : (K,) classes of the true boxes that count.
     """
 
     score: Array
     right: Mask
-    class_id: Whole
     wanted: Whole
 
 
@@ -52,7 +49,7 @@ def judge(found: Boxes, truth: Boxes, regions: Array, min_height: float = 0.0, l
             right[k], counts[k] = tall[best], tall[best]
         else:
             counts[k] = not (aside[k] or low[k])
-    return Judged(found.score[order][counts], right[counts], kinds[counts], truth.class_id[tall])
+    return Judged(found.score[order][counts], right[counts], truth.class_id[tall])
 
 
 def recall_precision(images: list[Judged], score: float = 0.0) -> tuple[float, float]:
@@ -61,25 +58,3 @@ def recall_precision(images: list[Judged], score: float = 0.0) -> tuple[float, f
     right, found = sum(int(part.sum()) for part in above), sum(len(part) for part in above)
     wanted = sum(len(part.wanted) for part in images)
     return (right / wanted if wanted else np.nan), (right / found if found else np.nan)
-
-
-def average_precision(images: list[Judged]) -> float:
-    """Mean over classes of the area under precision over recall (101 points); NaN where nothing is wanted."""
-    if not images:
-        return float("nan")
-    score, right, kind, wanted = (
-        np.concatenate([getattr(part, name) for part in images])
-        for name in ("score", "right", "class_id", "wanted")
-    )
-    areas = []
-    for one in np.unique(wanted):
-        order = np.argsort(-score[kind == one], kind="stable")
-        hits = np.cumsum(right[kind == one][order])
-        recall, precision = hits / np.count_nonzero(wanted == one), hits / np.arange(1, len(hits) + 1)
-        # At each recall the best precision that is still reached there or later.
-        envelope = np.maximum.accumulate(precision[::-1])[::-1]
-        at = np.searchsorted(recall, RECALLS)
-        areas.append(
-            np.where(at < len(envelope), np.append(envelope, 0.0)[np.minimum(at, len(envelope))], 0.0).mean()
-        )
-    return float(np.mean(areas)) if areas else float("nan")
