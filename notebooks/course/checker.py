@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import copy
 import inspect
-import json
-import sys
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,21 +18,17 @@ from .results import SHORT, Unusable, Verdict, differ, holds, is_list, outcome, 
 
 Case = tuple[Any, ...]  # the inputs of a call
 LONGEST = 80  # characters of an input that a message tells
-WORDS = json.loads(Path(__file__).with_name("words.json").read_text(encoding="utf-8"))
 
 
-@dataclass(frozen=True)
 class Mistake:
-    """A known mistake: answers that make it, each a function of a case's inputs or a value; and its words.
+    """A known mistake: its words, and answers that make it, each a function of a case's inputs or a value.
 
     With `when`, a test of (the first wrong result, *inputs), it is told by that, too. Where a panel is read
     `when` is a test of its facts, and the answers are facts that differ from the right ones.
     """
 
-    says: str
-    hint: str
-    answers: tuple[Any, ...]
-    when: Callable[..., Any] | None
+    def __init__(self, says: str, hint: str, *answers: Any, when: Callable[..., Any] | None = None):
+        self.says, self.hint, self.answers, self.when = says, hint, answers, when
 
 
 def times(right: Callable[..., Any], *factors: Any) -> Callable[..., Any]:
@@ -60,11 +51,12 @@ class Exercise:
 
     Parameters
     ----------
-    name : chapter and exercise, "ch03.angle": its task, praise, hints and known mistakes stand under it in
-        `words.json`, and the library's functions that an answer must not call.
     right : a function of a case's inputs; a value; or, where a panel is read, facts of one that passes.
     cases : where the answer is a function, gives the inputs of its calls, simple ones first.
     also : other answers that are right.
+    task, praise, hint : what is to be done; what is said of a right answer, and of one that is wrong in a way
+        not known. Of `got` and `right`, results of the first case, or of facts, by their names.
+    library : the library's functions that an answer must not call.
     parts : names of the results, where there are several; they are judged in this order.
     form : what of a result is compared: `any_order`, say.
     atol, rtol : by how much a result may differ, in its unit and as a share of what is expected.
@@ -72,33 +64,24 @@ class Exercise:
 
     def __init__(
         self,
-        name: str,
         right: Any,
         cases: Callable[[], list[Case]] | None = None,
         *,
+        task: str,
+        praise: str,
+        hint: str,
+        library: tuple[str, ...] = (),
+        mistakes: tuple[Mistake, ...] = (),
         also: tuple[Any, ...] = (),
         parts: tuple[str, ...] = (),
         form: Callable[..., Any] = np.asarray,
         atol: float = 1e-9,
         rtol: float = 0.0,
     ):
-        self.chapter, own = name.split(".")
-        self.words = WORDS[self.chapter][own]
         self.right, self.cases, self.also, self.parts, self.form = right, cases, also, parts, form
+        self.praise, self.hint, self.library, self.mistakes = praise, hint, library, mistakes
         self.atol, self.rtol = atol, rtol
-        self.__doc__ = self.words["task"]
-
-    @cached_property
-    def mistakes(self) -> dict[str, Mistake]:
-        """The known mistakes by name; their answers are written with the names of the chapter's module."""
-        module = sys.modules.get(f"{__package__}.{self.chapter}.exercises")
-        names = {"np": np, "times": times, **(vars(module) if module else {})}
-
-        def made(told: dict[str, Any]) -> Mistake:
-            answers = tuple(eval(code, names) for code in told["answers"])
-            return Mistake(told["says"], told["hint"], answers, eval(told.get("when", "None"), names))
-
-        return {name: made(told) for name, told in self.words["mistakes"].items()}
+        self.__doc__ = task
 
     def __call__(self, answer: Any, *given: Any) -> Verdict:
         if any(each is None or each is ... for each in (answer, *given)):
@@ -112,32 +95,34 @@ class Exercise:
                     return self._judge(lambda *_: answer, [given])
                 if not callable(answer):
                     return Verdict(False, f"expected a function, got {type(answer).__name__}.")
-                if name := handed_back(answer, self.words.get("library", ())):
+                if name := handed_back(answer, self.library):
                     return Verdict(
                         False,
                         f"this hands the work to `{name}`.",
                         "writing it yourself is the point here; compare the two once yours passes.",
                     )
                 verdict = self._judge(answer, self.cases())
-                return Verdict(True, verdict.message + keep(answer)) if verdict.passed else verdict
+                return (
+                    Verdict(True, verdict.message + keep(answer, self.judge)) if verdict.passed else verdict
+                )
         except Exception as error:
             return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
 
-    def passes(self, answer: Any) -> bool:
-        """Whether a function gives the right results; nothing is told or kept."""
+    def judge(self, answer: Callable[..., Any]) -> Verdict:
+        """The verdict on a function; nothing is kept."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            return self.cases is not None and self._judge(answer, self.cases()).passed
+            return self._judge(answer, self.cases() if self.cases else [])
 
     def _judge_facts(self, answer: Any) -> Verdict:
         """The first mistake that the facts of a panel show; an unknown fact is NaN."""
         if not isinstance(answer, Mapping):
             return Verdict(False, f"expected the facts of a panel, got {type(answer).__name__}.")
         facts = defaultdict(lambda: float("nan"), answer)
-        for mistake in self.mistakes.values():
+        for mistake in self.mistakes:
             if mistake.when is not None and mistake.when(facts):
                 return Verdict(False, mistake.says.format_map(facts), mistake.hint)
-        return Verdict(True, self.words["right"].format_map(facts))
+        return Verdict(True, self.praise.format_map(facts))
 
     def _judge(self, answer: Callable[..., Any], cases: list[Case]) -> Verdict:
         changed: list[int] = []
@@ -150,26 +135,28 @@ class Exercise:
         wrong, expected = got[first], right[first]
         if isinstance(expected, Unusable):
             return expected
-        agreed = {
-            name: max((self._agreed(got, self._results(each, cases)) for each in mistake.answers), default=0)
-            for name, mistake in self.mistakes.items()
-        }
+        agreed = [
+            (
+                max((self._agreed(got, self._results(each, cases)) for each in mistake.answers), default=0),
+                mistake,
+            )
+            for mistake in self.mistakes
+        ]
         part, case = divmod(first, len(cases))
         what = self.parts[part] if self.parts else "the result"
-        named = max(agreed, key=lambda name: agreed[name], default="")
-        if agreed.get(named, 0) <= first:
+        length, named = max(agreed, key=lambda pair: pair[0], default=(0, None))
+        if length <= first:
             # A function that may give back None can do so in the wrong case.
             missing = wrong is None and any(each is None for each in right)
-            if not missing and (reason := unusable(wrong, expected, what, self.words["hint"])):
+            if not missing and (reason := unusable(wrong, expected, what, self.hint)):
                 return reason
-            tests = {name: mistake.when for name, mistake in self.mistakes.items() if mistake.when}
-            named = next((name for name in tests if holds(tests[name], wrong, *cases[case])), "")
-        if named:
-            mistake = self.mistakes[named]
-            return Verdict(False, mistake.says.format_map({"got": wrong, "right": expected}), mistake.hint)
+            tests = ((each, each.when) for each in self.mistakes if each.when)
+            named = next((each for each, when in tests if holds(when, wrong, *cases[case])), None)
+        if named is not None:
+            return Verdict(False, named.says.format_map({"got": wrong, "right": expected}), named.hint)
         if wrong is not None and np.isnan(wrong).any():
             return Verdict(False, f"{what} contains NaN.", "is something divided by zero?")
-        return Verdict(False, self._difference(wrong, expected, what, cases[case]), self.words["hint"])
+        return Verdict(False, self._difference(wrong, expected, what, cases[case]), self.hint)
 
     def _passed(self, got: list[Any], right: list[Any], cases: int, changed: list[int]) -> Verdict:
         """Praise, with the results of the first case; unless a call changed its inputs."""
@@ -178,7 +165,7 @@ class Exercise:
             says = f"all is right, but the function changes its input `{name}`."
             return Verdict(False, says, "copy it first.")
         first = [table[::cases] if self.parts else table[0] for table in (got, right)]
-        return Verdict(True, self.words["right"].format(got=first[0], right=first[1]))
+        return Verdict(True, self.praise.format(got=first[0], right=first[1]))
 
     def _results(self, answer: Any, cases: list[Case], changed: list[int] | None = None) -> list[Any]:
         """What an answer gives, part by part and in a part case by case: arrays, None or `Unusable`.

@@ -4,50 +4,163 @@ from __future__ import annotations
 
 import ast
 import dis
+import importlib.util
 import inspect
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
+import numpy as np
+
+from vo_lib.core.errors import DataError
 from vo_lib.core.files import write_text_atomic
 
 NAME = "my_vo.py"
 CALLED = ("LOAD_GLOBAL", "LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM")  # steps that name a function
 MARK = "00_start_here.ipynb"  # stands in the folder of the notebooks and in that of their solutions
+LARGEST = 5000  # numbers of an array that is kept
 HEAD = '"""My visual odometry: the functions that passed their checks in the notebooks."""\n'
 
 
-def keep(function: Any) -> str:
-    """Write the source of a function into `my_vo.py` of the current folder; tells so in a sentence.
+def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
+    """Write a function into `my_vo.py` of the current folder, with all it needs; tells so in a sentence.
 
-    Only in a folder with the notebook `00_start_here.ipynb`, where Jupyter runs the course: elsewhere, in a
-    test or a script, nothing is written. A function of the same name is replaced, imports that the function
-    needs and the file lacks are added, all else stays as it is. Where the source cannot be had (a lambda,
-    the lines of a console) nothing is written and "" is given back. Never raises.
+    What it needs are imports, the student's own functions and classes (by source) and constants of the
+    notebook (by value). Only in a folder with the notebook `00_start_here.ipynb`, where Jupyter runs the
+    course: elsewhere, in a test or a script, nothing is written. What has the same name is replaced, all else
+    stays as it is. Where the source cannot be had (a lambda, the lines of a console) nothing is written and ""
+    is given back. `judge`, the exercise's check, is then asked about the function as the file has it. Never
+    raises.
     """
     if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
         return ""
     try:
-        source = textwrap.dedent(inspect.getsource(function)).rstrip()
-        tree = ast.parse(source)
-    except (OSError, SyntaxError):
-        return ""
-    if [getattr(node, "name", "") for node in tree.body] != [function.__name__]:
+        _source(function)
+    except (OSError, SyntaxError, ValueError):
         return ""
     path = Path(NAME)
     try:
         text = path.read_bytes().decode("utf-8") if path.exists() else HEAD
-        write_text_atomic(path, _with(text, function.__name__, source, _imports(tree, function)))
+        needed = _needed(function)
+        _refuse_clash(text, function.__name__, needed)
+        for name, definition in needed.items():
+            text = _with(text, name, *definition)
+        write_text_atomic(path, text)
+        verdict = judge(load(path)[function.__name__]) if judge else None
     except Exception as error:  # what the student has made of the file, or a folder that cannot be written
         return f" It could not be kept in `{NAME}`: {error}."
+    if verdict is not None and not verdict.passed:
+        return f" It is kept in `{NAME}`, but there it fails: {verdict.message}"
     return f" It is kept in `{NAME}`."
 
 
+def load(path: Path) -> dict[str, Any]:
+    """What a module of kept functions holds; nothing where there is none. `DataError` where it cannot be run."""
+    spec = importlib.util.spec_from_file_location(path.stem, path) if path.is_file() else None
+    if spec is None or spec.loader is None:
+        return {}
+    module = importlib.util.module_from_spec(spec)
+    try:
+        exec(compile(path.read_bytes(), path, "exec"), vars(module))  # never an older compiled file
+    except (Exception, SystemExit, KeyboardInterrupt) as error:
+        raise DataError(f"it cannot be run, {type(error).__name__}: {error}", path) from None
+    return vars(module)
+
+
+def _source(thing: Any) -> str:
+    """The source of a function or class, by itself; ValueError where its lines hold something else."""
+    source = textwrap.dedent(inspect.getsource(thing)).rstrip()
+    if [getattr(node, "name", "") for node in ast.parse(source).body] != [thing.__name__]:
+        raise ValueError(f"`{thing.__name__}` has no source of its own")
+    return source
+
+
+def _needed(function: Any) -> dict[str, tuple[str, list[str]]]:
+    """Source and imports by name: what a function names of its notebook, what that names, …, and itself last."""
+    found: dict[str, tuple[str, list[str]]] = {}
+
+    def add(name: str, value: Any, around: Any) -> None:
+        source, imports = _source(value), set()
+        found[name] = ("", [])  # it may call itself
+        for used in _names(source):
+            if used not in around or used in found:
+                continue
+            if line := _import_of(used, around[used], function.__module__):
+                imports.add(line)
+            elif isinstance(around[used], (FunctionType, type)):
+                add(used, around[used], around)
+            else:
+                found[used] = (f"{used} = {_written(used, around[used])}", ["import numpy as np"])
+        del found[name]  # after what it needs
+        found[name] = (source, sorted(imports))
+
+    add(function.__name__, function, function.__globals__)
+    return found
+
+
+def _names(source: str) -> list[str]:
+    """Names that a function or class takes from around it: read, and neither a parameter nor assigned in it."""
+    tree = ast.parse(source)
+    parameters = {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)}
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    own = parameters | {node.id for node in names if isinstance(node.ctx, ast.Store)}
+    return sorted({node.id for node in names} - own)
+
+
+def _import_of(name: str, value: Any, home: str) -> str:
+    """The line that imports a module, or what a module other than the student's own defines; "" for the rest."""
+    if isinstance(value, ModuleType):
+        own, line = value.__name__, f"import {value.__name__}"
+    else:
+        module, own = str(getattr(value, "__module__", "")), str(getattr(value, "__name__", ""))
+        if module == home or getattr(sys.modules.get(module), own, ...) is not value:
+            return ""
+        line = f"from {module} import {own}"
+    return line if own == name else f"{line} as {name}"
+
+
+def _written(name: str, value: Any) -> str:
+    """A constant as Python writes it: numbers, words, arrays, and lists and dicts of them."""
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size <= LARGEST:
+        return f"np.array({value.tolist()!r}, np.{value.dtype.name})"
+    if isinstance(value, (list, tuple)):
+        inside = ", ".join(_written(name, each) for each in value)
+        return f"[{inside}]" if isinstance(value, list) else f"({inside}{',' * (len(value) == 1)})"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key!r}: {_written(name, each)}' for key, each in value.items())}}}"
+    if isinstance(value, np.generic):
+        return _written(name, value.item())
+    if value is None or isinstance(value, (bool, int, float, complex, str, bytes)):
+        return repr(value)
+    raise ValueError(f"it uses `{name}`, which is no constant; hand it in as an argument")
+
+
+def _refuse_clash(text: str, name: str, needed: Mapping[str, tuple[str, list[str]]]) -> None:
+    """ValueError where a helper or constant would take a name from other functions of the file."""
+    body = ast.parse(text).body
+    for helper, (source, _) in needed.items():
+        here = [node for node in body if helper in _defined(node)]
+        if helper == name or not here or ast.dump(here[-1]) == ast.dump(ast.parse(source).body[0]):
+            continue
+        for node in body:
+            others = set(_defined(node)) - set(needed)
+            if others and any(isinstance(each, ast.Name) and each.id == helper for each in ast.walk(node)):
+                raise ValueError(f"there, `{others.pop()}` uses another `{helper}`; give yours another name")
+
+
+def _defined(node: ast.stmt) -> list[str]:
+    """Names that a statement of a module defines by def, class or =."""
+    if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+        return [node.name]
+    targets = node.targets if isinstance(node, ast.Assign) else []
+    return [target.id for target in targets if isinstance(target, ast.Name)]
+
+
 def _with(text: str, name: str, source: str, imports: list[str]) -> str:
-    """A module's text with a function added, or put in the place of its last one of that name."""
+    """A module's text with a definition added, or put in the place of its last one of that name."""
     lines, body = text.split("\n"), ast.parse(text).body
     heads = [node for node in body if isinstance(node, (ast.Import, ast.ImportFrom))]
     missing = [line for line in imports if line not in map(ast.unparse, heads)]
@@ -55,30 +168,14 @@ def _with(text: str, name: str, source: str, imports: list[str]) -> str:
     if missing and not heads and ast.get_docstring(ast.Module(body, [])) is not None:
         place, missing = body[0].end_lineno or 0, ["", *missing]
     edits = [(place, place, missing)]
-    same = [node for node in body if isinstance(node, ast.FunctionDef) and node.name == name]
+    same = [node for node in body if _defined(node) == [name]]
     if same:
-        first = min([same[-1].lineno, *(decorator.lineno for decorator in same[-1].decorator_list)])
+        first = min([same[-1].lineno, *(each.lineno for each in getattr(same[-1], "decorator_list", []))])
         edits.append((first - 1, same[-1].end_lineno or first, source.split("\n")))
     for start, end, new in sorted(edits, reverse=True):
         lines[start:end] = new
     kept = "\n".join(lines)
     return kept if same else f"{kept.rstrip()}\n\n\n{source}\n"
-
-
-def _imports(tree: ast.AST, function: FunctionType) -> list[str]:
-    """Lines that import the modules, functions and classes of others that a function names."""
-    lines = set()
-    for name in {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}:
-        value = function.__globals__.get(name)
-        if isinstance(value, ModuleType):
-            own, line = value.__name__, f"import {value.__name__}"
-        else:
-            module, own = str(getattr(value, "__module__", "")), str(getattr(value, "__name__", ""))
-            if module == function.__module__ or getattr(sys.modules.get(module), own, ...) is not value:
-                continue
-            line = f"from {module} import {own}"
-        lines.add(line if own == name else f"{line} as {name}")
-    return sorted(lines)
 
 
 def handed_back(answer: Any, names: Sequence[str]) -> str:

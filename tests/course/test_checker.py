@@ -9,32 +9,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from course import checker as module
 from course.ch00 import exercises as ch00
 from course.ch02 import exercises as ch02
-from course.checker import Exercise, any_order, times
+from course.checker import Exercise, Mistake, any_order, times
 from course.keep import HEAD, handed_back, keep
 from course.results import NOT_YET_CLASS, RIGHT_CLASS, Verdict
 from vo_lib.method.five_point import null_space as other_name
 
 SAYS = {"twice": ("twice: {got:g}.", "once."), "odd": ("odd.", "")}
-WORDS = {"task": "Do it.", "right": "well done, {got}.", "hint": "try."}
+WORDS = {"task": "Do it.", "praise": "well done, {got}.", "hint": "try."}
 
 
 @pytest.fixture
-def table(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Exercise]:
-    """Makes an exercise `x` with two known mistakes, given as code: an answer, or {"when": a test}."""
+def table() -> Callable[..., Exercise]:
+    """Makes an exercise with two known mistakes: an answer each, or {"when": a test}."""
 
-    def make(
-        right: Any, *more: Any, twice: Any = "-1", odd: Any = "-3", library: Any = (), **options: Any
-    ) -> Exercise:
-        known = {}
-        for name, code in (("twice", twice), ("odd", odd)):
-            says, hint = SAYS[name]
-            told = {"answers": [code]} if isinstance(code, str) else {"answers": [], **code}
-            known[name] = {"says": says, "hint": hint, **told}
-        monkeypatch.setitem(module.WORDS, "test", {"x": {**WORDS, "library": library, "mistakes": known}})
-        return Exercise("test.x", right, *more, **options)
+    def make(right: Any, *more: Any, twice: Any = -1, odd: Any = -3, **options: Any) -> Exercise:
+        known = []
+        for words, told in ((SAYS["twice"], twice), (SAYS["odd"], odd)):
+            is_test = isinstance(told, dict) and "when" in told
+            known.append(Mistake(*words, **told) if is_test else Mistake(*words, told))
+        return Exercise(right, *more, mistakes=tuple(known), **{**WORDS, **options})
 
     return make
 
@@ -48,7 +43,7 @@ def numbers() -> list[tuple[Any, ...]]:
 
 
 def test_a_function_is_run_over_all_cases(table: Callable[..., Exercise]) -> None:
-    x = table(square, numbers, twice="lambda x: 2.0 * x", odd="lambda x: x**3")
+    x = table(square, numbers, twice=lambda x: 2.0 * x, odd=lambda x: x**3)
     assert x.__doc__ == "Do it."
     assert repr(x(square)) == "right: well done, 0.0."
     # 2 x is right for 0 and 2, x³ for 0 only: what agrees for longest is told.
@@ -60,7 +55,7 @@ def test_a_function_is_run_over_all_cases(table: Callable[..., Exercise]) -> Non
 
 
 def test_a_value_is_compared_with_what_stands_beside_it(table: Callable[..., Exercise]) -> None:
-    x = table(lambda given: given + 1, rtol=0.1, twice="lambda given: 2 * given")
+    x = table(lambda given: given + 1, rtol=0.1, twice=lambda given: 2 * given)
     assert x(11.5, 10).passed
     assert repr(x(20, 10)) == "not yet: twice: 20. Hint: once."
     assert repr(x(15, 10)) == "not yet: 15 is not it. Hint: try."
@@ -71,7 +66,7 @@ def test_a_value_is_compared_with_what_stands_beside_it(table: Callable[..., Exe
 
 def test_facts_of_a_panel_are_judged_by_tests_in_turn(table: Callable[..., Exercise]) -> None:
     facts = {"got": 3.0}
-    tests = ({"when": 'lambda f: f["got"] == 2'}, {"when": 'lambda f: np.isnan(f["other"])'})
+    tests = ({"when": lambda f: f["got"] == 2}, {"when": lambda f: np.isnan(f["other"])})
     x = table(facts, twice=tests[0], odd=tests[1])
     assert x({"got": 3.0, "other": 1.0}).passed
     assert x({"got": 2.0}).message == "twice: 2."
@@ -83,8 +78,8 @@ def test_results_in_parts_are_judged_in_their_order(table: Callable[..., Exercis
     def both(x: float) -> tuple[float, float]:
         return x + 1.0, x - 1.0
 
-    twice = "times(lambda x: (x + 1.0, x - 1.0), 2.0, 1.0)"
-    odd = "times(lambda x: (x + 1.0, x - 1.0), 1.0, 3.0)"
+    twice = times(lambda x: (x + 1.0, x - 1.0), 2.0, 1.0)
+    odd = times(lambda x: (x + 1.0, x - 1.0), 1.0, 3.0)
     x = table(both, numbers, parts=("a", "b"), twice=twice, odd=odd)
     assert x(lambda x: np.array(both(x))).passed
     assert x(lambda x: (y for y in both(x))).passed
@@ -140,14 +135,14 @@ def test_a_function_that_changes_its_inputs_is_told(table: Callable[..., Exercis
 
 
 def test_a_function_that_stops_may_be_a_known_mistake(table: Callable[..., Exercise]) -> None:
-    x = table(lambda x: None if x else 1.0, numbers, odd="lambda x: [1.0][int(x)]")
+    x = table(lambda x: None if x else 1.0, numbers, odd=lambda x: [1.0][int(x)])
     assert x(lambda x: None if x else 1.0).passed
     assert x(lambda x: {0.0: 1.0}.get(x) or [].pop()).message == "odd."
     assert "expected None for x = 2" in x(lambda x: 1.0).message
 
 
 def test_a_check_never_raises(table: Callable[..., Exercise]) -> None:
-    twice, odd = {"when": 'lambda got, x: got["no"]'}, {"when": "lambda *case: 1 / 0"}
+    twice, odd = {"when": lambda got, x: got["no"]}, {"when": lambda *case: 1 / 0}
     x = table(square, numbers, twice=twice, odd=odd)
     assert "ZeroDivisionError" in x(lambda x: 7.0).message
     assert "AttributeError" in ch00.disparity_at_20_m(3.0, object()).message

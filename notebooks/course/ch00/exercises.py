@@ -13,7 +13,7 @@ from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import trajectory_distances
 
-from ..checker import Case, Exercise
+from ..checker import Case, Exercise, Mistake
 
 DISTANCE = 20.0  # metres
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
@@ -47,17 +47,131 @@ def way(sequence: Sequence, every: bool = True) -> float:
 
 
 disparity_at_20_m = Exercise(
-    "ch00.disparity_at_20_m", lambda camera: camera.f * camera.baseline / DISTANCE, rtol=0.01
+    lambda camera: camera.f * camera.baseline / DISTANCE,
+    rtol=0.01,
+    task="The disparity in pixels of a point 20 m away.",
+    praise="d = f b / Z = {right:.2f} px.",
+    hint="d = f b / Z with camera.f and camera.baseline.",
+    mistakes=(
+        Mistake(
+            "this is f / Z, without a length on top.",
+            "which length stands between the two cameras?",
+            lambda camera: camera.f / DISTANCE,
+        ),
+        Mistake(
+            "this is the other way round.",
+            "the nearer the point, the larger its disparity.",
+            lambda camera: DISTANCE / (camera.f * camera.baseline),
+        ),
+    ),
 )
 
-back_project = Exercise("ch00.back_project", point, lambda: [(810.0, 250.0, 14.0, CAMERA)])
+back_project = Exercise(
+    point,
+    lambda: [(810.0, 250.0, 14.0, CAMERA)],
+    task="A function (u, v, d, camera) -> X (3,), metres, left camera frame.",
+    praise="X = ({got[0]:.2f}, {got[1]:.2f}, {got[2]:.2f}) m, as `camera.back_project` has it.",
+    hint="Z is right; X = (u - cx) / f · Z, and Y likewise.",
+    library=("back_project", "triangulate"),
+    mistakes=(
+        Mistake(
+            "X and Y are measured from the corner of the image.",
+            "subtract cx and cy first.",
+            lambda u, v, d, camera: point(u + camera.cx, v + camera.cy, d, camera),
+        ),
+        Mistake(
+            "Z is {got[2]:.3f} m, expected {right[2]:.3f} m.",
+            "Z = f b / d.",
+            lambda u, v, d, camera: point(u, v, 2 * d, camera),
+            when=lambda X, *case: abs(X[2] - point(*case)[2]) > 1e-9,
+        ),
+    ),
+)
 
-depth_error_ratio = Exercise("ch00.depth_error_ratio", 16.0, rtol=0.05)
+depth_error_ratio = Exercise(
+    16.0,
+    rtol=0.05,
+    task="By what factor the depth error of the same disparity error grows from 10 m to 40 m.",
+    praise="the depth error grows with Z²: four times as far, sixteen times as inexact.",
+    hint="|dZ/dd| = f b / d² = Z² / (f b): how does it grow with Z?",
+    mistakes=(
+        Mistake(
+            "the error grows faster than the distance.", "derive Z = f b / d by d, then put d back in.", 4.0
+        ),
+    ),
+)
 
 chain = Exercise(
-    "ch00.chain", lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ inverse(T_cp)), motions
+    lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ inverse(T_cp)),
+    motions,
+    task="A function: list of motions T_cp (4, 4) -> list of poses T_w_c, the first one the identity.",
+    praise="every motion, inverted, is appended on the right.",
+    hint="T_w_c = T_w_p · inverse(T_cp), starting with np.eye(4).",
+    mistakes=(
+        Mistake(
+            "each pose is that of one motion alone.",
+            "append every motion to the pose before.",
+            lambda motions: [np.eye(4), *map(inverse, motions)],
+        ),
+        Mistake(
+            "the car drives backwards.",
+            "T_cp takes points into the new camera; the pose needs its inverse.",
+            lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ T_cp),
+        ),
+        Mistake(
+            "pose 1 is right, pose 2 is not: the order is reversed.",
+            "T_w_c = T_w_p · inverse(T_cp).",
+            lambda motions: poses(motions, lambda T_w_p, T_cp: inverse(T_cp) @ T_w_p),
+        ),
+        Mistake(
+            "as many poses as motions; expected is one more.",
+            "the first pose is the identity.",
+            lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ inverse(T_cp))[1:],
+        ),
+    ),
 )
 
-path_length = Exercise("ch00.path_length", lambda sequence: way(sequence, every=True), atol=0.05)
+path_length = Exercise(
+    lambda sequence: way(sequence, every=True),
+    atol=0.05,
+    task="The length of the true path, metres.",
+    praise="{right:.1f} m along the path; as the crow flies it is less.",
+    hint="positions are truth[:, :3, 3]; np.diff gives the steps.",
+    mistakes=(
+        Mistake(
+            "{got:.1f} m is the straight way from start to end.",
+            "sum the steps between frames.",
+            lambda sequence: way(sequence, every=False),
+        ),
+    ),
+)
 
-wrong_depth = Exercise("ch00.wrong_depth", {"depth Z": 9.0, "true depth": 12.0})
+wrong_depth = Exercise(
+    {"depth Z": 9.0, "true depth": 12.0},
+    task="The panel stands at a point whose depth from block matching is more than 20 % off.",
+    praise=(
+        "{depth Z:.1f} m instead of {true depth:.1f} m. Checks that catch such matches are chapter 1's "
+        "subject."
+    ),
+    hint="",
+    mistakes=(
+        Mistake(
+            "at this point block matching found nothing.",
+            "go where the disparity picture is coloured.",
+            {"depth Z": np.nan},
+            when=lambda facts: np.isnan(facts["depth Z"]),
+        ),
+        Mistake(
+            "the true depth here is unknown or infinite.",
+            "take a drawn sequence, and not the sky.",
+            {"true depth": np.nan},
+            when=lambda facts: np.isnan(facts["true depth"]),
+        ),
+        Mistake(
+            "{depth Z:.1f} m against {true depth:.1f} m is not even 20 % off.",
+            ("look for speckles in the disparity picture, or for outlines with far background beside them."),
+            {"depth Z": 11.9},
+            when=lambda facts: abs(facts["depth Z"] - facts["true depth"]) <= 0.2 * facts["true depth"],
+        ),
+    ),
+)

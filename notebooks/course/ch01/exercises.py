@@ -11,7 +11,7 @@ from vo_lib.config import BucketConfig
 from vo_lib.core.types import Array, Index
 from vo_lib.method.buckets import select_by_bucket
 
-from ..checker import Case, Exercise, any_order
+from ..checker import Case, Exercise, Mistake, any_order, times
 
 
 def windows() -> list[Case]:
@@ -98,27 +98,214 @@ def overfull(kept: Array, uv: Array, age: Array, strength: Array, size: int, cou
 
 
 corner_strength = Exercise(
-    "ch01.corner_strength", lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy)[0], 0.0)), windows, atol=1e-6
+    lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy)[0], 0.0)),
+    windows,
+    atol=1e-6,
+    task=(
+        "A function (gx, gy): gradients of a window, (n, n) each -> root of the tensor's smaller eigenvalue."
+    ),
+    praise="0 on an edge, large on a corner. The library has it for every pixel at once.",
+    hint="M = [[Σ gx², Σ gx gy], [Σ gx gy, Σ gy²]]; np.linalg.eigvalsh sorts from small to large.",
+    library=("corner_strength",),
+    mistakes=(
+        Mistake(
+            "this is the larger eigenvalue: an edge has that, too.",
+            "a corner needs the smaller one.",
+            lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1]),
+        ),
+        Mistake("right, but for the root.", "np.sqrt.", lambda gx, gy: eigenvalues(gx, gy)[0]),
+        Mistake(
+            "this takes means over the window.",
+            "sums: Σ gx², Σ gx gy, Σ gy².",
+            lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy, np.mean)[0], 0.0)),
+        ),
+        Mistake(
+            "this is the determinant.",
+            "np.linalg.eigvalsh(M)[0].",
+            lambda gx, gy: np.sqrt(abs(np.prod(eigenvalues(gx, gy)))),
+        ),
+        Mistake(
+            "NaN for an edge.",
+            "rounding may make an eigenvalue -1e-17: max(λ, 0) before the root.",
+            lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[0]),
+            when=lambda got, *case: np.isnan(got),
+        ),
+    ),
 )
 
-is_stereo = Exercise("ch01.is_stereo", judged(np.abs, np.positive), stereo_pairs)
+is_stereo = Exercise(
+    judged(np.abs, np.positive),
+    stereo_pairs,
+    task="A function (left (N, 2), right (N, 2), row_tolerance, min_disparity) -> (N,) bool.",
+    praise="rows agree, and the point lies further left in the right image, by enough.",
+    hint=(
+        "rows: np.abs(left[:, 1] - right[:, 1]) <= row_tolerance; disparity: left[:, 0] - right[:, 0] >= "
+        "min_disparity."
+    ),
+    mistakes=(
+        Mistake(
+            "rows and columns are exchanged.",
+            "a point is (u, v): [:, 0] is its column, [:, 1] its row.",
+            lambda left, right, rows, least: judged(np.abs, np.positive)(
+                left[:, ::-1], right[:, ::-1], rows, least
+            ),
+        ),
+        Mistake(
+            "the match that is two rows lower is judged good.",
+            "np.abs(left[:, 1] - right[:, 1]) <= row_tolerance.",
+            judged(np.zeros_like, np.positive),
+        ),
+        Mistake(
+            "the match that is at 0.2 px of disparity is judged good.",
+            "left[:, 0] - right[:, 0] >= min_disparity.",
+            judged(np.abs, lambda disparity: disparity + 99.0),
+        ),
+        Mistake(
+            "the match that is further right in the right image is judged good.",
+            "the disparity is left minus right, with its sign.",
+            judged(np.abs, np.abs),
+        ),
+        Mistake(
+            "a match that is two rows off to one side is judged good.",
+            "the absolute value of the row difference.",
+            judged(np.positive, np.positive),
+            judged(np.negative, np.positive),
+        ),
+        Mistake(
+            "a good match is judged bad, and one further right in the right image good.",
+            "the disparity is left minus right.",
+            judged(np.abs, np.negative),
+        ),
+        Mistake(
+            "matches with too small a disparity are judged good, and those with enough bad.",
+            "at least `min_disparity`: >=, not <=.",
+            lambda left, right, rows, least: (
+                judged(np.abs, np.positive)(left, right, rows, -99.0) & ((left - right)[:, 0] <= least)
+            ),
+            lambda left, right, rows, least: (
+                judged(np.abs, np.positive)(left, right, rows, -99.0) & ((left - right)[:, 0] < least)
+            ),
+        ),
+    ),
+)
 
 loop_closes = Exercise(
-    "ch01.loop_closes",
     lambda pl_pr, pr_cr, cr_cl, cl_pl: np.flatnonzero(closed(pl_pr, pr_cr, cr_cl, cl_pl)),
     chains,
     form=any_order,
+    task=(
+        "A function (pl_pr, pr_cr, cr_cl, cl_pl): best matches as indices, -1 for none -> indices that close."
+    ),
+    praise="four matches, one condition, and hardly a mismatch gets through.",
+    hint="start with i = 0 … N-1; then pl_pr[i], pr_cr of that, cr_cl of that, cl_pl of that.",
+    mistakes=(
+        Mistake(
+            "a match of -1 was followed: numpy takes index -1 for the last one.",
+            "keep only chains in which no step is -1.",
+            lambda a, b, c, d: np.flatnonzero(d[c[b[a]]] == np.arange(len(a))),
+        ),
+        Mistake(
+            "these reach the current left image.",
+            "the way back has to end where it began.",
+            lambda a, b, c, d: np.flatnonzero(follow(a, b, c)[1]),
+        ),
+        Mistake(
+            "this looks like a mask.",
+            "np.flatnonzero turns it into indices.",
+            closed,
+            when=lambda got, a, *case: len(got) == len(a) and set(np.unique(got)) <= {0, 1},
+        ),
+    ),
 )
 
 peak = Exercise(
-    "ch01.peak",
     top,
     lambda: [
         tuple(height + curve * (x - top) ** 2 for x in (-1.0, 0.0, 1.0))
         for top, height, curve in ((0.3, 5.0, -2.0), (-0.45, 1.0, -0.5), (0.0, 2.0, -1.0))
     ],
+    task="A function (left, middle, right) -> place of a parabola's top, in pixels from the middle one.",
+    praise="three values fix a parabola, and its top lies between the pixels.",
+    hint="f(x) = f(0) + b x + a x²: b = (right - left) / 2, 2 a = left - 2 middle + right; top: -b / 2 a.",
+    mistakes=(
+        Mistake(
+            "this is the height of the top.",
+            "its place is asked: how far from the middle, in pixels.",
+            lambda left, middle, right: middle - (left - right) ** 2 / (8 * (left - 2 * middle + right)),
+        ),
+        Mistake("the sign is wrong.", "the top lies on the side of the larger neighbour.", times(top, -1.0)),
+        Mistake(
+            "off by a factor of two.",
+            "½ (left - right) / (left - 2 middle + right).",
+            times(top, 2.0),
+            times(top, 0.5),
+        ),
+    ),
 )
 
-buckets = Exercise("ch01.buckets", chosen(), crowd, form=any_order)
+buckets = Exercise(
+    chosen(),
+    crowd,
+    form=any_order,
+    task="A function (uv (N, 2), age (N,), strength (N,), size, count) -> indices of the features kept.",
+    praise="spread over the image, and the tried ones first.",
+    hint="np.lexsort((-strength, -age)).",
+    library=("select_by_bucket",),
+    mistakes=(
+        Mistake(
+            "age was not asked.",
+            "older features first; strength decides among equally old ones.",
+            chosen(by_age=0),
+        ),
+        Mistake("the youngest come first.", "older features first: sort by -age.", chosen(by_age=-1)),
+        Mistake(
+            "the ages are right, but among equally old features strength was not asked.",
+            "sort by -age, then by -strength: np.lexsort((-strength, -age)).",
+            chosen(by_strength=0),
+            when=lambda got, uv, age, strength, size, count: (
+                len(got) == len(chosen()(uv, age, strength, size, count))
+                and sorted(age[got]) == sorted(age[chosen()(uv, age, strength, size, count)])
+                and not overfull(got, uv, age, strength, size, count)
+            ),
+        ),
+        Mistake(
+            "of equally old features the weakest are kept.", "sort by -strength.", chosen(by_strength=-1)
+        ),
+        Mistake(
+            "only `count` features are left in all.",
+            "`count` in each bucket.",
+            lambda uv, age, strength, size, count: np.arange(count),
+            when=lambda got, *case: len(got) == case[4],
+        ),
+        Mistake(
+            "a bucket has more features than `count` allows.",
+            "the bucket of a feature is (uv // size), column and row.",
+            lambda uv, *case: np.arange(len(uv)),
+            when=overfull,
+        ),
+    ),
+)
 
-too_strict = Exercise("ch01.too_strict", {"right ones dropped": 140.0, "wrong among the kept": 9.0})
+too_strict = Exercise(
+    {"right ones dropped": 140.0, "wrong among the kept": 9.0},
+    task="The panel shows checks that drop more than 100 matches which are right.",
+    praise=(
+        "{right ones dropped:.0f} right ones are gone, and {wrong among the kept:.0f} wrong ones are still "
+        "there. Strict is not the same as safe."
+    ),
+    hint="",
+    mistakes=(
+        Mistake(
+            "here nobody knows what is right.",
+            "choose a synthetic sequence.",
+            {"right ones dropped": np.nan},
+            when=lambda facts: np.isnan(facts["right ones dropped"]),
+        ),
+        Mistake(
+            "only {right ones dropped:.0f} right matches are dropped.",
+            "make one tolerance smaller than matches are exact.",
+            {"right ones dropped": 40.0},
+            when=lambda facts: not facts["right ones dropped"] > 100,
+        ),
+    ),
+)

@@ -13,7 +13,7 @@ from vo_lib.data.problems import random_problems
 from vo_lib.method.five_point import five_point
 from vo_lib.method.selection import nearest_to_prior, truncated_errors
 
-from ..checker import Case, Exercise
+from ..checker import Case, Exercise, Mistake
 
 
 def vectors() -> list[Case]:
@@ -77,18 +77,186 @@ def sets_for(good: float) -> float:
     return float(np.log(0.01) / np.log(1.0 - good))
 
 
-angle = Exercise("ch03.angle", lambda e1, e2: np.arccos(cosine(e1, e2)), vectors)
-
-nearest = Exercise("ch03.nearest", lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k], candidates)
-
-truncated_error = Exercise(
-    "ch03.truncated_error",
-    lambda d, threshold: np.mean(np.minimum((d / threshold) ** 2, 1.0)),
-    lambda: [(t * np.array([0.0, 0.5, -0.5, 1.0, -3.0, 50.0]), t) for t in (1.0, 2.0)],
+angle = Exercise(
+    lambda e1, e2: np.arccos(cosine(e1, e2)),
+    vectors,
+    task="A function (e1, e2) -> acos|e1ᵀ e2| in radians, for unit vectors of nine numbers.",
+    praise="sign-free, and safe for equal vectors.",
+    hint="np.arccos of the absolute dot product.",
+    library=("essential_angle",),
+    mistakes=(
+        Mistake(
+            "this is in degrees.",
+            "inside the code angles are radians.",
+            lambda e1, e2: np.degrees(np.arccos(cosine(e1, e2))),
+        ),
+        Mistake(
+            "e and -e are the same essential matrix, but the angle differs.",
+            "take |e1ᵀ e2|.",
+            lambda e1, e2: np.arccos(np.clip(e1 @ e2, -1.0, 1.0)),
+        ),
+        Mistake(
+            "equal vectors give NaN.",
+            "rounding makes the product 1 + 1e-16: np.minimum(…, 1.0).",
+            lambda e1, e2: np.arccos(abs(e1 @ e2)),
+        ),
+    ),
 )
 
-select = Exercise("ch03.select", selected, frames)
+nearest = Exercise(
+    lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k],
+    candidates,
+    task="A function (E, e_prev, k): one set's candidates (m, 3, 3) -> indices of the k nearest, in order.",
+    praise="as the library's `nearest_to_prior` has it, set by set.",
+    hint="np.argsort of the angles acos|eᵀ e_prev|, then the first k.",
+    library=("nearest_to_prior", "essential_angle"),
+    mistakes=(
+        Mistake(
+            "these are the farthest.",
+            "acos falls where |eᵀ e_prev| rises: sort the angles.",
+            lambda E, e_prev, k: np.argsort(-angles(E, e_prev))[:k],
+            lambda E, e_prev, k: np.argsort(angles(E, e_prev))[-k:],
+        ),
+        Mistake(
+            "the right ones, but not the nearest first.",
+            "np.argsort(angles)[:k].",
+            lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k][::-1],
+            when=lambda got, E, e_prev, k: sorted(got) == sorted(np.argsort(angles(E, e_prev))[:k]),
+        ),
+        Mistake(
+            "a candidate is taken for far because its sign differs: E and -E are the same.",
+            "the angle is acos|eᵀ e_prev|, with the absolute value.",
+            lambda E, e_prev, k: np.argsort(-(essential_vector(E) @ e_prev))[:k],
+        ),
+        Mistake(
+            "long candidates are taken for near: E has no fixed length.",
+            "`essential_vector(E)` makes nine numbers of norm 1 of each.",
+            lambda E, e_prev, k: np.argsort(-np.abs(E.reshape(-1, 9) @ e_prev))[:k],
+            lambda E, e_prev, k: np.argsort(
+                np.arccos(np.clip(np.abs(E.reshape(-1, 9) @ e_prev), 0, 1)), kind="stable"
+            )[:k],
+        ),
+    ),
+)
 
-sets_needed = Exercise("ch03.sets_needed", 26.0, also=(sets_for(0.7**5),), atol=0.02)
+truncated_error = Exercise(
+    lambda d, threshold: np.mean(np.minimum((d / threshold) ** 2, 1.0)),
+    lambda: [(t * np.array([0.0, 0.5, -0.5, 1.0, -3.0, 50.0]), t) for t in (1.0, 2.0)],
+    task="A function (d, threshold): distances (N,) -> mean of min(d² / threshold², 1).",
+    praise="a match never costs more than 1, however wrong it is.",
+    hint="np.mean(np.minimum((d / threshold) ** 2, 1.0)).",
+    library=("truncated_errors",),
+    mistakes=(
+        Mistake(
+            "this is the sum.",
+            "the mean: otherwise the error grows with the number of matches.",
+            lambda d, threshold: np.sum(np.minimum((d / threshold) ** 2, 1.0)),
+        ),
+        Mistake(
+            "one wrong match decides everything.",
+            "truncate each term at 1: np.minimum.",
+            lambda d, threshold: np.mean((d / threshold) ** 2),
+        ),
+        Mistake(
+            "this only counts outliers; inliers say more or less, too.",
+            "d² / threshold² below 1.",
+            lambda d, threshold: np.mean(np.abs(d) > threshold),
+        ),
+        Mistake(
+            "these are distances, not squares.",
+            "square d first.",
+            lambda d, threshold: np.mean(np.minimum(np.abs(d / threshold), 1.0)),
+        ),
+        Mistake(
+            "the threshold is not used.",
+            "divide d by it.",
+            lambda d, threshold: np.mean(np.minimum(d**2, 1.0)),
+        ),
+        Mistake(
+            "the mean is truncated, not the terms.",
+            "the minimum of each term, before the mean.",
+            lambda d, threshold: min(np.mean((d / threshold) ** 2), 1.0),
+        ),
+    ),
+)
 
-consensus_fooled = Exercise("ch03.consensus_fooled", {"error by consensus": 2.0, "error by selection": 2.0})
+select = Exercise(
+    selected,
+    frames,
+    task="A function (E, set_index, errors, e_prev, k) -> index of the winner by solution selection.",
+    praise="the paper's section 2.2: k of each set by angle, then the smallest image error of all kept.",
+    hint="is the index one into all candidates?",
+    library=("nearest_to_prior", "choose"),
+    mistakes=(
+        Mistake(
+            "this counts among the kept candidates.",
+            "an index into all: kept[np.argmin(errors[kept])].",
+            lambda E, set_index, errors, e_prev, k: np.argmin(
+                errors[nearest_to_prior(E, set_index, e_prev, k)]
+            ),
+        ),
+        Mistake(
+            "this is the candidate nearest to e_prev.",
+            "the image error has the last word.",
+            lambda E, set_index, errors, e_prev, k: np.argmin(angles(E, e_prev)),
+        ),
+        Mistake(
+            "this is consensus: the prior was not asked.",
+            "only the k nearest of each set compete.",
+            lambda E, set_index, errors, e_prev, k: np.argmin(errors),
+        ),
+        Mistake("only k candidates of all sets competed.", "keep the k nearest of each set.", overall),
+    ),
+)
+
+sets_needed = Exercise(
+    26.0,
+    also=(sets_for(0.7**5),),
+    atol=0.02,
+    task="Sets to draw so that with 99 % one has only right matches, when 30 % of the matches are wrong.",
+    praise="(1 - 0.7⁵)ⁿ = 0.01 gives n = 25.03, so 26 sets. n = 200 is for accuracy, not for safety alone.",
+    hint="(1 - 0.7⁵)ⁿ = 0.01, solved for n, and rounded up.",
+    mistakes=(
+        Mistake("25 sets give 98.995 %, a hair less than wanted.", "round up.", 25),
+        Mistake(
+            "this is for 30 % right matches.",
+            "a match is right with probability 0.7.",
+            lambda *_: sets_for(0.3**5),
+            lambda *_: np.ceil(sets_for(0.3**5)),
+        ),
+        Mistake(
+            "one match is not enough.",
+            "all five must be right: 0.7⁵.",
+            lambda *_: sets_for(0.7),
+            lambda *_: np.ceil(sets_for(0.7)),
+        ),
+        Mistake(
+            "this is as if the sets shared their luck.",
+            "all n sets fail with probability (1 - 0.7⁵)ⁿ.",
+            0.99 / 0.7**5,
+            1 / 0.7**5,
+            lambda *_: np.ceil(1 / 0.7**5),
+        ),
+    ),
+)
+
+consensus_fooled = Exercise(
+    {"error by consensus": 2.0, "error by selection": 2.0},
+    task="The panel shows a winner by consensus that is more than 0.5° wrong.",
+    praise=(
+        "consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. What moves "
+        "together votes as one. That is why chapter 5 takes it out before the vote."
+    ),
+    hint="",
+    mistakes=(
+        Mistake(
+            "consensus is still only {error by consensus:.3f}° wrong.",
+            (
+                "raise the moving share: things that move together agree among themselves, wrong matches "
+                "do not."
+            ),
+            {"error by consensus": 0.01},
+            when=lambda facts: not facts["error by consensus"] > 0.5,
+        ),
+    ),
+)

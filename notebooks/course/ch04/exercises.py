@@ -10,7 +10,7 @@ from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
 from vo_lib.method.translation import feature_rows as library_rows
 
-from ..checker import Case, Exercise
+from ..checker import Case, Exercise, Mistake, times
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
 R_CP = rotation_from_vector(np.array([0.01, 0.05, -0.02]))
@@ -86,31 +86,272 @@ def bias_and_scatter(answers: Array, t_true: Array) -> tuple[float, float]:
     return float(off.mean()), float(off.std())
 
 
-feature_rows = Exercise("ch04.feature_rows", eight_rows, one_match, parts=("M", "c"))
+feature_rows = Exercise(
+    eight_rows,
+    one_match,
+    parts=("M", "c"),
+    task="A function (x_pl, x_pr, x_cl, x_cr, R_cp, b) -> M (8, 6), c (8,) of equation (3) for one feature.",
+    praise="the library's rows, for one feature: M (Q, t) = c.",
+    hint="order: x and y in previous left, previous right, current left, current right.",
+    library=("feature_rows",),
+    mistakes=(
+        Mistake(
+            "every row has the other sign.",
+            "as above: (x e3 - e1)ᵀ P, not (e1 - x e3)ᵀ P.",
+            times(eight_rows, -1.0, 1.0),
+        ),
+        Mistake(
+            "the rotation is missing.",
+            "in the current pair P = R Q + t: the row times R.",
+            lambda pl, pr, cl, cr, R_cp, b: eight_rows(pl, pr, cl, cr, np.eye(3), b),
+        ),
+        Mistake(
+            "the rotation is used the other way round.",
+            "row @ R_cp, not row @ R_cp.T.",
+            lambda pl, pr, cl, cr, R_cp, b: eight_rows(pl, pr, cl, cr, R_cp.T, b),
+        ),
+        Mistake(
+            "c has the wrong sign.",
+            "in a right image x (e3ᵀ P) = e1ᵀ P - b, so the row gives -b.",
+            times(eight_rows, 1.0, -1.0),
+        ),
+        Mistake(
+            "c is zero: then the point has no size.",
+            "the right images carry the baseline.",
+            times(eight_rows, 1.0, 0.0),
+        ),
+        Mistake(
+            "the columns of Q are right, those of t are not.",
+            "t enters in the current pair only, with the row (x e3 - e1)ᵀ itself.",
+            times(eight_rows, NO_T, 1.0),
+            when=lambda M, *case: np.allclose(M[:, :3], eight_rows(*case)[0][:, :3]),
+        ),
+        Mistake(
+            "M is right, c is not.",
+            "-b in the x rows of the right images (1-based: rows 3 and 7).",
+            times(eight_rows, 1.0, 2.0),
+            when=lambda c, *case: c.shape == (8,),
+        ),
+    ),
+)
 
 one_feature = Exercise(
-    "ch04.one_feature",
     lambda M, c: solve(M, c)[3:],
     lambda: [(np.hstack([A[0], B[0]]), c[0]) for A, B, c in [noisy_rows(1, 4, 0.3)]],
     atol=1e-6,
+    task="A function (M (8, 6), c (8,)) -> t_cp (3,), metres, from one feature.",
+    praise=(
+        "t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, "
+        "-0.9)."
+    ),
+    hint="np.linalg.lstsq(M, c, rcond=None)[0].",
+    mistakes=(
+        Mistake("this is (Q, t), six numbers.", "t are the last three.", solve),
+        Mistake(
+            "these are the first three unknowns: the point Q.",
+            "t are the last three.",
+            lambda M, c: solve(M, c)[:3],
+        ),
+    ),
 )
 
-rank_at_infinity = Exercise("ch04.rank_at_infinity", 4)
+rank_at_infinity = Exercise(
+    4,
+    task="The rank of the 8×6 matrix of a feature whose disparity is zero in both pairs.",
+    praise="4: each pair keeps two of its four rows. Such a feature knows a direction, and no length.",
+    hint="x and x' are equal, y and y' too: each pair has two different rows left.",
+    mistakes=(
+        Mistake(
+            "with rank 6 such a feature would tell t.",
+            "without a disparity, which two rows of a pair are equal?",
+            6,
+        ),
+        Mistake("a matrix of six columns has no rank 8.", "np.linalg.matrix_rank(M).", 8),
+    ),
+)
 
-row_error = Exercise("ch04.row_error", FAR / NEAR, rtol=0.01)
+row_error = Exercise(
+    FAR / NEAR,
+    rtol=0.01,
+    task="How many times larger the error of a row is at 40 m than at 8 m, for the same error in pixels.",
+    praise="Z: {right:g} times. So a row divided by Z has the same error, dx, at every depth.",
+    hint="d/dx of (x e3 - e1)ᵀ P is e3ᵀ P = Z.",
+    mistakes=(
+        Mistake(
+            "this is how the depth error grows.",
+            "a row is (x e3 - e1)ᵀ P: an error dx changes it by dx · Z.",
+            (FAR / NEAR) ** 2,
+        ),
+        Mistake(
+            "far rows are not better, and not equal.",
+            "which factor stands beside x in a row?",
+            NEAR / FAR,
+            1.0,
+        ),
+    ),
+)
 
-stack = Exercise("ch04.stack", stacked, lambda: [noisy_rows(30, 5, 0.5)], atol=1e-6)
+stack = Exercise(
+    stacked,
+    lambda: [noisy_rows(30, 5, 0.5)],
+    atol=1e-6,
+    task="A function (A (N, 8, 3), B (N, 8, 3), c (N, 8)) -> t (3,): the least-squares t of A Q_i + B t = c.",
+    praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, as the library's `eliminate_points` has it.",
+    hint="with N = I - A_i pinv(A_i): add up H += B_iᵀ N B_i and g += B_iᵀ N c_i, then solve H t = g.",
+    library=("eliminate_points", "solve_translation"),
+    mistakes=(
+        Mistake(
+            "this is the mean of the features' own answers: a far one counts as much as a near one.",
+            "one t for all rows at once; only Q differs from feature to feature.",
+            lambda A, B, c: alone(A, B, c).mean(axis=0),
+        ),
+        Mistake(
+            "this is the median of the features' own answers.",
+            "one t for all rows at once.",
+            lambda A, B, c: np.median(alone(A, B, c), axis=0),
+        ),
+        Mistake(
+            "the points Q are left out.",
+            "eliminate each Q: N = I - A_i pinv(A_i), then N B_i, N c_i.",
+            lambda A, B, c: solve(B.reshape(-1, 3), c.ravel()),
+        ),
+    ),
+)
 
-bias = Exercise("ch04.bias", bias_and_scatter, drawn_answers, parts=("bias", "scatter"), atol=1e-6)
+bias = Exercise(
+    bias_and_scatter,
+    drawn_answers,
+    parts=("bias", "scatter"),
+    atol=1e-6,
+    task=(
+        "A function (answers (S, 3), t_true (3,)) -> bias and scatter of their lengths, in per cent of the "
+        "true one."
+    ),
+    praise=(
+        "bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: the first stays when more draws are averaged, the "
+        "second does not."
+    ),
+    hint="take the length of every answer first, then compare with the true length.",
+    mistakes=(
+        Mistake("these are shares, not per cent.", "times 100.", times(bias_and_scatter, 0.01, 0.01)),
+        Mistake(
+            "the bias has the other sign: steps that are too short have a negative one.",
+            "length / true length - 1.",
+            times(bias_and_scatter, -1.0, 1.0),
+        ),
+        Mistake(
+            "this is the mean distance from the true translation: it grows with the scatter, too.",
+            "compare lengths, not vectors.",
+            lambda answers, t: (
+                100 * np.mean(np.linalg.norm(answers - t, axis=1)) / np.linalg.norm(t),
+                bias_and_scatter(answers, t)[1],
+            ),
+        ),
+        Mistake(
+            "this is the length of the mean answer; each answer's own length is wanted.",
+            "np.linalg.norm(answers, axis=1), and then the mean.",
+            lambda answers, t: (
+                100 * (np.linalg.norm(answers.mean(axis=0)) / np.linalg.norm(t) - 1),
+                bias_and_scatter(answers, t)[1],
+            ),
+        ),
+        Mistake(
+            "the bias is in metres, not in per cent of the true length.",
+            "divide by the true length, times 100.",
+            lambda answers, t: (
+                np.linalg.norm(answers, axis=1).mean() - np.linalg.norm(t),
+                np.linalg.norm(answers, axis=1).std(),
+            ),
+        ),
+        Mistake(
+            "the bias is right; the scatter divides by S - 1.",
+            "np.std as it is, without ddof.",
+            lambda answers, t: (
+                bias_and_scatter(answers, t)[0],
+                bias_and_scatter(answers, t)[1] * (len(answers) / (len(answers) - 1)) ** 0.5,
+            ),
+        ),
+    ),
+)
 
 robust_weight = Exercise(
-    "ch04.robust_weight",
     cauchy,
     lambda: [(np.array(r), 0.5) for r in ([0.0], [0.5], [-0.5], [0.0, 0.25, 0.5, -0.5, 2.0, 100.0])],
+    task="A function (r (N,), s) -> Cauchy weights (N,) of residuals.",
+    praise="1 for a perfect feature, ½ at the scale s, and next to nothing for a mismatch.",
+    hint="w = 1 / (1 + (r / s)²).",
+    mistakes=(
+        Mistake("r / s is not squared.", "1 / (1 + (r / s)²).", lambda r, s: 1.0 / (1.0 + np.abs(r) / s)),
+        Mistake(
+            "these are the weights of Huber, not of Cauchy.",
+            "1 / (1 + (r / s)²).",
+            lambda r, s: np.minimum(1.0, s / np.maximum(np.abs(r), 1e-12)),
+        ),
+        Mistake(
+            "this is all or nothing.",
+            "the Cauchy weight falls smoothly: 1 / (1 + (r / s)²).",
+            lambda r, s: np.abs(r) <= s,
+        ),
+        Mistake(
+            "a feature without residual has weight {got:.3g}, not 1.",
+            "w = 1 / (1 + (r / s)²).",
+            lambda r, s: np.log1p(r**2),
+            when=lambda w, r, s: not r.any(),
+        ),
+        Mistake(
+            "at r = s the weight is {got:.3g}, not ½.",
+            "is r divided by s, and squared?",
+            lambda r, s: 1.0 / (1.0 + r**2),
+            when=lambda w, r, s: len(r) == 1 and r[0] == s,
+        ),
+        Mistake(
+            "r and -r have different weights.",
+            "square the residual.",
+            lambda r, s: np.where(r < 0, 0.4, cauchy(r, s)),
+            when=lambda w, r, s: len(r) == 1 and r[0] == -s,
+        ),
+    ),
 )
 
 turned_sideways = Exercise(
-    "ch04.turned_sideways",
     {"error in x": -27.0, "error in z": -11.0}
     | {"rotation error": 0.1, "wrong share": 0.0, "noise added": 0.1},
+    task=(
+        "The panel shows an error of more than 20 mm in x, at most half of that in z, by a wrong rotation "
+        "alone."
+    ),
+    praise=(
+        "{error in x:.0f} mm in x against {error in z:.0f} mm in z: what turns too far seems to slip "
+        "sideways."
+    ),
+    hint="",
+    mistakes=(
+        Mistake(
+            "the rotation is right here, so this error has another cause.",
+            "move `rotation error`, and set `wrong share` back to 0.",
+            {"rotation error": 0.0},
+            when=lambda facts: facts["rotation error"] == 0 or np.isnan(facts["rotation error"]),
+        ),
+        Mistake(
+            (
+                "{wrong share:.0f} % of the matches are wrong as well, and there are {noise added:.2f} px "
+                "of noise: who is to blame?"
+            ),
+            "`wrong share` 0, `noise` at most 0.1, weighting `stacked`: only the rotation is to blame.",
+            {"wrong share": 30.0},
+            when=lambda facts: facts["wrong share"] > 0 or facts["noise added"] > 0.1,
+        ),
+        Mistake(
+            "the error in x is only {error in x:.1f} mm.",
+            "turn the rotation a little; leave the rest as it is.",
+            {"error in x": 2.0},
+            when=lambda facts: not abs(facts["error in x"]) > 20.0,
+        ),
+        Mistake(
+            "{error in x:.0f} mm in x, but {error in z:.0f} mm in z, too.",
+            "less wrong matches, less noise, weighting `stacked`: only the rotation is to blame.",
+            {"error in z": -40.0},
+            when=lambda facts: not abs(facts["error in x"]) > 2.0 * abs(facts["error in z"]),
+        ),
+    ),
 )

@@ -8,7 +8,7 @@ from vo_lib.core.boxes import overlap
 from vo_lib.core.types import Array, Mask
 from vo_lib.detection.yolo_layout import Letterbox, letterbox, yolox_cells
 
-from ..checker import Case, Exercise
+from ..checker import Case, Exercise, Mistake
 
 SIZE, NET = (1241, 376), (640, 640)  # width and height of an image, and of a network's with wide borders
 WIDTH, HEIGHT = 800, 256  # of the network whose cells are counted
@@ -99,15 +99,258 @@ def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> Mask:
     return ~(inside(uv_p, boxes_p) | inside(uv_c, boxes_c))
 
 
-to_image = Exercise("ch05.to_image", in_image, net_boxes, atol=1e-6)
+to_image = Exercise(
+    in_image,
+    net_boxes,
+    atol=1e-6,
+    task="A function (xyxy (K, 4), scale, left, top, width, height) -> boxes (K, 4) in the image, pixels.",
+    praise="the library's `Letterbox.to_image`: network and image name the same places again.",
+    hint="solve u_net = scale (u + 0.5) + left for u.",
+    library=("to_image",),
+    mistakes=(
+        Mistake(
+            "the last box still hangs over the edge of the image.",
+            "cut to 0 … width and 0 … height with np.clip, before the half pixel is taken off.",
+            uncut,
+        ),
+        Mistake(
+            "the cut is half a pixel too early: the image's outer edge is width - 0.5.",
+            "np.clip to 0 … width first, then - 0.5.",
+            lambda xyxy, s, x, y, w, h: np.clip(uncut(xyxy, s, x, y), 0, (w - 1, h - 1) * 2),
+        ),
+        Mistake(
+            "everything is half a pixel too far to the right and down.",
+            "the network counts from a pixel's outer edge, the kit from its centre: - 0.5.",
+            lambda *case: in_image(*case) + 0.5,
+        ),
+        Mistake(
+            "the half pixel goes the other way.",
+            "u = (…) / scale - 0.5.",
+            lambda *case: in_image(*case) + 1.0,
+        ),
+        Mistake(
+            "the border is forgotten.",
+            "take left from the x and top from the y before dividing.",
+            lambda xyxy, s, x, y, w, h: xyxy / s,
+            lambda xyxy, s, x, y, w, h: xyxy / s - 0.5,
+            lambda xyxy, s, x, y, w, h: np.clip(xyxy / s, 0, (w, h) * 2) - 0.5,
+        ),
+        Mistake(
+            "first the scale and then the border is the wrong order.",
+            "the border was added last, in the network's pixels, so it goes first.",
+            lambda xyxy, s, x, y, w, h: xyxy / s - (x, y) * 2,
+            lambda xyxy, s, x, y, w, h: xyxy / s - (x, y) * 2 - 0.5,
+            lambda xyxy, s, x, y, w, h: np.clip(xyxy / s - (x, y) * 2, 0, (w, h) * 2) - 0.5,
+        ),
+        Mistake(
+            "left and top are exchanged.",
+            "columns are x, y, x, y: subtract left, top, left, top.",
+            lambda xyxy, s, x, y, w, h: (xyxy - (y, x) * 2) / s,
+            lambda xyxy, s, x, y, w, h: (xyxy - (y, x) * 2) / s - 0.5,
+            lambda xyxy, s, x, y, w, h: np.clip((xyxy - (y, x) * 2) / s, 0, (w, h) * 2) - 0.5,
+        ),
+        Mistake(
+            "multiplied by the scale: this makes boxes smaller still.",
+            "divide by it.",
+            lambda xyxy, s, x, y, w, h: (xyxy - (x, y) * 2) * s,
+            lambda xyxy, s, x, y, w, h: (xyxy - (x, y) * 2) * s - 0.5,
+            lambda xyxy, s, x, y, w, h: np.clip((xyxy - (x, y) * 2) * s, 0, (w, h) * 2) - 0.5,
+        ),
+        Mistake(
+            "boxes inside are right, one over the edge is not.",
+            "np.clip to 0 … width and height.",
+            lambda xyxy, s, x, y, w, h: np.minimum(uncut(xyxy, s, x, y), w + 9),
+            when=lambda got, xyxy, *case: len(xyxy) == 1,
+        ),
+    ),
+)
 
-cells = Exercise("ch05.cells", yolox_cells(WIDTH, HEIGHT))
+cells = Exercise(
+    yolox_cells(WIDTH, HEIGHT),
+    task="How many cells a network with strides 8, 16, 32 has for 800 × 256 px.",
+    praise="{right} candidates, for an image with a dozen vehicles: most cells must say no.",
+    hint="(800 / 8) · (256 / 8), and the same with 16 and with 32.",
+    mistakes=(
+        Mistake(
+            "these are the cells of stride 8 alone.", "add those of strides 16 and 32.", WIDTH * HEIGHT // 64
+        ),
+        Mistake(
+            "this is one row of each grid.",
+            "columns times rows: (800 / 8) · (256 / 8) + …",
+            WIDTH // 8 + WIDTH // 16 + WIDTH // 32,
+        ),
+        Mistake("these are the pixels.", "a cell of stride 8 covers 8 × 8 of them.", WIDTH * HEIGHT),
+    ),
+)
 
-iou = Exercise("ch05.iou", lambda a, b: shared(a, b), pairs)
+iou = Exercise(
+    lambda a, b: shared(a, b),
+    pairs,
+    task="A function (a (4,), b (4,)) -> intersection over union of two boxes x0, y0, x1, y1.",
+    praise="{got:.3f} for two boxes 10 px apart; 1 with itself; 0 where nothing is shared.",
+    hint="common from max of the left and upper sides to min of the right and lower ones.",
+    library=("overlap",),
+    mistakes=(
+        Mistake(
+            "this is the common area, in pixels.", "divide by the area that both cover together.", common
+        ),
+        Mistake(
+            "the common part is counted twice below the line.",
+            "union = area a + area b - common.",
+            lambda a, b: common(a, b) / (area(a) + area(b)),
+        ),
+        Mistake(
+            "divided by the area of one box.",
+            "union = area a + area b - common.",
+            lambda a, b: common(a, b) / area(a),
+            lambda a, b: common(a, b) / area(b),
+        ),
+        Mistake(
+            "two boxes that do not touch have {got:.2f}, not 0.",
+            (
+                "a negative width or height of the common part counts as 0; two of them multiply to more "
+                "than 0."
+            ),
+            lambda a, b: shared(a, b, -1e9),
+            when=lambda got, a, b: common(a, b) == 0,
+        ),
+        Mistake(
+            "a box with itself has {got:.3f}, not 1.",
+            "intersection and union are then the same.",
+            lambda a, b: 0.0 if (a == b).all() else shared(a, b),
+            when=lambda got, a, b: (a == b).all(),
+        ),
+    ),
+)
 
-suppress = Exercise("ch05.suppress", lambda corners, scores, most: suppressed(corners, scores, most), heaps)
+suppress = Exercise(
+    lambda corners, scores, most: suppressed(corners, scores, most),
+    heaps,
+    task="A function (corners (N, 4), scores (N,), most) -> indices kept by suppression, best first.",
+    praise="best first, for these five boxes and also in 20 random heaps.",
+    hint="take the best, drop what overlaps it by more than `most`, repeat.",
+    library=("best_boxes", "NMSBoxes"),
+    mistakes=(
+        Mistake(
+            "these are boxes.",
+            "return their indices.",
+            lambda corners, scores, most: corners[suppressed(corners, scores, most)],
+            when=lambda got, *case: got.ndim == 2,
+        ),
+        Mistake(
+            "the worse of two boxes on one car stays.",
+            "np.argsort(-scores): the best comes first.",
+            lambda corners, scores, most: suppressed(corners, -scores, most),
+            when=lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got,
+        ),
+        Mistake(
+            "boxes that overlap only a little go, too.",
+            "a box goes when its IoU is above `most`, not above 0.",
+            lambda corners, scores, most: suppressed(corners, scores, 0.0),
+            when=lambda got, corners, *case: len(corners) == 5 and not {2, 4} <= set(got.ravel()),
+        ),
+        Mistake(
+            "right for five boxes, wrong for another threshold.",
+            "use `most`, not 0.5.",
+            lambda corners, scores, most: suppressed(corners, scores, 0.5),
+        ),
+        Mistake(
+            "right for five boxes, wrong for other boxes.",
+            "compare with the boxes kept, not with all better ones.",
+            lambda corners, scores, most: suppressed(corners, scores, most, against_kept=False),
+        ),
+        Mistake(
+            "the right boxes in another order.",
+            "go through them by descending score.",
+            lambda *case: sorted(suppressed(*case)),
+            when=lambda got, *case: sorted(got) == sorted(suppressed(*case)),
+        ),
+        Mistake(
+            "nothing is suppressed.",
+            "drop what overlaps a kept box by more than `most`.",
+            lambda corners, scores, most: np.argsort(-scores),
+            when=lambda got, corners, *case: len(got) == len(corners),
+        ),
+    ),
+)
 
-keep_outside = Exercise("ch05.keep_outside", outside, features)
+keep_outside = Exercise(
+    outside,
+    features,
+    task=(
+        "A function (uv_p (N, 2), uv_c (N, 2), boxes_p (K, 4), boxes_c (L, 4)) -> matches to keep, (N,) bool."
+    ),
+    praise="the same matches as `static_matches` keeps.",
+    hint="inside: x0 <= u <= x1 and y0 <= v <= y1 of any one box.",
+    library=("inside", "in_boxes", "on_vehicles", "static_matches"),
+    mistakes=(
+        Mistake(
+            "the mask is upside down: it marks those to be removed.",
+            "return ~removed.",
+            lambda *case: ~outside(*case),
+        ),
+        Mistake(
+            "the current image is not asked.",
+            "a match goes when either of its two points is in a box.",
+            lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p),
+        ),
+        Mistake(
+            "the previous image is not asked.",
+            "a match goes when either of its two points is in a box.",
+            lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_c, boxes_c),
+        ),
+        Mistake(
+            "a match goes only when both points are in a box.",
+            "either image counts, so `|`.",
+            lambda uv_p, uv_c, boxes_p, boxes_c: ~(inside(uv_p, boxes_p) & inside(uv_c, boxes_c)),
+        ),
+        Mistake(
+            "the boxes of the two images are exchanged.",
+            "uv_p with boxes_p, uv_c with boxes_c.",
+            lambda uv_p, uv_c, boxes_p, boxes_c: outside(uv_p, uv_c, boxes_c, boxes_p),
+        ),
+        Mistake(
+            "without any box some matches go.",
+            "with no box nothing lies in one: .any(axis=1).",
+            lambda uv_p, uv_c, boxes_p, boxes_c: outside(uv_p, uv_c, boxes_p, boxes_c) & bool(len(boxes_p)),
+            when=lambda got, uv_p, uv_c, boxes_p, boxes_c: not len(boxes_p),
+        ),
+    ),
+)
 
 
-sparing_rule = Exercise("ch05.sparing_rule", {"removed": 40.0, KEPT: 1.0, LOST: 15.0})
+sparing_rule = Exercise(
+    {"removed": 40.0, KEPT: 1.0, LOST: 15.0},
+    task="The panel removes most features on moving things, and few on standing ones.",
+    praise=(
+        "{on moving things, kept:.0f} on moving things stay, {on standing things, removed:.0f} on standing "
+        "things go."
+    ),
+    hint="",
+    mistakes=(
+        Mistake(
+            "in this sequence nobody knows what moves.",
+            "choose a drawn scene: synthetic/traffic.",
+            {KEPT: np.nan},
+            when=lambda facts: not np.isfinite(facts[KEPT] + facts[LOST]),
+        ),
+        Mistake(
+            "nothing is removed.",
+            "choose another rule than `none`, and a score below 1.",
+            {"removed": 0.0},
+            when=lambda facts: not facts["removed"] > 0,
+        ),
+        Mistake(
+            "{on moving things, kept:.0f} features on moving things stay.",
+            "lower the score, or let the boxes grow a little: which of them is too tight?",
+            {KEPT: 4.0},
+            when=lambda facts: facts[KEPT] > 2,
+        ),
+        Mistake(
+            "{on standing things, removed:.0f} features on standing things go.",
+            "houses in a box's corner and parked cars need not go: which rule looks at motion?",
+            {LOST: 50.0},
+            when=lambda facts: facts[LOST] > 20,
+        ),
+    ),
+)

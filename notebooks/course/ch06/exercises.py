@@ -10,7 +10,7 @@ import numpy as np
 from vo_lib.core.types import Array
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, kitti_errors
 
-from ..checker import Case, Exercise
+from ..checker import Case, Exercise, Mistake, times
 from ..made_up import block_tour, made_up
 
 YAW, LENGTH = 1.0, 400.0  # deg/100 m and metres, of the straight road
@@ -73,27 +73,196 @@ def plain(errors: list[Array]) -> float:
     return float(np.mean([each.mean() for each in errors if len(each)]))
 
 
-end_frame = Exercise("ch06.end_frame", end, paths)
+end_frame = Exercise(
+    end,
+    paths,
+    task="A function (path (N,), first, length) -> first frame beyond path[first] + length, or None.",
+    praise="the first frame beyond the length, or none. Standing still (frames 3 and 4) does no harm.",
+    hint="the path lengths are 0, 1, 2, 3, 3, 4.5, 6, 7.",
+    mistakes=(
+        Mistake(
+            "frame {got:.0f} is counted from the first one.",
+            "add `first`: frames are counted from the start of the path.",
+            lambda path, first, length: (
+                None if end(path, first, length) is None else end(path, first, length) - first
+            ),
+        ),
+        Mistake(
+            "frame {got:.0f} has reached the length, not exceeded it.",
+            "KITTI asks for more than: >.",
+            lambda path, first, length: np.argmax(path >= path[first] + length),
+        ),
+        Mistake(
+            "the length is counted from frame 0.",
+            "path[first] + length.",
+            lambda path, first, length: np.argmax(path > length),
+        ),
+        Mistake(
+            "the path ends after 7 m, but the answer for 100 m is {got:.0f}.",
+            "np.argmax of nothing but False is 0: ask whether there is any.",
+            lambda path, first, length: np.argmax(path > path[first] + length),
+        ),
+        Mistake(
+            "a path that is too short raises IndexError.",
+            "return None in that case.",
+            lambda path, first, length: np.flatnonzero(path > path[first] + length)[0],
+        ),
+    ),
+)
 
-part_errors = Exercise("ch06.part_errors", errors, stretches, parts=("te", "re"), atol=1e-6)
+part_errors = Exercise(
+    errors,
+    stretches,
+    parts=("te", "re"),
+    atol=1e-6,
+    task="A function (truth, estimate, first, last, length) -> TE in %, RE in deg/100 m of one sub-sequence.",
+    praise="the error of one sub-sequence, as the devkit takes it.",
+    hint=(
+        "te: the norm of error[:3, 3] / length, times 100; re: the angle of a rotation is acos((trace - 1) "
+        "/ 2), in deg/100 m."
+    ),
+    library=("kitti_errors",),
+    mistakes=(
+        Mistake("TE is a fraction, not %.", "times 100.", times(errors, 0.01, 1.0)),
+        Mistake(
+            "the translation error is in metres.",
+            "divide by the nominal length, times 100 for %.",
+            lambda *case: errors(*case) * [case[4] / 100.0, 1.0],
+        ),
+        Mistake(
+            "this compares end positions without making the starts equal.",
+            "motions: inv(T[first]) @ T[last], once for the truth, once for the estimate.",
+            lambda truth, estimate, first, last, length: measured(
+                np.linalg.inv(estimate[last]) @ truth[last], length
+            ),
+            lambda truth, estimate, first, last, length: measured(
+                np.linalg.inv(estimate[last]) @ truth[last], length
+            ),
+        ),
+        Mistake("TE is right, RE is in radians.", "np.degrees.", times(errors, 1.0, np.pi / 180.0)),
+        Mistake("TE is right, RE is per metre.", "deg/100 m: times 100.", times(errors, 1.0, 0.01)),
+        Mistake(
+            "TE is right, RE is in degrees.",
+            "divide by the length, times 100.",
+            lambda *case: errors(*case) * [1.0, case[4] / 100.0],
+        ),
+    ),
+)
 
-yaw_on_a_straight = Exercise("ch06.yaw_on_a_straight", TE, rtol=0.03)
+yaw_on_a_straight = Exercise(
+    TE,
+    rtol=0.03,
+    task="TE, %, of a 400 m straight road when the estimate turns by 1 deg/100 m and is right otherwise.",
+    praise="{right:.2f} %: ½ · 0.0698 · 400 m = 14 m to the side. For 100 m it would be 0.87 %.",
+    hint="the path is an arc: sideways error ½ · angle · length, with the angle at its end in radians.",
+    mistakes=(
+        Mistake(
+            "the car has not been 4° off all the way.",
+            "the angle grows from 0 to 4°: take the mean angle.",
+            100.0 * ANGLE,
+        ),
+        Mistake("{got:.3g} m is the error at the end.", "in % of the 400 m?", TE * LENGTH / 100.0),
+        Mistake(
+            "this is right for 100 m.", "the error in metres grows with the square of the length.", TE / 4.0
+        ),
+    ),
+)
 
-once_round = Exercise("ch06.once_round", 0.0, atol=0.02)
+once_round = Exercise(
+    0.0,
+    atol=0.02,
+    task="TE, %, of 800 m once round the block of 800 m, when every step is 1 % too long.",
+    praise="nearly nothing: a larger block closes as well. TE sees the end of a sub-sequence, not its middle.",
+    hint="draw the estimate: it is a slightly larger block.",
+    mistakes=(
+        Mistake(
+            "that would be so on a straight road.",
+            "where does the estimate end when the truth is back home?",
+            1.0,
+            when=lambda te: abs(te - 1.0) < 0.2,
+        ),
+    ),
+)
 
 all_errors = Exercise(
-    "ch06.all_errors",
     te_re(lambda each, length: each.mean()),
     lambda: [(*judged_pair(), KITTI_LENGTHS[:4], 10)],
     parts=("te", "re"),
     atol=5e-3,
+    task="A function (truth, estimate, lengths, step) -> TE, RE: means over all sub-sequences.",
+    praise="TE {got[0]:.3f} %, RE {got[1]:.3f} deg/100 m over all sub-sequences, as `kitti_errors` has it.",
+    hint="sub-sequences that end beyond the path are left out; one mean over all the others.",
+    library=("kitti_errors",),
+    mistakes=(
+        Mistake(
+            "this is the root of the mean square.",
+            "KITTI takes the plain mean.",
+            te_re(lambda each, length: np.sqrt(np.mean(each**2))),
+        ),
+        Mistake(
+            "this is the mean of the means of each length.",
+            "one mean over all sub-sequences: short ones are more frequent and count more.",
+            te_re(lambda each, length: np.mean([each[length == L].mean() for L in np.unique(length)])),
+        ),
+        Mistake(
+            "this starts at every frame.",
+            "range(0, len(truth), step).",
+            te_re(lambda each, length: each.mean(), every=1),
+        ),
+    ),
 )
 
 averages = Exercise(
-    "ch06.averages",
     lambda errors: (pooled(errors), plain(errors)),
     lambda: [([np.ones(4), np.array([3.0]), np.array([])],)],
     parts=("pooled", "plain"),
+    task="A function (list of arrays, one a sequence) -> pooled mean, mean of the sequences' means.",
+    praise="1.4 and 2.0 of the same errors. A table has to say which it means.",
+    hint="pooled: np.concatenate(errors).mean(); plain: the mean of each sequence, then their mean.",
+    mistakes=(
+        Mistake(
+            "both are the same mean.",
+            "pooled: one mean over all errors; plain: the mean of the sequences' means.",
+            lambda errors: (plain(errors), plain(errors)),
+            lambda errors: (pooled(errors), pooled(errors)),
+        ),
+        Mistake(
+            "the two have changed places.", "pooled first.", lambda errors: (plain(errors), pooled(errors))
+        ),
+        Mistake(
+            "an empty sequence counts as zero.",
+            "it has no error: leave it out.",
+            lambda errors: (pooled(errors), np.mean([each.sum() / max(len(each), 1) for each in errors])),
+        ),
+        Mistake(
+            "a sequence without sub-sequences makes it NaN.",
+            "leave empty ones out of the plain mean.",
+            lambda errors: (pooled(errors), np.mean([each.mean() for each in errors])),
+            when=lambda got, errors: np.isnan(got),
+        ),
+    ),
 )
 
-blind_rpe = Exercise("ch06.blind_rpe", {"RPE": 0.1, "TE": 3.0})
+blind_rpe = Exercise(
+    {"RPE": 0.1, "TE": 3.0},
+    task="The panel shows an estimate with RPE under 1 mm a frame, but TE above 2 %.",
+    praise=(
+        "TE {TE:.1f} %, RPE {RPE:.2f} mm: every step is as long as it should be, only its direction is "
+        "off. RPE has a second number for that, the rotation. Look at both, or at TE."
+    ),
+    hint="",
+    mistakes=(
+        Mistake(
+            "TE is only {TE:.2f} %.",
+            "which made-up error grows from frame to frame?",
+            {"TE": 1.0},
+            when=lambda facts: not facts["TE"] > 2.0,
+        ),
+        Mistake(
+            "RPE is {RPE:.1f} mm a frame.",
+            "scale and noise are in every step: set both to 0. What is left that spoils the path?",
+            {"RPE": 20.0},
+            when=lambda facts: not facts["RPE"] < 1.0,
+        ),
+    ),
+)

@@ -17,7 +17,7 @@ from vo_lib.data.tracks import TrackConfig, simulate_tracks
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.runner import TimedMatches, run_methods
 
-from ..checker import Exercise
+from ..checker import Exercise, Mistake, times
 from ..lessons import CAMERA, drive
 
 USED, TRUE = 5555.6, 100.0 * 180.0 / np.pi  # factors from rad/m to deg/100 m
@@ -65,25 +65,169 @@ def errors_of_sets() -> tuple[Array, Array]:
 
 
 paper_average = Exercise(
-    "ch07.paper_average",
     lambda te: np.mean(rows(te)),
     lambda: [({"00": 1.0, "01": 9.0, "02": 2.0, "04": None, "10": 6.0},)],
+    task="A function (te, a dict of numbers or None by sequence) -> the mean as the paper's Avg row has it.",
+    praise="the plain mean of the rows there are, without 01.",
+    hint="three rows are left: 1, 2 and 6.",
+    mistakes=(
+        Mistake(
+            "divided by more rows than have a number.",
+            "three rows are left: 1, 2 and 6.",
+            lambda te: sum(rows(te)) / 10,
+            lambda te: sum(rows(te)) / 11,
+        ),
+        Mistake(
+            "01 is in it.",
+            'row 01 of the paper\'s table has dashes: leave out the name "01".',
+            lambda te: np.mean(rows(te, without="")),
+        ),
+        Mistake(
+            "None was counted as 0.",
+            "divide by the number of rows that have a number.",
+            lambda te: np.mean(rows(te, none=0.0)),
+            lambda te: np.mean(rows(te, "", none=0.0)),
+        ),
+        Mistake(
+            "this is the sum.",
+            "divide by how many rows there are.",
+            lambda te: sum(rows(te)),
+            lambda te: sum(rows(te, without="")),
+        ),
+        Mistake(
+            "a sequence without any sub-sequence has None, which cannot be added.",
+            "leave None out.",
+            lambda te: sum(te.values()),
+        ),
+    ),
 )
 
-true_rotation_error = Exercise("ch07.true_rotation_error", TRUE / USED, atol=1e-3)
+true_rotation_error = Exercise(
+    TRUE / USED,
+    atol=1e-3,
+    task="The RE in deg/100 m of a row that the paper prints as 1.000, if it took 5555.6.",
+    praise="{right:.4f}: what is printed reads 3 % low.",
+    hint="back to rad/m with the factor used, then on with 100 · 180/π.",
+    mistakes=(
+        Mistake(
+            "this is the other way round.", "printed / 5555.6 is in rad/m; times 100 · 180/π.", USED / TRUE
+        ),
+        Mistake(
+            "this is the difference, not the RE.",
+            "add it to what is printed.",
+            TRUE / USED - 1.0,
+            when=lambda got: abs(got - 0.0313) < 1e-3 or abs(got - 3.13) < 0.1,
+        ),
+    ),
+)
 
-odd_row = Exercise("ch07.odd_row", ROWS * (PRINTED - OF_ROWS), atol=0.02)
+odd_row = Exercise(
+    ROWS * (PRINTED - OF_ROWS),
+    atol=0.02,
+    task="By how much one of ten rows must change for their mean to become what is printed, %.",
+    praise=(
+        "{right:.1f} %, more than the mean itself. So it is no misprint of one digit: another set of "
+        "sequences, or another run."
+    ),
+    hint="the sum of the ten rows changes by 10 times what the mean changes.",
+    mistakes=(
+        Mistake(
+            "this is how far the means are apart.",
+            "a row enters the mean with a weight of 1/10.",
+            PRINTED - OF_ROWS,
+        ),
+        Mistake("the sign: the printed mean is the larger one.", "2.43 - 2.10.", -ROWS * (PRINTED - OF_ROWS)),
+    ),
+)
 
 gain = Exercise(
-    "ch07.gain",
     change,
     lambda: [(np.array([1.0, 1.2, 1.4, 1.6, 1.9]), np.array([0.9, 1.05, 1.3, 1.5, 1.7]))],
     also=(lambda before, after: change(before, after, np.std(after - before, ddof=1)),),
     parts=("mean", "spread"),
+    task="A function (before (S,), after (S,)) -> mean and standard deviation of the change, seed by seed.",
+    praise="{got[0]:+.2f} ± {got[1]:.2f}, each alone ± 0.3: what chance does to both alike has cancelled.",
+    hint="np.mean(after - before), np.std(after - before).",
+    mistakes=(
+        Mistake(
+            "the sign: an error that fell should give a negative change.",
+            "after - before.",
+            times(change, -1.0, 1.0),
+        ),
+        Mistake(
+            "the spread is that of one method alone.",
+            "the standard deviation of after - before.",
+            lambda before, after: change(before, after, before.std()),
+            lambda before, after: change(before, after, after.std()),
+        ),
+        Mistake(
+            "the spread comes from the two methods' own spreads.",
+            "subtract seed by seed first; then the standard deviation.",
+            lambda before, after: change(before, after, np.hypot(before.std(), after.std())),
+            lambda before, after: change(before, after, abs(after.std() - before.std())),
+        ),
+        Mistake(
+            "this is the variance.",
+            "its root: np.std.",
+            lambda before, after: change(before, after, np.var(after - before)),
+        ),
+    ),
 )
 
 sweep = Exercise(
-    "ch07.sweep", lambda sequence, matches, values: errors_of_sets()[0], lambda: [(*simulated(), VALUES)]
+    lambda sequence, matches, values: errors_of_sets()[0],
+    lambda: [(*simulated(), VALUES)],
+    task="A function (sequence, matches, values) -> TE in % over 20 m, for each number of five-point sets.",
+    praise=(
+        "TE by sets: 8: {right[0]:.2f} %, 16: {right[1]:.2f} %, 100: {right[2]:.2f} %. The matches were "
+        "found once, only the back end ran again."
+    ),
+    hint='preset("solution_selection"), seed 0, lengths=(20,), step=1.',
+    mistakes=(
+        Mistake("this is RE.", "`.te` of what kitti_errors gives.", lambda *case: errors_of_sets()[1]),
+        Mistake(
+            "TE is a fraction, not %.", "`.te` is in % already.", lambda *case: errors_of_sets()[0] / 100.0
+        ),
+        Mistake(
+            "a TE is None: no sub-sequence fits.",
+            "the path has 29 m; lengths=(20,), and a start every frame.",
+            lambda *case: [None] * len(VALUES),
+        ),
+        Mistake(
+            "all values give the same TE: the setting has not changed.",
+            ('`replace` gives a new configuration: config = replace(preset(…), "selection.sets", value).'),
+            lambda *case: errors_of_sets()[0][[2, 2, 2]],
+            when=lambda got, *case: np.ptp(got) < 1e-12,
+        ),
+    ),
 )
 
-fewer_sets = Exercise("ch07.fewer_sets", {"five-point sets": 20.0, "TE": 0.05, "TE of the preset": 0.049})
+fewer_sets = Exercise(
+    {"five-point sets": 20.0, "TE": 0.05, "TE of the preset": 0.049},
+    task="The panel shows a run with 20 sets or fewer whose TE is at most 5 % above the preset's.",
+    praise=(
+        "{five-point sets:.0f} sets, TE {TE:.4f} % against {TE of the preset:.4f} %: on this part of this "
+        "street."
+    ),
+    hint="",
+    mistakes=(
+        Mistake(
+            "the panel shows no TE yet.",
+            "wait until its bar is gone, then run this cell again.",
+            {"TE": np.nan},
+            when=lambda facts: not np.isfinite(facts["TE"]),
+        ),
+        Mistake(
+            "{five-point sets:.0f} five-point sets are more than 20.",
+            "move the slider of five-point sets.",
+            {"five-point sets": 200.0},
+            when=lambda facts: not facts["five-point sets"] <= MOST_SETS,
+        ),
+        Mistake(
+            "TE is {TE:.4f} %, more than 5 % above the preset's {TE of the preset:.4f} %.",
+            "a few sets more, or `refined`.",
+            {"TE": 0.06},
+            when=lambda facts: facts["TE"] > WORSE * facts["TE of the preset"],
+        ),
+    ),
+)

@@ -11,7 +11,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
 
 from ..ch00.exercises import way
-from ..checker import Exercise
+from ..checker import Exercise, Mistake
 
 
 def drift_of(poses: Array, sequence: Sequence) -> float:
@@ -32,10 +32,98 @@ def measured(
     return float(found.te or np.nan), float(found.re or np.nan)
 
 
-all_yours = Exercise("ch08.all_yours", {"borrowed": 0.0})
+all_yours = Exercise(
+    {"borrowed": 0.0},
+    task="What `join` gives: every stage is a function of your own that passes its check.",
+    praise="every stage of this odometry is yours.",
+    hint="",
+    mistakes=(
+        Mistake(
+            "{borrowed:.0f} of the stages are still the library's.",
+            (
+                "the table above names the chapter of each: solve its exercise there, then run this "
+                "notebook again."
+            ),
+            {"borrowed": 3.0},
+            when=lambda facts: facts["borrowed"] != 0,
+        ),
+    ),
+)
 
-drift = Exercise("ch08.drift", drift_of, rtol=0.01)
+drift = Exercise(
+    drift_of,
+    rtol=0.01,
+    task="How far the estimate ends from the truth, in % of the true path.",
+    praise=(
+        "{right:.2f} % of the path. Over longer paths the share grows, for a wrong heading moves "
+        "everything after it."
+    ),
+    hint=(
+        "the distance of the last positions, divided by the length of the true path; estimates start at "
+        "the identity."
+    ),
+    mistakes=(
+        Mistake(
+            "{got:.3g} m is the distance.",
+            "in % of the true path.",
+            lambda poses, sequence: drift_of(poses, sequence) / 100 * way(sequence),
+        ),
+        Mistake(
+            "this is the fraction.", "times 100.", lambda poses, sequence: drift_of(poses, sequence) / 100
+        ),
+        Mistake(
+            "divided by the straight way from start to end.",
+            "the path is the sum of its steps.",
+            lambda poses, sequence: drift_of(poses, sequence) * way(sequence) / way(sequence, False),
+        ),
+    ),
+)
 
-te_and_re = Exercise("ch08.te_and_re", measured, parts=("te", "re"), atol=5e-3)
+te_and_re = Exercise(
+    measured,
+    parts=("te", "re"),
+    atol=5e-3,
+    task="TE in % and RE in deg/100 m of the estimate over 20 m, a start every frame.",
+    praise="TE {right[0]:.3f} %, RE {right[1]:.3f} deg/100 m.",
+    hint="mine.all_errors(truth, poses, (20,), 1).",
+    mistakes=(
+        Mistake(
+            "these start at every tenth frame.",
+            "step 1: the path is short.",
+            lambda poses, sequence: measured(poses, sequence, step=10),
+        ),
+        Mistake(
+            "these are taken over other lengths.",
+            "lengths (20,).",
+            lambda poses, sequence: measured(poses, sequence, lengths=(10.0,)),
+            lambda poses, sequence: measured(poses, sequence, lengths=(20.0, 50.0)),
+        ),
+        Mistake(
+            "RE comes first here.", "TE, then RE.", lambda poses, sequence: measured(poses, sequence)[::-1]
+        ),
+    ),
+)
 
-better = Exercise("ch08.better", {"RE": 0.1, "RE published": 0.5})
+better = Exercise(
+    {"RE": 0.1, "RE published": 0.5},
+    task="RE of a changed odometry, mean over three seeds, and that of `published`: at most a quarter.",
+    praise=(
+        "RE {RE:.3f} against {RE published:.3f} deg/100 m. On these frames: a setting chosen on the "
+        "sequence that is reported is no result. Now try another."
+    ),
+    hint="",
+    mistakes=(
+        Mistake(
+            "an RE is missing.",
+            'hand in {"RE": …, "RE published": …}, both over 20 m of the same frames.',
+            {"RE": np.nan},
+            when=lambda facts: not np.isfinite(facts["RE"] + facts["RE published"]),
+        ),
+        Mistake(
+            "{RE:.3f} against {RE published:.3f} deg/100 m is not yet a quarter.",
+            "the winner goes through five noisy matches alone: refine it on its inliers (chapter 3).",
+            {"RE": 0.3},
+            when=lambda facts: not facts["RE"] <= 0.25 * facts["RE published"],
+        ),
+    ),
+)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from course.checker import Exercise
-from vo_lib.core.errors import DataError
 from vo_lib.core.types import Array
 
 from ..ch00 import exercises as ch00
@@ -22,20 +20,20 @@ from ..ch03 import exercises as ch03
 from ..ch04 import exercises as ch04
 from ..ch05 import exercises as ch05
 from ..ch06 import exercises as ch06
-from ..keep import NAME
+from ..keep import NAME, load
 
-# Name of the function in the notebooks: the exercise that checks it, in the order of the loop.
-STAGES: dict[str, Exercise] = {
-    "keep_outside": ch05.keep_outside,
-    "buckets": ch01.buckets,
-    "solve_five": ch02.solve_five,
-    "truncated_error": ch03.truncated_error,
-    "select": ch03.select,
-    "rows_of_one": ch04.feature_rows,
-    "translation_of_all": ch04.stack,
-    "weights": ch04.robust_weight,
-    "chain": ch00.chain,
-    "all_errors": ch06.all_errors,
+# Name of the function in the notebooks: its chapter and the exercise that checks it, in the order of the loop.
+STAGES: dict[str, tuple[int, Exercise]] = {
+    "keep_outside": (5, ch05.keep_outside),
+    "buckets": (1, ch01.buckets),
+    "solve_five": (2, ch02.solve_five),
+    "truncated_error": (3, ch03.truncated_error),
+    "select": (3, ch03.select),
+    "rows_of_one": (4, ch04.feature_rows),
+    "translation_of_all": (4, ch04.stack),
+    "weights": (4, ch04.robust_weight),
+    "chain": (0, ch00.chain),
+    "all_errors": (6, ch06.all_errors),
 }
 
 
@@ -58,8 +56,7 @@ class Joined:
 
     def _repr_html_(self) -> str:
         rows = "".join(
-            f"<tr><td>{STAGES[name].chapter.removeprefix('ch0')}</td><td><code>{name}</code></td>"
-            f"<td>{html.escape(words)}</td></tr>"
+            f"<tr><td>{STAGES[name][0]}</td><td><code>{name}</code></td><td>{html.escape(words)}</td></tr>"
             for name, words in self.whose.items()
         )
         return f"<table><tr><th>chapter</th><th>stage</th><th>whose</th></tr>{rows}</table>"
@@ -67,28 +64,16 @@ class Joined:
 
 def join(**given: Any) -> Joined:
     """Every stage: a function given here or that of `my_vo.py`, where that passes; or the library's."""
-    written = {**_kept(Path(NAME)), **given}
+    written = {**load(Path(NAME)), **given}
     functions, whose = {}, {}
-    for name, exercise in STAGES.items():
+    for name, (_, exercise) in STAGES.items():
         own = written.get(name)
-        passed = own is not None and exercise.passes(own)
+        verdict = exercise.judge(own) if callable(own) else None
+        passed = verdict is not None and verdict.passed
         functions[name] = own if passed else exercise.right
-        why = f"not in {NAME} yet" if own is None else "yours fails its check"
+        why = f"yours fails its check: {verdict.message}" if verdict is not None else f"not in {NAME} yet"
         whose[name] = "yours" if passed else f"the library's: {why}"
     return Joined(functions, whose)
-
-
-def _kept(path: Path) -> dict[str, Any]:
-    """What a module of kept functions holds; nothing where there is none."""
-    spec = importlib.util.spec_from_file_location(path.stem, path) if path.is_file() else None
-    if spec is None or spec.loader is None:
-        return {}
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except (Exception, SystemExit, KeyboardInterrupt) as error:
-        raise DataError(f"it cannot be run, {type(error).__name__}: {error}", path) from None
-    return vars(module)
 
 
 def residuals(M: Array, c: Array, t: Array) -> Array:
