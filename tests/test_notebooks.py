@@ -12,6 +12,8 @@ import nbformat
 import pytest
 from conftest import find_browser
 
+from course.ch08 import own
+from course.keep import NAME
 from course.panel import ERROR_CLASS
 from course.results import NOT_YET_CLASS, RIGHT_CLASS
 from vo_lib.data.sequence import Sequence
@@ -94,14 +96,31 @@ def test_an_appendix_runs(path: Path, tmp_path: Path) -> None:
     assert any(state["model_name"] == "ImageModel" and state["buffers"] for state in states)
 
 
+@pytest.fixture(scope="module")
+def student(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a student who has worked through the chapters: functions that passed are kept there."""
+    folder = tmp_path_factory.mktemp("student")
+    (folder / "00_start_here.ipynb").touch()
+    return folder
+
+
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", SOLUTIONS, ids=name)
-def test_the_solutions_are_right(path: Path, tmp_path: Path) -> None:
-    notebook = execute(path, tmp_path)
+def test_the_solutions_are_right(path: Path, student: Path) -> None:
+    notebook = execute(path, student)
     assert complaints(notebook) == []
     judged = verdicts(notebook)
     assert len(judged) >= 4
     assert [verdict for verdict in judged if RIGHT_CLASS not in verdict] == []
+
+
+def test_the_functions_of_all_chapters_are_kept_and_drive(
+    student: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(student)
+    if not Path(NAME).is_file():
+        pytest.skip("the solutions of the chapters were not run before")
+    assert own.join().whose == dict.fromkeys(own.STAGES, "yours")
 
 
 @pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES, *SOLUTIONS], ids=name)
