@@ -109,6 +109,7 @@ def browser() -> Iterator[BrowserContext]:
         started.close()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_reader_runs_all_cells_and_moves_a_slider(path: Path, lab: str, browser: BrowserContext) -> None:

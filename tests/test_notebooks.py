@@ -24,6 +24,7 @@ APPENDICES = sorted(FOLDER.glob("appendix_*.ipynb"))
 SOLUTIONS = sorted((FOLDER / "solutions").glob("*.ipynb"))
 WIDGETS = "application/vnd.jupyter.widget-state+json"
 UNSEEN = pytest.mark.skipif(find_browser() is not None, reason="test_browser.py runs it, in a browser")
+CLIPS = FOLDER.parents[1] / "shared" / "data" / "kitti_clips"
 LONGEST_CELL = 300  # seconds; a safeguard, not a measurement
 
 
@@ -59,7 +60,7 @@ def verdicts(notebook: Any) -> list[str]:
     return [page for page in pages if RIGHT_CLASS in page or NOT_YET_CLASS in page]
 
 
-def execute(path: Path, folder: Path) -> Any:
+def execute(path: Path, folder: Path, **environment: str) -> Any:
     """The notebook with its outputs and widget state; it runs in a folder of its own."""
     notebook = read(path)
     client = nbclient.NotebookClient(
@@ -69,10 +70,11 @@ def execute(path: Path, folder: Path) -> Any:
         allow_errors=True,
         resources={"metadata": {"path": str(folder)}},
     )
-    client.execute(env={**os.environ, "PYTHONPATH": str(FOLDER)})
+    client.execute(env={**os.environ, "PYTHONPATH": str(FOLDER), **environment})
     return notebook
 
 
+@pytest.mark.slow
 @UNSEEN
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", CHAPTERS, ids=name)
@@ -86,6 +88,7 @@ def test_a_chapter_runs_and_its_exercises_wait_for_answers(path: Path, tmp_path:
     assert any(state["model_name"] == "ImageModel" and state["buffers"] for state in states)
 
 
+@pytest.mark.slow
 @UNSEEN
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", APPENDICES, ids=name)
@@ -94,6 +97,14 @@ def test_an_appendix_runs(path: Path, tmp_path: Path) -> None:
     assert complaints(notebook) == []
     states = notebook.metadata["widgets"][WIDGETS]["state"].values()
     assert any(state["model_name"] == "ImageModel" and state["buffers"] for state in states)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_clips is not there")
+@pytest.mark.usefixtures("street")
+@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
+def test_a_chapter_runs_where_kitti_is_found_with_and_without_truth(path: Path, tmp_path: Path) -> None:
+    assert complaints(execute(path, tmp_path, KITTI_ROOT=str(CLIPS))) == []
 
 
 @pytest.fixture(scope="module")

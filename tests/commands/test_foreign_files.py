@@ -19,7 +19,7 @@ COMMANDS = {
     "compare": "compare RUN RUN --out OUT",
     "evaluate": "evaluate --truth TRUTH --estimate TRUTH --lengths 1 --step 1 --out OUT --plot OUT",
     "calibrate": "calibrate BANDS --out OUT/package.json --picture OUT/field.png",
-    "reproduce": "reproduce --sequences BANDS --methods solution_selection --variant kit --out OUT",
+    "reproduce": "reproduce --sequences BANDS --methods solution_selection --variant kit --seeds 1 --out OUT",
     "boxes": "boxes BANDS --out OUT",
     "lab": "lab --html OUT",
 }
@@ -52,7 +52,12 @@ def one_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lab, "NOTEBOOKS", folder)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+MANY = ("reproduce", "sweep")  # files, a table for each of them
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in MANY else ()) for name in COMMANDS]
+)
 def test_a_file_that_the_kit_did_not_write_stays(
     places: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
@@ -69,7 +74,7 @@ def test_a_file_that_the_kit_did_not_write_stays(
         (folder / file).write_text("mine", encoding="utf-8")
         capsys.readouterr()
         # A run of many that cannot be written has failed; the others are done.
-        of_many = name in ("sweep", "reproduce") and file.parent != Path()
+        of_many = name in MANY and file.parent != Path()
         assert main(words(COMMANDS[name], places, folder)) == (1 if of_many else 2)
         said = "".join("".join(capsys.readouterr()).split())
         assert str(file) in said

@@ -22,6 +22,7 @@ def small_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(SCENES, name, tiny)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_scenes")
 def test_the_demo_draws_runs_and_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "runs" / "demo"

@@ -32,13 +32,9 @@ ONE_BY_ONE = 100  # sets for OpenCV, which takes one at a time
 REPEATS = 10
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo bench`."""
-    parser = commands.add_parser(
-        "bench",
-        help="how fast the method is on this machine",
-        epilog="example: vo bench --sequence kitti/00 --frames 200 --json > bench.json",
-    )
+    parser.epilog = "example: vo bench --sequence kitti/00 --frames 200 --json > bench.json"
     parser.add_argument(
         "--sequence", metavar="S", help=f"name or folder; default: the first of KITTI found, else {SCENE}"
     )

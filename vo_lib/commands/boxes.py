@@ -23,13 +23,11 @@ WORDS = {MOVING: "moves", PARKED: "parked", UNKNOWN: "unknown"}
 COLUMNS = ["frame", "box: left, top, right, bottom", "score", "features", "step m", "m/s", "judged"]
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo boxes`."""
-    parser = commands.add_parser(
-        "boxes",
-        help="which vehicle boxes move: a line for each, and pictures",
-        epilog="example: vo boxes synthetic/traffic --frames 100:130 --out runs/boxes. In the pictures boxes "
-        "that move have a whole line, parked ones a dashed one; removed features are orange.",
+    parser.epilog = (
+        "example: vo boxes synthetic/traffic --frames 100:130 --out runs/boxes. In the pictures boxes "
+        "that move have a whole line, parked ones a dashed one; removed features are orange."
     )
     add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list`")
     add_part(parser)

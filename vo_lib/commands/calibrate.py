@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ..beyond.calibration import require_same_camera
 from ..config import Config, preset
@@ -18,13 +17,11 @@ from .common import add_cache, add_sequence, open_with_bar
 from .console import reporting, say
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo calibrate`."""
-    parser = commands.add_parser(
-        "calibrate",
-        help="learn what calib.txt leaves of a camera's errors from its drives",
-        epilog="example: vo calibrate kitti/00 kitti/01 --out calibration.json, "
-        "then vo run kitti/02 --calibration calibration.json --out runs/02",
+    parser.epilog = (
+        "example: vo calibrate kitti/00 kitti/01 --out calibration.json, "
+        "then vo run kitti/02 --calibration calibration.json --out runs/02"
     )
     add_sequence(parser, "sequences", "sequences of one stereo camera, as `vo run` takes them", nargs="+")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="a file, ending in .json")

@@ -31,13 +31,9 @@ from .common import add_cache
 from .console import say, show_report_table
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo compare`."""
-    parser = commands.add_parser(
-        "compare",
-        help="finished runs side by side: errors, trajectories, curves",
-        epilog="example: vo compare runs/a runs/b --out runs/compared",
-    )
+    parser.epilog = "example: vo compare runs/a runs/b --out runs/compared"
     parser.add_argument(
         "runs",
         nargs="+",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,18 +28,24 @@ from ..runs.results import path_lost
 from ..runs.runner import Run
 from ..tables.report import ReportTable
 
+PAUSE, SPEED_OVER = 0.3, 180.0  # seconds between updates of a bar, and over which it takes its speed
+
 
 @contextmanager
 def reporting(label: str, in_bytes: bool = False) -> Iterator[Report]:
     """A progress function with a bar on standard error, which appears with its first call."""
     count = (DownloadColumn(), TransferSpeedColumn()) if in_bytes else (MofNCompleteColumn(),)
     columns = TextColumn("{task.description}", markup=False), BarColumn(), *count, TimeRemainingColumn()
-    bar = Progress(*columns, console=Console(stderr=True))
-    task = bar.add_task(label, total=None)
+    bar = Progress(*columns, console=Console(stderr=True), speed_estimate_period=SPEED_OVER)
+    task, last = bar.add_task(label, total=None), -PAUSE
 
     def report(done: int, total: int) -> None:
+        nonlocal last
         bar.start()
-        bar.update(task, completed=done, total=total)
+        # Rich knows the last thousand updates: with one a frame, the time left would follow every hiccup.
+        if done >= total or time.monotonic() - last >= PAUSE:
+            last = time.monotonic()
+            bar.update(task, completed=done, total=total)
 
     try:
         yield report

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 from ..core.errors import DataError
 from ..core.files import read_text
@@ -20,13 +19,9 @@ from .script import OneLineParser, guarded
 SCRIPTS = Path(__file__).resolve().parents[2] / "data_scripts"
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo data`."""
-    parser = commands.add_parser(
-        "data",
-        help="fetch, check, draw, import and label data, train a detector; without a name: the list",
-        epilog="example: vo data get_kitti --sequences 07",
-    )
+    parser.epilog = "example: vo data get_kitti --sequences 07"
     parser.add_argument("name", nargs="?", metavar="NAME", help="a script of the list")
     parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="its options; try --help")
     parser.set_defaults(command=_data)

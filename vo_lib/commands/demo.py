@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 import numpy as np
 
@@ -35,9 +34,8 @@ NEXT = {
 SCENE = "synthetic/traffic"
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo demo`."""
-    parser = commands.add_parser("demo", help="the main job with nothing downloaded: all methods on a street")
     parser.add_argument("--out", default="runs/demo", metavar="DIR", help="folder for the report")
     add_variant(parser, BOTH)
     add_cache(parser)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import importlib.metadata as metadata
 import json
 import platform
 import sys
 from dataclasses import dataclass
-from typing import Any
 
 from ..core.errors import DataError
 from ..data.kitti import EXPECTED_FRAMES, count_pairs
 from ..data.sequence import available, kitti_root, kitti_roots
 from ..detection.detectors import detector_folder, known
 from .console import say, show_table
-from .script import install, typed
+from .script import install, installed_version, typed
 
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "matplotlib", "jupyterlab", "ipywidgets")
 OPENCV_NAMES = (
@@ -40,15 +38,10 @@ class Finding:
     remedy: str = ""
 
 
-def add(commands: Any) -> None:
-    """Declare `vo list` and `vo check`."""
-    for name, command, text in (
-        ("list", _list, "sequences found and where"),
-        ("check", _check, "packages and data: what is there, what is missing"),
-    ):
-        parser = commands.add_parser(name, help=text)
-        parser.add_argument("--json", action="store_true", help="print JSON")
-        parser.set_defaults(command=command)
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare `vo list` or `vo check`."""
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(command=_check if parser.prog.endswith("check") else _list)
 
 
 def _list(options: argparse.Namespace) -> int:
@@ -73,11 +66,6 @@ def _check(options: argparse.Namespace) -> int:
     return 1 if any(finding.state == "problem" for finding in findings) else 0
 
 
-def version() -> str:
-    """The kit's version."""
-    return installed_version("stereo-vo-kit") or "of a folder that is not installed"
-
-
 def check() -> list[Finding]:
     """All findings, problems and notes included, in a fixed order."""
     findings = [_python()]
@@ -93,14 +81,6 @@ def _python() -> Finding:
     if sys.version_info[:2] < OLDEST_PYTHON:
         return Finding("Python", "problem", found, "install Python 3.11 or newer")
     return Finding("Python", "ok", found)
-
-
-def installed_version(name: str) -> str | None:
-    """Version of an installed package, or None."""
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _package(name: str) -> Finding:

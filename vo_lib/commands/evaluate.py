@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
 
 from ..core.errors import DataError
 from ..core.files import write_result
@@ -24,13 +23,9 @@ NO_NAME = ("poses", "poses_tum", "data")  # files that are called alike in every
 SEQUENCES_A_TABLE = 4
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo evaluate`."""
-    parser = commands.add_parser(
-        "evaluate",
-        help="KITTI errors, ATE and RPE of trajectories",
-        epilog="example: vo evaluate --truth poses/07.txt --estimate runs/07/poses.txt",
-    )
+    parser.epilog = "example: vo evaluate --truth poses/07.txt --estimate runs/07/poses.txt"
     parser.add_argument("--truth", nargs="+", required=True, metavar="GT", help="pose files")
     parser.add_argument(
         "--estimate",

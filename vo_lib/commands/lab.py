@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 from ..core.errors import DataError
 from .common import parse_whole
@@ -20,9 +19,8 @@ FIRST = "00_start_here.ipynb"
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo lab`."""
-    parser = commands.add_parser("lab", help="open the notebooks in JupyterLab")
     parser.add_argument(
         "--copy", metavar="DIR", help="work in a copy: notebooks missing in DIR are copied there first"
     )

@@ -6,7 +6,6 @@ import argparse
 import json
 import shlex
 from pathlib import Path
-from typing import Any
 
 from ..data.sequence import Sequence, parse_sequences
 from ..detection.label_cache import labelled_sequence
@@ -23,13 +22,11 @@ from .common import BOTH, add_cache, add_variant, open_with_bar, parse_lengths, 
 from .console import reporting, say, show_report_table
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo reproduce`."""
-    parser = commands.add_parser(
-        "reproduce",
-        help="Table 1 and Figure 4: methods over sequences and seeds",
-        epilog="example: vo reproduce --sequences 00,02-10 --methods mesvo_f,feature_selection --jobs 2. "
-        "Started again with the same folder, it does not do finished runs again. Exit code 1: a run failed.",
+    parser.epilog = (
+        "example: vo reproduce --sequences 00,02-10 --methods mesvo_f,feature_selection --jobs 2. "
+        "Started again with the same folder, it does not do finished runs again. Exit code 1: a run failed."
     )
     parser.add_argument(
         "--sequences",

@@ -21,9 +21,6 @@ from ..runs.match_cache import CachedMatches, match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
 from ..runs.runner import Run
-from ..tables.film import Film, require_film, shown_frames
-from ..tables.plots import png, trajectory_figure
-from ..tables.view import View
 from .common import add_method, add_part, add_sequence, add_variant, open_part
 from .console import reporting, say, show_run
 from .setting_options import add_option, given
@@ -32,13 +29,11 @@ DETECTOR = "detector."
 PICTURE = "trajectory.png"
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo run`."""
-    parser = commands.add_parser(
-        "run",
-        help="one run over one sequence",
-        epilog="example: vo run kitti/07 --method feature_selection --out runs/07 --selection.sets 100. "
-        "--help-settings lists the thresholds.",
+    parser.epilog = (
+        "example: vo run kitti/07 --method feature_selection --out runs/07 --selection.sets 100. "
+        "--help-settings lists the thresholds."
     )
     add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list` such as kitti/07")
     add_method(parser)
@@ -135,6 +130,9 @@ def detector_from_options(options: argparse.Namespace) -> DetectorConfig:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from ..tables.film import require_film  # Matplotlib comes with it: half a second that Tab need not wait
+    from ..tables.plots import png, trajectory_figure
+
     config = config_from_options(options)
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
@@ -189,6 +187,9 @@ def _run(options: argparse.Namespace) -> int:
 
 def _draw_frames(result: Run, label: str, options: argparse.Namespace, cache: Path | None) -> None:
     """Go through the frames of the run once more, for a film of them and the page in three dimensions."""
+    from ..tables.film import Film, shown_frames
+    from ..tables.view import View
+
     matches = None
     if options.cache is not None:
         matches = CachedMatches(result.sequence, result.config.features, result.config.matching, cache)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.metadata as metadata
 import io
 import os
 import re
@@ -43,6 +44,19 @@ def typed(command: str) -> str:
     if program.stem != "vo" or shutil.which("vo"):
         return command
     return shlex.quote(str(program)) + command.removeprefix("vo")
+
+
+def installed_version(name: str) -> str | None:
+    """Version of an installed package, or None."""
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def version() -> str:
+    """The kit's version."""
+    return installed_version("stereo-vo-kit") or "of a folder that is not installed"
 
 
 def install(extra: str = "") -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -17,14 +16,12 @@ from .common import add_cache, add_method, add_part, add_sequence, add_variant, 
 from .console import reporting, say, show_report_table
 
 
-def add(commands: Any) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo sweep`."""
-    parser = commands.add_parser(
-        "sweep",
-        help="a grid over settings on cached matches: table, CSV, heat map",
-        epilog="example: vo sweep --sequence synthetic/traffic --variant published --jobs 2 "
+    parser.epilog = (
+        "example: vo sweep --sequence synthetic/traffic --variant published --jobs 2 "
         "--set selection.sets=50,200 --set filter.margin=0,0.1. Started again it does not do "
-        "finished runs again; with more values or seeds it adds them. Exit code 1: a run failed.",
+        "finished runs again; with more values or seeds it adds them. Exit code 1: a run failed."
     )
     add_sequence(parser, "--sequence", "a name from `vo list`, or a path", required=True, metavar="S")
     add_method(parser)
