@@ -31,6 +31,7 @@ from vo_lib.tables.report import ReportTable, markdown, spread
 from vo_lib.tables.reproduce import default_sequences, plan_jobs, slug, split_missing
 from vo_lib.tables.table1 import gains_table, layout_tables, length_table, method_table, trajectory_table
 from vo_lib.tables.table1_data import groups_json, table_csv
+from vo_lib.tables.table_files import make_tables
 
 
 def straight(n: int, step: float = 1.0) -> Array:
@@ -147,18 +148,20 @@ def test_the_layout_is_the_papers_ours_over_its_numbers() -> None:
     (group,) = group_entries(entries)
     table, gains, own = layout_tables(group, full_table())
     assert [row[0] for row in table.rows] == [*PAPER_ROWS, "01", "pooled"]
-    assert table.columns[1:3] == ["MESVO_F TE", "MESVO_F RE"]
+    assert table.columns[3:5] == ["MESVO_F TE", "MESVO_F RE"]
     rows = {row[0]: row[1:] for row in table.rows}
-    ours, below = rows["04"][0].split("\n")
+    ours, below, gap = rows["04"][2].split("\n")
     assert ours.startswith("1.1")
-    assert below == f"2.00 ({float(ours.split(' ')[0]) - 2.0:+.3f})"
-    assert float(rows[AVERAGE][0].split("\n")[1].split(" ")[1].strip("()")) == pytest.approx(-0.9, abs=0.01)
+    assert below == "2.00"
+    assert gap == f"{float(ours.split(' ')[0]) - 2.0:+.3f}".replace("-", "−")
+    gap = rows[AVERAGE][2].split("\n")[2]
+    assert float(gap.replace("−", "-")) == pytest.approx(-0.9, abs=0.01)
     assert not any("\n" in cell for cell in rows["01"] + rows["pooled"])
     # What is not the paper's stands apart, without its numbers.
     assert own.columns == ["sequence", "moving_selection TE", "moving_selection RE"]
     assert not any("\n" in cell for row in own.rows for cell in row)
     assert [row[0] for row in gains.rows][:2] == ["Solution selection, TE", "Solution selection, RE"]
-    text = " ".join(table.notes)
+    text = " ".join(note for each in make_tables([group], full_table()) for note in each.notes)
     assert text.count("2.43 / 1.106") == text.count("1/180") == 1
     assert "1.20 / 0.850 against 0.66 / 0.394" in text
 
@@ -167,11 +170,14 @@ def test_a_part_of_a_sequence_gets_no_difference_and_is_named() -> None:
     (group,) = group_entries([entry_of("kitti/04", 271, [1.0]), entry_of("kitti/07", 300, [1.0])])
     table = layout_tables(group, full_table())[0]
     rows = {row[0]: row[1:] for row in table.rows}
-    assert rows["04"][0].split("\n")[1].startswith("2.00 (-")
-    assert rows["07"][0].split("\n")[1] == "2.00"
+    assert rows["04"][0].split("\n")[2].startswith("−")
+    assert rows["07"][0].split("\n")[1:] == ["2.00"]
     assert "mean of 2" in rows
-    assert any("kitti/07 (300 of 1101 frames)" in note for note in table.notes)
-    assert not any("kitti/04 (" in note for note in table.notes)
+    # Said before the table, in the terminal, too.
+    for narrow in (False, True):
+        head = layout_tables(group, full_table(), narrow)[0].head
+        assert "kitti/07 (300 of 1101 frames)" in head[0]
+        assert "kitti/04 (" not in head[0]
 
 
 def test_gains_are_what_the_errors_are_smaller_by_seed_by_seed() -> None:

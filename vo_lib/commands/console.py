@@ -74,11 +74,12 @@ def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: b
 
 
 def show_report_table(table: ReportTable) -> None:
-    """A report's table with its notes."""
-    if table.head:
-        say(*table.head)
-    show_table(table.title, table.columns, table.rows)
-    say(*table.notes)
+    """A report's table with its notes, which are wrapped between words at the terminal's width."""
+    for line in (*table.head, table.title):
+        Console().print(line, highlight=False, markup=False)
+    show_table("", table.columns, table.rows)
+    for line in table.notes:
+        Console().print(line, highlight=False, markup=False)
 
 
 def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Path) -> None:

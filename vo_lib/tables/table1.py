@@ -17,7 +17,6 @@ from .paper import (
     PAPER_ROWS,
     PRINTED_NAMES,
     PROPOSAL,
-    REMARKS,
     PaperTable,
     gain,
     printed_gains,
@@ -56,18 +55,20 @@ def layout_tables(group: Group, paper: PaperTable | None = None, narrow: bool = 
 
     Parameters
     ----------
-    paper : printed numbers, shown below ours where the group is KITTI's.
+    paper : printed numbers, shown below ours where the group is KITTI's, by the benchmark's lengths.
     narrow : for a terminal of 80 columns: means alone, TE / RE in one cell, no gains.
     """
-    paper = paper if group.kitti else None
-    printed = [method for method in PAPER_METHODS if method in group.methods]
+    paper = paper if group.kitti and group.measure == KITTI_MEASURE else None
+    run = [method for method in PAPER_METHODS if method in group.methods]
+    # As the paper prints it: every column, with dashes for ours where a system was not run.
+    printed = list(PAPER_METHODS) if run and paper is not None else run
     own = [method for method in group.methods if method not in PAPER_METHODS]
     words = f"{VARIANT_WORDS[group.variant]}: {group.words}"
     tables = []
     if printed:
         rows, notes = _rows(group, printed, paper, narrow), _notes(group, paper, narrow)
         tables.append(ReportTable(f"Table 1, {words}", _columns(printed, narrow), rows, notes, _head(group)))
-    if PROPOSAL in printed and len(printed) > 1 and not narrow:
+    if PROPOSAL in run and len(run) > 1 and not narrow:
         tables.append(gains_table(group, paper))
     if own:
         rows, notes = _rows(group, own, None, narrow), [_units(group, narrow) + "."]
@@ -89,19 +90,25 @@ def _units(group: Group, narrow: bool) -> str:
 
 
 def _rows(group: Group, methods: list[str], paper: PaperTable | None, narrow: bool) -> list[list[str]]:
-    """A row for the mean, each sequence and the pooled mean; 01, which has no printed numbers, comes last.
+    """The paper's rows, ours or dashes beside them; without its numbers the mean and what was run.
 
-    Unless `narrow`, TE and RE have cells of their own, with the spread over seeds and the difference to the
-    paper.
+    The pooled mean and 01, which has no printed numbers, come last. Unless `narrow`, TE and RE have cells of
+    their own, with the spread over seeds and the difference to the paper.
     """
     left_out = f"{KITTI}{LEFT_OUT}"
-    sequences = sorted(group.sequences, key=lambda name: group.kitti and name == left_out)
-    several = len(sequences) > 1
+    several = len(group.sequences) > 1
     rows = []
-    if several:
-        name = AVERAGE if is_papers(group) else f"mean of {len(sequences) - (left_out in sequences)}"
-        rows.append((name, [group.mean(m) for m in methods], True))
-    for name in sequences:
+    nothing = [(NOTHING, NOTHING)] * len(methods)
+    means = [group.mean(m) for m in methods]
+    if paper is not None:
+        rows.append((AVERAGE, means if is_papers(group) else nothing, True))
+    if several and not is_papers(group):
+        rows.append((f"mean of {len(group.sequences) - (left_out in group.sequences)}", means, False))
+    elif several and paper is None:
+        rows.append((AVERAGE, means, True))
+    known = [f"{KITTI}{row}" for row in PAPER_ROWS if row != AVERAGE] if paper is not None else []
+    others = [name for name in group.sequences if name not in known]
+    for name in [*known, *sorted(others, key=lambda name: group.kitti and name == left_out)]:
         entries = [group.entries.get((name, method)) for method in methods]
         whole = all(entry is None or is_whole(entry) for entry in entries)
         numbers = [(NOTHING, NOTHING) if entry is None else (entry.te, entry.re) for entry in entries]
@@ -124,15 +131,15 @@ def _rows(group: Group, methods: list[str], paper: PaperTable | None, narrow: bo
 
 
 def _cell(ours: Array, printed: float | None, digits: int, comparable: bool) -> str:
-    """Ours with its spread and, a line below, the printed number with our difference where they compare."""
+    """Ours with its spread; below it the printed number; below that our difference where they compare."""
     gap = difference(ours, printed) if comparable else None
-    below = "" if printed is None else f"\n{number(printed, digits)}"
-    return spread(ours) + below + ("" if gap is None else f" ({gap:+.3f})")
+    lines = [spread(ours), *([] if printed is None else [number(printed, digits)])]
+    return "\n".join([*lines, *([] if gap is None else [f"{gap:+.3f}".replace("-", "−")])])
 
 
 def _head(group: Group) -> list[str]:
     """What has to be known before a table is read: what made it, and whether there were boxes at all."""
-    head = [f"Made by: {' / '.join(group.how)}."]
+    head = [*(partial_notes(group) if group.kitti else []), f"Made by: {' / '.join(group.how)}."]
     without = [name for name in group.sequences if not all(e.labels for e in group.of_sequence(name))]
     if without and any(method in group.methods for method in BOXED):
         head.insert(
@@ -154,14 +161,16 @@ def _notes(group: Group, paper: PaperTable | None, narrow: bool) -> list[str]:
         return [f"{units}; below, the paper's." if paper is not None else f"{units}."]
     notes = [f"{units}."]
     if paper is not None:
-        notes[0] += " Below ours, the paper's number and ours less the paper's."
-        notes += [*REMARKS, "A difference is given for whole sequences measured as the benchmark does it."]
+        compared = any(is_whole(entry) for entry in group.entries.values())
+        notes[0] += " Below ours, the paper's number" + (
+            "; below that ours less the paper's, of whole sequences." if compared else "."
+        )
     if len(group.sequences) > 1:
         mean = "Avg or mean, without 01" if group.kitti else "mean"
         notes.append(
             f"{mean}: each sequence counts the same; pooled: each sub-sequence does, as on KITTI's server."
         )
-    return notes + (partial_notes(group) if group.kitti else [])
+    return notes
 
 
 def gains_table(group: Group, paper: PaperTable | None) -> ReportTable:
@@ -191,7 +200,7 @@ def gains_table(group: Group, paper: PaperTable | None) -> ReportTable:
         "sub-sequences, as the benchmark's total does; 01 left out."
     ]
     title = f"What Feature selection gains, {VARIANT_WORDS[group.variant]}"
-    return ReportTable(title, columns, rows, notes)
+    return ReportTable(title, columns, rows, notes, partial_notes(group) if group.kitti else [])
 
 
 def _percent(value: float | None) -> str:

@@ -15,7 +15,7 @@ from ..core.types import Array
 from ..data.sequence import KITTI
 from .entries import Group, group_entries
 from .field_figure import field_figure
-from .paper import PAPER_METHODS, PaperTable
+from .paper import PAPER_METHODS, REMARKS, PaperTable
 from .plots import error_curves_figure, pdf, png, trajectories_figure
 from .report import Picture, ReportTable, markdown, provenance, render_report
 from .reproduce import Reproduction, slug
@@ -81,8 +81,13 @@ def write_table_files(
 
 
 def make_tables(groups: list[Group], paper: PaperTable) -> list[ReportTable]:
-    """Table 1 of each group, KITTI's with the paper's numbers; then all by length; ATE and RPE."""
+    """Table 1 of each group, KITTI's with the paper's numbers; then all by length; ATE and RPE.
+
+    What is to be said of the paper's numbers stands once, below the last table that has them.
+    """
     tables = [table for group in groups for table in layout_tables(group, paper)]
+    if any(group.kitti for group in groups):
+        tables[-1].notes.extend(REMARKS)
     tables += [length_table(group) for group in groups]
     return tables + [trajectory_table(group) for group in groups]
 
