@@ -58,6 +58,7 @@ def test_a_run_writes_its_files(bands: Path, capsys: pytest.CaptureFixture[str])
     assert image.std() > 5
     printed = capsys.readouterr().out
     assert "matches a frame" in printed
+    assert "ATE, aligned" in printed  # though the path is too short for TE
     assert str(out) in printed
     said = read_calibration(out / "calibration.json").in_words(config.calibration)
     assert f"errors of the calibration {said}" in re.sub(r"[│\s]+", " ", printed)

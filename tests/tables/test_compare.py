@@ -20,7 +20,14 @@ from vo_lib.core.types import Array
 from vo_lib.data.sequence import open_sequence
 from vo_lib.evaluation.kitti import SHORT_LENGTHS, evaluate
 from vo_lib.runs.results import write_run
-from vo_lib.tables.comparison import common_kind, comparison_table, curve, read_stored_run, read_stored_runs
+from vo_lib.tables.comparison import (
+    common_kind,
+    comparison_table,
+    curve,
+    distinct,
+    read_stored_run,
+    read_stored_runs,
+)
 
 
 def straight(n: int, step: float) -> Array:
@@ -81,6 +88,8 @@ def test_labels_are_as_short_as_they_may_be(runs: Path) -> None:
     assert [one.label for one in pair] == ["viso2, seed 0", "viso2, seed 1"]
     (pair,) = read_stored_runs(names(runs, "a", "a")).values()
     assert pair[0].label == f"viso2, {runs / 'a'}"
+    both = [dataclasses.replace(read_stored_run(runs / "a"), variant=each) for each in ("kit", "published")]
+    assert [one.label for one in distinct(both)] == ["viso2", "viso2, published"]
 
 
 def test_runs_over_different_sequences_or_frames_are_kept_apart(runs: Path) -> None:
@@ -95,6 +104,11 @@ def test_the_command_prints_and_draws_them_together(
     assert main(["compare", *names(runs, "a", "b", "else"), "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
     assert all(word in printed for word in ("viso2", "mesvo_f", "street", "ATE"))
+    # No sub-sequence fits, but there is truth.
+    (row,) = (line for line in printed.splitlines() if "mesvo_f" in line)
+    cells = [cell.strip() for cell in row.split("│")[2:-1]]
+    assert cells[:2] == ["–", "–"]
+    assert all(float(cell) >= 0 for cell in cells[2:])
     drawn = sorted(p.name for p in (tmp_path / "out").glob("[!.]*"))
     # 2.5 m hold no sub-sequence, so there are no curves.
     assert drawn == [f"trajectory_{name}.{kind}" for name in ("07", "street") for kind in ("pdf", "png")]

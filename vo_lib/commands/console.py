@@ -26,7 +26,7 @@ from ..core.types import Progress as Report
 from ..evaluation.kitti import Evaluation
 from ..runs.results import path_lost
 from ..runs.runner import Run
-from ..tables.report import ReportTable
+from ..tables.report import ReportTable, number
 
 PAUSE, SPEED_OVER = 0.3, 180.0  # seconds between updates of a bar, and over which it takes its speed
 
@@ -64,10 +64,13 @@ def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: b
     if title:
         say(title)  # above the table, not within: a narrow one would break it
     table, console = Table(), Console()
-    longest = max((len(row[0]) for row in rows), default=0)
-    table.add_column(columns[0], overflow="fold", no_wrap=longest <= console.width // 2)
+    cells = [[line for row in (columns, *rows) for line in row[k].split("\n")] for k in range(len(columns))]
+    # In a narrow terminal headings and names are broken, numbers never.
+    narrow = sum(3 + max(map(len, column)) for column in cells) >= console.width
+    table.add_column(columns[0], overflow="fold", no_wrap=not narrow)
     for name in columns[1:]:
-        table.add_column(name, justify="right" if numbers else "left", overflow="fold")
+        heading = name.replace(" ", "\n") if narrow and numbers else name
+        table.add_column(heading, justify="right" if numbers else "left", overflow="fold", no_wrap=numbers)
     for row in rows:
         table.add_row(*map(Text, row))  # no markup: a name may have brackets
     console.print(table)
@@ -84,15 +87,19 @@ def show_report_table(table: ReportTable) -> None:
 
 def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Path) -> None:
     """Errors, removals, flags and time of a run."""
-    rows = []
-    for kind, label in (("kitti", "KITTI"), ("short", "short paths, every frame")):
+    rows: list[list[str]] = []
+    for kind, label in (("kitti", " (as KITTI)"), ("short", ", every frame")):
         if kind in errors:
             by_length = errors[kind].sequences[0].kitti.by_length(errors[kind].lengths)
-            rows += [
-                [f"TE / RE over {length:g} m ({label})", f"{part.te:.2f} % / {part.re:.2f} deg/100 m"]
-                for length, part in by_length.items()
-                if len(part)
-            ]
+            for length, part in by_length.items():
+                if len(part) and not any(row[0].startswith(f"TE / RE over {length:g} m (") for row in rows):
+                    words = f"TE / RE over {length:g} m{label}"
+                    rows.append([words, f"{part.te:.2f} % / {part.re:.2f} deg/100 m"])
+    for found in [*errors.values()][:1]:
+        ate, rpe = found.sequences[0].ate.to_dict(), found.sequences[0].rpe.to_dict()
+        rows.append(["ATE, aligned", f"{number(ate['rmse_m'])} m"])
+        step = f"{number(rpe['translation']['rmse_m'], 4)} m / {number(rpe['rotation']['rmse_deg'], 4)} deg"
+        rows.append(["RPE, frame to frame", step])
     if result.sequence.truth is None:
         rows.append(["TE / RE", "no ground truth"])
     rows.append(["matches a frame, median", f"{np.median([m.matches for m in result.motions]):.0f}"])

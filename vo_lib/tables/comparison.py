@@ -67,8 +67,7 @@ def read_stored_run(folder: str | Path) -> StoredRun:
     seed, ms = config["settings"]["seed"], float(config["timing"]["ms_per_frame"])
     method, sequence, variant = config["method"], config["sequence"], config["variant"]
     metrics = read_metrics(folder)
-    label = method if variant == "kit" else f"{method}, {variant}"
-    return StoredRun(folder, label, method, variant, seed, sequence, (first, last), poses, metrics, ms)
+    return StoredRun(folder, method, method, variant, seed, sequence, (first, last), poses, metrics, ms)
 
 
 def read_stored_runs(folders: list[str]) -> dict[str, list[StoredRun]]:
@@ -100,7 +99,14 @@ def foreign_run(file: str, like: StoredRun, truth: Array | None) -> StoredRun:
     metrics = {kind: found.to_dict() for kind, found in errors.items()}
     name = Path(file).stem
     return dataclasses.replace(
-        like, folder=Path(file), label=name, method=name, poses=start, metrics=metrics, ms_per_frame=math.nan
+        like,
+        folder=Path(file),
+        label=name,
+        method=name,
+        variant="",
+        poses=start,
+        metrics=metrics,
+        ms_per_frame=math.nan,
     )
 
 
@@ -131,15 +137,12 @@ def comparison_table(name: str, runs: list[StoredRun]) -> ReportTable:
 def common_kind(runs: list[StoredRun]) -> str | None:
     """The errors that all runs have: KITTI's where they make a curve, else those of short paths.
 
-    None where a run has no sub-sequence at all.
+    Where a path is too short for any sub-sequence there are ATE and RPE alone. None without truth.
     """
-    kinds = [
-        kind
-        for kind in KINDS
-        if all(kind in run.metrics and run.metrics[kind]["sequences"][0]["subsequences"] for run in runs)
-    ]
+    there = [kind for kind in KINDS if all(kind in run.metrics for run in runs)]
+    kinds = [kind for kind in there if all(run.metrics[kind]["sequences"][0]["subsequences"] for run in runs)]
     drawn = [kind for kind in kinds if all(len(curve(run, kind, "length")) > 1 for run in runs)]
-    return next(iter(drawn + kinds), None)
+    return next(iter(drawn + kinds + there), None)
 
 
 def curve(run: StoredRun, kind: str, by: str) -> list[tuple[float, float | None, float | None]]:
@@ -152,13 +155,17 @@ def curve(run: StoredRun, kind: str, by: str) -> list[tuple[float, float | None,
     ]
 
 
+def _in_words(run: StoredRun) -> str:
+    return f"{run.method}, {run.variant}" if run.variant == "published" else run.method
+
+
 def distinct(runs: list[StoredRun]) -> list[StoredRun]:
     """The runs with the shortest labels that tell them apart: method, seed, folder."""
     named = runs
     for make in (
-        lambda run: run.method,
-        lambda run: f"{run.method}, seed {run.seed}",
-        lambda run: f"{run.method}, {run.folder}",
+        _in_words,
+        lambda run: f"{_in_words(run)}, seed {run.seed}",
+        lambda run: f"{_in_words(run)}, {run.folder}",
     ):
         named = [dataclasses.replace(run, label=make(run)) for run in runs]
         if len({run.label for run in named}) == len(runs):
