@@ -281,3 +281,23 @@ def test_the_command_itself_starts(tmp_path: Path) -> None:
     )
     assert done.returncode == 2
     assert done.stderr.startswith("vo: error: x: the folder is missing")
+
+
+def test_a_config_gives_the_same_run_again_and_options_go_before_it(bands: Path, tmp_path: Path) -> None:
+    words = ["run", str(bands), "--method", "mesvo_f", "--variant", "published", "--features.blob_cell", "9"]
+    assert main([*words, "--out", str(tmp_path / "a")]) == 0
+    stored = ["run", str(bands), "--config", str(tmp_path / "a" / "config.json")]
+    assert main([*stored, "--out", str(tmp_path / "b")]) == 0
+    a, b = ((tmp_path / name / "poses.txt").read_bytes() for name in "ab")
+    assert a == b
+    assert main([*stored, "--seed", "3", "--out", str(tmp_path / "c")]) == 0
+    saved = json.loads((tmp_path / "c" / "config.json").read_text(encoding="utf-8"))
+    assert (saved["method"], saved["variant"], saved["settings"]["seed"]) == ("mesvo_f", "published", 3)
+    assert saved["settings"]["features"]["blob_cell"] == 9
+
+
+def test_the_model_of_drawn_streets_says_so_on_other_images(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", str(bands), "--detector", "street", "--out", str(tmp_path / "a"), *SMALL]) == 0
+    assert "`street` was trained on drawn streets" in capsys.readouterr().out

@@ -10,8 +10,8 @@ from ..config import METHODS, VARIANTS, preset
 from ..core.errors import DataError
 from ..core.poses import FARTHEST
 from ..data.drawn import cache_folder
-from ..data.sequence import Sequence, available, open_sequence
-from .console import reporting
+from ..data.sequence import SYNTHETIC, Sequence, available, open_sequence
+from .console import reporting, say
 
 BOTH = "both"
 
@@ -74,6 +74,14 @@ def parse_frames(text: str, number: int) -> tuple[int, int]:
         return int(start or 0), int(stop or number)
     except ValueError:
         raise DataError(f"--frames {text!r}: expected A:B, two whole numbers") from None
+
+
+def warn_of_street(detector: str | None, *sequences: Sequence) -> None:
+    """Say that the shipped model knows drawn streets only, where it is to look at other images."""
+    real = [each.name for each in sequences if not each.name.startswith(SYNTHETIC)]
+    if detector == "street" and real:
+        names = ", ".join(real)
+        say(f"warning: `street` was trained on drawn streets; on {names} most of its boxes may be wrong")
 
 
 def add_variant(parser: argparse.ArgumentParser, default: str) -> None:

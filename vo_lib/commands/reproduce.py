@@ -18,7 +18,16 @@ from ..tables.paper import read_paper_table
 from ..tables.reproduce import collect, default_sequences, plan_jobs, split_missing
 from ..tables.table1 import layout_tables
 from ..tables.table_files import TABLE_FILES, write_table_files
-from .common import BOTH, add_cache, add_variant, open_with_bar, parse_lengths, parse_methods, parse_whole
+from .common import (
+    BOTH,
+    add_cache,
+    add_variant,
+    open_with_bar,
+    parse_lengths,
+    parse_methods,
+    parse_whole,
+    warn_of_street,
+)
 from .console import reporting, say, show_report_table
 
 
@@ -70,7 +79,10 @@ def _reproduce(options: argparse.Namespace) -> int:
     asked = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
     names, missing = split_missing(asked)
     with run_folder(options.out, *TABLE_FILES) as folder:
-        sequences = [_labelled(open_with_bar(name, options.cache), options) for name in names]
+        opened = [open_with_bar(name, options.cache) for name in names]
+        if not options.json:
+            warn_of_street(options.detector, *(each for each in opened if each.labels is None))
+        sequences = [_labelled(each, options) for each in opened]
         jobs = plan_jobs(sequences, methods, seeds, folder)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)

@@ -13,7 +13,7 @@ from ..beyond.calibration import read_calibration
 from ..config import Config, DetectorConfig, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
-from ..core.files import claim, require_own, write_result
+from ..core.files import claim, read_json, require_own, write_result
 from ..data.sequence import Sequence
 from ..data.stereo_check import doubts
 from ..detection.label_cache import detected_sequence
@@ -21,7 +21,7 @@ from ..runs.match_cache import CachedMatches, match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
 from ..runs.runner import Run
-from .common import add_method, add_part, add_sequence, add_variant, open_part
+from .common import add_method, add_part, add_sequence, add_variant, open_part, warn_of_street
 from .console import reporting, say, show_run
 from .setting_options import add_option, given
 
@@ -37,6 +37,12 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list` such as kitti/07")
     add_method(parser)
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="config.json of a run: its method, variant and thresholds; those given here go before its own",
+    )
     add_variant(parser, "kit")
     parser.add_argument(
         "--out",
@@ -116,10 +122,23 @@ class SettingsHelp(argparse.Action):
 
 
 def config_from_options(options: argparse.Namespace) -> PublishedConfig:
-    """The preset of the method and variant with the thresholds given on the command line."""
-    config: PublishedConfig = preset(options.method, variant=options.variant)
+    """The preset of method and variant, or a run's settings, with the thresholds of the command line."""
+    config = _stored_config(options) if options.config else preset(options.method, variant=options.variant)
     for name, value in given(options, settings.declared(Config)).items():
         config = change(config, name, value)
+    return config
+
+
+def _stored_config(options: argparse.Namespace) -> PublishedConfig:
+    """The settings of --config; its method and variant become those of the options."""
+    expected = "the settings of a run, as `vo run` writes them"
+    data = read_json(options.config, {"method": str, "settings": {}}, expected)
+    options.method, options.variant = data["method"], data.get("variant", "kit")
+    usual = preset(options.method, variant=options.variant)
+    try:
+        config: PublishedConfig = settings.from_dict(type(usual), data["settings"])
+    except (DataError, TypeError) as error:
+        raise DataError(str(error), options.config) from None
     return config
 
 
@@ -152,6 +171,7 @@ def _run(options: argparse.Namespace) -> int:
         known = read_calibration(options.calibration)
         known.check(sequence.camera)
         sequence = replace(sequence, calibration=known)
+    warn_of_street(options.detector, sequence)
     label = f"{sequence.name}, {options.method}" + (", published" if config.variant == "published" else "")
     with (
         run_folder(options.out, *() if options.fresh else (PICTURE,)) as folder,
