@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from vo_lib.commands.cli import main
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import nearest_rotation, rigid, rotation_from_vector
-from vo_lib.core.poses import read_kitti_poses, read_tum_pair, write_kitti_poses, write_tum
+from vo_lib.core.poses import read_by_time, read_kitti_poses, read_tum, write_kitti_poses, write_tum
 from vo_lib.core.types import Array
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error
 from vo_lib.evaluation.kitti import (
@@ -428,7 +428,7 @@ def test_evo_reads_our_files_as_we_do(tmp_path: Path, seed: int) -> None:
     np.testing.assert_allclose(trajectory.poses_se3, truth, atol=1e-7)
     # And the other way round.
     interface.write_tum_trajectory_file(tmp_path / "evo.txt", trajectory)
-    _, ours = read_tum_pair(tmp_path / "tum.txt", tmp_path / "evo.txt")
+    _, _, (ours,) = read_by_time(tmp_path / "tum.txt", [tmp_path / "evo.txt"], read_tum)
     np.testing.assert_allclose(ours, truth, atol=1e-6)
 
 
@@ -443,18 +443,18 @@ def test_poses_of_two_clocks_go_together_by_time_as_in_evo(tmp_path: Path) -> No
         ("truth", "estimate", (truth, estimate)),
         ("estimate", "truth", (estimate, truth)),
     ):
-        a, b = read_tum_pair(tmp_path / f"{first}.txt", tmp_path / f"{second}.txt")
+        _, a, (b,) = read_by_time(tmp_path / f"{first}.txt", [tmp_path / f"{second}.txt"], read_tum)
         np.testing.assert_allclose(a, at[0][kept], atol=1e-6)
         np.testing.assert_allclose(b, at[1][kept], atol=1e-6)
     write_tum(tmp_path / "later.txt", times + 0.05, estimate)
     with pytest.raises(DataError, match=r"later\.txt: fewer than two times are within 0\.01 s"):
-        read_tum_pair(tmp_path / "truth.txt", tmp_path / "later.txt")
+        read_by_time(tmp_path / "truth.txt", [tmp_path / "later.txt"], read_tum)
     sync = pytest.importorskip("evo.core.sync", reason="evo is not installed")
     interface = pytest.importorskip("evo.tools.file_interface")
     pair = (interface.read_tum_trajectory_file(tmp_path / f"{n}.txt") for n in ("truth", "estimate"))
     theirs = sync.associate_trajectories(*pair)
-    ours = read_tum_pair(tmp_path / "truth.txt", tmp_path / "estimate.txt")
-    for their, our in zip(theirs, ours, strict=True):
+    _, true, (found,) = read_by_time(tmp_path / "truth.txt", [tmp_path / "estimate.txt"], read_tum)
+    for their, our in zip(theirs, (true, found), strict=True):
         np.testing.assert_allclose(their.poses_se3, our, atol=1e-9)
 
 

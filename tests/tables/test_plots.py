@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from vo_lib.tables.plots import (
     METHOD_COLOURS,
     REMOVED,
     TRUTH_COLOUR,
+    Curve,
     error_curves_figure,
     jpeg,
     match_image,
@@ -27,6 +29,7 @@ from vo_lib.tables.plots import (
     trajectories_figure,
     trajectory_figure,
 )
+from vo_lib.tables.table_files import write_curves
 
 
 def test_kept_and_removed_matches_have_their_colours_where_they_are() -> None:
@@ -144,3 +147,12 @@ def test_a_figure_gives_the_same_bytes_each_time() -> None:
     assert pdf(figure) == pdf(same)
     assert pdf(figure).startswith(b"%PDF")
     assert png(figure) == png(same)
+
+
+def test_curves_are_drawn_where_the_points_make_one(tmp_path: Path) -> None:
+    """The benchmark's bins of speed overlap: a drive at one speed lies in three at the most."""
+    points: list[Curve] = [[(10.0 * n, 1.0, 0.5) for n in range(1, many + 1)] for many in range(5)]
+    for many, drawn in ((1, set()), (2, {"length"}), (3, {"length"}), (4, {"length", "speed"})):
+        curves = {by: {"few": points[0], "more": points[many]} for by in ("length", "speed")}
+        assert set(write_curves(tmp_path, "07", "title", curves)) == drawn
+    assert len(list(tmp_path.glob("errors_07_by_*.p[nd][gf]"))) == 4

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import DataError
-from ..core.types import Array
 from ..data.drawn import cache_folder, scene_key
 from ..data.scenes import SCENES
-from ..data.sequence import SYNTHETIC, available, open_sequence
+from ..data.sequence import SYNTHETIC, Sequence, available, open_sequence
 from ..runs.results import run_folder
 from ..tables.comparison import (
     StoredRun,
@@ -24,9 +23,9 @@ from ..tables.comparison import (
     foreign_run,
     read_stored_runs,
 )
-from ..tables.plots import error_curves_figure, trajectories_figure
+from ..tables.plots import trajectories_figure
 from ..tables.reproduce import slug
-from ..tables.table_files import write_figure
+from ..tables.table_files import AXES, write_curves, write_figure
 from .common import add_cache
 from .console import say, show_report_table
 
@@ -54,8 +53,8 @@ def _compare(options: argparse.Namespace) -> int:
         if len(groups) != 1:
             raise DataError(f"{files[0]}: expected runs of one sequence beside a file of poses")
         ((name, runs),) = groups.items()
-        truth = known_truth(runs[0], options.cache)
-        groups = {name: distinct([*runs, *(foreign_run(file, runs[0], truth) for file in files)])}
+        known = with_truth(runs[0], options.cache)
+        groups = {name: distinct([*runs, *(foreign_run(file, runs[0], known) for file in files)])}
     with run_folder(options.out) as folder:
         for name, runs in groups.items():
             _draw(folder, name, runs, options.cache)
@@ -71,19 +70,17 @@ def _compare(options: argparse.Namespace) -> int:
 def _draw(folder: Path, name: str, runs: list[StoredRun], cache: Path | None) -> None:
     """Trajectories of the runs over one sequence and, with truth, their error curves."""
     estimates = {run.label: run.poses for run in runs}
-    panels = {name: (known_truth(runs[0], cache), estimates)}
+    known = with_truth(runs[0], cache)
+    panels = {name: (None if known is None else known.truth, estimates)}
     write_figure(folder, f"trajectory_{slug(name)}", trajectories_figure(panels))
     kind = common_kind(runs)
-    if kind is None:
-        return
-    for by in ("length", "speed"):
-        curves = {run.label: curve(run, kind, by) for run in runs}
-        if any(curves.values()):
-            write_figure(folder, f"errors_{slug(name)}_by_{by}", error_curves_figure(name, by, curves))
+    if kind is not None:
+        curves = {by: {run.label: curve(run, kind, by) for run in runs} for by in AXES}
+        write_curves(folder, slug(name), name, curves)
 
 
-def known_truth(run: StoredRun, cache: Path | None) -> Array | None:
-    """True poses (N, 4, 4) of a run's frames, where its sequence is found without drawing anything."""
+def with_truth(run: StoredRun, cache: Path | None) -> Sequence | None:
+    """A run's frames with their truth, where its sequence is found without drawing anything."""
     folder = available().get(run.sequence)
     scene = run.sequence.removeprefix(SYNTHETIC)
     if run.sequence.startswith(SYNTHETIC) and scene in SCENES:
@@ -93,10 +90,10 @@ def known_truth(run: StoredRun, cache: Path | None) -> Array | None:
     try:
         sequence = open_sequence(folder)
         first, last = (sequence.frames.index(frame) for frame in run.frames)
-        truth = sequence.part(first, last + 1).truth
+        part = sequence.part(first, last + 1)
     except (DataError, ValueError):
         return None
-    return truth if truth is not None and len(truth) == len(run.poses) else None
+    return part if part.truth is not None and len(part) == len(run.poses) else None
 
 
 def _as_json(name: str, run: StoredRun) -> dict[str, Any]:

@@ -28,20 +28,22 @@ from ..runs.results import path_lost
 from ..runs.runner import Run
 from ..tables.report import ReportTable, number
 
+QUICK = 0.7  # seconds; what takes no longer needs no bar
 PAUSE, SPEED_OVER = 0.3, 180.0  # seconds between updates of a bar, and over which it takes its speed
 
 
 @contextmanager
 def reporting(label: str, in_bytes: bool = False) -> Iterator[Report]:
-    """A progress function with a bar on standard error, which appears with its first call."""
+    """A progress function with a bar on standard error, which appears where the work takes longer."""
     count = (DownloadColumn(), TransferSpeedColumn()) if in_bytes else (MofNCompleteColumn(),)
     columns = TextColumn("{task.description}", markup=False), BarColumn(), *count, TimeRemainingColumn()
     bar = Progress(*columns, console=Console(stderr=True), speed_estimate_period=SPEED_OVER)
-    task, last = bar.add_task(label, total=None), -PAUSE
+    task, began, last = bar.add_task(label, total=None), time.monotonic(), -PAUSE
 
     def report(done: int, total: int) -> None:
         nonlocal last
-        bar.start()
+        if time.monotonic() - began >= QUICK:
+            bar.start()
         # Rich knows the last thousand updates: with one a frame, the time left would follow every hiccup.
         if done >= total or time.monotonic() - last >= PAUSE:
             last = time.monotonic()

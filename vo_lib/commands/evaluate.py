@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 from pathlib import Path
 
@@ -17,10 +18,11 @@ from ..runs.results import run_folder
 from ..tables.evaluation_files import POOLED, System, as_csv, as_json, write_pictures
 from ..tables.report import number
 from .common import parse_lengths, parse_whole
-from .console import say, show_table
+from .console import reporting, say, show_table
 
 NO_NAME = ("poses", "poses_tum", "data")  # files that are called alike in every folder
 SEQUENCES_A_TABLE = 4
+STATISTICS = ("rmse", "mean", "median", "max")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -38,8 +40,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plot",
         metavar="DIR",
-        help="draw paths, aligned as --alignment says, the distance from the truth along them, and errors "
-        "by length and speed",
+        help="draw paths, aligned as --alignment says, coloured by the distance from the truth; "
+        "position and angles over time; errors by length and speed",
     )
     parser.add_argument("--out", metavar="DIR", help="write evaluation.json and evaluation.csv")
     parser.add_argument("--lengths", metavar="L,L,…", help="sub-sequence lengths, metres; default 100,…,800")
@@ -81,21 +83,28 @@ def _evaluate(options: argparse.Namespace) -> int:
     labels = _labels(options.names, files)
     names = _distinct([[truth] for truth in options.truth])
     read = [_read(options.format, gt, of_one) for gt, *of_one in zip(options.truth, *files, strict=True)]
+    times = {name: at for name, (at, _, _) in zip(names, read, strict=True) if at is not None}
+    alignment = Alignment(options.alignment)
     systems = []
-    for which, label in enumerate(labels):
-        pairs = [(truth, estimates[which]) for truth, estimates in read]
-        named = [(name, *pair) for name, pair in zip(names, pairs, strict=True)]
-        result = evaluate(named, lengths, step, Alignment(options.alignment), delta)
-        turned = [fit_axes(*pair, lengths, step) for pair in pairs] if options.axes else []
-        systems.append(System(label, pairs, result, turned))
+    with reporting("judging") as report:
+        for which, label in enumerate(labels):
+            pairs = [(truth, estimates[which]) for _, truth, estimates in read]
+            results, turned = [], []
+            for number, (name, pair) in enumerate(zip(names, pairs, strict=True), which * len(names)):
+                report(number, len(labels) * len(names))
+                results.append(evaluate([(name, *pair)], lengths, step, alignment, delta, times))
+                turned += [fit_axes(*pair, lengths, step)] if options.axes else []
+            sequences = tuple(one for result in results for one in result.sequences)
+            whole = dataclasses.replace(results[0], sequences=sequences)
+            systems.append(System(label, pairs, whole, turned, times))
     data = json.dumps(as_json(systems), indent=2, allow_nan=False)
     if options.out is not None:
         with run_folder(options.out, "evaluation.json", "evaluation.csv") as folder:
             write_result(folder / "evaluation.json", data + "\n")
             write_result(folder / "evaluation.csv", as_csv(systems))
     if options.plot is not None:
-        with run_folder(options.plot) as folder:
-            write_pictures(folder, systems)
+        with run_folder(options.plot) as folder, reporting("drawing") as report:
+            write_pictures(folder, systems, report)
     if options.json:
         print(data)
         return 0
@@ -130,11 +139,11 @@ def _distinct(groups: list[list[str]]) -> list[str]:
     return [f"{path}, {number}" for number, path in enumerate(firsts, start=1)]
 
 
-def _read(form: str, truth_file: str, files: list[str]) -> tuple[Array, list[Array]]:
-    """Truth and the estimates of it, (N, 4, 4) each; by time, the poses that all of them have."""
+def _read(form: str, truth_file: str, files: list[str]) -> tuple[Array | None, Array, list[Array]]:
+    """Times, if known, truth and estimates of it, (N, 4, 4) each; by time, what all of them have."""
     if form == "kitti":
         pairs = [read_kitti_pair(truth_file, file) for file in files]
-        return pairs[0][0], [estimate for _, estimate in pairs]
+        return None, pairs[0][0], [estimate for _, estimate in pairs]
     return read_by_time(truth_file, files, {"tum": read_tum, "euroc": read_euroc}[form])
 
 
@@ -156,15 +165,20 @@ def _show(systems: list[System]) -> None:
             name, errors = _name(system, s.name), _pair(s.kitti.te, s.kitti.re)
             everything.append([name, str(s.frames), str(len(s.kitti)), errors])
             ate, rpe = s.ate.to_dict(), s.rpe.to_dict()
-            values = [ate["rmse_m"], rpe["translation"]["rmse_m"], rpe["rotation"]["rmse_deg"]]
-            others.append([name, *(number(value, 4) for value in values)])
+            for kind, of_kind, unit in (
+                ("ATE m", ate, "m"),
+                ("RPE m", rpe["translation"], "m"),
+                ("RPE deg", rpe["rotation"], "deg"),
+            ):
+                values = [of_kind[f"{statistic}_{unit}"] for statistic in STATISTICS]
+                others.append([f"{name} {kind}", *(number(value, 4) for value in values)])
         pooled, mean = system.result.pooled, system.result.mean()
         name = _name(system, "pooled, as the devkit")
         everything.append([name, "", str(len(pooled)), _pair(pooled.te, pooled.re)])
         mean_errors = _pair(mean["te_percent"], mean["re_deg_per_100m"])
         everything.append([_name(system, "plain mean"), "", "", mean_errors])
     show_table("all lengths", ["sequence", "frames", "sub-sequences", "TE / RE"], everything)
-    show_table("ATE and RPE, root mean squares", ["sequence", "ATE m", "RPE m", "RPE deg"], others)
+    show_table("ATE and RPE", ["sequence", *STATISTICS], others)
     alignment, delta = first.sequences[0].ate.alignment, first.sequences[0].rpe.delta
     say(f"ATE {alignment.words}; RPE from frame to frame + {delta}, which needs no alignment")
     if systems[0].turned:
@@ -190,4 +204,4 @@ def _show_axes(systems: list[System]) -> None:
 
 
 def _pair(te: float | None, re: float | None) -> str:
-    return "–" if te is None or re is None else f"{te:.2f} / {re:.2f}"
+    return "–" if te is None or re is None else f"{te:.3f} / {re:.3f}"

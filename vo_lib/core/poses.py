@@ -114,27 +114,16 @@ def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str)
     return times, T
 
 
-def read_tum_pair(
-    truth_path: str | Path, estimate_path: str | Path, tolerance: float = 0.01
-) -> tuple[Array, Array]:
-    """Truth and estimate from two TUM files, (N, 4, 4) each, at the times that both have.
-
-    Each pose of the shorter file goes with the one nearest in time of the other, at most `tolerance` seconds
-    away; poses without a partner are left out. `DataError` where fewer than two go together.
-    """
-    truth, (estimate,) = read_by_time(truth_path, [estimate_path], read_tum, tolerance)
-    return truth, estimate
-
-
 def read_by_time(
     truth_path: str | Path,
     estimate_paths: Sequence[str | Path],
     read_truth: Callable[[str | Path], tuple[Array, Array]],
     tolerance: float = 0.01,
-) -> tuple[Array, list[Array]]:
-    """Truth and estimates of it (TUM, or EuRoC's .csv), (N, 4, 4) each: the poses that all of them have.
+) -> tuple[Array, Array, list[Array]]:
+    """Times (N,), truth and estimates of it (TUM, or EuRoC's .csv), (N, 4, 4) each: what all of them have.
 
-    Times go together as `read_tum_pair` says.
+    Each pose of the shorter file goes with the one nearest in time of the other, at most `tolerance` seconds
+    away; poses without a partner are left out. `DataError` where fewer than two go together.
     """
     times, truth = read_truth(truth_path)
     common, found = np.arange(len(truth)), []
@@ -145,13 +134,14 @@ def read_by_time(
         if len(common) < 2:
             raise DataError(f"fewer than two times are within {tolerance:g} s of one in {truth_path}", path)
         found.append((at_truth, estimate[at]))
-    return truth[common], [estimate[np.searchsorted(at_truth, common)] for at_truth, estimate in found]
+    chosen = [estimate[np.searchsorted(at_truth, common)] for at_truth, estimate in found]
+    return times[common], truth[common], chosen
 
 
 def match_times(
     times_a: Array, times_b: Array, tolerance: float = 0.01
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Places in two increasing lists of times, seconds, that go together, as `read_tum_pair` says."""
+    """Places in two increasing lists of times, seconds, that go together, as `read_by_time` says."""
     few, many = (times_a, times_b) if len(times_a) <= len(times_b) else (times_b, times_a)
     after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
     nearest = after - (np.abs(few - many[after - 1]) <= np.abs(few - many[np.minimum(after, len(many) - 1)]))

@@ -8,9 +8,10 @@ All poses are `T_w_c`, (N, 4, 4), metres. ATE and RPE are in `ate_rpe.py`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ SHORT_LENGTHS = (20.0, 50.0, 100.0)  # metres
 KITTI_LENGTHS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)  # metres
 KITTI_STEP = 10  # frames from one start to the next
 KITTI_SPEEDS = tuple(float(v) for v in range(2, 25, 2))  # bin centres, m/s
-KITTI_FRAME_TIME = 0.1  # seconds, for the speed only
+KITTI_FRAME_TIME = 0.1  # seconds; the devkit knows no other
 KITTI_BIN_MINIMUM = 3  # the devkit draws no point of a curve from fewer sub-sequences
 
 
@@ -135,6 +136,7 @@ def kitti_errors(
     estimate: Array,
     lengths: Sequence[float] = KITTI_LENGTHS,
     step: int = KITTI_STEP,
+    times: Array | None = None,
 ) -> KittiErrors:
     """Errors of all sub-sequences of one sequence, as KITTI's development kit computes them.
 
@@ -149,6 +151,7 @@ def kitti_errors(
     truth, estimate : (N, 4, 4) poses.
     lengths : nominal lengths, metres.
     step : frames between starts.
+    times : (N,) seconds of the frames, for the speed; None: ten frames a second, counted as the devkit does.
 
     Returns
     -------
@@ -169,7 +172,8 @@ def kitti_errors(
     error = motion_error(truth, estimate, first, last)
     single, double = (_sizes(error, length, dtype) for dtype in (np.float32, np.float64))
     t_err, r_err = np.where(np.isin(length, KITTI_LENGTHS), single, double)
-    speed = length / (KITTI_FRAME_TIME * (last - first + 1))
+    taken = KITTI_FRAME_TIME * (last - first + 1) if times is None else times[last] - times[first]
+    speed = length / np.maximum(taken, 1e-9)  # a file of times may say nothing
     return KittiErrors(
         first=first,
         last=last,
@@ -269,8 +273,11 @@ def evaluate(
     step: int = KITTI_STEP,
     alignment: Alignment = Alignment.SE3,
     delta: int = 1,
+    times: Mapping[str, Array] = MappingProxyType({}),
 ) -> Evaluation:
     """KITTI errors, ATE and RPE of (name, truth, estimate) triples, poses (N, 4, 4) each.
+
+    `times` : (N,) seconds of the frames of each name, where they are known.
 
     Raises
     ------
@@ -284,7 +291,7 @@ def evaluate(
                 name=name,
                 frames=len(truth),
                 distance=float(trajectory_distances(truth)[-1]),
-                kitti=kitti_errors(truth, estimate, lengths, step),
+                kitti=kitti_errors(truth, estimate, lengths, step, times.get(name)),
                 ate=absolute_error(truth, estimate, alignment),
                 rpe=relative_error(truth, estimate, delta),
             )

@@ -110,16 +110,20 @@ def run_folder(folder: str | Path, *names: str) -> Iterator[Path]:
 
 def evaluate_run(result: Run) -> dict[str, Evaluation]:
     """Errors of a run with truth, as `evaluate_path` has them; none without."""
-    truth = result.sequence.truth
-    return {} if truth is None else evaluate_path(result.sequence.name, truth, result.poses)
+    return {} if result.sequence.truth is None else evaluate_path(result.sequence, result.poses)
 
 
-def evaluate_path(name: str, truth: Array, poses: Array) -> dict[str, Evaluation]:
-    """Errors of poses (N, 4, 4): "kitti" as the benchmark has it, "short" where the path is short."""
-    pairs = [(name, truth, poses)]
-    errors = {"kitti": evaluate(pairs, KITTI_LENGTHS, KITTI_STEP)}
+def evaluate_path(sequence: Sequence, poses: Array) -> dict[str, Evaluation]:
+    """Errors of poses (N, 4, 4) of a sequence with truth, by kind.
+
+    "kitti" as the benchmark has it, "short" where the path is short; speeds by the sequence's own times.
+    """
+    truth = sequence.truth
+    assert truth is not None
+    pairs, times = [(sequence.name, truth, poses)], {sequence.name: sequence.times}
+    errors = {"kitti": evaluate(pairs, KITTI_LENGTHS, KITTI_STEP, times=times)}
     if trajectory_distances(truth)[-1] < KITTI_LENGTHS[-1]:
-        errors["short"] = evaluate(pairs, SHORT_LENGTHS, 1)
+        errors["short"] = evaluate(pairs, SHORT_LENGTHS, 1, times=times)
     return errors
 
 

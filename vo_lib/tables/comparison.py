@@ -12,6 +12,7 @@ from ..core.errors import DataError
 from ..core.files import NUMBER, fits
 from ..core.poses import from_first, read_kitti_poses
 from ..core.types import Array
+from ..data.sequence import Sequence
 from ..evaluation.kitti import KITTI_BIN_MINIMUM
 from ..runs.results import CONFIG, METRICS, POSES, evaluate_path, read_config, read_metrics, require_unchanged
 from .report import ReportTable, number
@@ -84,17 +85,17 @@ def read_stored_runs(folders: list[str]) -> dict[str, list[StoredRun]]:
     return {name: distinct(group) for name, group in groups.items()}
 
 
-def foreign_run(file: str, like: StoredRun, truth: Array | None) -> StoredRun:
+def foreign_run(file: str, like: StoredRun, sequence: Sequence | None) -> StoredRun:
     """Another system's poses, a file in KITTI's format, as a run over the frames of `like`.
 
-    Raises `DataError` where the truth is not known, or the file does not have a row for each frame.
+    Raises `DataError` where the sequence with its truth is not found, or frames and rows do not go together.
     """
-    if truth is None:
+    if sequence is None:
         raise DataError(f"the truth of {like.sequence} is not found: no errors of", file)
     poses = read_kitti_poses(file)
-    if len(poses) != len(truth):
-        raise DataError(f"has {len(poses)} rows; the runs have {len(truth)} frames", file)
-    errors = evaluate_path(like.sequence, truth, poses)
+    if len(poses) != len(sequence):
+        raise DataError(f"has {len(poses)} rows; the runs have {len(sequence)} frames", file)
+    errors = evaluate_path(sequence, poses)
     start = from_first(poses)
     metrics = {kind: found.to_dict() for kind, found in errors.items()}
     name = Path(file).stem

@@ -26,7 +26,7 @@ class Entry:
     Attributes
     ----------
     sequence, method : names; seeds : (S) seeds that ran.
-    variant : `published` or `kit`; how : front end and mode, in words.
+    variant : `published` or `kit`; how : where matches and motion come from, in words.
     frames : of the sequence as it was run.
     measure : the sub-sequences that TE and RE are taken over.
     results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
@@ -39,7 +39,7 @@ class Entry:
     sequence: str
     method: str
     variant: str
-    how: str
+    how: tuple[str, str]
     seeds: tuple[int, ...]
     frames: int
     measure: Measure
@@ -87,11 +87,6 @@ class Group:
     def words(self) -> str:
         """What the group is, for titles."""
         return f"{'KITTI' if self.kitti else 'other sequences'}, {self.measure.words}"
-
-    @property
-    def how(self) -> list[str]:
-        """Front end and mode that made the numbers, in words; more than one where they differ."""
-        return list(dict.fromkeys(entry.how for entry in self.entries.values()))
 
     def of_method(self, method: str) -> list[Entry]:
         """Entries of a method, in the order of the sequences."""
@@ -144,7 +139,9 @@ def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -
         seeds=tuple(run.config.seed for run in runs),
         frames=len(sequence),
         measure=measure,
-        results=evaluate(pairs, measure.lengths, measure.step).sequences,
+        results=evaluate(
+            pairs, measure.lengths, measure.step, times={sequence.name: sequence.times}
+        ).sequences,
         poses=runs[0].poses,
         truth=sequence.truth,
         labels=sequence.labels is not None,
@@ -153,14 +150,29 @@ def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -
     )
 
 
-def in_words(config: PublishedConfig) -> str:
-    """Front end and mode of a configuration: "blobs and corners; the winning E as it is"."""
+def in_words(config: PublishedConfig) -> tuple[str, str]:
+    """Where the matches and the motion of a configuration come from."""
     kit = isinstance(config, Config)
     matches = "corners followed by Lucas-Kanade" if kit else "blobs and corners matched by their descriptors"
     if config.estimator == "reprojection":
-        return f"{matches}; one fit of the reprojection error"
+        return matches, "one fit of the reprojection error"
     refined = isinstance(config, Config) and config.selection.mode == "refined"
-    return f"{matches}; the winning E {'refined on its inliers' if refined else 'as it is'}"
+    return matches, f"the five-point winner, {'refined on its inliers' if refined else 'as it is'}"
+
+
+def made_by(entries: Iterable[Entry]) -> str:
+    """Where matches and motion of a table come from; where they differ, by which methods."""
+    parts: tuple[dict[str, dict[str, None]], ...] = ({}, {})
+    for entry in entries:
+        for part, words in zip(parts, entry.how, strict=True):
+            part.setdefault(words, {})[entry.method] = None
+    matches, motion = (
+        "; ".join(
+            words if len(part) == 1 else f"{words} ({', '.join(methods)})" for words, methods in part.items()
+        )
+        for part in parts
+    )
+    return f"Matches: {matches}. Motion: {motion}."
 
 
 def back_end_ms(run: Run) -> float:

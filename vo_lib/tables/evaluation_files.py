@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..core.files import csv_text
-from ..core.types import Array
+from ..core.types import Array, Progress
 from ..evaluation.ate_rpe import align
 from ..evaluation.axes import TurnedErrors
 from ..evaluation.kitti import Evaluation, KittiErrors
-from .plots import Curve, error_curves_figure, trajectories_figure
+from .plots import coloured_paths_figure, components_figure, trajectories_figure
 from .report import number
 from .reproduce import slug
-from .table_files import write_figure
+from .table_files import AXES, write_curves, write_figure
 
 HEADING = ["system", "sequence", "length_m", "subsequences", "te_percent", "re_deg_per_100m"]
 HEADING += ["ate_rmse_m", "rpe_rmse_m", "rpe_rmse_deg", "pitch_deg", "yaw_deg", "te_turned", "re_turned"]
@@ -33,12 +34,14 @@ class System:
     label : its name; empty where it is the only one.
     pairs : truth and estimate of each sequence, (N, 4, 4) each, as `result` has them.
     turned : of each sequence, with axes turned; empty where that was not asked for.
+    times : (N,) seconds of the poses of each sequence by name, where the files have them.
     """
 
     label: str
     pairs: list[tuple[Array, Array]]
     result: Evaluation
     turned: list[TurnedErrors]
+    times: Mapping[str, Array]
 
     @property
     def errors(self) -> dict[str, KittiErrors]:
@@ -87,12 +90,17 @@ def as_csv(systems: list[System]) -> str:
     return csv_text(rows)
 
 
-def write_pictures(folder: Path, systems: list[System]) -> None:
-    """Of each sequence the paths, aligned as ATE has them, with the distance along them; error curves.
+def write_pictures(folder: Path, systems: list[System], progress: Progress | None = None) -> None:
+    """Of each sequence three pictures, of each and of all together the error curves.
 
+    trajectory: the paths, aligned as ATE has them, with the distance along them; coloured: these paths,
+    coloured by that distance; components: position and angles over time, from the first pose.
     The systems of a sequence have the same truth.
     """
-    for place, sequence in enumerate(systems[0].result.sequences):
+    results = systems[0].result.sequences
+    for place, sequence in enumerate(results):
+        if progress is not None:
+            progress(place, len(results))
         truth = systems[0].pairs[place][0]
         alignment = sequence.ate.alignment
         # The first camera's axes: seen from above whatever the world's axes are.
@@ -100,15 +108,24 @@ def write_pictures(folder: Path, systems: list[System]) -> None:
         paths = {s.label or ONLY: to_start @ align(*s.pairs[place], alignment)[0] for s in systems}
         words = {s.label or ONLY: _in_words(s, place) for s in systems}
         title = f"{sequence.name}\n{alignment.words}"
-        figure = trajectories_figure({title: (truth, paths)}, words)
-        write_figure(folder, f"trajectory_{slug(sequence.name)}", figure)
+        figures = {
+            "trajectory": trajectories_figure({title: (truth, paths)}, words),
+            "coloured": coloured_paths_figure(title, truth, paths),
+            "components": components_figure(
+                f"{sequence.name}\nfrom the first pose",
+                {"ground truth": truth} | {s.label or ONLY: s.pairs[place][1] for s in systems},
+                systems[0].times.get(sequence.name),
+            ),
+        }
+        for name, figure in figures.items():
+            write_figure(folder, f"{name}_{slug(sequence.name)}", figure)
     for name in systems[0].errors:
-        for by in ("length", "speed"):
-            curves: dict[str, Curve] = {
-                s.label or ONLY: s.errors[name].curve(by, s.result.lengths) for s in systems
-            }
-            if any(curves.values()):
-                write_figure(folder, f"errors_{slug(name)}_by_{by}", error_curves_figure(name, by, curves))
+        curves = {
+            by: {s.label or ONLY: s.errors[name].curve(by, s.result.lengths) for s in systems} for by in AXES
+        }
+        write_curves(folder, slug(name), name, curves)
+    if progress is not None:
+        progress(len(results), len(results))
 
 
 def _in_words(system: System, place: int) -> str:

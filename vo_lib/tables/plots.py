@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -114,6 +115,62 @@ def trajectories_figure(
             draw_drift(figure.add_subplot(rows, columns, row * columns + 2), truth, estimates)
     texts = [(words or {}).get(name, name) for name in labels]
     figure.legend(labels.values(), texts, loc="outside lower center", ncols=1 if words else 2 * columns)
+    return figure
+
+
+def coloured_paths_figure(title: str, truth: Array, paths: Mapping[str, Array]) -> Figure:
+    """Paths (N, 4, 4) from above, one a panel, coloured by the distance from the truth (grey)."""
+    width, height = SMALL_PAGE
+    figure = Figure(figsize=(width * len(paths), height), dpi=160, layout="constrained")
+    figure.suptitle(title, fontsize="medium")
+    axes = figure.subplots(1, len(paths), squeeze=False)[0]
+    off = {name: distance_from_truth(poses, truth) for name, poses in paths.items()}
+    largest = max(float(each.max()) for each in off.values()) or 1.0
+    true = from_first(truth)[:, [0, 2], 3]
+    for axis, (name, poses) in zip(axes, paths.items(), strict=True):
+        axis.plot(*true.T, color="0.75", linewidth=1.0)
+        at = poses[:, [0, 2], 3]
+        lines = LineCollection([*np.stack([at[:-1], at[1:]], axis=1)], cmap="viridis", linewidths=2.5)
+        lines.set_array(off[name][1:])
+        lines.set_clim(0.0, largest)
+        axis.add_collection(lines)
+        axis.autoscale_view()
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.set_title(name)
+        axis.set_xlabel("x, right [m]")
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel("z, forward [m]")
+    figure.colorbar(lines, ax=list(axes), label="distance from the truth [m]", location="bottom", shrink=0.8)
+    return figure
+
+
+def components_figure(title: str, paths: Mapping[str, Array], times: Array | None = None) -> Figure:
+    """Position and angles of named paths (N, 4, 4) from their first pose, over `times` (N,) s or frames.
+
+    The camera's axes are x right, y down, z ahead, and R = R_y(yaw) R_x(pitch) R_z(roll).
+    """
+    width, height = SMALL_PAGE
+    figure = Figure(figsize=(2 * width, height), dpi=160, layout="constrained")
+    figure.suptitle(title, fontsize="medium")
+    axes = figure.subplots(3, 2, sharex=True)
+    widths = np.linspace(1.0 + 0.5 * len(paths), 1.0, len(paths))
+    for number, (name, poses) in enumerate(paths.items()):
+        T = from_first(poses)
+        R = T[:, :3, :3]
+        pitch = np.arcsin(np.clip(-R[:, 1, 2], -1.0, 1.0))
+        roll, yaw = np.arctan2(R[:, 1, 0], R[:, 1, 1]), np.arctan2(R[:, 0, 2], R[:, 2, 2])
+        angles = np.degrees(np.unwrap([roll, pitch, yaw]))
+        at = np.arange(len(T)) if times is None else times - times[0]
+        colour = TRUTH_COLOUR if number == 0 else method_colour(name, number - 1)
+        for axis, values in zip(axes.T.ravel(), [*T[:, :3, 3].T, *angles], strict=True):
+            axis.plot(at, values, color=colour, linewidth=widths[number], label=name)
+    labels = ("x, right [m]", "y, down [m]", "z, forward [m]", "roll [deg]", "pitch [deg]", "yaw [deg]")
+    for axis, label in zip(axes.T.ravel(), labels, strict=True):
+        axis.set_ylabel(label)
+        axis.grid(alpha=0.3)
+    for axis in axes[-1]:
+        axis.set_xlabel("frame" if times is None else "time [s]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 

@@ -8,7 +8,7 @@ from ..core.types import Array
 from ..data.kitti import EXPECTED_FRAMES
 from ..data.sequence import KITTI
 from ..evaluation.kitti import KITTI_MEASURE, pooled
-from .entries import Entry, Group
+from .entries import Entry, Group, made_by
 from .paper import (
     AVERAGE,
     CLAIMS,
@@ -46,8 +46,7 @@ def method_table(entries: list[Entry]) -> ReportTable:
     over = seeds_words(entries)
     notes = [f"TE and RE over sub-sequences of {entries[0].measure.words}, as far as the path goes; {over}."]
     title = f"{entries[0].sequence}, {VARIANT_WORDS[entries[0].variant]}"
-    how = " / ".join(dict.fromkeys(entry.how for entry in entries))
-    return ReportTable(title, METHOD_COLUMNS, rows, [*notes, f"Made by: {how}."])
+    return ReportTable(title, METHOD_COLUMNS, rows, [*notes, made_by(entries)])
 
 
 def layout_tables(group: Group, paper: PaperTable | None = None, narrow: bool = False) -> list[ReportTable]:
@@ -139,7 +138,7 @@ def _cell(ours: Array, printed: float | None, digits: int, comparable: bool) -> 
 
 def _head(group: Group) -> list[str]:
     """What has to be known before a table is read: what made it, and whether there were boxes at all."""
-    head = [*(partial_notes(group) if group.kitti else []), f"Made by: {' / '.join(group.how)}."]
+    head = [*(partial_notes(group) if group.kitti else []), made_by(group.entries.values())]
     without = [name for name in group.sequences if not all(e.labels for e in group.of_sequence(name))]
     if without and any(method in group.methods for method in BOXED):
         head.insert(

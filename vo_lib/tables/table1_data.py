@@ -86,7 +86,7 @@ def _entry_json(entry: Entry, paper: PaperTable | None) -> dict[str, Any]:
     return {
         "sequence": entry.sequence,
         "method": entry.method,
-        "how": entry.how,
+        "how": "; ".join(entry.how),
         "frames": entry.frames,
         "distance_m": first.distance,
         "seeds": list(entry.seeds),

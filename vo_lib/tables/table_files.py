@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +14,21 @@ from ..core.files import write_result
 from ..core.poses import format_kitti_poses
 from ..core.types import Array
 from ..data.sequence import KITTI
+from ..evaluation.kitti import KITTI_MEASURE
 from .entries import Group, group_entries
 from .field_figure import field_figure
 from .paper import PAPER_METHODS, REMARKS, PaperTable
-from .plots import error_curves_figure, pdf, png, trajectories_figure
+from .plots import Curve, error_curves_figure, pdf, png, trajectories_figure
 from .report import Picture, ReportTable, markdown, provenance, render_report
 from .reproduce import Reproduction, slug
-from .table1 import VARIANT_WORDS, layout_tables, length_table, trajectory_table
+from .table1 import NAMED, VARIANT_WORDS, layout_tables, length_table, trajectory_table
 from .table1_data import groups_json, table_csv
 
 FIGURE_4 = (f"{KITTI}02", f"{KITTI}07")
 TABLE_FILES = ("table1.md", "table1.csv", "metrics.json", "report.html")
+# Of the devkit's curves, with the fewest points that make one: its bins of speed overlap, and a drive at one
+# speed lies in two or three of them.
+AXES = {"length": 2, "speed": 4}
 COLOURS = {
     "viso2": "green",
     "mesvo_f": "black",
@@ -69,7 +74,7 @@ def write_table_files(
     write_results(folder, result)
     pictures = [*more, *_trajectories(folder, result), *_curves(folder, groups), *_fields(folder, result)]
     page = render_report(
-        "Table 1 and Figure 4, reproduced",
+        _report_title(groups),
         _introduction(result),
         tables,
         pictures,
@@ -99,6 +104,13 @@ def write_results(folder: Path, result: Reproduction) -> None:
             place = folder / "results" / variant / method
             place.mkdir(parents=True, exist_ok=True)
             write_result(place / f"{slug(sequence.removeprefix(KITTI))}.txt", format_kitti_poses(poses))
+
+
+def _report_title(groups: list[Group]) -> str:
+    if any(group.kitti and group.measure == KITTI_MEASURE for group in groups):
+        return "Table 1 and Figure 4, reproduced"
+    names = list(dict.fromkeys(name for group in groups for name in group.sequences))
+    return "The paper's methods" + (f" on {_listed(names)}" if 0 < len(names) <= NAMED else "")
 
 
 def _introduction(result: Reproduction) -> list[str]:
@@ -162,10 +174,9 @@ def _curves(folder: Path, groups: list[Group]) -> list[Picture]:
         errors = {method: group.sub_sequences(method) for method in group.methods}
         lengths = group.measure.lengths
         kind = f"{group.variant}_{'kitti' if group.kitti else 'others'}"
-        for by in ("length", "speed"):
-            curves = {method: part.curve(by, lengths) for method, part in errors.items()}
-            figure = error_curves_figure(_title(group), by, curves)
-            data = write_figure(folder, f"errors_{kind}_{number}_by_{by}", figure)
+        curves = {by: {m: each.curve(by, lengths) for m, each in errors.items()} for by in AXES}
+        drawn = write_curves(folder, f"{kind}_{number}", _title(group), curves)
+        for by, data in drawn.items():
             caption = (
                 f"{VARIANT_WORDS[group.variant]}: TE and RE by {by} over {', '.join(group.sequences)}; "
                 f"{group.measure.words}; all seeds."
@@ -198,6 +209,20 @@ def write_figure(folder: Path, name: str, figure: Figure) -> bytes:
     write_result(folder / f"{name}.png", data)
     write_result(folder / f"{name}.pdf", pdf(figure))
     return data
+
+
+def write_curves(
+    folder: Path, name: str, title: str, curves: Mapping[str, Mapping[str, Curve]]
+) -> dict[str, bytes]:
+    """Write errors_<name>_by_length and _by_speed as far as they are curves and not single points.
+
+    `curves` : of "length" and of "speed" the points by name. Returns the PNG of each figure written.
+    """
+    return {
+        by: write_figure(folder, f"errors_{name}_by_{by}", error_curves_figure(title, by, points))
+        for by, points in curves.items()
+        if max(map(len, points.values()), default=0) >= AXES[by]
+    }
 
 
 def _listed(words: list[str]) -> str:
