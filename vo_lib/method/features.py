@@ -59,10 +59,10 @@ def describe(image: Image, config: FeatureConfig) -> Described:
         strength.append(values)
     places = np.concatenate(uv)
     sobel = cv2.merge([cv2.Sobel(image, cv2.CV_16S, dx, 1 - dx, ksize=3) for dx in (1, 0)])
-    # Pixels are numbered row by row: one index is faster than two.
-    column, row = (places[:, None].astype(np.intp) + PLACES).transpose(2, 0, 1)
-    read = sobel.reshape(-1, 2)[row * image.shape[1] + column]
-    descriptor = read.reshape(len(places), 2 * len(PLACES)).astype(np.float32)
+    # Pixels are numbered row by row, and the two responses of one are read as one number.
+    steps = np.array([1, image.shape[1]])
+    read = sobel.view(np.int32).ravel().take((places.astype(np.intp) @ steps)[:, None] + PLACES @ steps)
+    descriptor = read.view(np.int16).astype(np.float32)
     return Described(places, np.concatenate(kind), np.concatenate(strength), descriptor)
 
 
