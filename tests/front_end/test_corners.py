@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vo_lib.config import BucketConfig, FeatureConfig
-from vo_lib.front_end import alignment
 from vo_lib.front_end.corners import corner_strength, detect_corners, in_empty_cells
 from vo_lib.method.buckets import select_by_bucket
 
@@ -63,14 +62,6 @@ def test_a_cell_holds_one_corner_and_none_where_one_is_followed() -> None:
     }
 
 
-def test_age_goes_before_strength() -> None:
-    uv = np.array([[10.0, 10.0], [12.0, 12.0], [14.0, 14.0], [80.0, 10.0]])
-    kept = select_by_bucket(
-        uv, np.array([1, 3, 1, 1]), np.array([9.0, 1.0, 5.0, 2.0]), BucketConfig(size=50, features=2)
-    )
-    assert kept.tolist() == [0, 1, 3]
-
-
 @given(st.integers(0, 200), st.integers(1, 5), st.integers(0, 2**31))
 def test_no_bucket_overflows_and_none_is_left_emptier_than_it_could_be(n: int, most: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -86,12 +77,3 @@ def test_no_bucket_overflows_and_none_is_left_emptier_than_it_could_be(n: int, m
         if len(dropped):
             worst = min((age[i], strength[i]) for i in chosen)
             assert all((age[i], strength[i]) <= worst for i in dropped)
-
-
-def test_more_features_than_opencv_maps_at_once_have_the_tiles_of_each_alone() -> None:
-    rng = np.random.default_rng(3)
-    image = rng.integers(0, 256, (60, 80), np.uint8)
-    uv, A = rng.uniform(0.0, 60.0, (40_000, 2)), rng.normal(np.eye(2), 0.1, (40_000, 2, 2))
-    tiles = alignment._bent_tiles(image, uv, A, 5)
-    for some in (slice(0, 9), slice(32_760, 32_775), slice(39_990, 40_000)):
-        np.testing.assert_array_equal(tiles[some], alignment._bent_tiles(image, uv[some], A[some], 5))

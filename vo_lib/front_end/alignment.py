@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.types import Array, Image
+from ..method.matching import track
 
-MOST_ROWS = 32766  # of what cv2.remap makes at once
 # cv2.remap knows places to 1/32 pixel: tiles are centred there, so that their samples are exact.
 GRID = 32
 # A finish that moves a feature farther is no finish, pixels.
@@ -49,25 +49,20 @@ def track_warped(
     # The tile holds the window, wherever it may go, and LK's own border.
     tile = window + 2 * int(np.ceil(FARTHEST)) + 1
     pixel, anchor = np.rint(uv), np.rint(start * GRID) / GRID
-    before, after = _tiles(first, pixel, tile), _bent_tiles(second, anchor, A, tile)
-    gain, offset = brightness_change(before, after)
+    # Every row of a picture is full; what is left of the last one is black.
+    place = np.arange(len(uv) + -len(uv) % COLUMNS)
+    row, column = np.divmod(place[: len(uv)], COLUMNS)
+    centre = np.stack([column, row], axis=1) * float(tile) + tile // 2
+    place %= len(uv)
+    before, after = _tiles(first, pixel[place], tile), _bent_tiles(second, anchor[place], A[place], tile)
+    gain, offset = brightness_change(before[: len(uv)], after[: len(uv)])
     tone = np.clip(np.rint(gain * np.arange(256) + offset), 0, 255).astype(np.uint8)
-    place = np.arange(len(uv))
-    centre = np.stack([place % COLUMNS, place // COLUMNS], axis=1) * tile + tile // 2
-    moved, status, difference = cv2.calcOpticalFlowPyrLK(
-        _side_by_side(before, tile),
-        _side_by_side(np.asarray(cv2.LUT(after, tone), np.uint8), tile),
-        (centre + (uv - pixel)).astype(np.float32),
-        centre.astype(np.float32),
-        winSize=(window, window),
-        maxLevel=0,
-        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 15, 0.01),
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )
-    shift = np.asarray(moved, np.float64).reshape(-1, 2) - centre
-    found = anchor + np.einsum("nij,nj->ni", A, shift)
-    ok = (status.ravel() == 1) & (np.abs(shift).max(axis=1) <= FARTHEST)
-    return np.where(ok[:, None], found, start), np.where(ok, difference.ravel(), np.inf)
+    after = np.asarray(cv2.LUT(after, tone), np.uint8)
+    before[len(uv) :] = after[len(uv) :] = 0
+    pictures = _side_by_side(before, tile), _side_by_side(after, tile)
+    moved, ok, difference = track(*pictures, centre + (uv - pixel), centre, window, FARTHEST, ends=(15, 0.01))
+    found = anchor + np.einsum("nij,nj->ni", A, moved - centre)
+    return np.where(ok[:, None], found, start), difference
 
 
 def brightness_change(before: Tiles, after: Tiles) -> tuple[float, float]:
@@ -80,11 +75,12 @@ def brightness_change(before: Tiles, after: Tiles) -> tuple[float, float]:
     a, b = (cv2.reduce(tiles, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0] for tiles in (before, after))
     kept = np.ones(len(a), np.bool_)
     for _ in range(2):
-        spread = b[kept] - b[kept].mean()
+        x, y = a[kept], b[kept]
+        spread = y - y.mean()
         if spread @ spread < len(a) * FEWEST_LEVELS**2:
             return 1.0, float(np.median(a - b))
-        gain = float(np.clip(spread @ (a[kept] - a[kept].mean()) / (spread @ spread), 0.5, 2.0))
-        offset = float(a[kept].mean() - gain * b[kept].mean())
+        gain = float(np.clip(spread @ (x - x.mean()) / (spread @ spread), 0.5, 2.0))
+        offset = float(x.mean() - gain * y.mean())
         rest = np.abs(a - gain * b - offset)
         # The 80 % quantile; np.quantile itself takes longer than all the rest.
         kept = rest <= np.partition(rest, int(0.8 * len(rest)))[int(0.8 * len(rest))]
@@ -105,17 +101,12 @@ def _bent_tiles(image: Image, uv: Array, A: Array, tile: int) -> Tiles:
     dv, du = np.indices((tile, tile)).reshape(2, -1) - tile // 2
     offset = np.stack([du, dv, np.ones_like(du)]).astype(np.float32)
     u, v = (np.column_stack([A[:, axis], uv[:, axis]]).astype(np.float32) @ offset for axis in (0, 1))
-    bent = np.empty(u.shape, np.uint8)
-    for at in range(0, len(uv), MOST_ROWS):
-        some = slice(at, at + MOST_ROWS)
-        bent[some] = cv2.remap(image, u[some], v[some], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return bent
+    # cv2.remap makes no more than 32766 rows: here one is a row of the picture.
+    u, v = (each.reshape(-1, COLUMNS * tile * tile) for each in (u, v))
+    bent = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(bent.reshape(len(uv), -1), np.uint8)
 
 
 def _side_by_side(tiles: Tiles, tile: int) -> Image:
-    """One picture of N tiles, COLUMNS in a row; what is left of the last row is black."""
-    rows = -(-len(tiles) // COLUMNS)
-    whole = np.zeros((rows * COLUMNS, tile * tile), np.uint8)
-    whole[: len(tiles)] = tiles
-    laid = whole.reshape(rows, COLUMNS, tile, tile).swapaxes(1, 2)
-    return laid.reshape(rows * tile, COLUMNS * tile)
+    """One picture of the tiles, COLUMNS in a row."""
+    return tiles.reshape(-1, COLUMNS, tile, tile).swapaxes(1, 2).reshape(-1, COLUMNS * tile)

@@ -14,11 +14,7 @@ class FeatureConfig(method.FeatureConfig):
 
     cell: int = setting(18, "at most one corner in each square of this size", unit="px", low=10, high=100)
     quality: float = setting(
-        3.0,
-        "smallest corner strength, as contrast; higher: fewer, safer corners",
-        unit="grey levels",
-        low=0,
-        high=50,
+        3.0, "weakest contrast of a corner; higher: fewer, safer corners", unit="grey levels", low=0, high=50
     )
 
 

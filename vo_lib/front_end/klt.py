@@ -14,15 +14,13 @@ from ..core.rows import Rows, joined
 from ..core.types import Array, Image, Mask, Whole
 from ..method.buckets import select_by_bucket
 from ..method.config import BucketConfig
-from ..method.matching import is_stereo
+from ..method.matching import is_stereo, track
 from .config import FeatureConfig, MatchingConfig
 from .corners import corner_strength, detect_corners, in_empty_cells
 from .subpixel import refine_over_time, refine_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
 EXPOSURE = 1.25  # a change of contrast that Lucas-Kanade's windows no longer bear
-# R_cp and t_cp, metres.
-RigidMotion = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -54,11 +52,6 @@ class PreparedPair:
     strength: Array
     disparity: CoarseDisparity
 
-    @property
-    def images(self) -> tuple[Image, Image]:
-        """Left and right image."""
-        return self.left, self.right
-
 
 class LoopMatcher:
     """Corners followed round the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
@@ -74,7 +67,7 @@ class LoopMatcher:
         self.features = features
         self.config = matching
         self._previous: tuple[PreparedPair, _Features] | None = None
-        self._motion: RigidMotion | None = None
+        self._motion: tuple[Array, Array] | None = None  # R_cp and t_cp, metres
         self._next_id = 0
 
     def prepare(self, pair: tuple[Image, Image]) -> PreparedPair:
@@ -90,15 +83,8 @@ class LoopMatcher:
         kept = select_by_bucket(
             matches.cur_left, matches.age, matches.strength, BucketConfig(size=self.features.cell, features=1)
         )
-        followed = matches[kept]
-        known = _Features(
-            followed.cur_left,
-            followed.cur_right,
-            slope[kept],
-            followed.age + 1,
-            followed.strength,
-            followed.id,
-        )
+        on = matches[kept]
+        known = _Features(on.cur_left, on.cur_right, slope[kept], on.age + 1, on.strength, on.id)
         self._previous = (pair, self._add_corners(pair, known))
         return matches
 
@@ -134,71 +120,48 @@ class LoopMatcher:
         guess: tuple[Array, Array],
         levels: int,
     ) -> tuple[StereoMatches, Array]:
-        """Lucas-Kanade finds the left features, coarsely; returns the finished matches, and slopes (N, 2)."""
+        """Finished matches, and slopes (N, 2): Lucas-Kanade finds the left features coarsely, block matching
+        the right ones; then come sub-pixel places and the checks.
+        """
         start = np.flatnonzero(self._inside(guess[0], pair.left) & self._inside(guess[1], pair.right))
-        cur_left, ok = self._track(before.left, pair.left, known.left[start], guess[0][start], levels)
+        # No finer: the finish is what makes a place exact.
+        window, ends = self.config.window, (10, 0.03)
+        cur_left, ok, difference = track(
+            before.left, pair.left, known.left[start], guess[0][start], window, np.inf, levels, ends
+        )
+        ok &= (difference <= self.config.max_difference) & self._inside(cur_left, pair.left)
         over_time, known_depth = _in_right_image(pair.disparity, cur_left)
         ok &= known_depth & is_stereo(cur_left, over_time, self.config)
-        return self._finish(before, pair, known[start[ok]], cur_left[ok], over_time[ok])
-
-    def _finish(
-        self,
-        before: PreparedPair,
-        pair: PreparedPair,
-        seen: _Features,
-        cur_left: Array,
-        over_time: Array,
-    ) -> tuple[StereoMatches, Array]:
-        """Sub-pixel places, and the checks: the loop closes, windows look alike, the surface is known."""
+        seen, images = known[start[ok]], (pair.left, pair.right)
         cur_left, over_time, ok = refine_over_time(
             self.camera,
-            before.images,
-            pair.images,
+            (before.left, before.right),
+            images,
             (seen.left, seen.right),
             seen.slope,
-            (cur_left, over_time),
+            (cur_left[ok], over_time[ok]),
             self._motion or (np.eye(3), np.zeros(3)),
             self.config,
         )
         seen, cur_left, over_time = seen[ok], cur_left[ok], over_time[ok]
-        cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
+        cur_right, slope, ok = refine_stereo(images, pair.disparity, cur_left, over_time, self.config)
         ok &= self._inside(cur_left, pair.left) & self._inside(cur_right, pair.right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
-        seen = seen[ok]
-        matches = StereoMatches(
-            seen.left, seen.right, cur_left[ok], cur_right[ok], seen.age, seen.strength, seen.id
-        )
-        return matches, slope[ok]
+        seen, places = seen[ok], (cur_left[ok], cur_right[ok])
+        return StereoMatches(seen.left, seen.right, *places, seen.age, seen.strength, seen.id), slope[ok]
 
     def _add_corners(self, pair: PreparedPair, known: _Features) -> _Features:
         free = in_empty_cells(pair.corners, known.left, self.features.cell)
         guess, ok = _in_right_image(pair.disparity, pair.corners[free])
         uv, strength, guess = pair.corners[free][ok], pair.strength[free][ok], guess[ok]
-        found, slope, ok = refine_stereo(pair.images, pair.disparity, uv, guess, self.config)
+        images = pair.left, pair.right
+        found, slope, ok = refine_stereo(images, pair.disparity, uv, guess, self.config)
         ok &= self._inside(found, pair.right)
         number = int(np.count_nonzero(ok))
         ids = np.arange(self._next_id, self._next_id + number)
         self._next_id += number
         new = _Features(uv[ok], found[ok], slope[ok], np.ones(number, np.int64), strength[ok], ids)
         return joined([known, new])
-
-    def _track(self, image: Image, target: Image, uv: Array, guess: Array, levels: int) -> tuple[Array, Mask]:
-        if len(uv) == 0:
-            return np.zeros((0, 2)), np.zeros(0, np.bool_)
-        moved, status, difference = cv2.calcOpticalFlowPyrLK(
-            image,
-            target,
-            uv.astype(np.float32),
-            guess.astype(np.float32),
-            winSize=(self.config.window, self.config.window),
-            maxLevel=levels,
-            # No finer: the finish is what makes a place exact.
-            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03),
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        )
-        ok = (status.ravel() == 1) & (difference.ravel() <= self.config.max_difference)
-        found = np.asarray(moved, np.float64).reshape(-1, 2)
-        return found, ok & self._inside(found, target)
 
     def _inside(self, uv: Array, image: Image) -> Mask:
         # NaN (a point behind the camera) compares false.
@@ -225,8 +188,8 @@ def lit_like(image: Image, target: Image) -> Image:
 
 
 def next_motion(
-    camera: StereoCamera, matches: StereoMatches, last: RigidMotion | None
-) -> tuple[RigidMotion | None, int]:
+    camera: StereoCamera, matches: StereoMatches, last: tuple[Array, Array] | None
+) -> tuple[tuple[Array, Array] | None, int]:
     """The motion that matches show, from which the next search starts, and how many of them agree with it.
 
     None from too few of them. The fit starts from the last motion.

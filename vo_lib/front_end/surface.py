@@ -80,7 +80,6 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
     basis = np.stack([np.ones(len(du)), 2.0 * du, 2.0 * dv], axis=1).astype(np.float32)
     products = basis[:, ROW] * basis[:, COLUMN]
     near = known & (np.abs(d) < NEAR_AT_FIRST)
-    plane = np.zeros((3, len(uv)))
     for _ in range(2):
         # The damping keeps the slope of a square with few known pixels small.
         weight = near.astype(np.float32)

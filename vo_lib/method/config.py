@@ -29,11 +29,7 @@ class MatchingConfig(Checked):
     """Matching round the loop of four images (chapter 1)."""
 
     search_radius: int = setting(
-        120,
-        "how far a feature is looked for from where it was in the frame before",
-        unit="px",
-        low=5,
-        high=1000,
+        120, "how far from its last place a feature is looked for", unit="px", low=5, high=1000
     )
     max_disparity: int = setting(
         160, "largest disparity searched in a stereo pair", unit="px", low=16, high=512

@@ -51,19 +51,15 @@ def describe(image: Image, config: FeatureConfig) -> Described:
     """
     # 16-bit integers hold every response exactly, and take half the time of floats.
     responses = [np.asarray(cv2.filter2D(image, cv2.CV_16S, m), np.int16) for m in (BLOB, CORNER)]
-    uv, kind, strength = [], [], []
-    for number, response in enumerate(r for each in responses for r in (each, -each)):
-        places, values = _peaks(response, config)
-        uv.append(places)
-        kind.append(np.full(len(places), number))
-        strength.append(values)
-    places = np.concatenate(uv)
+    found = [_peaks(response, config) for each in responses for response in (each, -each)]
+    places, strength = (np.concatenate(each) for each in zip(*found, strict=True))
+    kind = np.repeat(np.arange(4), [len(uv) for uv, _ in found])
     sobel = cv2.merge([cv2.Sobel(image, cv2.CV_16S, dx, 1 - dx, ksize=3) for dx in (1, 0)])
     # Pixels are numbered row by row, and the two responses of one are read as one number.
     steps = np.array([1, image.shape[1]])
     read = sobel.view(np.int32).ravel().take((places.astype(np.intp) @ steps)[:, None] + PLACES @ steps)
     descriptor = read.view(np.int16).astype(np.float32)
-    return Described(places, np.concatenate(kind), np.concatenate(strength), descriptor)
+    return Described(places, kind, strength, descriptor)
 
 
 def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, Array]:
@@ -89,9 +85,8 @@ def best_matches(query: Described, train: Described, guess: Array, radius: tuple
     (N,) index into `train`; -1 where no feature is near.
     """
     found = np.full(len(query.kind), -1, np.intp)
-    axis = int(
-        radius[1] < radius[0]
-    )  # sorted along that of the smaller radius, what is near stands side by side
+    # Sorted along the axis of the smaller radius, what is near stands side by side.
+    axis = int(radius[1] < radius[0])
     places, others = (uv.T.astype(np.float32) for uv in (guess, train.uv))
     orders = [np.argsort(side[axis], kind="stable") for side in (places, others)]
     for kind in range(4):
@@ -102,11 +97,8 @@ def best_matches(query: Described, train: Described, guess: Array, radius: tuple
             j = np.sort(trains[slice(*np.searchsorted(others[axis, trains], ends))])
             if len(j) == 0:
                 continue
-            near = [
-                np.abs(np.subtract.outer(p[i], o[j])) <= r
-                for p, o, r in zip(places, others, radius, strict=True)
-            ]
-            mask = (near[0] & near[1]).view(np.uint8)
+            u, v = (np.abs(np.subtract.outer(places[k, i], others[k, j])) <= radius[k] for k in (0, 1))
+            mask = (u & v).view(np.uint8)
             _, best = cv2.batchDistance(
                 query.descriptor[i], train.descriptor[j], -1, normType=cv2.NORM_L1, K=1, mask=mask
             )

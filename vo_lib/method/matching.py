@@ -8,6 +8,7 @@ gives whole pixels; Lucas-Kanade then moves each place by a fraction of one.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -21,7 +22,6 @@ from .features import Described, best_matches, describe
 FINISH_REACH = 2.0  # pixels that the sub-pixel finish may move a place
 # (N, 2) pixels in the previous left and right, and in the current left and right image.
 FourPlaces = tuple[Array, Array, Array, Array]
-
 ROWS = 2  # pixels by which whole-pixel rows of a stereo pair may differ
 
 
@@ -80,15 +80,12 @@ class LoopMatcher:
         age, identity = np.ones(number, np.int64), np.full(number, -1, np.int64)
         matches = empty_matches()
         if before is not None:
-            prev_left, prev_right, cur_left, cur_right = close_loop(before, pair, self.config.search_radius)
+            loop = close_loop(before, pair, self.config.search_radius)
+            prev_left, _, cur_left, _ = loop
             age[cur_left] = self._age[prev_left] + 1
             identity[cur_left] = self._id[prev_left]
-            whole = (
-                before.in_left.uv[prev_left],
-                before.in_right.uv[prev_right],
-                pair.in_left.uv[cur_left],
-                pair.in_right.uv[cur_right],
-            )
+            images = before.in_left, before.in_right, pair.in_left, pair.in_right
+            whole = (seen.uv[index] for seen, index in zip(images, loop, strict=True))
             places, ok = finish(before, pair, whole, self.config)
             known = self._age[prev_left], before.in_left.strength[prev_left], self._id[prev_left]
             matches = StereoMatches(*places, *known)[ok]
@@ -122,7 +119,7 @@ def close_loop(before: DescribedPair, pair: DescribedPair, radius: float) -> tup
 
 
 def finish(
-    before: DescribedPair, pair: DescribedPair, whole: FourPlaces, config: MatchingConfig
+    before: DescribedPair, pair: DescribedPair, whole: Iterable[Array], config: MatchingConfig
 ) -> tuple[FourPlaces, Mask]:
     """Sub-pixel places of matches that are known to whole pixels.
 
@@ -139,10 +136,10 @@ def finish(
     Places in the same order, and which of them are good, (N,).
     """
     side, (prev_left, prev_right, cur_left, cur_right) = config.finish_window, whole
-    prev_right, ok = track(before.left, before.right, prev_left, prev_right, side)
-    cur_left, found = track(before.left, pair.left, prev_left, cur_left, side)
-    by_time, seen = track(before.right, pair.right, prev_right, cur_right, side)
-    cur_right, met = track(pair.left, pair.right, cur_left, cur_right, side)
+    prev_right, ok, _ = track(before.left, before.right, prev_left, prev_right, side)
+    cur_left, found, _ = track(before.left, pair.left, prev_left, cur_left, side)
+    by_time, seen, _ = track(before.right, pair.right, prev_right, cur_right, side)
+    cur_right, met, _ = track(pair.left, pair.right, cur_left, cur_right, side)
     ok &= found & seen & met & (np.linalg.norm(cur_right - by_time, axis=1) <= config.loop_tolerance)
     ok &= is_stereo(prev_left, prev_right, config) & is_stereo(cur_left, cur_right, config)
     return (prev_left, prev_right, cur_left, cur_right), ok
@@ -154,24 +151,39 @@ def is_stereo(left: Array, right: Array, config: MatchingConfig) -> Mask:
     return np.asarray((disparity >= config.min_disparity) & (np.abs(row) <= config.row_tolerance))
 
 
-def track(image: Image, target: Image, uv: Array, start: Array, side: int) -> tuple[Array, Mask]:
-    """Lucas-Kanade at full resolution: where windows round `uv` (N, 2) lie in `target`, near `start` (N, 2).
+def track(
+    image: Image,
+    target: Image,
+    uv: Array,
+    start: Array,
+    side: int,
+    reach: float = FINISH_REACH,
+    levels: int = 0,
+    ends: tuple[int, float] = (20, 0.005),
+) -> tuple[Array, Mask, Array]:
+    """Lucas-Kanade: where windows round `uv` (N, 2) of an image lie in `target`, near `start` (N, 2), pixels.
+
+    Parameters
+    ----------
+    side : of a window, and reach : farthest from the start, pixels; levels : of pyramids above the images.
+    ends : after so many steps, or one shorter than so many pixels.
 
     Returns
     -------
-    Pixels (N, 2), and which were found within two pixels of the start, (N,).
+    Pixels (N, 2), which were found (N,), and the mean absolute difference of their windows (N,), grey levels.
     """
     if len(uv) == 0:
-        return start, np.zeros(0, np.bool_)
-    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        return start, np.zeros(0, np.bool_), np.zeros(0)
+    moved, status, difference = cv2.calcOpticalFlowPyrLK(
         image,
         target,
         uv.astype(np.float32),
         start.astype(np.float32),
         winSize=(side, side),
-        maxLevel=0,
-        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005),
+        maxLevel=levels,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, *ends),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     places = np.asarray(moved, np.float64).reshape(-1, 2)
-    return places, (status.ravel() == 1) & (np.abs(places - start).max(axis=1) <= FINISH_REACH)
+    found = (status.ravel() == 1) & (np.abs(places - start).max(axis=1) <= reach)
+    return places, found, np.where(found, difference.ravel(), np.inf)
