@@ -54,11 +54,8 @@ def read_kitti_poses(path: str | Path) -> Array:
     rows, lines = read_rows(path, KITTI_ROW, 12)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, :3] = rows.reshape(-1, 3, 4)
-    wrong = ~is_rotation(T[:, :3, :3])
-    if wrong.any():
-        first = int(np.argmax(wrong))
-        raise DataError(f"the 3×3 part is not a rotation; expected {KITTI_ROW}", path, lines[first])
-    _check_positions(T, lines, path)
+    _refuse(~is_rotation(T[:, :3, :3]), f"the 3×3 part is not a rotation; expected {KITTI_ROW}", path, lines)
+    _refuse(np.abs(T[:, :3, 3]).max(axis=1) > FARTHEST, f"a position beyond {FARTHEST:g} m", path, lines)
     return T
 
 
@@ -99,18 +96,14 @@ def read_euroc(path: str | Path) -> tuple[Array, Array]:
 def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str) -> tuple[Array, Array]:
     """Times and poses of rows (N, 8) in TUM's order, checked."""
     times = rows[:, 0]
-    late = times[1:] <= times[:-1]
-    if late.any():
-        raise DataError("time does not increase", path, lines[int(np.argmax(late)) + 1])
+    _refuse(times[1:] <= times[:-1], "time does not increase", path, lines[1:])
     with np.errstate(over="ignore"):
         wrong = ~(np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1.0) < ROTATION_TOLERANCE)
-    if wrong.any():
-        first = int(np.argmax(wrong))
-        raise DataError(f"the quaternion is not of length 1; expected {expected}", path, lines[first])
+    _refuse(wrong, f"the quaternion is not of length 1; expected {expected}", path, lines)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, :3, :3] = [rotation_from_quaternion(q) for q in rows[:, 4:]]
     T[:, :3, 3] = rows[:, 1:4]
-    _check_positions(T, lines, path)
+    _refuse(np.abs(T[:, :3, 3]).max(axis=1) > FARTHEST, f"a position beyond {FARTHEST:g} m", path, lines)
     return times, T
 
 
@@ -186,10 +179,10 @@ def _check_poses(T: Array) -> None:
         raise ValueError(f"expected finite poses of shape (N, 4, 4), got shape {np.shape(T)}")
 
 
-def _check_positions(T: Array, lines: list[int], path: str | Path) -> None:
-    far = (np.abs(T[:, :3, 3]) > FARTHEST).any(axis=1)
-    if far.any():
-        raise DataError(f"a position beyond {FARTHEST:g} m", path, lines[int(np.argmax(far))])
+def _refuse(wrong: NDArray[np.bool_], message: str, path: str | Path, lines: list[int]) -> None:
+    """`DataError` with the line of the first wrong row, if there is one."""
+    if wrong.any():
+        raise DataError(message, path, lines[int(np.argmax(wrong))])
 
 
 def read_rows(

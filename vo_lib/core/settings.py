@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import types
 import typing
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -49,53 +48,51 @@ class Setting:
     high: float | None
     choices: tuple[str, ...]
 
+    @property
+    def _kinds(self) -> tuple[Any, ...]:
+        """The types that a value, or each of several, may have."""
+        return tuple(kind for kind in typing.get_args(self.kind) or (self.kind,) if kind is not Ellipsis)
+
+    @property
+    def _many(self) -> bool:
+        return typing.get_origin(self.kind) is tuple
+
     def parse(self, raw: str) -> Any:
         """The value of a command-line word; `DataError` says what was expected."""
+        kind, word = self._kinds[0], raw.lower()
         try:
-            if self.kind is bool:
-                return {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}[
-                    raw.lower()
-                ]
-            if typing.get_origin(self.kind) is tuple:
-                item = typing.get_args(self.kind)[0]
-                return tuple(item(word) for word in raw.split(",") if word)
-            if isinstance(self.kind, types.UnionType):
-                return None if raw.lower() == "none" else typing.get_args(self.kind)[0](raw)
-            return self.kind(raw)
+            if kind is bool:
+                return {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}[word]
+            if self._many:
+                return tuple(kind(item) for item in raw.split(",") if item)
+            return None if type(None) in self._kinds and word == "none" else kind(raw)
         except (KeyError, ValueError):
             raise DataError(f"{self.name}: {raw!r} is not {self.describe()}") from None
 
     def check(self, value: Any) -> None:
         """Raise `DataError` unless the value has the declared type, range and choices."""
-        if isinstance(value, tuple) != (typing.get_origin(self.kind) is tuple):
-            raise DataError(f"{self.name}: {value!r} is not {self.describe()}")
         values = value if isinstance(value, tuple) else (value,)
-        kinds: tuple[Any, ...] = (self.kind,)
-        if typing.get_origin(self.kind) is tuple or isinstance(self.kind, types.UnionType):
-            kinds = tuple(k for k in typing.get_args(self.kind) if k is not Ellipsis)
-        for item in values:
-            fits = isinstance(item, kinds) or (float in kinds and isinstance(item, int))
-            if isinstance(item, bool) and bool not in kinds:
-                fits = False
-            if fits and item is not None and not isinstance(item, (str, bool)):
-                fits = item == item  # not NaN
-                fits = fits and (self.low is None or item >= self.low)
-                fits = fits and (self.high is None or item <= self.high)
-            if fits and self.choices:
-                fits = item in self.choices
-            if not fits:
-                raise DataError(f"{self.name}: {item!r} is not {self.describe()}")
+        wrong = [item for item in values if not self._allows(item)]
+        if wrong or isinstance(value, tuple) != self._many:
+            raise DataError(f"{self.name}: {wrong[0] if wrong else value!r} is not {self.describe()}")
+
+    def _allows(self, item: Any) -> bool:
+        if isinstance(item, bool) or not isinstance(item, (int, float)):
+            return type(item) in self._kinds and (not self.choices or item in self.choices)
+        if type(item) not in self._kinds and float not in self._kinds:
+            return False
+        # NaN compares false.
+        return (self.low is None or item >= self.low) and (self.high is None or item <= self.high)
 
     def describe(self) -> str:
         """The values allowed, in words: "a number from 0 to 5 px"."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
-        if self.kind is bool:
+        kind = self._kinds[0]
+        if kind is bool:
             return "on or off"
-        many = typing.get_origin(self.kind) is tuple
-        inner = typing.get_args(self.kind)[0] if many or isinstance(self.kind, types.UnionType) else self.kind
-        noun = {int: "whole number", float: "number"}.get(inner, "text")
-        text = f"a comma-separated list of {noun}s" if many else f"a {noun}"
+        noun = {int: "whole number", float: "number"}.get(kind, "text")
+        text = f"a comma-separated list of {noun}s" if self._many else f"a {noun}"
         if self.low is not None and self.high is not None:
             text += f" from {self.low:g} to {self.high:g}"
         elif self.low is not None:
