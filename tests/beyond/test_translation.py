@@ -10,9 +10,8 @@ from vo_lib.beyond.stereo_points import stereo_points
 from vo_lib.beyond.translation import EliminatedPoints, eliminate_points, robust_start, solve_translation
 from vo_lib.config import TranslationConfig
 from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import rotation_angle, rotation_from_vector
+from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.matches import StereoMatches
-from vo_lib.core.reprojection import fit_motion
 from vo_lib.core.symmetric import FULL
 from vo_lib.core.types import Array
 from vo_lib.method.translation import feature_rows
@@ -155,15 +154,3 @@ def test_far_features_are_left_out_and_none_left_is_said() -> None:
     assert solved is not None
     np.testing.assert_array_equal(np.isinf(solved[1]), X_p[:, 2] > 20.0)
     assert solve_translation(CAMERA, matches[X_p[:, 2] > 20.0], R_CP, config) is None
-
-
-def test_the_reprojection_fit_finds_the_motion_from_far_away_and_with_wrong_matches() -> None:
-    matches, X_p = scene(200, 0.1, 3)
-    cur_left = matches.cur_left.copy()
-    cur_left[:40] += 25.0
-    R, t, residual = fit_motion(
-        CAMERA, X_p, cur_left, matches.cur_right, np.eye(3), np.zeros(3), scale=0.5, iterations=15
-    )
-    assert rotation_angle(R.T @ R_CP) < 3e-4
-    assert np.linalg.norm(t - T_CP) < 0.02
-    assert residual[40:].max() < 2 < residual[:40].min()

@@ -40,30 +40,6 @@ def follow(folder: Path, kind: str) -> list[StereoMatches]:
     return [front_end.step(front_end.prepare(sequence.stereo(i))) for i in range(len(sequence))]
 
 
-def test_a_dot_is_a_blob_and_a_chessboard_crossing_a_corner() -> None:
-    image = np.full((60, 80), 100, np.uint8)
-    image[29:32, 19:22] = 255
-    image[20:30, 50:60] = image[30:40, 60:70] = 200
-    found = describe(image, FeatureConfig(border=6))
-    blobs = found.kind == 0
-    np.testing.assert_array_equal(found.uv[blobs][np.argmax(found.strength[blobs])], [20, 30])
-    corners = found.uv[found.kind >= 2]
-    assert np.min(np.linalg.norm(corners - (60, 30), axis=1)) <= 1.5
-
-
-def test_a_feature_is_matched_with_its_own_kind_nearby() -> None:
-    image = np.random.default_rng(0).integers(0, 255, (80, 120), np.uint8)
-    image = np.asarray(cv2.GaussianBlur(image, (5, 5), 1), np.uint8)
-    moved = np.roll(image, 4, axis=1)
-    a, b = (describe(each, FEATURES) for each in (image, moved))
-    found = best_matches(a, b, a.uv, (8, 8))
-    inner = (found >= 0) & (a.uv[:, 0] < 100)
-    shift = b.uv[found[inner]] - a.uv[inner]
-    assert np.mean(np.all(shift == (4, 0), axis=1)) > 0.9
-    assert np.all(a.kind[inner] == b.kind[found[inner]])
-    assert np.all(best_matches(a, b, np.full_like(a.uv, np.nan), (8, 8)) == -1)
-
-
 @pytest.mark.parametrize("radius", [(8, 8), (30, 2), (2, 30), (200, 200)])
 def test_the_best_match_is_the_least_different_of_all_near_ones(radius: tuple[float, float]) -> None:
     image = np.random.default_rng(1).integers(0, 255, (80, 120), np.uint8)
