@@ -134,13 +134,6 @@ def test_a_set_has_the_same_candidates_alone_and_in_a_batch(motion: Motion) -> N
         np.testing.assert_allclose(distance(alone.E, together), 0.0, atol=1e-8)
 
 
-def test_same_points_same_bytes() -> None:
-    given = problems("planar_forward", 500)
-    first, second = (five_point(given.x_p, given.x_c) for _ in range(2))
-    assert first.E.tobytes() == second.E.tobytes()
-    assert first.set_index.tobytes() == second.set_index.tobytes()
-
-
 def test_no_sets_give_no_candidates() -> None:
     E, index = five_point(np.empty((0, 5, 2)), np.empty((0, 5, 2)))
     assert E.shape == (0, 3, 3)

@@ -13,7 +13,5 @@ class DataError(Exception):
     """
 
     def __init__(self, message: str, path: str | Path | None = None, line: int | None = None):
-        self.path = None if path is None else Path(path)
-        self.line = line
         place = "" if path is None else str(path) + ("" if line is None else f", line {line}") + ": "
         super().__init__(" ".join((place + message).split("\n")))
