@@ -20,6 +20,7 @@ from .corners import corner_strength, detect_corners, in_empty_cells
 from .subpixel import refine_over_time, refine_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
+NOTHING = empty_matches(), np.zeros((0, 2))  # matches, and the slopes (N, 2) of their surfaces
 EXPOSURE = 1.25  # a change of contrast that Lucas-Kanade's windows no longer bear
 
 
@@ -77,9 +78,7 @@ class LoopMatcher:
 
     def step(self, pair: PreparedPair) -> StereoMatches:
         """Matches of the pair before with this one; empty for the first pair."""
-        matches, slope = empty_matches(), np.zeros((0, 2))
-        if self._previous is not None:
-            matches, slope = self._follow(pair)
+        matches, slope = NOTHING if self._previous is None else self._follow(*self._previous, pair)
         kept = select_by_bucket(
             matches.cur_left, matches.age, matches.strength, BucketConfig(size=self.features.cell, features=1)
         )
@@ -88,11 +87,10 @@ class LoopMatcher:
         self._previous = (pair, self._add_corners(pair, known))
         return matches
 
-    def _follow(self, pair: PreparedPair) -> tuple[StereoMatches, Array]:
-        assert self._previous is not None
-        before, known = self._previous
-        found, agree = (empty_matches(), np.zeros((0, 2))), 0
-        last = self._motion
+    def _follow(
+        self, before: PreparedPair, known: _Features, pair: PreparedPair
+    ) -> tuple[StereoMatches, Array]:
+        found, agree, last = NOTHING, 0, self._motion
         if last is not None:
             R, t = last
             X_p = self.camera.triangulate(known.left, known.right)
