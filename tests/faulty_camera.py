@@ -26,12 +26,13 @@ def none(x: Array, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Faults:
-    """Disparities and rows too large by fields of (x, y), both images decentered by p1, p2; pixels."""
+    """Disparities and rows too large by fields of (x, y), both lenses with p1, p2 and k1; pixels."""
 
     disparities: Field = none
     rows: Field = none
     p1: float = 0.0
     p2: float = 0.0
+    k1: float = 0.0
 
 
 # What sequences 00 and 01 of KITTI show, to a first approximation.
@@ -51,8 +52,9 @@ def pair(X: Array, faults: Faults, noise: float, rng: np.random.Generator) -> tu
 
     def seen(x: Array, y: Array) -> tuple[Array, Array]:
         r2 = x * x + y * y
-        u = F * x + CX + faults.p1 * 2 * x * y + faults.p2 * (r2 + 2 * x * x)
-        return u, F * y + CY + faults.p1 * (r2 + 2 * y * y) + faults.p2 * 2 * x * y
+        u = F * x + CX + faults.p1 * 2 * x * y + faults.p2 * (r2 + 2 * x * x) + faults.k1 * r2 * x
+        v = F * y + CY + faults.p1 * (r2 + 2 * y * y) + faults.p2 * 2 * x * y + faults.k1 * r2 * y
+        return u, v
 
     x, y = X[:, 0] / X[:, 2], X[:, 1] / X[:, 2]
     left, right = np.stack(seen(x, y), axis=1), np.stack(seen(x - B / X[:, 2], y), axis=1)

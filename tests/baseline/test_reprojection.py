@@ -251,7 +251,7 @@ def test_a_run_finds_the_disparity_offset_and_steps_get_their_length() -> None:
             assert length > 1.02
         else:
             assert length == pytest.approx(expected, abs=0.01)
-            assert odometry.field.coefficients[0] == pytest.approx(-1.0, abs=0.15)
+            assert odometry.rig.errors[0] == pytest.approx(-1.0, abs=0.15)
 
 
 # libviso2, with features of its own, has 1.44 / 1.17 over 100 m and 1.61 / 1.88 over 50 m on these frames.

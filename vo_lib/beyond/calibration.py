@@ -15,17 +15,9 @@ from ..core.files import NUMBER, read_json
 from ..core.settings import to_dict
 from ..core.types import Array
 from .config import CalibrationConfig
-from .lens import Lens
-from .stereo_field import COLUMNS, FAULTS, ROWS, StereoField, field_at
+from .rig import FAULTS, FIELD, NAMES, SIZE, Rig, field_at
 
-SIZE = len(COLUMNS) + len(ROWS)
-SHAPE = {
-    "camera": {str: NUMBER},
-    "field": {str: NUMBER},
-    "field_covariance": [[NUMBER]],
-    "lens_information": [[NUMBER]],
-    "lens_vector": [NUMBER],
-}
+SHAPE = {"camera": {str: NUMBER}, "errors": {str: NUMBER}, "covariance": [[NUMBER]]}
 ALIKE = 0.01  # share by which focal length and baseline of a camera that is the same may differ
 SAME_VIEW = 0.05  # share of the image by which its size and principal point may
 LARGEST = 30.0  # pixels; no rig that anybody used is so far from its calib.txt
@@ -40,15 +32,12 @@ class Calibration:
     Attributes
     ----------
     camera : whose errors these are.
-    estimate, covariance : (15,) and (15, 15) of the stereo field.
-    lens_information, lens_vector : (3, 3) and (3,) of the lens.
+    estimate, covariance : (18,) and (18, 18), as `Rig` has them.
     """
 
     camera: StereoCamera
     estimate: Array
     covariance: Array
-    lens_information: Array
-    lens_vector: Array
 
     def covariance_on_another_drive(self) -> Array:
         """Covariance where another drive begins: disparities shift, by a pixel between two of one day."""
@@ -60,27 +49,23 @@ class Calibration:
         """`DataError` unless this was learnt with a camera like the one given."""
         require_same_camera(self.camera, camera, "the calibration")
 
-    def in_use(self, config: CalibrationConfig) -> tuple[Array, Array]:
-        """The field's coefficients (15,) and the lens's p1, p2 (2,) that correct matches, pixels."""
-        field, lens = StereoField(self.camera, config), Lens(self.camera, config)
-        field.know(self.estimate, self.covariance)
-        lens.know(self.lens_information, self.lens_vector)
-        return field.coefficients, lens.pixels
+    def in_use(self, config: CalibrationConfig) -> Array:
+        """The errors (18,) that are taken out of matches, pixels."""
+        rig = Rig(self.camera, config)
+        rig.know(self.estimate, self.covariance)
+        return rig.errors
 
     def in_words(self, config: CalibrationConfig) -> str:
         """What these errors do in the image; errors too uncertain to be corrected are left out."""
-        return in_words(*self.in_use(config), self.camera)
+        return in_words(self.in_use(config), self.camera)
 
     def to_json(self) -> str:
         """The file's text; numbers are exact."""
-        names = [f"disparity {term}" for term in COLUMNS] + [f"row {term}" for term in ROWS]
         data = {
             "camera": to_dict(self.camera),
-            "unit": "px, in normalised left positions x, y; left less right",
-            "field": dict(zip(names, self.estimate.tolist(), strict=True)),
-            "field_covariance": self.covariance.tolist(),
-            "lens_information": self.lens_information.tolist(),
-            "lens_vector": self.lens_vector.tolist(),
+            "unit": "px, in normalised left positions x, y; disparities and rows left less right",
+            "errors": dict(zip(NAMES, self.estimate.tolist(), strict=True)),
+            "covariance": self.covariance.tolist(),
         }
         return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -113,14 +98,11 @@ def read_calibration(path: Path) -> Calibration:
             raise ValueError
         known = Calibration(
             camera,
-            _array(list(data["field"].values()), SIZE),
-            _covariance(data["field_covariance"], SIZE),
-            _covariance(data["lens_information"], 3),
-            _array(data["lens_vector"], 3),
+            _array(list(data["errors"].values()), SIZE),
+            _covariance(data["covariance"], SIZE),
         )
         corners = camera.normalise(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) * camera.size).T
-        lens = np.linalg.solve(known.lens_information, known.lens_vector)
-        largest = np.abs([*np.ravel(field_at(known.estimate, *corners)), *camera.f * lens[:2]]).max()
+        largest = np.abs([*np.ravel(field_at(known.estimate, *corners)), *known.estimate[FIELD:]]).max()
     except (ValueError, TypeError, OverflowError, np.linalg.LinAlgError):
         raise DataError(f"expected {expected}", path) from None
     if not largest <= LARGEST:
@@ -143,11 +125,11 @@ def _covariance(values: Any, size: int) -> Array:
     return array
 
 
-def in_words(coefficients: Array, lens: Array, camera: StereoCamera) -> str:
-    """What a field's coefficients (15,) and a lens's p1 and p2 (2,), pixels, do in the image."""
+def in_words(errors: Array, camera: StereoCamera) -> str:
+    """What a rig's errors (18,), pixels, do in the image."""
     u, v = (np.linspace(EDGE, 1.0 - EDGE, 9) * size for size in camera.size)
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-    disparity, row = field_at(coefficients, *camera.normalise(grid).T)
+    disparity, row = field_at(errors, *camera.normalise(grid).T)
     said = []
     if np.abs(disparity).max() >= NOTHING:
         worst, place = _worst(disparity, grid, camera)
@@ -157,8 +139,11 @@ def in_words(coefficients: Array, lens: Array, camera: StereoCamera) -> str:
     if np.abs(row).max() >= NOTHING:
         worst, place = _worst(row, grid, camera)
         said.append(f"rows differ by up to {abs(worst):.1f} px {place}")
-    if lens.any():
-        said.append(f"the lens is decentered, p1 {-lens[0]:+.1f} px and p2 {-lens[1]:+.1f} px")
+    p1, p2, k1 = errors[FIELD:]
+    if p1 or p2:
+        said.append(f"the lens is decentered, p1 {p1:+.1f} px and p2 {p2:+.1f} px")
+    if k1:
+        said.append(f"the lens has a {'pincushion' if k1 > 0 else 'barrel'}, k1 {k1:+.1f} px")
     return "; ".join(said) or "nothing that needs correction"
 
 

@@ -126,7 +126,7 @@ class TranslationConfig(method.TranslationConfig):
 class CalibrationConfig(Checked):
     """What calib.txt leaves of the cameras' errors, found on the way (not in the paper)."""
 
-    estimate: bool = setting(True, "learn field and lens on the way; off: they stay as they are at the start")
+    estimate: bool = setting(True, "learn the rig's errors on the way; off: they stay as at the start")
     scale: float = setting(
         0.5, "pixel residual at which a feature's weight is halved", unit="px", low=0.05, high=20
     )
@@ -140,37 +140,17 @@ class CalibrationConfig(Checked):
         high=1,
     )
     noise_inflation: float = setting(
-        3.0, "the field is learnt as if frames scattered this much more than noise", low=1, high=100
+        3.0, "errors are learnt as if frames scattered this much more than noise", low=1, high=100
     )
     least_change: float = setting(
         0.03, "a smaller change of the disparities does not solve the step again", unit="px", low=0, high=1
     )
-    lens_deviation: float = setting(
-        1.5, "standard deviation of p1 and p2 before the first frame, each", unit="px", low=0.001, high=100
-    )
-    lens_scale: float = setting(
-        3.0,
-        "Sampson distance at which a match's weight for the lens is a quarter, in standard deviations of the "
-        "distances",
-        low=0.5,
-        high=100,
-    )
-    lens_noise_inflation: float = setting(
-        3.0, "the lens is learnt as if frames scattered this much more than noise", low=1, high=1000
-    )
     lens_floor: float = setting(
-        0.5,
+        0.85,
         "standard deviation of what is learnt of the lens that no number of frames mends",
         unit="px",
         low=0,
         high=100,
-    )
-    flow_stretch: float = setting(
-        0.05,
-        "standard deviation of a flow that is too long along u and too short along v, in all frames alike",
-        unit="px",
-        low=0.0001,
-        high=10,
     )
 
 

@@ -25,10 +25,9 @@ from ..method.selection import sampson_inliers
 from .box_filter import BoxFilter, Filtered
 from .calibration import Calibration
 from .config import Config
-from .lens import Lens
 from .moving import AGREES_CHI2, background_noise, point_steps
+from .rig import Rig
 from .selection import choose, motion_of_winner, sample_sets
-from .stereo_field import StereoField
 from .translation import solve_translation
 
 # Sets without an outlier: with 200 in every frame TE and RE are no better.
@@ -45,7 +44,7 @@ class Learning(Odometry):
 
     Attributes
     ----------
-    lens, field : what is known of the cameras' errors.
+    rig : what is known of the cameras' errors.
     filtered : what the box rule did in the last frame.
     vehicle : judges the motions.
     """
@@ -56,12 +55,10 @@ class Learning(Odometry):
         super().__init__(camera, config)
         self.config = config
         self.filtered: Filtered | None = None
-        self.lens = Lens(camera, config.calibration)
-        self.field = StereoField(camera, config.calibration)
+        self.rig = Rig(camera, config.calibration)
         if known is not None:
             known.check(camera)
-            self.field.know(known.estimate, known.covariance_on_another_drive())
-            self.lens.know(known.lens_information, known.lens_vector)
+            self.rig.know(known.estimate, known.covariance_on_another_drive())
         self._on_moving: Mask | None = None
         self._seen = empty_matches()
         self._filter = BoxFilter(camera, config.filter)
@@ -72,8 +69,7 @@ class Learning(Odometry):
     @property
     def calibration(self) -> Calibration:
         """What is known of the cameras' errors now."""
-        field, lens = self.field, self.lens
-        return Calibration(self.camera, field.estimate, field.covariance, lens.information, lens.vector)
+        return Calibration(self.camera, self.rig.estimate, self.rig.covariance)
 
     def start(self, boxes: Boxes) -> None:
         """The first frame: nothing but its boxes is needed."""
@@ -88,12 +84,10 @@ class Learning(Odometry):
         seconds : since the previous frame, 0 where it is not known.
         """
         self._on_moving = on_moving
-        field, lens = self.field, self.lens
         before = self._known()
-        matches = lens.correct(matches)
         if self.config.calibration.estimate:
-            field.learn_rows(matches)
-        self._seen = field.correct(matches)
+            self.rig.learn_rows(matches)
+        self._seen = self.rig.correct(matches)
         motion = super().step(self._seen, boxes)
         assert self.filtered is not None
         motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
@@ -106,17 +100,14 @@ class Learning(Odometry):
         # Nothing is learnt from it, or from one taken back. The last good motion goes on, but not for ever.
         if self.vehicle.taken_back:
             before = self._unsure
-        self.e_prev, self._good, of_field, of_lens = before
-        field.know(*of_field)
-        lens.know(*of_lens)
+        self.e_prev, self._good, *of_rig = before
+        self.rig.know(*of_rig)
         self._last = np.eye(4) if LOST in motion.flags else self._good
         return replace(motion, T_cp=self._last)
 
-    def _known(self) -> tuple[Array | None, Array, tuple[Array, Array], tuple[Array, Array]]:
-        """All that a motion in doubt must not change: prior, last good motion, field and lens."""
-        field, lens = self.field, self.lens
-        state = (field.estimate, field.covariance), (lens.information, lens.vector)
-        return self.e_prev, self._good, *state
+    def _known(self) -> tuple[Array | None, Array, Array, Array]:
+        """All that a motion in doubt must not change: prior, last good motion, the cameras' errors."""
+        return self.e_prev, self._good, self.rig.estimate, self.rig.covariance
 
     def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
         """The matches that the kit's box rule leaves."""
@@ -124,7 +115,7 @@ class Learning(Odometry):
         return matches[self.filtered.keep]
 
     def learn(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> StereoMatches | None:
-        """Learn the field from a frame's motion; matches without what it taught, None if it is little.
+        """Learn the rig from a frame's motion; matches without what it taught, None if it is little.
 
         What boxes removed teaches too where it stands still as the rest does: parked cars are near.
         """
@@ -136,8 +127,8 @@ class Learning(Odometry):
             error = point_steps(self.camera, seen, rigid(R_cp, t_cp)).squared_error(np.zeros(3))
             noise = background_noise(error, used, self.config.filter.moving)
             seen = seen[used | (error < AGREES_CHI2 * noise)]
-        more = self.field.update(seen, R_cp, t_cp)
-        return None if more is None else self.field.correct(matches, more)
+        more = self.rig.update(seen, R_cp, t_cp)
+        return None if more is None else self.rig.correct(matches, more)
 
 
 class KitOdometry(Learning):
@@ -147,7 +138,6 @@ class KitOdometry(Learning):
     """
 
     _dropped = False
-    _direction: Array
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """As the paper's; says where the prior was dropped."""
@@ -187,9 +177,7 @@ class KitOdometry(Learning):
         """The winner refined on its inliers."""
         x_p, x_c = self.points(matches)
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
-        R, self._direction, E, inliers = motion_of_winner(
-            E, x_p, x_c, X_p, self.config.selection, self.camera.f
-        )
+        R, _, E, inliers = motion_of_winner(E, x_p, x_c, X_p, self.config.selection, self.camera.f)
         return Rotation(R, E, inliers)
 
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
@@ -201,8 +189,6 @@ class KitOdometry(Learning):
             return None
         if not self.config.calibration.estimate:
             return solved[0]
-        x_p, x_c = self.points(matches)
-        self.lens.update(x_p, x_c, R_cp, self._direction)
         corrected = self.learn(matches, R_cp, solved[0])
         again = None if corrected is None else solve_translation(self.camera, corrected, R_cp, config)
         self.clock.stage("calibration")
@@ -219,9 +205,6 @@ class KitViso2(Learning, Viso2):
         if found is None or not self.config.calibration.estimate:
             return found
         R_cp, t_cp, inliers = found
-        if median_flow(matches) >= self.config.selection.standstill_flow and np.any(t_cp):
-            x_p, x_c = self.points(matches[inliers])
-            self.lens.update(x_p, x_c, R_cp, t_cp / np.linalg.norm(t_cp))
         corrected = self.learn(matches, R_cp, t_cp)
         if corrected is not None:
             X_p = self.camera.triangulate(corrected.prev_left, corrected.prev_right)

@@ -50,7 +50,7 @@ def _calibrate(options: argparse.Namespace) -> int:
     assert known is not None
     write_result(options.out, known.to_json())
     if options.picture is not None:
-        coefficients, _ = known.in_use(config.calibration)
-        write_result(options.picture, png(field_figure(coefficients, known.camera)))
+        errors = known.in_use(config.calibration)
+        write_result(options.picture, png(field_figure(errors, known.camera)))
     say(f"written to {options.out}")
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..beyond.stereo_field import field_at
+from ..beyond.rig import field_at
 from ..core.camera import StereoCamera
 from ..core.types import Array
 
@@ -13,7 +13,7 @@ LEAST = 0.2  # pixels; the colours span at least this to both sides
 
 
 def field_figure(coefficients: Array, camera: StereoCamera, title: str = "") -> Figure:
-    """Errors of disparities and of rows over the left image, pixels; coefficients (15,) as `StereoField` has.
+    """Errors of disparities and of rows over the left image, pixels; coefficients as `Rig` has them.
 
     White is right, blue too small, red too large; lines are 0.2 px apart.
     """

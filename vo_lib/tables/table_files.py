@@ -190,8 +190,8 @@ def _fields(folder: Path, result: Reproduction) -> list[Picture]:
     """What the kit's way learnt of each sequence's stereo calibration."""
     pictures = []
     for name, calibration in result.calibrations.items():
-        coefficients, _ = calibration.in_use(CalibrationConfig())
-        data = write_figure(folder, f"field_{slug(name)}", field_figure(coefficients, calibration.camera))
+        errors = calibration.in_use(CalibrationConfig())
+        data = write_figure(folder, f"field_{slug(name)}", field_figure(errors, calibration.camera))
         said = calibration.in_words(CalibrationConfig())
         caption = f"{name}, what the kit's way learnt of the stereo calibration: {said}."
         pictures.append(Picture(data, caption, f"Errors of disparities and rows over the image of {name}."))

@@ -10,14 +10,12 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from vo_lib.beyond.calibration import in_words
-from vo_lib.beyond.lens import by_points, decentering_shapes
-from vo_lib.beyond.refinement import distances_and_derivatives
-from vo_lib.beyond.stereo_field import COLUMNS, FAULTS, ROWS, Shape, StereoField, field_at
+from vo_lib.beyond.parallax import parallax_information
+from vo_lib.beyond.rig import COLUMNS, FAULTS, FIELD, ROWS, SIZE, Rig, Shape, field_at
+from vo_lib.beyond.rig import lens_shapes as shapes_of_lens
 from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import CalibrationConfig, TranslationConfig
 from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import essential_from_motion
-from vo_lib.core.sampson import match_terms
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Array, Image
 from vo_lib.data.sequence import Sequence
@@ -49,38 +47,40 @@ _tracks: Memory[list[SimulatedFrame]] = Memory(8)
 
 
 def rig(faults: dict[str, float]) -> Array:
-    """Coefficients (15,) of the field of a rig that has these sizes of `FAULTS`, pixels."""
+    """Errors (18,) of a rig that has these sizes of `FAULTS`, pixels, and perfect lenses."""
 
     def column(shapes: tuple[Shape, Shape, float]) -> list[float]:
         return [shapes[0].get(term, 0.0) for term in COLUMNS] + [shapes[1].get(term, 0.0) for term in ROWS]
 
-    return np.asarray(list(faults.values()) @ np.array([column(FAULTS[name]) for name in faults]))
+    field = list(faults.values()) @ np.array([column(FAULTS[name]) for name in faults])
+    return np.append(field, np.zeros(SIZE - FIELD))
 
 
 def learn(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = COLUMNS
-) -> tuple[StereoField, dict[str, Array]]:
-    """Spoil matches by a field (15,) and learn it from frame to frame, of the disparities only these terms.
+) -> tuple[Rig, dict[str, Array]]:
+    """Spoil matches by errors (18,) and learn them from frame to frame, of the disparities only these terms.
 
-    Returns the field, and the steps' lengths (N,) as shares of the true ones, "as measured" and "corrected".
+    Returns what is known of the rig, and the steps' lengths (N,) as shares of the true ones, "as measured"
+    and "corrected".
     """
-    field = StereoField(camera, CalibrationConfig(drift=0.0))
+    known = Rig(camera, CalibrationConfig(drift=0.0))
     if terms != COLUMNS:  # the others are known to be zero, and the rows, learnt apart, tell nothing of them
-        free = np.isin([*COLUMNS, *[terms[0]] * len(ROWS)], terms)
-        field.know(field.estimate, np.diag(np.diag(field.covariance) * np.where(free, 1.0, 1e-8)))
+        free = np.isin([*COLUMNS, *[terms[0]] * (SIZE - len(COLUMNS))], terms)
+        known.know(known.estimate, np.diag(np.diag(known.covariance) * np.where(free, 1.0, 1e-8)))
     shares: dict[str, list[float]] = {"as measured": [], "corrected": []}
     for frame in tracks:
         R_cp, t_cp = frame.T_cp[:3, :3], frame.T_cp[:3, 3]
         length = float(np.linalg.norm(t_cp))
-        spoiled = field.correct(frame.matches, -true)
-        field.learn_rows(spoiled)
-        corrected = field.correct(spoiled)
+        spoiled = known.correct(frame.matches, -true)
+        known.learn_rows(spoiled)
+        corrected = known.correct(spoiled)
         for name, matches in zip(shares, (spoiled, corrected), strict=True):
             solved = solve_translation(camera, matches, R_cp, TranslationConfig())
             t_cp = t_cp if solved is None else solved[0]
             shares[name].append(float(np.linalg.norm(t_cp)) / length if length > REST else np.nan)
-        field.update(corrected, R_cp, t_cp)
-    return field, {name: np.array(values) for name, values in shares.items()}
+        known.update(corrected, R_cp, t_cp)
+    return known, {name: np.array(values) for name, values in shares.items()}
 
 
 def too_long(shares: Array) -> float:
@@ -91,23 +91,26 @@ def too_long(shares: Array) -> float:
 
 def lens_shapes(points: Array) -> Array:
     """How p1, p2, k1 and the principal point along u and v move normalised points (N, 2): (5, 2, N)."""
-    x, one = points.T, np.ones(len(points))
-    others = np.array([x * np.sum(x * x, axis=0), [one, 0 * one], [0 * one, one]])
-    return np.concatenate([decentering_shapes(points), others])
+    one = np.ones(len(points))
+    return np.concatenate([shapes_of_lens(points.T), [[one, 0 * one], [0 * one, one]]])
 
 
-def lens_deviations(camera: StereoCamera, tracks: list[SimulatedFrame], noise: float) -> Array:
-    """How well epipolar lines tell `lens_shapes`, each alone, every motion free: deviations (5,), pixels."""
-    information = np.zeros(5)
+def lens_deviations(camera: StereoCamera, tracks: list[SimulatedFrame]) -> Array:
+    """How well epipolar lines tell `lens_shapes`, each alone, every motion free: deviations (5,), pixels.
+
+    Matches without noise count as known to a tenth of a pixel.
+    """
+
+    def effects(x: Array, disparity: Array) -> Array:
+        return np.concatenate([lens_shapes(x.T), np.zeros((5, 1, len(disparity)))], axis=1)
+
+    information = np.full(5, 1e-12)
     for frame in tracks:
-        R_cp, t_cp = frame.T_cp[:3, :3], frame.T_cp[:3, 3] / np.linalg.norm(frame.T_cp[:3, 3])
-        x_p, x_c = (camera.normalise(uv) for uv in (frame.matches.prev_left, frame.matches.cur_left))
-        r, by_motion = distances_and_derivatives(R_cp, t_cp, match_terms(x_p, x_c))
-        by_p, by_c = by_points(essential_from_motion(R_cp, t_cp), x_p, x_c, r)
-        by_lens = np.sum(by_p * lens_shapes(x_p) + by_c * lens_shapes(x_c), axis=1)
-        explained = by_motion.T @ np.linalg.lstsq(by_motion.T, by_lens.T, rcond=None)[0]
-        information += np.sum((by_lens.T - explained) ** 2, axis=0)
-    return np.asarray(noise / np.sqrt(information))
+        R_cp, t_cp = frame.T_cp[:3, :3], frame.T_cp[:3, 3]
+        found = parallax_information(camera, frame.matches, R_cp, t_cp, effects, 1.0, stereo=False)
+        if found is not None:
+            information += np.diag(found[0])
+    return np.asarray(1.0 / np.sqrt(information))
 
 
 def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
@@ -117,7 +120,7 @@ def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
 
 
 def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> Image:
-    """Fields (15,) over an image, side by side, disparities above rows; red is too large, blue too small."""
+    """Fields of errors (18,) over an image, side by side, disparities above rows; red is too large, blue too small."""
     grid = image_grid(camera, 41, 13).T
     errors = {name: field_at(c, *grid).reshape(2, 13, 41) for name, c in fields.items()}
     limit = room(max(float(np.abs(error).max()) for error in errors.values()), least=0.1)
@@ -181,8 +184,8 @@ class CalibrationPanel(Panel):
     def draw(self, state: State) -> Drawing:
         camera, (*sizes, terms) = state.sequence.camera, astuple(state.view)
         true = rig(dict(zip(KITTI_01, sizes, strict=True)))
-        field, lengths = learn(camera, tracks_of(state.sequence, state.frame), true, TERMS[terms])
-        found, image = field.coefficients, stereo(state.sequence, state.frame)[0]
+        known, lengths = learn(camera, tracks_of(state.sequence, state.frame), true, TERMS[terms])
+        found, image = known.errors, stereo(state.sequence, state.frame)[0]
         maps = field_maps(image, camera, {"the rig's": true, "learnt": found})
         left = np.abs(field_at(true - found, *image_grid(camera).T)).max(axis=1)
         facts = (
@@ -190,7 +193,7 @@ class CalibrationPanel(Panel):
             Fact("disparities still wrong by up to", float(left[0]), "px", 2),
             Fact("rows still wrong by up to", float(left[1]), "px", 2),
         )
-        sentence = f"Learnt in {len(lengths['corrected'])} frames: {in_words(found, np.zeros(2), camera)}."
+        sentence = f"Learnt in {len(lengths['corrected'])} frames: {in_words(found, camera)}."
         return Drawing(stack([maps, lengths_figure(lengths, CHART_HEIGHT)], self.height), sentence, facts)
 
 

@@ -1,0 +1,201 @@
+"""Chapters 3 and 4, beyond the paper: what calib.txt leaves of a rig's errors, learnt from the images.
+
+In a rectified pair both images of a point lie on one row, and the columns differ by f b / Z. In a real pair
+both are off by a smooth field over the image, of some tenths of a pixel: far points seem too far, or near,
+and steps come out too long, on the KITTI highway by 5 %. The field is a polynomial for the disparities and
+one for the rows, in the normalised left position x, y. They belong together, for each fault of a rig has a
+shape in both (`FAULTS`). Too few terms are worse than none: the rest of the field ends up in the constant,
+which decides the length of the steps.
+
+Both lenses have errors of their own, taken to be alike: Brown's decentering and pincushion, r² = x² + y²,
+
+    (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   k1 r² (x, y).
+
+Stereo matches show the rows at once, and with them roll and focal length, which a moving camera cannot tell
+from a longer step. The other terms are learnt from the motion: disparities must agree with parallax, which
+tells the field and the pincushion, and flow with epipolar lines, which tells the decentering. One frame knows
+little of that; a Kalman filter carries everything along.
+
+Noise would do harm where a rig is good. So what is in use is shrunk as empirical Bayes asks: the part of a
+square that its own variance explains is taken for noise (James and Stein 1961, positive part).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ..core.camera import StereoCamera
+from ..core.geometry import NORMAL
+from ..core.matches import StereoMatches
+from ..core.types import Array
+from .config import CalibrationConfig
+from .parallax import FINEST, parallax_information
+
+Shape = dict[str, float]
+
+COLUMNS = ("1", "x", "y", "x²", "xy", "y²", "x³", "x²y", "x⁴")
+ROWS = COLUMNS[:6]
+LENS = {"p1": 1.5, "p2": 1.5, "k1": 10.0}  # and how large each may be, pixels
+EXPONENTS = np.array([(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (4, 0)]).T
+N, FIELD = len(COLUMNS), len(COLUMNS) + len(ROWS)
+NAMES = (*(f"disparity {term}" for term in COLUMNS), *(f"row {term}" for term in ROWS), *LENS)
+SIZE = len(NAMES)
+BY_STEREO, BY_FLOW = [*range(N), SIZE - 1], [FIELD, FIELD + 1]
+# What may be wrong with one camera against the other: its shape in the columns, in the rows, and how large it
+# may be, pixels (standard deviation before the first frame). To first order a yaw is a shift along the rows
+# and a tilt about the vertical; decentering is a tilt of three times its size and what is left here.
+FAULTS: dict[str, tuple[Shape, Shape, float]] = {
+    "shift along the rows": ({"1": 1}, {}, 1.5),
+    "shift across the rows": ({}, {"1": 1}, 3.0),
+    "roll": ({"y": 1}, {"x": -1}, 1.0),
+    "focal length": ({"x": 1}, {"y": 1}, 1.0),
+    "tilt about the vertical": ({"x²": 1}, {"xy": 1}, 5.0),
+    "tilt about the horizontal": ({"xy": 1}, {"y²": 1}, 1.0),
+    "decentering along the rows": ({"y²": 1}, {"xy": -1}, 5.0),
+    "decentering across the rows": ({"xy": -1}, {"x²": 1}, 1.0),
+}
+# What an undistortion by other polynomials leaves has no shape of its own.
+LEFT = {"x²": 1.0, "xy": 0.2, "y²": 1.5, "x³": 0.5, "x²y": 1.0, "x⁴": 4.0}
+FAULTS |= {f"columns, {term}": ({term: 1}, {}, deviation) for term, deviation in LEFT.items()}
+FAULTS |= {f"rows, {term}": ({}, {term: 1}, 0.5) for term in ("x²", "xy", "y²")}
+STIFF = 0.01  # pixels; what no fault explains, in each coefficient of the field
+
+STEPS = 4  # re-weightings of the rows
+FARTHEST = 3.0  # standard deviations; a frame that asks for a larger change is cut to it
+
+
+class Rig:
+    """The errors of a stereo camera, from frame to frame: what is measured less what is true.
+
+    Attributes
+    ----------
+    estimate : (18,) coefficients, pixels, in the order of `NAMES`; rows and disparities are left less right.
+    covariance : (18, 18) of the estimate.
+    errors : (18,) those in use. Of the lens each is shrunk by itself, and is zero while the frames know less
+        of it than was known before them: crawling in a jam says little, but always the same. The field is
+        what would be known were this lens the true one, shrunk as a whole.
+    """
+
+    def __init__(self, camera: StereoCamera, config: CalibrationConfig):
+        self.camera = camera
+        self.config = config
+        self._prior = prior_covariance()
+        self.know(np.zeros(SIZE), self._prior)
+
+    def correct(self, matches: StereoMatches, errors: Array | None = None) -> StereoMatches:
+        """Matches without these errors (18,). Of the field the right positions move: no image tells which."""
+        errors = self.errors if errors is None else errors
+        if not errors.any():
+            return matches
+        prev_left, prev_right = self._without(errors, matches.prev_left, matches.prev_right)
+        cur_left, cur_right = self._without(errors, matches.cur_left, matches.cur_right)
+        return dataclasses.replace(
+            matches, prev_left=prev_left, prev_right=prev_right, cur_left=cur_left, cur_right=cur_right
+        )
+
+    def _without(self, errors: Array, left: Array, right: Array) -> tuple[Array, Array]:
+        true = left, right
+        for _ in range(2):  # the errors are those of the true places
+            added = effects(self.camera, self.camera.normalise(true[0]).T, (true[0] - true[1])[:, 0])
+            u, v, disparity, row = np.tensordot(errors, added, 1)
+            true = left - np.stack([u, v], axis=1), right - np.stack([u - disparity, v - row], axis=1)
+        return true
+
+    def learn_rows(self, matches: StereoMatches) -> None:
+        """Learn from the rows of a frame's stereo matches, as they were measured; Cauchy weights."""
+        if len(matches) == 0:
+            return
+        left, right = self._without(self.errors, matches.cur_left, matches.cur_right)
+        A = effects(self.camera, self.camera.normalise(left).T, (left - right)[:, 0])[:, 3]
+        difference = (matches.cur_left - matches.cur_right)[:, 1] - self.errors[FIELD:] @ A[FIELD:]
+        A[FIELD:] = 0.0
+        known = np.linalg.inv(self.covariance + self.config.drift**2 * self._prior)
+        start, estimate = known @ self.estimate, self.estimate
+        for _ in range(STEPS):
+            residual = difference - estimate @ A
+            noise = max(NORMAL**2 * float(np.median(residual**2)), FINEST**2)
+            weighted = A / (1.0 + (residual / self.config.row_scale) ** 2)
+            weighted /= noise * self.config.noise_inflation**2
+            information = known + weighted @ A.T
+            estimate = np.asarray(np.linalg.solve(information, start + weighted @ difference))
+        self.know(estimate, np.asarray(np.linalg.inv(information)))
+
+    def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> Array | None:
+        """Learn from a frame's corrected matches and motion; the change (18,), None if it is little."""
+        information, vector = np.zeros((SIZE, SIZE)), np.zeros(SIZE)
+        for terms, stereo in ((BY_STEREO, True), (BY_FLOW, False)):
+
+            def added(x: Array, disparity: Array, terms: list[int] = terms) -> Array:
+                return effects(self.camera, x, disparity)[terms, :3]
+
+            found = parallax_information(self.camera, matches, R_cp, t_cp, added, self.config.scale, stereo)
+            if found is None:
+                return None
+            information[np.ix_(terms, terms)], vector[terms] = found
+        information /= self.config.noise_inflation**2
+        vector /= self.config.noise_inflation**2
+        in_use, known = self.errors, np.linalg.inv(self.covariance)
+        # What corrected the matches is what is in use, not the estimate.
+        vector -= information @ (self.estimate - in_use)
+        change = np.linalg.solve(known + information, vector)
+        change *= min(1.0, FARTHEST / max(float(np.sqrt(change @ known @ change)), 1e-12))
+        self.know(self.estimate + change, np.asarray(np.linalg.inv(known + information)))
+        more = self.errors - in_use
+        more[N:FIELD] = 0.0  # of the rows only their own measurements count in this frame
+        size = np.sqrt(np.mean(field_at(more, *self.camera.normalise(matches.cur_left).T) ** 2))
+        return None if size < self.config.least_change else more
+
+    def know(self, estimate: Array, covariance: Array) -> None:
+        """From now on this is known: an estimate (18,) and its covariance (18, 18)."""
+        self.estimate, self.covariance = estimate, covariance
+        lens, variance, prior = estimate[FIELD:], np.diag(covariance)[FIELD:], np.array([*LENS.values()])
+        share = 1.0 - (variance + self.config.lens_floor**2) / np.maximum(lens**2, 1e-12)
+        in_use = lens * np.where(variance <= 0.5 * prior**2, np.maximum(0.0, share), 0.0)
+        gain = np.linalg.solve(covariance[FIELD:, FIELD:], covariance[FIELD:, :FIELD]).T
+        field = estimate[:FIELD] + gain @ (in_use - lens)
+        spread = covariance[:FIELD, :FIELD] - gain @ covariance[FIELD:, :FIELD]
+        squared = float(field @ np.linalg.solve(spread, field))
+        self.errors = np.append(field * max(0.0, 1.0 - FIELD / max(squared, 1e-12)), in_use)
+
+
+def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
+    """What coefficients of size 1 add to u and v on the left, to disparity and row, (18, 4, N), pixels.
+
+    x : (2, N) normalised left positions; disparity : (N,) pixels.
+    """
+    added, terms = np.zeros((SIZE, 4, len(disparity))), powers(*x)
+    added[:N, 2], added[N:FIELD, 3] = terms, terms[: len(ROWS)]
+    added[FIELD:, :2] = lens_shapes(x)
+    right = x - np.stack([disparity / camera.f, np.zeros_like(disparity)])
+    added[FIELD:, 2:] = added[FIELD:, :2] - lens_shapes(right)
+    return added
+
+
+def field_at(errors: Array, x: Array, y: Array) -> Array:
+    """The field's errors (2, N) of disparity and row, pixels, at normalised left positions x, y (N,)."""
+    terms = powers(x, y)
+    return np.stack([errors[:N] @ terms, errors[N:FIELD] @ terms[: len(ROWS)]])
+
+
+def powers(x: Array, y: Array) -> Array:
+    """The terms of `COLUMNS` at normalised positions x, y (N,), (9, N); the first six are those of `ROWS`."""
+    xs, ys = (np.stack([np.ones_like(a), a, a * a, a**3, (a * a) ** 2]) for a in (x, y))
+    return np.asarray(xs[EXPONENTS[0]] * ys[EXPONENTS[1]])
+
+
+def lens_shapes(points: Array) -> Array:
+    """How the terms of `LENS`, each of size 1, move normalised points (2, N): (3, 2, N)."""
+    x, y = points
+    r2, xy = x * x + y * y, 2.0 * x * y
+    return np.array([[xy, r2 + 2.0 * y * y], [r2 + 2.0 * x * x, xy], [r2 * x, r2 * y]])
+
+
+def prior_covariance() -> Array:
+    """Covariance (18, 18) of the coefficients before the first frame: all `FAULTS`, each of random size."""
+    covariance = np.diag([STIFF] * FIELD + list(LENS.values())) ** 2
+    for columns, rows, deviation in FAULTS.values():
+        shape = np.array([columns.get(k, 0.0) for k in COLUMNS] + [rows.get(k, 0.0) for k in ROWS])
+        covariance[:FIELD, :FIELD] += deviation**2 * np.outer(shape, shape)
+    return covariance
