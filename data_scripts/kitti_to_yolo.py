@@ -4,7 +4,7 @@ examples:
   vo data kitti_to_yolo object kitti/training data/cars --mapping train_mapping.txt --order train_rand.txt
   vo data kitti_to_yolo tracking kitti/training data/cars --drive 0000=2011_09_26_drive_0005
 
-Car and Van become car, Truck truck, Tram train; Misc and DontCare are neither object nor background. Images
+Car and Van become car, Truck truck, Tram train; all else has no label. Images
 of the raw drives behind the odometry sequences 00-10 are left out, and images of unknown origin are refused:
 a detector that learnt the images it is tested on makes the errors look smaller than they are. The object
 development kit's mapping folder holds the two files that tell each object image's drive.
@@ -45,8 +45,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--valid", type=share, default=0.15, metavar="X", help="share to validate, default 0.15"
     )
-    parser.add_argument("--seed", default="0", help="of the choice of these, default 0")
-    parser.add_argument("--allow-evaluated", action="store_true", help="take evaluated, unknown drives too")
+    parser.add_argument("--seed", default="0", metavar="N", help="of the choice of these, default 0")
+    parser.add_argument(
+        "--allow-evaluated", action="store_true", help="take evaluated and unknown drives too"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

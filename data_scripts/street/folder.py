@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vo_lib.core.camera import StereoCamera
+from vo_lib.core.errors import DataError
 from vo_lib.core.settings import from_dict, to_dict
 from vo_lib.core.types import Progress
 from vo_lib.data.scenes import SceneConfig
@@ -46,7 +47,10 @@ def write_scene(
     try:
         world = make_world(config)
         _write_tables(world, folder)
-        wanted = frames or range(len(world.drive.times))
+        whole = range(len(world.drive.times))
+        wanted = whole if frames is None else frames
+        if not 0 <= wanted.start < wanted.stop <= len(whole):
+            raise DataError(f"--frames {wanted.start}:{wanted.stop}: the scene has 0:{len(whole)}")
 
         def report() -> None:
             if progress:

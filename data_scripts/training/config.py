@@ -17,9 +17,9 @@ class DetectionSetConfig(Checked):
     test_seeds: int = setting(2, "seeds of each named scene kept for the test", low=1, high=100)
     frames: int = setting(24, "images taken from a street, far apart", low=1, high=1000)
     min_pixels: int = setting(
-        40, "a vehicle with fewer visible pixels is ignored", unit="px", low=1, high=10_000
+        40, "a vehicle with fewer visible pixels has no label", unit="px", low=1, high=10_000
     )
-    min_height: int = setting(8, "a vehicle lower than this is ignored", unit="px", low=1, high=200)
+    min_height: int = setting(8, "a vehicle lower than this has no label", unit="px", low=1, high=200)
     min_share: float = setting(
-        0.2, "a vehicle seen by a smaller share of its outline is ignored", low=0, high=1
+        0.2, "a vehicle seen by a smaller share of its outline has no label", low=0, high=1
     )

@@ -115,14 +115,11 @@ def draw_street(street: Street, folder: Path, config: DetectionSetConfig) -> int
         light = smear(world, frame, view, right=False)
         image = expose(light, street.scene, float(exposure[frame]), frame, right=False)
         seen = visible_boxes(world, frame, view, config.min_pixels, config.min_height, config.min_share)
-        every = visible_boxes(world, frame, view, 1, 1, 0.0)
-        ignored = [box for box in every if box not in seen]
         done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         if not done:
             raise RuntimeError(f"{street}: OpenCV could not encode the picture")
         write_bytes_atomic(root / "images" / f"{street.stem(k)}.jpg", data.tobytes())
-        for kind, boxes in (("ignored", ignored), ("labels", seen)):
-            write_text_atomic(root / kind / f"{street.stem(k)}.txt", _label_text(boxes, street.scene))
+        write_text_atomic(root / "labels" / f"{street.stem(k)}.txt", _label_text(seen, street.scene))
     return street.frames
 
 
@@ -139,12 +136,11 @@ def write_street_set(
 ) -> None:
     """Draw a whole data set; called again it draws what is missing.
 
-    Layout: `data.yaml`; `train`, `valid` and `test`, each with `images`, `labels` and `ignored` (boxes of
-    vehicles too small or too hidden to be asked for: neither vehicle nor background).
+    Layout: `data.yaml`; `train`, `valid` and `test`, each with `images` and `labels`.
     """
     everything = streets(config)
     for split in ("train", "valid", "test"):
-        for kind in ("images", "labels", "ignored"):
+        for kind in ("images", "labels"):
             (folder / split / kind).mkdir(parents=True, exist_ok=True)
     write_text_atomic(folder / "data.yaml", data_yaml(NAMES))
     total, done = sum(street.frames for street in everything), 0

@@ -1,4 +1,4 @@
-"""KITTI's labels as a YOLO data set: classes, ignored regions, where the images come from."""
+"""KITTI's labels as a YOLO data set: classes, where the images come from."""
 
 from __future__ import annotations
 
@@ -53,8 +53,6 @@ def test_classes_and_regions_go_where_they_belong(objects: Path) -> None:
     first = read_object_set(objects)[0]
     assert first.boxes.class_id.tolist() == [0, 0, 1]  # car, van as car, truck
     assert first.boxes.xyxy[0].tolist() == [20, 30, 60, 70]
-    # A car 5 px high and the DontCare region are ignored; a pedestrian is background.
-    assert first.ignored.xyxy.tolist() == [[70, 40, 76, 45], [0, 0, 10, 10]]
 
 
 @pytest.mark.parametrize("stray", ["notes.txt", "._000000.txt", "0000003b.txt", "\u0663.txt"])
@@ -96,8 +94,6 @@ def test_the_written_set_is_read_back(objects: Path, tmp_path: Path) -> None:
     assert all(FREE in path.name or "drive_0009" in path.name for path in labels)
     boxes = read_labels(labels[0], WIDTH, HEIGHT)
     assert boxes.xyxy[1] == pytest.approx([100, 30, 140, 70], abs=1e-3)
-    ignored = read_labels(labels[0].parent.parent / "ignored" / labels[0].name, WIDTH, HEIGHT)
-    assert len(ignored) == 2
     image = labels[0].parent.parent / "images" / f"{labels[0].stem}.png"
     assert cv2.imread(str(image)) is not None
     assert "  - car\n  - truck\n  - train\n" in (tmp_path / "set" / "data.yaml").read_text()
@@ -112,7 +108,6 @@ def test_tracking_labels_belong_to_their_frames(tmp_path: Path) -> None:
     (root / "label_02" / "0000.txt").write_text("\n".join(rows) + "\n")
     found = read_tracking_set(root, {"0000": FREE})
     assert [len(one.boxes) for one in found] == [1, 0, 1]
-    assert [len(one.ignored) for one in found] == [0, 0, 1]
     assert found[2].boxes.xyxy[0].tolist() == [100, 30, 140, 70]
     words = ["tracking", str(root), str(tmp_path / "set"), "--drive", f"0000={FREE}"]
     assert kitti_to_yolo(words) == 0

@@ -36,7 +36,7 @@ def test_a_drawn_image_has_its_boxes_and_is_not_drawn_twice(tmp_path: Path) -> N
     config = DetectionSetConfig(frames=2)
     scene = dataclasses.replace(random_scene(7), width=320, height=96, focal=190.0, length=30.0, parked=0.9)
     scene = dataclasses.replace(scene, layout="city", exposure_change=0.1, shutter=0.0)
-    for kind in ("images", "labels", "ignored"):
+    for kind in ("images", "labels"):
         (tmp_path / "train" / kind).mkdir(parents=True)
     street = Street("train", 0, scene, 2)
     assert draw_street(street, tmp_path, config) == 2

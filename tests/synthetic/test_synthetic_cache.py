@@ -119,7 +119,8 @@ def test_the_script_explains_itself_and_refuses_nonsense(
     size = ["--width", "160", "--height", "64", "--length", "2", "--speed", "8", "--cache", str(drawn.parent)]
     assert run(["empty", *size]) == 0
     assert capsys.readouterr().out.strip() == str(drawn)
-    bad = (["nowhere"], ["empty", "--width", "ten"], ["empty", "--length", "-4"], ["empty", "--jobs", "0"])
-    for words in bad:
+    bad = [["nowhere"], ["empty", "--width", "ten"], ["empty", "--length", "-4"], ["empty", "--jobs", "0"]]
+    part = ["empty", *size[:-1], str(drawn / "other"), "--jobs", "1", "--frames"]
+    for words in (*bad, [*part, "2:1"], [*part, "0:4"], [*part[:-1], "--frames=-1:2"]):  # of three
         assert run(words) == 2
         assert len(capsys.readouterr().err.strip().splitlines()) == 1
