@@ -143,10 +143,7 @@ def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16], noisy:
     if noisy:
         # Noise holds no repetitions: do not look for any.
         options += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
-    done, data = cv2.imencode(".png", image, options)
-    if not done:
-        raise RuntimeError(f"{path}: OpenCV could not encode the picture")
-    path.write_bytes(data.tobytes())
+    path.write_bytes(cv2.imencode(".png", image, options)[1].tobytes())
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -103,9 +103,10 @@ def test_a_vehicle_facing_east_moves_along_x() -> None:
 
 def test_images_times_and_calibration_are_read(drive: Path) -> None:
     found = read_raw_drive(drive)
-    assert [path.stem for path in found.left] == [f"{i:010d}" for i in range(8)]
-    assert found.right[3].parent.parent.name == "image_01"
-    np.testing.assert_allclose(found.P1, P1)
+    assert [left.stem for left, _ in found.paths] == [f"{i:010d}" for i in range(8)]
+    assert found.paths[3][1].parent.parent.name == "image_01"
+    rig = found.rig
+    assert (rig.f, rig.cx, rig.cy, rig.baseline) == pytest.approx((720.0, 60.0, 20.0, 387.0 / 720.0))
     # Midnight passes between the sixth frame and the seventh.
     np.testing.assert_allclose(found.times, [0, 0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 1.1], atol=1e-6)
 

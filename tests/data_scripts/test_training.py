@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from data_command import load
 
-from training.config import DetectionSetConfig
 from training.dataset import open_set
 from training.evaluated import ODOMETRY_DRIVES, evaluated_sequence, refuse_evaluated
-from training.street_set import Street, draw_street, random_scene, streets
+from training.street_set import DetectionSetConfig, Street, draw_street, random_scene, streets
 from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels
 from vo_lib.detection.yolo import YoloDetector
