@@ -69,10 +69,8 @@ def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
             branch.add(Text(f"{part}: {found}"))
         for problem in report.problems[:PROBLEMS_SHOWN]:
             branch.add(Text(problem, style="red"))
-        if len(report.problems) > PROBLEMS_SHOWN:
-            branch.add(
-                Text(f"and {len(report.problems) - PROBLEMS_SHOWN} more (--json has all)", style="red")
-            )
+        if (more := len(report.problems) - PROBLEMS_SHOWN) > 0:
+            branch.add(Text(f"and {more} more (--json has all)", style="red"))
     Console().print(tree, soft_wrap=True)
 
 

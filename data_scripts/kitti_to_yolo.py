@@ -19,7 +19,6 @@ from pathlib import Path
 from training.evaluated import DRIVE
 from training.kitti_set import (
     NAMES,
-    boxes_by_class,
     check_origin,
     read_object_set,
     read_tracking_set,
@@ -63,7 +62,8 @@ def run(options: argparse.Namespace) -> int:
     parts = split(used, options.valid, parse_whole("--seed", options.seed, least=0))
     with reporting("writing the data set") as report:
         write_set(parts, options.out, report)
-    counts = ", ".join(f"{n} {name}" for n, name in zip(boxes_by_class(used), NAMES, strict=True))
+    kinds = [kind for one in used for kind in one.boxes.class_id.tolist()]
+    counts = ", ".join(f"{kinds.count(k)} {name}" for k, name in enumerate(NAMES))
     sizes = f"{len(parts['train'])} images to train, {len(parts['valid'])} to validate"
     say(f"{options.out}: {sizes}; {counts}")
     say(f"{len(found) - len(used)} images of evaluated odometry sequences were left out")

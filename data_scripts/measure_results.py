@@ -79,16 +79,16 @@ def run(options: argparse.Namespace) -> int:
 
 def open_all(options: argparse.Namespace, score: float = 0.25) -> list[Sequence]:
     """The sequences that the options name, with labels, or the detector's boxes of `score` or more."""
-    detector = DetectorConfig(score=score)
-    return [_opened(name, options, detector) for name in parse_sequences(options.sequences)]
-
-
-def _opened(name: str, options: argparse.Namespace, detector: DetectorConfig) -> Sequence:
-    sequence = open_with_bar(name, options.cache)
-    if sequence.labels is not None or options.detector is None:
-        return sequence
-    with reporting(f"vehicles of {name}") as report:
-        return labelled_sequence(sequence, options.detector, detector, cache=options.cache, progress=report)
+    opened = []
+    for name in parse_sequences(options.sequences):
+        sequence, detector = open_with_bar(name, options.cache), DetectorConfig(score=score)
+        if sequence.labels is None and options.detector is not None:
+            with reporting(f"vehicles of {name}") as report:
+                sequence = labelled_sequence(
+                    sequence, options.detector, detector, cache=options.cache, progress=report
+                )
+        opened.append(sequence)
+    return opened
 
 
 def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:

@@ -21,7 +21,7 @@ from typing import Any
 import yaml
 
 from fetch.detectors import register_detector
-from training.dataset import DetectionSet, open_set
+from training.dataset import SPLITS, DetectionSet, open_set
 from training.evaluated import refuse_evaluated
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import say
@@ -111,7 +111,8 @@ def _ultralytics() -> Any:
 
 def _description(data: DetectionSet, one_class: str | None) -> bytes:
     """A data.yaml with full paths, as Ultralytics finds a data set wherever it lies."""
-    folders = {key: str(data.images[split][0].parent.resolve()) for split, key in data.keys.items()}
+    full = {key: images[0].parent for split, key in SPLITS.items() if (images := data.images[split])}
+    folders = {key: str(folder.resolve()) for key, folder in full.items()}
     names = [one_class] if one_class is not None else list(data.names)
     return str(yaml.safe_dump({**folders, "names": dict(enumerate(names))}, sort_keys=False)).encode()
 

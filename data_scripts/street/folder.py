@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.errors import DataError
+from vo_lib.core.poses import write_kitti_poses
 from vo_lib.core.settings import from_dict, to_dict
 from vo_lib.core.types import Progress
 from vo_lib.data.scenes import SceneConfig
@@ -106,8 +107,7 @@ def _write_tables(world: World, folder: Path) -> None:
     """Calibration, times, poses and the motion of the vehicles."""
     _write_text(folder / "calib.txt", calibration_text(world.config.camera))
     _write_text(folder / "times.txt", "".join(f"{t:.6e}\n" for t in world.drive.times))
-    rows = [" ".join(f"{v:.9e}" for v in T[:3].ravel()) for T in world.poses]
-    _write_text(folder / "poses.txt", "".join(row + "\n" for row in rows))
+    write_kitti_poses(folder / "poses.txt", world.poses)
     write_objects(world, folder / "truth" / "objects.npz")
 
 

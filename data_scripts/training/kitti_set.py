@@ -19,7 +19,7 @@ from training.street_set import data_yaml
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_bytes, read_text, write_text_atomic
-from vo_lib.core.types import Progress, Whole
+from vo_lib.core.types import Progress
 from vo_lib.data.kitti import decode_image
 from vo_lib.data.labels import write_labels
 
@@ -205,9 +205,3 @@ def _link(source: Path, target: Path) -> None:
         os.link(source, target)
     except OSError:
         shutil.copyfile(source, target)
-
-
-def boxes_by_class(found: list[Labelled]) -> Whole:
-    """How many boxes each class has."""
-    kinds = np.concatenate([one.boxes.class_id for one in found]) if found else np.zeros(0, np.int64)
-    return np.bincount(kinds, minlength=len(NAMES)).astype(np.int64)

@@ -182,13 +182,6 @@ def test_archives_on_disk_are_unpacked_and_the_calibration_archive_wins(
     assert by_target["sequences/07/calib.txt"] == places[1]
 
 
-def test_a_file_that_is_no_archive_is_said(tmp_path: Path) -> None:
-    (tmp_path / "page.zip").write_text("<html>log in first</html>", encoding="utf-8")
-    for name, words in (("page.zip", "not a whole zip"), ("nowhere.zip", "the file is missing")):
-        with Archives() as archives, pytest.raises(DataError, match=words):
-            plan(archives, [str(tmp_path / name)], ["07"])
-
-
 def packed(how: int, **changes: int) -> bytes:
     """An archive of one calib.txt, with fields of its two headers changed: `flag_bits`, `method`, `size`."""
     buffer = io.BytesIO()

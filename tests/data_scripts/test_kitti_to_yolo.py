@@ -116,29 +116,9 @@ def test_tracking_labels_belong_to_their_frames(tmp_path: Path) -> None:
     assert kitti_to_yolo([*words[:4], f"0000={EVALUATED}"]) == 2
 
 
-@pytest.mark.parametrize(
-    "row", ["Car 0 0 0 1 2 3", "Car 0 0 0 1 2 x 4", "Spaceship 0 0 0 1 2 30 40", "Car 0 0 0 1 2 nan 4"]
-)
-def test_a_wrong_line_is_named(objects: Path, row: str) -> None:
-    (objects / "label_2" / "000003.txt").write_text(f"{ROWS[0]}\n{row}\n")
-    with pytest.raises(DataError, match=r"000003\.txt, line 2: "):
-        read_object_set(objects)
-
-
 def test_wrong_options_end_with_one_line(
     objects: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = str(tmp_path / "set")
-    for words in (
-        ["object", str(tmp_path), out],
-        ["object", str(objects), out],
-        ["object", str(objects), out, "--valid", "2"],
-        ["object", str(objects), out, "--allow-evaluated", "--seed=-1"],
-        ["tracking", str(objects), out, "--drive", "0000"],
-    ):
-        assert kitti_to_yolo(words) == 2
+    for words in ([], ["--allow-evaluated", "--seed=-1"], ["--allow-evaluated", "--valid", "2"]):
+        assert kitti_to_yolo(["object", str(objects), str(tmp_path / "set"), *words]) == 2
         assert capsys.readouterr().err.count("\n") == 1
-    (objects / "train_rand.txt").write_text("1,2,2\n")
-    words = ["object", str(objects), out, "--mapping", str(objects / "train_mapping.txt")]
-    assert kitti_to_yolo([*words, "--order", str(objects / "train_rand.txt")]) == 2
-    assert "expected the numbers 1 to 6, each once" in capsys.readouterr().err

@@ -98,21 +98,6 @@ def test_a_data_set_is_read_as_ours_or_as_roboflows(tmp_path: Path, roboflow: bo
     assert [len(data.images[split]) for split in ("train", "valid", "test")] == [3, 3, 0]
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("names: [car]\nval: valid/images\n", "expected `train:` with a folder of images; found None"),
-        ("train: train/images\nval: valid/images\n", "expected `names:`"),
-        ("train: [\n", r"data\.yaml, line 2: is not YAML"),
-        ("- a\n", "expected the keys train, val and names"),
-    ],
-)
-def test_a_wrong_description_is_one_clear_line(tmp_path: Path, text: str, message: str) -> None:
-    (write_set(tmp_path / "set", 1) / "data.yaml").write_text(text)
-    with pytest.raises(DataError, match=message):
-        open_set(tmp_path / "set")
-
-
 def test_the_script_refuses_evaluated_images_and_weights_that_are_not_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
