@@ -1,4 +1,4 @@
-"""Check a KITTI odometry tree: what is complete, what is missing, and the command that gets it.
+"""Check a KITTI tree: what is missing, and what gets it.
 
 The exit code is 0 where all is complete, 1 where something is missing or damaged, 2 for wrong input.
 

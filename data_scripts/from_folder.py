@@ -1,9 +1,9 @@
-"""Bring your own stereo images into KITTI's layout, so that `vo run FOLDER` takes them.
+"""Bring your own stereo images into KITTI's layout.
 
-Images: two folders, one video with both images side by side, or a drive of KITTI's raw data or a EuRoC
-folder (mav0), which bring calibration, times and truth along. Calibration: three numbers for rectified
-images, or OpenCV YAML files (K1 D1 K2 D2 R T: the images are rectified; P1 P2 alone: they are already). The
-order of the images, their rows and the baseline are checked on a sample.
+`vo run FOLDER` then takes them. Images: two folders, one video with both images side by side, or a drive of
+KITTI's raw data or a EuRoC folder (mav0), which bring calibration, times and truth along. Calibration:
+three numbers for rectified images, or OpenCV YAML files (K1 D1 K2 D2 R T: the images are rectified; P1 P2
+alone: they are already). The order of the images, their rows and the baseline are checked on a sample.
 
 examples:
   vo data from_folder --left L --right R --focal 718.9 --centre 607.2,185.2 --baseline 0.537 --out data/mine

@@ -1,6 +1,6 @@
-"""Fetch single sequences of the KITTI odometry benchmark, without its 22 GB archive.
+"""Fetch single sequences of the KITTI odometry benchmark.
 
-Images, calibration and true poses of the sequences named come straight out of the official archives.
+Images, calibration and true poses of the sequences named come straight out of the official archives of 22 GB.
 What is complete on disk is not fetched again: after an interruption, call again.
 
 examples:

@@ -1,4 +1,4 @@
-"""Turn KITTI's object or tracking labels into a data set for train_detector.
+"""Turn KITTI's labels into a data set for train_detector.
 
 examples:
   vo data kitti_to_yolo object kitti/training data/cars --mapping train_mapping.txt --order train_rand.txt

@@ -1,4 +1,4 @@
-"""Draw a data set of synthetic streets with vehicle boxes, in YOLO form.
+"""Draw a data set of streets with vehicle boxes, in YOLO form.
 
 examples:
   vo data make_detection_set data/street --jobs 2

@@ -1,4 +1,4 @@
-"""Measure what the choices are worth that the paper leaves open; writes `notebooks/choices.csv`.
+"""Measure what the paper's open choices are worth.
 
 examples:
   vo data measure_choices --sequences 00,01 --detector yolov8n.onnx --jobs 2 --out notebooks/choices.csv

@@ -1,4 +1,4 @@
-"""Measure every number that the kit's documentation quotes, and write them as `notebooks/results.md`.
+"""Measure every number that the documentation quotes.
 
 examples:
   vo data measure_results --jobs 2 --out notebooks/results.md

@@ -1,4 +1,4 @@
-"""Draw synthetic sequences into KITTI-layout folders, or all scenes on one sheet.
+"""Draw a synthetic sequence, or all scenes on one sheet.
 
 examples:
   vo data render_synthetic parked

@@ -1,13 +1,14 @@
-"""Train YOLOv8, the paper's detector, with Ultralytics on a data set in YOLO form; export it as ONNX.
+"""Train YOLOv8, the paper's detector, and export it as ONNX.
 
 examples:
   vo data train_detector data/cars --out runs/cars --epochs 400
   vo data train_detector roboflow/data.yaml --out runs/cars --weights yolov8n.pt --register cars
   vo data train_detector data/street --out runs/street --one-class vehicle --size 800
 
-Needs the extra `[train]`. Ultralytics and what it trains are AGPL-3.0: see https://www.ultralytics.com/license.
-A training that was stopped goes on at its last whole epoch. The folder gets data.yaml, train/ (weights,
-curves) and detector.onnx, which `vo run --detector` and `vo data write_labels` take.
+Ultralytics does it, from the extra `[train]`, on a data set in YOLO form. Ultralytics and what it trains
+are AGPL-3.0: see https://www.ultralytics.com/license. A training that was stopped goes on at its last whole
+epoch. The folder gets data.yaml, train/ (weights, curves) and detector.onnx, which `vo run --detector` and
+`vo data write_labels` take.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Write YOLO label files of a sequence, with a detector: `labels/` beside the images.
+"""Keep a detector's boxes as label files beside the images.
 
 examples:
   vo data write_labels kitti/07 --model yolov8n.onnx
