@@ -3,10 +3,10 @@
     python tests/rehearsal.py FOLDER --clips CLIPS
     python tests/rehearsal.py FOLDER --clips CLIPS --sequences 03,04 --kill 20,40 --seeds 2
 
-Not part of the test suite: an hour on two cores. CLIPS has KITTI's layout. Each of the sequences gets as many
-frames as KITTI's: links to the images of a clip, played to its end and back, with the truth to match. Every
-turn is a jump in speed; errors are those of the played path, not the paper's. The command runs in a process
-group of its own, is killed after so many seconds, and started again until it ends.
+Not part of the test suite: half an hour on two cores. CLIPS has KITTI's layout. Each of the sequences gets
+as many frames as KITTI's: links to the images of a clip, played to its end and back, with the truth to
+match. Every turn is a jump in speed; errors are those of the played path, not the paper's. The command runs
+in a process group of its own, is killed after so many seconds, and started again until it ends.
 """
 
 from __future__ import annotations
