@@ -40,11 +40,6 @@ def archives_at(host: str, color: bool = False) -> list[str]:
     return [f"{host.rstrip('/')}/{kind}" for kind in kinds]
 
 
-def archives_of(paths: list[Path]) -> list[str]:
-    """Archives on disk; those of calibration and poses last: they win over older copies beside the images."""
-    return [str(path) for path in sorted(paths, key=lambda path: path.name in (CALIB, POSES))]
-
-
 def plan(
     archives: Archives, places: list[str], sequences: Iterable[str], progress: Progress | None = None
 ) -> list[Member]:

@@ -56,7 +56,7 @@ class World:
     route, drive : the street's centre line and the camera's way.
     atlas : all textures; `sky` is the number of the clouds.
     still : faces that never move: street and parked vehicles, street frame.
-    vehicles : all vehicles; vehicle k has instance number k + 1, its shadow `shadow_of(k)`.
+    vehicles : all K vehicles; vehicle k has instance number k + 1, its shadow K + k + 1.
     shade : (M,) light along the samples of the route, 1 in the open.
     """
 
@@ -74,10 +74,6 @@ class World:
         """(N, 4, 4) camera poses T_w_c; the world is the first left camera."""
         return np.asarray(inverse(self.drive.poses[0]) @ self.drive.poses)
 
-    def shadow_of(self, k: int) -> int:
-        """Instance number of the shadow under vehicle k."""
-        return len(self.vehicles) + k + 1
-
     def vehicles_near(self, frame: int, reach: float = 200.0) -> list[int]:
         """Vehicles within reach of the camera that are not part of `still`, metres."""
         eye = self.drive.poses[frame][:3, 3]
@@ -89,7 +85,7 @@ class World:
 
     def placed(self, k: int, frame: int) -> Faces:
         """Faces of vehicle k and its shadow where they are in a frame."""
-        faces = place_vehicle(self.vehicles[k], k + 1, self.shadow_of(k), frame)
+        faces = place_vehicle(self.vehicles[k], k + 1, len(self.vehicles) + k + 1, frame)
         shade = light_at(self.shade, self.route, self.vehicles[k].poses[frame, :3, 3][None])
         return dataclasses.replace(faces, gain=faces.gain * shade)
 

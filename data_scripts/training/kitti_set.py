@@ -70,7 +70,10 @@ def read_object_set(
         if drives and number >= len(drives):
             raise DataError(f"the mapping knows {len(drives)} images only", path)
         drive = drives[number] if drives else ""
-        found.append(Labelled(_image(root / "image_2" / f"{path.stem}.png"), drive, boxes))
+        image = root / "image_2" / f"{path.stem}.png"
+        if not image.is_file():
+            raise DataError("the image is missing", image)
+        found.append(Labelled(image, drive, boxes))
     return found
 
 
@@ -123,12 +126,6 @@ def _listed(folder: Path, pattern: str) -> list[Path]:
         if not NUMBER.fullmatch(path.stem):
             raise DataError(f"does not belong here: expected names such as 000000{path.suffix}", path)
     return files
-
-
-def _image(path: Path) -> Path:
-    if not path.is_file():
-        raise DataError("the image is missing", path)
-    return path
 
 
 def _object_drives(mapping: Path | None, permutation: Path | None) -> list[str]:
