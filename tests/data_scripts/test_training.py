@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path
 
 import cv2
@@ -98,8 +99,8 @@ def test_a_data_set_is_read_as_ours_or_as_roboflows(tmp_path: Path, roboflow: bo
     assert [len(data.images[split]) for split in ("train", "valid", "test")] == [3, 3, 0]
 
 
-def test_the_script_refuses_evaluated_images_and_weights_that_are_not_there(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_script_refuses_evaluated_images_and_says_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_set(tmp_path / "set", 2, prefix="2011_09_30_drive_0027_")
     words = [str(tmp_path / "set"), "--out", str(tmp_path / "run")]
@@ -107,6 +108,9 @@ def test_the_script_refuses_evaluated_images_and_weights_that_are_not_there(
     assert "KITTI odometry sequence 07, which is evaluated" in capsys.readouterr().err
     assert train_detector([*words, "--allow-evaluated", "--weights", str(tmp_path / "no.pt")]) == 2
     assert "no.pt: the file is missing" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    assert train_detector([*words, "--allow-evaluated"]) == 2
+    assert 'onnx is missing: pip install -e ".[train]"' in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 
