@@ -26,7 +26,6 @@ from vo_lib.core.types import Array
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.data.sequence import Sequence, open_sequence
 
-START = "import sys; from vo_lib.commands.cli import main; sys.exit(main())"
 STEP = 0.1037  # seconds from frame to frame, about KITTI's
 
 
@@ -54,7 +53,7 @@ def lay_out(clip: Sequence, folder: Path, name: str) -> None:
 
 def reproduce(words: list[str], environment: dict[str, str], limit: float | None) -> int | None:
     """The command's exit code; None where it was killed after `limit` seconds."""
-    command = [sys.executable, "-c", START, "reproduce", *words]
+    command = [sys.executable, "-m", "vo_lib", "reproduce", *words]
     started = time.monotonic()
     process = subprocess.Popen(command, env=environment, start_new_session=True)
     try:
