@@ -47,8 +47,10 @@ def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int],
     wanted = {
         (variant, name): config for variant, methods in VARIANTS.items() for name, config in methods.items()
     }
+    # Nobody knows the truth of what moves but in drawn scenes.
+    rules = RULES if (sequence.folder / "truth").is_dir() else RULES[:-1]
     for method in RULED:
-        for rule in _rules_of(sequence)[1:]:
+        for rule in rules[1:]:
             if (method, rule) not in SAME:
                 wanted["kit", f"{method} {rule}"] = change(preset(method), "filter.rule", rule)
     method = _judged(sequence)
@@ -60,11 +62,6 @@ def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int],
                 ((sequence.name, variant, name), seed),
                 Job(sequence, name, change(config, "seed", seed), place),
             )
-
-
-def _rules_of(sequence: Sequence) -> tuple[str, ...]:
-    """The box rules that can be asked: `truth` of drawn scenes alone."""
-    return RULES if (sequence.folder / "truth").is_dir() else RULES[:-1]
 
 
 def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:

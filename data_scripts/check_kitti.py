@@ -1,4 +1,4 @@
-"""Check a KITTI odometry tree: what is complete, what is missing, and the command that gets it.
+"""Check a KITTI tree: what is missing, and what gets it.
 
 The exit code is 0 where all is complete, 1 where something is missing or damaged, 2 for wrong input.
 
@@ -69,10 +69,8 @@ def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
             branch.add(Text(f"{part}: {found}"))
         for problem in report.problems[:PROBLEMS_SHOWN]:
             branch.add(Text(problem, style="red"))
-        if len(report.problems) > PROBLEMS_SHOWN:
-            branch.add(
-                Text(f"and {len(report.problems) - PROBLEMS_SHOWN} more (--json has all)", style="red")
-            )
+        if (more := len(report.problems) - PROBLEMS_SHOWN) > 0:
+            branch.add(Text(f"and {more} more (--json has all)", style="red"))
     Console().print(tree, soft_wrap=True)
 
 

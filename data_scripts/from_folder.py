@@ -1,9 +1,9 @@
-"""Bring your own stereo images into KITTI's layout, so that `vo run FOLDER` takes them.
+"""Bring your own stereo images into KITTI's layout.
 
-Images: two folders, one video with both images side by side, or a drive of KITTI's raw data or a EuRoC
-folder (mav0), which bring calibration, times and truth along. Calibration: three numbers for rectified
-images, or OpenCV YAML files (K1 D1 K2 D2 R T: the images are rectified; P1 P2 alone: they are already). The
-order of the images, their rows and the baseline are checked on a sample.
+`vo run FOLDER` then takes them. Images: two folders, one video with both images side by side, or a drive of
+KITTI's raw data or a EuRoC folder (mav0), which bring calibration, times and truth along. Calibration:
+three numbers for rectified images, or OpenCV YAML files (K1 D1 K2 D2 R T: the images are rectified; P1 P2
+alone: they are already). The order of the images, their rows and the baseline are checked on a sample.
 
 examples:
   vo data from_folder --left L --right R --focal 718.9 --centre 607.2,185.2 --baseline 0.537 --out data/mine
@@ -23,9 +23,8 @@ import numpy as np
 
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
-from fetch.stereo_calibration import rig_from_matrices
 from fetch.stereo_import import look, require_new, rig_of, write_sequence
-from fetch.stereo_sources import FolderSource, Source, VideoSource, pair_folders
+from fetch.stereo_sources import Drive, FolderSource, Source, VideoSource, pair_folders
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.commands.script import typed
@@ -70,45 +69,23 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Find images and calibration, check them together, write the sequence."""
     require_new(options.out)
-    times: Array | float = options.fps or 10.0
-    poses: Array | None = None
-    source: Source
-    note = ""
-    given = [options.video, options.raw, options.euroc, options.left]
-    if sum(place is not None for place in given) != 1:
+    if sum(place is not None for place in (options.video, options.raw, options.euroc, options.left)) != 1:
         raise DataError("say where the images are: --left and --right, or --video, --raw or --euroc")
-    known = "raw" if options.raw is not None else "euroc" if options.euroc is not None else None
-    ignored = ("right", "swap", "focal", "centre", "baseline", "calibration", "rectified", "fps")
-    for name in ignored if known is not None else ():
-        if getattr(options, name) not in (None, False):
-            raise DataError(f"--{name} with --{known}: that folder says itself what its cameras are")
     if options.fps is not None and not (np.isfinite(options.fps) and options.fps > 0):
         raise DataError(f"--fps {options.fps:g}: expected a positive number")
-    if options.raw is not None:
-        drive = read_raw_drive(options.raw, options.calib_dir)
-        source = FolderSource(list(zip(drive.left, drive.right, strict=True)))
-        path = Path("calib_cam_to_cam.txt")
-        rig = rig_from_matrices({"P1": drive.P0, "P2": drive.P1}, (0, 0), path, rectified=True)
-        times, poses = drive.times, drive.poses
-        note = drive.note
-    elif options.euroc is not None:
-        flight = read_euroc_drive(options.euroc)
-        source, rig = FolderSource(flight.paths), flight.rig
-        times, poses, note = flight.times, flight.poses, flight.note
-    elif options.video is not None:
-        source = VideoSource(options.video, options.swap)
-        times = options.fps or source.fps() or 10.0
+    drive = read_drive(options)
+    source: Source
+    times: Array | float
+    if drive is not None:
+        source, rig, times, poses = FolderSource(drive.paths), drive.rig, drive.times, drive.poses
+        if drive.note:
+            say(f"note: {drive.note}")
     else:
-        if options.right is None:
-            raise DataError("--right is missing: the folder of the right images")
-        folders = (options.right, options.left) if options.swap else (options.left, options.right)
-        source = FolderSource(pair_folders(*folders))
-    if note:
-        say(f"note: {note}")
-    if known is None:
+        source, poses = find_source(options), None
+        times = options.fps or (source.fps() if isinstance(source, VideoSource) else 0.0) or 10.0
         numbers = options.focal, options.centre, options.baseline
         rig = rig_of(source, numbers, options.calibration, options.rectified, UNITS[options.unit])
-    say(*look(source, rig, options.anyway, 0.0 if known else NEAREST))
+    say(*look(source, rig, options.anyway, NEAREST if drive is None else 0.0))
     if options.times is not None:
         times = read_times(options.times)
     if options.poses is not None:
@@ -122,6 +99,29 @@ def run(options: argparse.Namespace) -> int:
         "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}"),
     )
     return 0
+
+
+def read_drive(options: argparse.Namespace) -> Drive | None:
+    """The drive that --raw or --euroc names; None for images whose cameras the user describes."""
+    known = "raw" if options.raw is not None else "euroc"
+    if getattr(options, known) is None:
+        return None
+    for name in ("right", "swap", "focal", "centre", "baseline", "calibration", "rectified", "fps"):
+        if getattr(options, name) not in (None, False):
+            raise DataError(f"--{name} with --{known}: that folder says itself what its cameras are")
+    if options.raw is not None:
+        return read_raw_drive(options.raw, options.calib_dir)
+    return read_euroc_drive(options.euroc)
+
+
+def find_source(options: argparse.Namespace) -> Source:
+    """The video, or the two folders of images."""
+    if options.video is not None:
+        return VideoSource(options.video, options.swap)
+    if options.right is None:
+        raise DataError("--right is missing: the folder of the right images")
+    folders = (options.right, options.left) if options.swap else (options.left, options.right)
+    return FolderSource(pair_folders(*folders))
 
 
 if __name__ == "__main__":

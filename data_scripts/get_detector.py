@@ -1,4 +1,6 @@
-"""Fetch a vehicle detector by name, or register one from disk. Without a name: the list.
+"""Fetch a vehicle detector, or register one from disk.
+
+Without a name: the list.
 
 examples:
   vo data get_detector

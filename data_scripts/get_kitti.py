@@ -1,6 +1,6 @@
-"""Fetch single sequences of the KITTI odometry benchmark, without its 22 GB archive.
+"""Fetch single sequences of the KITTI odometry benchmark.
 
-Images, calibration and true poses of the sequences named come straight out of the official archives.
+Images, calibration and true poses of the sequences named come straight out of the official archives of 22 GB.
 What is complete on disk is not fetched again: after an interruption, call again.
 
 examples:
@@ -17,7 +17,7 @@ import sys
 from pathlib import Path
 
 from fetch.download import CONNECTIONS, confirm, in_words, require_space
-from fetch.kitti_archive import HOST, LICENCE, absent, archives_at, archives_of, fetch, link_tree, plan
+from fetch.kitti_archive import CALIB, HOST, LICENCE, POSES, absent, archives_at, fetch, link_tree, plan
 from fetch.kitti_check import parse_numbers
 from fetch.zip_archives import Archives
 from vo_lib.commands.console import reporting, say
@@ -62,38 +62,37 @@ def run(options: argparse.Namespace) -> int:
         raise DataError(
             "is a link into another tree; nothing is written there", root / "sequences" / linked[0]
         )
-    with Archives() as archives:
-        if options.from_zip is None:
-            places = archives_at(options.host, options.color)
-        else:
-            places = archives_of(options.from_zip)
-        return take(archives, places, root, set(names) - set(linked), options)
+    return take(root, set(names) - set(linked), options)
 
 
-def take(
-    archives: Archives, places: list[str], root: Path, names: set[str], options: argparse.Namespace
-) -> int:
+def take(root: Path, wanted: set[str], options: argparse.Namespace) -> int:
     """Find out what is not there yet, say how much it is, ask, and write it."""
-    with reporting("reading the archives' directories") as report:
-        members = plan(archives, places, names, report)
-    if not members:
-        raise DataError(f"nothing of the sequences {', '.join(sorted(names))} is in {', '.join(places)}")
-    with reporting("looking at what is there") as report:
-        todo = absent(members, root, report)
-    packed, size = sum(m.packed for m in todo), sum(m.size for m in todo)
-    say(f"{len(members) - len(todo)} of {len(members)} files are already whole in {root}")
-    if todo:
-        require_space(root, size)
-        say(*LICENCE)
-        verb = "unpacks" if options.from_zip else "fetches"
-        say(f"{verb} {len(todo)} files, {in_words(packed)}; takes {in_words(size)} of disk")
-        if not confirm("Go on?", options.yes):
-            say("nothing was written")
-            return 1
-        with reporting("unpacking" if options.from_zip else "fetching", in_bytes=True) as report:
-            fetch(archives, todo, root, options.jobs, report)
-    say("done. Check it: " + typed(f"vo data check_kitti --root {root}"))
-    return 0
+    places = archives_at(options.host, options.color)
+    if options.from_zip is not None:
+        # Calibration and poses last: they win over older copies beside the images.
+        last = sorted(options.from_zip, key=lambda path: path.name in (CALIB, POSES))
+        places = [str(path) for path in last]
+    with Archives() as archives:
+        with reporting("reading the archives' directories") as report:
+            members = plan(archives, places, wanted, report)
+        if not members:
+            raise DataError(f"nothing of the sequences {', '.join(sorted(wanted))} is in {', '.join(places)}")
+        with reporting("looking at what is there") as report:
+            todo = absent(members, root, report)
+        packed, size = sum(m.packed for m in todo), sum(m.size for m in todo)
+        say(f"{len(members) - len(todo)} of {len(members)} files are already whole in {root}")
+        if todo:
+            require_space(root, size)
+            say(*LICENCE)
+            verb = "unpacks" if options.from_zip else "fetches"
+            say(f"{verb} {len(todo)} files, {in_words(packed)}; takes {in_words(size)} of disk")
+            if not confirm("Go on?", options.yes):
+                say("nothing was written")
+                return 1
+            with reporting("unpacking" if options.from_zip else "fetching", in_bytes=True) as report:
+                fetch(archives, todo, root, options.jobs, report)
+        say("done. Check it: " + typed(f"vo data check_kitti --root {root}"))
+        return 0
 
 
 if __name__ == "__main__":

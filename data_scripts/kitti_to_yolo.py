@@ -1,10 +1,10 @@
-"""Turn KITTI's object or tracking labels into a data set for train_detector.
+"""Turn KITTI's labels into a data set for train_detector.
 
 examples:
   vo data kitti_to_yolo object kitti/training data/cars --mapping train_mapping.txt --order train_rand.txt
   vo data kitti_to_yolo tracking kitti/training data/cars --drive 0000=2011_09_26_drive_0005
 
-Car and Van become car, Truck truck, Tram train; Misc and DontCare are neither object nor background. Images
+Car and Van become car, Truck truck, Tram train; all else has no label. Images
 of the raw drives behind the odometry sequences 00-10 are left out, and images of unknown origin are refused:
 a detector that learnt the images it is tested on makes the errors look smaller than they are. The object
 development kit's mapping folder holds the two files that tell each object image's drive.
@@ -19,7 +19,6 @@ from pathlib import Path
 from training.evaluated import DRIVE
 from training.kitti_set import (
     NAMES,
-    boxes_by_class,
     check_origin,
     read_object_set,
     read_tracking_set,
@@ -45,8 +44,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--valid", type=share, default=0.15, metavar="X", help="share to validate, default 0.15"
     )
-    parser.add_argument("--seed", default="0", help="of the choice of these, default 0")
-    parser.add_argument("--allow-evaluated", action="store_true", help="take evaluated, unknown drives too")
+    parser.add_argument("--seed", default="0", metavar="N", help="of the choice of these, default 0")
+    parser.add_argument(
+        "--allow-evaluated", action="store_true", help="take evaluated and unknown drives too"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -61,7 +62,8 @@ def run(options: argparse.Namespace) -> int:
     parts = split(used, options.valid, parse_whole("--seed", options.seed, least=0))
     with reporting("writing the data set") as report:
         write_set(parts, options.out, report)
-    counts = ", ".join(f"{n} {name}" for n, name in zip(boxes_by_class(used), NAMES, strict=True))
+    kinds = [kind for one in used for kind in one.boxes.class_id.tolist()]
+    counts = ", ".join(f"{kinds.count(k)} {name}" for k, name in enumerate(NAMES))
     sizes = f"{len(parts['train'])} images to train, {len(parts['valid'])} to validate"
     say(f"{options.out}: {sizes}; {counts}")
     say(f"{len(found) - len(used)} images of evaluated odometry sequences were left out")

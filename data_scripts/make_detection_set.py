@@ -1,4 +1,4 @@
-"""Draw a data set of synthetic streets with vehicle boxes, in YOLO form.
+"""Draw a data set of streets with vehicle boxes, in YOLO form.
 
 examples:
   vo data make_detection_set data/street --jobs 2
@@ -13,8 +13,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from training.config import DetectionSetConfig
-from training.street_set import write_street_set
+from training.street_set import DetectionSetConfig, write_street_set
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script

@@ -1,4 +1,4 @@
-"""Measure what the choices are worth that the paper leaves open; writes `notebooks/choices.csv`.
+"""Measure what the paper's open choices are worth.
 
 examples:
   vo data measure_choices --sequences 00,01 --detector yolov8n.onnx --jobs 2 --out notebooks/choices.csv
@@ -97,7 +97,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `published` as it is and with each other choice; write the differences."""
     workers = parse_whole("--jobs", options.jobs)
-    tasks = [(s, *row[:2], *answer) for s in open_all(options) for row in OPEN for answer in row[2].items()]
+    tasks = [(s, *row[:2], *way) for s in open_all(options, 0.1) for row in OPEN for way in row[2].items()]
     calls = (joblib.delayed(measured)(s, name, value, options.cache) for s, _, name, _, value in tasks)
     rows = [["choice", "alternative", "sequence", "te", "te_sd", "re", "re_sd", "length", "length_sd"]]
     with reporting(f"{len(tasks)} runs of five seeds") as report:

@@ -1,4 +1,4 @@
-"""Measure every number that the kit's documentation quotes, and write them as `notebooks/results.md`.
+"""Measure every number that the documentation quotes.
 
 examples:
   vo data measure_results --jobs 2 --out notebooks/results.md
@@ -21,7 +21,7 @@ from _result_tables import Key, box_rules, calibrations, jobs_of, systems
 from vo_lib.commands.common import add_cache, open_with_bar, parse_whole
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
-from vo_lib.config import VARIANTS
+from vo_lib.config import VARIANTS, DetectorConfig
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import write_text_atomic
 from vo_lib.data.scenes import SCENES
@@ -77,17 +77,18 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def open_all(options: argparse.Namespace) -> list[Sequence]:
-    """The sequences that the options name, with the labels they have, or those of the detector."""
-    return [_opened(name, options) for name in parse_sequences(options.sequences)]
-
-
-def _opened(name: str, options: argparse.Namespace) -> Sequence:
-    sequence = open_with_bar(name, options.cache)
-    if sequence.labels is not None or options.detector is None:
-        return sequence
-    with reporting(f"vehicles of {name}") as report:
-        return labelled_sequence(sequence, options.detector, cache=options.cache, progress=report)
+def open_all(options: argparse.Namespace, score: float = 0.25) -> list[Sequence]:
+    """The sequences that the options name, with labels, or the detector's boxes of `score` or more."""
+    opened = []
+    for name in parse_sequences(options.sequences):
+        sequence, detector = open_with_bar(name, options.cache), DetectorConfig(score=score)
+        if sequence.labels is None and options.detector is not None:
+            with reporting(f"vehicles of {name}") as report:
+                sequence = labelled_sequence(
+                    sequence, options.detector, detector, cache=options.cache, progress=report
+                )
+        opened.append(sequence)
+    return opened
 
 
 def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:

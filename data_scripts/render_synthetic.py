@@ -1,4 +1,4 @@
-"""Draw synthetic sequences into KITTI-layout folders, or all scenes on one sheet.
+"""Draw a synthetic sequence, or all scenes on one sheet.
 
 examples:
   vo data render_synthetic parked
@@ -22,6 +22,7 @@ from vo_lib.commands.console import reporting
 from vo_lib.commands.data import run_script
 from vo_lib.commands.setting_options import add_settings, given
 from vo_lib.core.errors import DataError
+from vo_lib.core.files import write_bytes_atomic
 from vo_lib.core.settings import declared
 from vo_lib.data.drawn import cache_folder
 from vo_lib.data.scenes import SCENES, SceneConfig, scene_config
@@ -64,13 +65,10 @@ def count(done: int, total: int) -> None:
 
 def write_sheet(path: Path) -> None:
     """Draw all scenes on one sheet; JPEG or PNG by the name's ending."""
-    quality = [cv2.IMWRITE_JPEG_QUALITY, 78] if path.suffix.lower() in (".jpg", ".jpeg") else []
-    try:
-        written = cv2.imwrite(str(path), contact_sheet(), quality)
-    except cv2.error:
-        written = False
-    if not written:
+    if path.suffix.lower() not in (".jpg", ".jpeg", ".png") or not path.parent.is_dir():
         raise DataError("the sheet cannot be written here; name a .jpg or .png in a folder that exists", path)
+    data = cv2.imencode(path.suffix, contact_sheet(), [cv2.IMWRITE_JPEG_QUALITY, 78])[1]
+    write_bytes_atomic(path, data.tobytes())
 
 
 if __name__ == "__main__":

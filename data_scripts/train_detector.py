@@ -1,13 +1,14 @@
-"""Train YOLOv8, the paper's detector, with Ultralytics on a data set in YOLO form; export it as ONNX.
+"""Train YOLOv8, the paper's detector, and export it as ONNX.
 
 examples:
   vo data train_detector data/cars --out runs/cars --epochs 400
   vo data train_detector roboflow/data.yaml --out runs/cars --weights yolov8n.pt --register cars
   vo data train_detector data/street --out runs/street --one-class vehicle --size 800
 
-Needs the extra `[train]`. Ultralytics and what it trains are AGPL-3.0: see https://www.ultralytics.com/license.
-A training that was stopped goes on at its last whole epoch. The folder gets data.yaml, train/ (weights,
-curves) and detector.onnx, which `vo run --detector` and `vo data write_labels` take.
+Ultralytics does it, from the extra `[train]`, on a data set in YOLO form. Ultralytics and what it trains
+are AGPL-3.0: see https://www.ultralytics.com/license. A training that was stopped goes on at its last whole
+epoch. The folder gets data.yaml, train/ (weights, curves) and detector.onnx, which `vo run --detector` and
+`vo data write_labels` take.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any
 import yaml
 
 from fetch.detectors import register_detector
-from training.dataset import DetectionSet, open_set
+from training.dataset import SPLITS, DetectionSet, open_set
 from training.evaluated import refuse_evaluated
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import say
@@ -111,7 +112,8 @@ def _ultralytics() -> Any:
 
 def _description(data: DetectionSet, one_class: str | None) -> bytes:
     """A data.yaml with full paths, as Ultralytics finds a data set wherever it lies."""
-    folders = {key: str(data.images[split][0].parent.resolve()) for split, key in data.keys.items()}
+    full = {key: images[0].parent for split, key in SPLITS.items() if (images := data.images[split])}
+    folders = {key: str(folder.resolve()) for key, folder in full.items()}
     names = [one_class] if one_class is not None else list(data.names)
     return str(yaml.safe_dump({**folders, "names": dict(enumerate(names))}, sort_keys=False)).encode()
 

@@ -1,4 +1,4 @@
-"""Write YOLO label files of a sequence, with a detector: `labels/` beside the images.
+"""Keep a detector's boxes as label files beside the images.
 
 examples:
   vo data write_labels kitti/07 --model yolov8n.onnx
@@ -13,19 +13,22 @@ import argparse
 import sys
 from pathlib import Path
 
-from training.pictures import detection_image
+import numpy as np
+
 from vo_lib.commands.common import add_cache, open_with_bar
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.data import run_script
 from vo_lib.commands.setting_options import add_settings, from_options
 from vo_lib.config import DetectorConfig
 from vo_lib.core.files import write_bytes_atomic
+from vo_lib.core.matches import empty_matches
 from vo_lib.core.types import Progress
 from vo_lib.data.kitti import read_image
 from vo_lib.data.sequence import Sequence, open_sequence
+from vo_lib.detection.class_names import COCO
 from vo_lib.detection.label_cache import RECORD, write_label_folder
 from vo_lib.detection.yolo import PROVIDERS
-from vo_lib.tables.plots import jpeg
+from vo_lib.tables.plots import jpeg, match_image
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -64,11 +67,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def draw_all(sequence: Sequence, folder: Path, progress: Progress) -> None:
-    """A JPEG of each left image with its boxes."""
+    """A JPEG of each left image with its boxes, above each its class and score."""
     folder.mkdir(parents=True, exist_ok=True)
     for index, frame in enumerate(sequence.frames):
-        image = read_image(sequence.folder / "image_0" / f"{frame}.png")
-        write_bytes_atomic(folder / f"{frame}.jpg", jpeg(detection_image(image, sequence.boxes(index))))
+        image, boxes = read_image(sequence.folder / "image_0" / f"{frame}.png"), sequence.boxes(index)
+        names = [COCO[k] if k < len(COCO) else str(k) for k in boxes.class_id.tolist()]
+        words = [f"{name} {score:.2f}" for name, score in zip(names, boxes.score, strict=True)]
+        picture = match_image(image, empty_matches(), np.zeros(0, np.bool_), boxes, words=words)
+        write_bytes_atomic(folder / f"{frame}.jpg", jpeg(picture))
         progress(index + 1, len(sequence))
 
 

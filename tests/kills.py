@@ -26,7 +26,6 @@ from typing import Any
 
 from conftest import write_bands
 
-START = "import sys; from vo_lib.commands.cli import main; sys.exit(main())"
 # SEQUENCE and OUT stand for the folders of the sequence and of the results.
 COMMANDS = {
     "run": "run SEQUENCE --method feature_selection --out OUT/run",
@@ -49,7 +48,7 @@ def start(words: str, sequence: Path, out: Path) -> subprocess.Popen[bytes]:
     """A command in a process group and with a cache of its own."""
     filled = [w.replace("SEQUENCE", str(sequence)).replace("OUT", str(out)) for w in words.split()]
     return subprocess.Popen(
-        [sys.executable, "-c", START, *filled],
+        [sys.executable, "-m", "vo_lib", *filled],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         env=os.environ | {"XDG_CACHE_HOME": str(out / "user")},

@@ -19,7 +19,7 @@ import numpy as np
 from conftest import write_bands
 
 from fetch.euroc import read_euroc_drive
-from fetch.kitti_archive import archives_of, fetch, plan
+from fetch.kitti_archive import fetch, plan
 from fetch.kitti_raw import read_raw_drive
 from fetch.stereo_calibration import read_opencv, rig_from_matrices
 from fetch.zip_archives import Archives
@@ -136,7 +136,7 @@ def _archive() -> bytes:
 
 def _fetched(folder: Path) -> None:
     with Archives() as archives:
-        members = plan(archives, archives_of([folder / "kitti.zip"]), ["07"])
+        members = plan(archives, [str(folder / "kitti.zip")], ["07"])
         fetch(archives, members, folder / "tree", jobs=1)
 
 

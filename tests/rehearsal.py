@@ -3,10 +3,10 @@
     python tests/rehearsal.py FOLDER --clips CLIPS
     python tests/rehearsal.py FOLDER --clips CLIPS --sequences 03,04 --kill 20,40 --seeds 2
 
-Not part of the test suite: an hour on two cores. CLIPS has KITTI's layout. Each of the sequences gets as many
-frames as KITTI's: links to the images of a clip, played to its end and back, with the truth to match. Every
-turn is a jump in speed; errors are those of the played path, not the paper's. The command runs in a process
-group of its own, is killed after so many seconds, and started again until it ends.
+Not part of the test suite: half an hour on two cores. CLIPS has KITTI's layout. Each of the sequences gets
+as many frames as KITTI's: links to the images of a clip, played to its end and back, with the truth to
+match. Every turn is a jump in speed; errors are those of the played path, not the paper's. The command runs
+in a process group of its own, is killed after so many seconds, and started again until it ends.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from vo_lib.core.types import Array
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.data.sequence import Sequence, open_sequence
 
-START = "import sys; from vo_lib.commands.cli import main; sys.exit(main())"
 STEP = 0.1037  # seconds from frame to frame, about KITTI's
 
 
@@ -54,7 +53,7 @@ def lay_out(clip: Sequence, folder: Path, name: str) -> None:
 
 def reproduce(words: list[str], environment: dict[str, str], limit: float | None) -> int | None:
     """The command's exit code; None where it was killed after `limit` seconds."""
-    command = [sys.executable, "-c", START, "reproduce", *words]
+    command = [sys.executable, "-m", "vo_lib", "reproduce", *words]
     started = time.monotonic()
     process = subprocess.Popen(command, env=environment, start_new_session=True)
     try:

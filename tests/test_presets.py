@@ -33,31 +33,6 @@ DECISIVE: dict[str, tuple[str, tuple[Any, ...]]] = {
     "buckets.features": ("StereoScan keeps 2 of a bucket, the others 3", (2, 3, 3, 3, 3)),
 }
 
-# Defaults that the paper or StereoScan gives, or that stand for what they leave open; all presets share them.
-SHARED: dict[str, tuple[Any, str]] = {
-    "seed": (0, "random sets that anyone can draw again"),
-    "buckets.size": (50, "the paper's source of feature selection: buckets of 50×50 pixels"),
-    "selection.sets": (200, "n sets of five matches: as many as StereoScan's trials"),
-    "selection.keep": (2, "k solutions of a set: of one alone the true one is lost too often"),
-    "selection.threshold": (1.0, "a match within a pixel of its epipolar line is an inlier"),
-    "selection.mode": ("refined", "the kit's own method; `literal` leaves the winner as it is"),
-    "reprojection.trials": (200, "StereoScan, section IV: 200 trials of RANSAC"),
-    "reprojection.threshold": (2.0, "StereoScan: inliers within 2 px"),
-    "reprojection.centre": (0.05, "StereoScan weighs by 1 / (|u - cu| / |cu| + 0.05)"),
-    "filter.classes": ((2, 5, 7), "section 3: cars and trucks; in COCO car 2, bus 5, truck 7"),
-    "filter.margin": (0.0, "a feature goes when it lies inside of the box itself"),
-    "filter.score": (0.25, "YOLOv8's usual threshold"),
-    "filter.min_matches": (60, "with fewer the filter is off: a motion from vehicles is better than none"),
-    "filter.min_share": (0.3, "the same, as a share"),
-    "translation.max_depth": (100.0, "farther points have hardly any disparity"),
-    "features.blob_cell": (19, "StereoScan: extrema of a neighbourhood; a few thousand on an image of KITTI"),
-    "features.blob_quality": (50.0, "StereoScan: extrema of the 5×5 masks above 50"),
-    "matching.row_tolerance": (1.0, "a rectified pair shows a point in one row"),
-    "matching.loop_tolerance": (0.35, "a loop that closes: less than half a pixel"),
-    "calibration.estimate": (True, "beyond the paper, in every method alike"),
-    "min_matches": (12, "two sets of five, and two more"),
-}
-
 
 def value(config: Config, name: str) -> Any:
     found: Any = config
@@ -90,13 +65,6 @@ def test_what_decides_a_method_is_as_the_paper_says(name: str) -> None:
             assert value(preset(method), name) == expected, (method, why)
 
 
-@pytest.mark.parametrize("name", SHARED)
-def test_what_the_methods_share_is_the_same_in_all(name: str) -> None:
-    expected, why = SHARED[name]
-    for method in ORDER:
-        assert value(preset(method), name) == expected, (method, why)
-
-
 @pytest.mark.parametrize("method", ORDER)
 def test_a_preset_differs_from_the_defaults_in_what_decides_it_and_in_nothing_else(method: str) -> None:
     default, found = flat(Config()), flat(preset(method))
@@ -127,10 +95,6 @@ def test_no_default_changes_by_accident(config: Any) -> None:
 def test_mode_and_seed_change_nothing_but_themselves(method: str, mode: str) -> None:
     usual, found = flat(preset(method)), flat(preset(method, mode=mode, seed=7))
     assert found == usual | {"selection.mode": mode, "seed": 7}
-
-
-def test_presets_share_one_front_end_so_that_their_matches_are_the_same() -> None:
-    assert len({(preset(method).features, preset(method).matching) for method in ORDER}) == 1
 
 
 def test_a_preset_cannot_be_changed_by_who_takes_it() -> None:

@@ -11,6 +11,7 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.files import file_sha256, write_bytes_atomic, write_text_atomic
 from vo_lib.core.types import Progress
 from vo_lib.detection.detectors import FETCHABLE, REGISTRY, Detector, detector_folder, registered
+from vo_lib.detection.yolo import YoloDetector
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
@@ -53,19 +54,16 @@ def register_detector(name: str, source: Path, folder: Path | None = None, licen
         raise DataError(f"{name!r} is no name: expected letters, digits, - and _")
     if not source.is_file():
         raise DataError("the file is missing", source)
-    _check_onnx(source)
+    YoloDetector(source)  # a `DataError` where the kit cannot run it
     sha256, size = file_sha256(source), source.stat().st_size
-    official = FETCHABLE.get(name)
-    if official is not None:
-        if (size, sha256) != (official.size, official.sha256):
-            raise DataError(
-                f"is not the official {name} ({size} bytes, SHA-256 {sha256[:12]}…; expected {official.size} "
-                f"bytes, {official.sha256[:12]}…); register it under another name",
-                source,
-            )
-        detector = official
-    else:
-        detector = Detector(name, f"{name}.onnx", "", size, sha256, licence or "not stated", "registered")
+    own = Detector(name, f"{name}.onnx", "", size, sha256, licence or "not stated", "registered")
+    detector = FETCHABLE.get(name, own)
+    if (size, sha256) != (detector.size, detector.sha256):
+        raise DataError(
+            f"is not the official {name} ({size} bytes, SHA-256 {sha256[:12]}…; expected {detector.size} "
+            f"bytes, {detector.sha256[:12]}…); register it under another name",
+            source,
+        )
     path = folder / detector.file
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -74,22 +72,8 @@ def register_detector(name: str, source: Path, folder: Path | None = None, licen
             write_bytes_atomic(path, source.read_bytes())
     except OSError as error:
         raise DataError(f"cannot be written: {error.strerror}", path) from None
-    if official is None:
+    if detector is own:
         others = {**registered(folder), name: detector}
         text = json.dumps({key: vars(value) for key, value in others.items()}, indent=2)
         write_text_atomic(folder / REGISTRY, text + "\n")
     return detector
-
-
-def _check_onnx(path: Path) -> None:
-    """`DataError` unless ONNX Runtime can load the file."""
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 4
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    try:
-        onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # the runtime's exceptions share no other base
-        words = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-        raise DataError(f"ONNX Runtime cannot load it: {words}", path) from None

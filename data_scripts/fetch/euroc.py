@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fetch.stereo_calibration import Rig, rig_from_matrices
+from fetch.stereo_sources import Drive
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_text
 from vo_lib.core.geometry import inverse, rigid
@@ -23,22 +23,7 @@ LARGEST = 1e5  # of the numbers of a camera: pixels, metres
 LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  # of a 4×4 pose
 
 
-@dataclass(frozen=True)
-class EurocDrive:
-    """N stereo pairs: image files, the rig that rectifies them, times in seconds from the first pair.
-
-    poses : (N, 4, 4) T_w_c of the rectified left camera, the first one the identity; None without truth.
-    note : what was left out, or "".
-    """
-
-    paths: list[tuple[Path, Path]]
-    rig: Rig
-    times: Array
-    poses: Array | None
-    note: str
-
-
-def read_euroc_drive(folder: Path) -> EurocDrive:
+def read_euroc_drive(folder: Path) -> Drive:
     """A folder mav0, or the one it is in; `DataError` with the file, where something is missing or wrong.
 
     Pairs without a true pose are left out at the start and the end; without truth all are taken.
@@ -69,7 +54,7 @@ def read_euroc_drive(folder: Path) -> EurocDrive:
         notes.append(f"no true poses: {base / TRUTH} is missing")
     paths = [(images[0][moment], images[1][moment]) for moment in moments[chosen]]
     times = times[chosen]
-    return EurocDrive(paths, rig, times - times[0], poses, "; ".join(notes))
+    return Drive(paths, rig, times - times[0], poses, "; ".join(notes))
 
 
 def _images(camera: Path) -> dict[int, Path]:

@@ -40,11 +40,6 @@ def archives_at(host: str, color: bool = False) -> list[str]:
     return [f"{host.rstrip('/')}/{kind}" for kind in kinds]
 
 
-def archives_of(paths: list[Path]) -> list[str]:
-    """Archives on disk; those of calibration and poses last: they win over older copies beside the images."""
-    return [str(path) for path in sorted(paths, key=lambda path: path.name in (CALIB, POSES))]
-
-
 def plan(
     archives: Archives, places: list[str], sequences: Iterable[str], progress: Progress | None = None
 ) -> list[Member]:
@@ -59,9 +54,7 @@ def plan(
     """
     wanted = set(sequences)
     found: dict[PurePosixPath, Member] = {}
-    for number, place in enumerate(places):
-        if progress is not None:
-            progress(number, len(places))
+    for number, place in enumerate(places, start=1):
         for info in archives.directory(place):
             inside = INSIDE.fullmatch(info.filename)
             if inside is None or (inside[2] or inside[3]) not in wanted:
@@ -71,8 +64,8 @@ def plan(
             target = PurePosixPath(inside[1])
             size, packed = info.file_size, info.compress_size
             found[target] = Member(place, info.filename, target, size, packed, info.CRC)
-    if progress is not None:
-        progress(len(places), len(places))
+        if progress is not None:
+            progress(number, len(places))
     return [found[target] for target in sorted(found)]
 
 
@@ -81,15 +74,12 @@ def absent(members: list[Member], root: Path, progress: Progress | None = None) 
     todo = []
     for number, member in enumerate(members, start=1):
         path = root / member.target
-        if not (path.is_file() and path.stat().st_size == member.size and _file_crc(path) == member.crc):
+        whole = path.is_file() and path.stat().st_size == member.size
+        if not (whole and zlib.crc32(read_bytes(path)) == member.crc):
             todo.append(member)
         if progress is not None and (number % 50 == 0 or number == len(members)):
             progress(number, len(members))
     return todo
-
-
-def _file_crc(path: Path) -> int:
-    return zlib.crc32(read_bytes(path))
 
 
 def fetch(

@@ -44,15 +44,8 @@ class SequenceReport:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {
-            "name": self.name,
-            "folder": str(self.folder),
-            "pairs": self.pairs,
-            "expected": self.expected,
-            "parts": dict(self.parts),
-            "problems": list(self.problems),
-            "complete": not self.problems,
-        }
+        told = {"folder": str(self.folder), "parts": dict(self.parts), "complete": not self.problems}
+        return vars(self) | told
 
 
 def parse_numbers(text: str) -> list[str]:
@@ -134,19 +127,16 @@ def _check_sequence(
         ("calib.txt", folder / "calib.txt", _camera),
         ("times.txt", folder / "times.txt", lambda path: _rows(len(read_times(path)), numbers)),
     ]
-    poses = next(
-        (p for p in (folder / "poses.txt", root / "poses" / f"{folder.name}.txt") if p.exists()), None
-    )
-    if poses is not None or (expected is not None and folder.name <= LAST_WITH_POSES):
-        path = poses or root / "poses" / f"{folder.name}.txt"
-        label = path.name if path.parent == folder else f"poses/{path.name}"
-        files.append((label, path, lambda path: _rows(len(read_kitti_poses(path)), numbers)))
+    poses = folder / "poses.txt"
+    poses = poses if poses.exists() else root / "poses" / f"{folder.name}.txt"
+    if poses.exists() or (expected is not None and folder.name <= LAST_WITH_POSES):
+        label = poses.name if poses.parent == folder else f"poses/{poses.name}"
+        files.append((label, poses, lambda path: _rows(len(read_kitti_poses(path)), numbers)))
     for label, path, read in files:
         try:
             parts.append((label, read(path)))
         except DataError as error:
-            words = str(error).removeprefix(f"{path}: ")
-            problems.append(f"{label}: {words}")
+            problems.append(f"{label}: " + str(error).removeprefix(f"{path}: "))
             parts.append((label, "missing" if not path.exists() else "not as it should be"))
     return SequenceReport(folder.name, folder, pairs, expected, tuple(parts), tuple(problems))
 
@@ -155,11 +145,10 @@ def _look_at_images(
     folder: Path, images: dict[int, str], deep: bool, looked: Callable[[], None]
 ) -> tuple[str, list[str]]:
     """The size that most images have, in words, and what is wrong with single images."""
-    look = _decoded_size if deep else _png_size
 
     def outcome(name: str) -> tuple[int, int] | str:
         try:
-            return look(folder / name)
+            return read_image(folder / name).shape[::-1] if deep else _png_size(folder / name)
         except DataError as error:
             return str(error).removeprefix(f"{folder / name}: ")
 
@@ -191,11 +180,6 @@ def _png_size(path: Path) -> tuple[int, int]:
         raise DataError("is empty or no PNG file", path)
     width, height = struct.unpack(">II", start[16:24])
     return int(width), int(height)
-
-
-def _decoded_size(path: Path) -> tuple[int, int]:
-    height, width = read_image(path).shape
-    return width, height
 
 
 def _camera(path: Path) -> str:

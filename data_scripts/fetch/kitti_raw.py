@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import datetime
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from fetch.stereo_calibration import rig_from_matrices
+from fetch.stereo_sources import Drive
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_text
-from vo_lib.core.geometry import inverse, nearest_rotation, rigid
+from vo_lib.core.geometry import inverse, nearest_rotation, rigid, rotation_from_vector
 from vo_lib.core.poses import is_rotation, read_rows
 from vo_lib.core.types import Array
 from vo_lib.data.kitti import read_image
@@ -22,29 +23,7 @@ LARGEST_RIG = 100.0  # metres between sensors of one vehicle
 OXTS_ROW = "30 numbers of a GPS/IMU packet"
 
 
-@dataclass(frozen=True)
-class RawDrive:
-    """A drive of N stereo pairs.
-
-    Attributes
-    ----------
-    left, right : (N) image files of the grey cameras.
-    P0, P1 : (3, 4) projection of the rectified left and right camera.
-    times : (N,) seconds from the first frame.
-    poses : (N, 4, 4) T_w_c of the left camera, the first one the identity; None where files are missing.
-    note : why there are no poses, or "".
-    """
-
-    left: list[Path]
-    right: list[Path]
-    P0: Array
-    P1: Array
-    times: Array
-    poses: Array | None
-    note: str
-
-
-def read_raw_drive(drive: Path, calibration: Path | None = None) -> RawDrive:
+def read_raw_drive(drive: Path, calibration: Path | None = None) -> Drive:
     """A drive folder such as 2011_09_26_drive_0005_sync.
 
     Parameters
@@ -67,24 +46,18 @@ def read_raw_drive(drive: Path, calibration: Path | None = None) -> RawDrive:
         raise DataError(f"expected two images or more, found {len(stems)}", folders[0])
     places = [calibration] if calibration is not None else [drive, drive.resolve().parent]
     where = next((p for p in places if (p / "calib_cam_to_cam.txt").exists()), places[-1])
-    cameras = read_calibration_file(where / "calib_cam_to_cam.txt")
     path = where / "calib_cam_to_cam.txt"
-    P0, P1 = (_matrix(cameras, f"P_rect_0{camera}", (3, 4), path) for camera in (0, 1))
+    cameras = read_calibration_file(path)
+    P = {f"P{camera + 1}": _matrix(cameras, f"P_rect_0{camera}", (3, 4), path) for camera in (0, 1)}
     _check_size(names[0][stems[0]], _matrix(cameras, "S_rect_00", (2,), path))
     moments = _timestamps(drive / "image_00" / "timestamps.txt")
     if len(moments) <= int(stems[-1]):
         raise DataError(f"{len(moments)} rows, but there is an image {stems[-1]}", drive / "image_00")
     times = moments[[int(stem) for stem in stems]]
     poses, note = _poses(drive, where, cameras, stems)
-    return RawDrive(
-        left=[names[0][stem] for stem in stems],
-        right=[names[1][stem] for stem in stems],
-        P0=P0,
-        P1=P1,
-        times=times - times[0],
-        poses=poses,
-        note=note,
-    )
+    paths = [(names[0][stem], names[1][stem]) for stem in stems]
+    rig = rig_from_matrices(P, (0, 0), path, rectified=True)
+    return Drive(paths, rig, times - times[0], poses, note)
 
 
 def _check_size(image: Path, expected: Array) -> None:
@@ -189,15 +162,6 @@ def imu_poses(rows: Array) -> Array:
     T[:, 0, 3] = scale * longitude
     T[:, 1, 3] = scale * np.log(np.tan(np.pi / 4 + latitude / 2))
     T[:, 2, 3] = rows[:, 2]
-    T[:, :3, :3] = _turn(rows[:, 5], 2) @ _turn(rows[:, 4], 1) @ _turn(rows[:, 3], 0)
+    roll, pitch, yaw = (rotation_from_vector(rows[:, 3 + k, None] * np.eye(3)[k]) for k in range(3))
+    T[:, :3, :3] = yaw @ pitch @ roll
     return T
-
-
-def _turn(angle: Array, axis: int) -> Array:
-    """Rotations about a coordinate axis, (N, 3, 3)."""
-    R = np.tile(np.eye(3), (len(angle), 1, 1))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R[:, i, i] = R[:, j, j] = np.cos(angle)
-    R[:, j, i] = np.sin(angle)
-    R[:, i, j] = -np.sin(angle)
-    return R

@@ -166,11 +166,10 @@ def rig_from_matrices(
     f = float(P1[0, 0])
     if f <= 0 or np.abs(P1[:, :3] - P2[:, :3]).max() > 1e-3 * f or abs(P1[1, 1] - f) > 1e-3 * f:
         raise DataError("P1 and P2 are not those of a rectified pair: f, cx, cy must be equal", path)
-    maps = None
-    if not rectified and raw and {"R1", "R2"} <= found.keys():
-        maps = _maps(found, size, "1"), _maps(found, size, "2")
-    rig = rig_from_numbers(f, float(P1[0, 2]), float(P1[1, 2]), unit * float(-P2[0, 3] / f), path, maps)
-    return rig if maps is None else replace(rig, R1=found["R1"])
+    rig = rig_from_numbers(f, float(P1[0, 2]), float(P1[1, 2]), unit * float(-P2[0, 3] / f), path)
+    if rectified or not raw or not {"R1", "R2"} <= found.keys():
+        return rig
+    return replace(rig, maps=(_maps(found, size, "1"), _maps(found, size, "2")), R1=found["R1"])
 
 
 def _maps(found: dict[str, Array], size: tuple[int, int], camera: str) -> tuple[Image, Image]:
@@ -179,14 +178,7 @@ def _maps(found: dict[str, Array], size: tuple[int, int], camera: str) -> tuple[
     return maps[0], maps[1]  # type: ignore[return-value]
 
 
-def rig_from_numbers(
-    f: float,
-    cx: float,
-    cy: float,
-    baseline: float,
-    path: Path | None = None,
-    maps: tuple[tuple[Image, Image], tuple[Image, Image]] | None = None,
-) -> Rig:
+def rig_from_numbers(f: float, cx: float, cy: float, baseline: float, path: Path | None = None) -> Rig:
     """A rig of plain numbers, pixels and metres; `DataError` where they are no camera's."""
     if not np.isfinite([f, cx, cy, baseline]).all() or f <= 0:
         raise DataError(f"focal length {f:g} px, centre {cx:g},{cy:g} px: expected positive numbers", path)
@@ -194,4 +186,4 @@ def rig_from_numbers(
         raise DataError("the baseline is 0 m: expected the distance between the two cameras", path)
     if abs(baseline) > LONGEST_BASELINE:
         raise DataError(f"the baseline is {abs(baseline):g} m: is it in millimetres? say --unit mm", path)
-    return Rig(f, cx, cy, baseline, maps)
+    return Rig(f, cx, cy, baseline)

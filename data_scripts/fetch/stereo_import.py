@@ -182,11 +182,10 @@ def _write_images(source: Source, rig: Rig, folder: Path, progress: Progress | N
     count = 0
     with ThreadPoolExecutor(max_workers=min(os.cpu_count() or 1, 8)) as pool:
         waiting: deque[Future[None]] = deque()
-        for number, read in enumerate(source.pairs()):
-            waiting.append(pool.submit(write, number, read))
+        for count, read in enumerate(source.pairs(), start=1):
+            waiting.append(pool.submit(write, count - 1, read))
             if len(waiting) >= 16:
                 waiting.popleft().result()
-            count = number + 1
             if progress is not None:
                 progress(count, max(total, count))
         for future in waiting:

@@ -12,9 +12,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from fetch.stereo_calibration import Rig
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_bytes
-from vo_lib.core.types import Image
+from vo_lib.core.types import Array, Image
 from vo_lib.data.kitti import decode_image, read_image
 from vo_lib.data.stereo_check import SAMPLE, sample_of
 
@@ -22,6 +23,24 @@ Pair = tuple[Image, Image]
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
 VIDEO_SAMPLE_STEP = 10  # frames of a video from one pair of the sample to the next
+
+
+@dataclass(frozen=True)
+class Drive:
+    """N stereo pairs of a data set that says itself what its cameras are.
+
+    Attributes
+    ----------
+    paths : image files, left and right. rig : what rectifies them. times : (N,) seconds from the first pair.
+    poses : (N, 4, 4) T_w_c of the rectified left camera, the first one the identity; None without truth.
+    note : what was left out and why, or "".
+    """
+
+    paths: list[tuple[Path, Path]]
+    rig: Rig
+    times: Array
+    poses: Array | None
+    note: str
 
 
 @dataclass(frozen=True)
@@ -78,17 +97,17 @@ class VideoSource:
 
     def size_hint(self) -> int:
         """As many as the video says it has."""
-        video = self._open()
-        count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
-        video.release()
-        return max(count, 0)
+        return int(self._told(cv2.CAP_PROP_FRAME_COUNT))
 
     def fps(self) -> float:
         """Frames a second, or 0 where the video does not say."""
+        return self._told(cv2.CAP_PROP_FPS)
+
+    def _told(self, what: int) -> float:
         video = self._open()
-        fps = float(video.get(cv2.CAP_PROP_FPS))
+        value = float(video.get(what))
         video.release()
-        return fps if np.isfinite(fps) else 0.0
+        return max(value, 0.0) if np.isfinite(value) else 0.0
 
     def _open(self) -> cv2.VideoCapture:
         if not self.path.is_file():

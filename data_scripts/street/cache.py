@@ -42,17 +42,13 @@ def draw_scene(
     try:
         parent.mkdir(parents=True, exist_ok=True)
         _sweep(parent, folder.name)
-        draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=parent))
+        prefix = f".{folder.name}."
+        with tempfile.TemporaryDirectory(prefix=prefix, dir=parent, ignore_cleanup_errors=True) as draft:
+            write_scene(config, Path(draft), progress, jobs, frames)
+            _write_manifest(Path(draft))
+            _publish(Path(draft), folder)
     except OSError as error:
         raise DataError(f"the cache cannot be written: {error.strerror}", parent) from None
-    try:
-        write_scene(config, draft, progress, jobs, frames)
-        _write_manifest(draft)
-        _publish(draft, folder)
-    except OSError as error:
-        raise DataError(f"the cache cannot be written: {error.strerror}", parent) from None
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
     return folder
 
 

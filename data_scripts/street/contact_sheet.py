@@ -1,4 +1,4 @@
-"""Pictures of scenes for a person: one frame with its boxes, and all scenes on one sheet."""
+"""All scenes on one sheet for a person: a frame of each with its boxes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_lib.data.scenes import SCENES, SceneConfig
+from vo_lib.data.scenes import SCENES
 
 from .render import Renderer
 from .sensor import photograph
@@ -19,23 +19,17 @@ WHEN = 0.4  # of the drive
 MOVING, STANDING, WHITE = (0, 94, 213), (233, 180, 86), (255, 255, 255)  # BGR
 
 
-def preview(config: SceneConfig) -> Picture:
-    """A left picture (H, W, 3) of a scene with boxes round what is labelled."""
-    world = make_world(config)
-    frame = round(WHEN * (len(world.drive.times) - 1))
-    view, grey = photograph(Renderer(world), frame)
-    picture, moving = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), world.moving()[frame]
-    for box in visible_boxes(world, frame, view):
-        colour = MOVING if moving[box.vehicle] else STANDING
-        cv2.rectangle(picture, (box.left, box.top), (box.right, box.bottom), colour, 2)
-    return np.asarray(picture, np.uint8)
-
-
 def contact_sheet() -> Picture:
     """One picture of each scene with its name; moving vehicles in orange boxes, standing ones in blue."""
     tiles = []
     for name, config in SCENES.items():
-        picture = preview(config)
+        world = make_world(config)
+        frame = round(WHEN * (len(world.drive.times) - 1))
+        view, grey = photograph(Renderer(world), frame)
+        picture, moving = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), world.moving()[frame]
+        for box in visible_boxes(world, frame, view):
+            colour = MOVING if moving[box.vehicle] else STANDING
+            cv2.rectangle(picture, (box.left, box.top), (box.right, box.bottom), colour, 2)
         height = round(WIDTH * picture.shape[0] / picture.shape[1])
         tile = cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA)
         cv2.rectangle(tile, (0, 0), (16 + 11 * len(name), 24), (30, 30, 30), -1)

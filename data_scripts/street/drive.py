@@ -124,10 +124,6 @@ class Drive:
     clock: Array
     way: Array
 
-    def arc_length(self, t: Array) -> Array:
-        """Arc length at times t, also before the start and after the end of the drive."""
-        return np.asarray(np.interp(t, self.clock, self.way))
-
 
 def lane_offset(config: SceneConfig) -> float:
     """Lateral offset of the camera's lane, the rightmost, metres."""

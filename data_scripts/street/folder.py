@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vo_lib.core.camera import StereoCamera
+from vo_lib.core.errors import DataError
+from vo_lib.core.poses import write_kitti_poses
 from vo_lib.core.settings import from_dict, to_dict
 from vo_lib.core.types import Progress
 from vo_lib.data.scenes import SceneConfig
@@ -46,7 +48,10 @@ def write_scene(
     try:
         world = make_world(config)
         _write_tables(world, folder)
-        wanted = frames or range(len(world.drive.times))
+        whole = range(len(world.drive.times))
+        wanted = whole if frames is None else frames
+        if not 0 <= wanted.start < wanted.stop <= len(whole):
+            raise DataError(f"--frames {wanted.start}:{wanted.stop}: the scene has 0:{len(whole)}")
 
         def report() -> None:
             if progress:
@@ -102,8 +107,7 @@ def _write_tables(world: World, folder: Path) -> None:
     """Calibration, times, poses and the motion of the vehicles."""
     _write_text(folder / "calib.txt", calibration_text(world.config.camera))
     _write_text(folder / "times.txt", "".join(f"{t:.6e}\n" for t in world.drive.times))
-    rows = [" ".join(f"{v:.9e}" for v in T[:3].ravel()) for T in world.poses]
-    _write_text(folder / "poses.txt", "".join(row + "\n" for row in rows))
+    write_kitti_poses(folder / "poses.txt", world.poses)
     write_objects(world, folder / "truth" / "objects.npz")
 
 
@@ -139,10 +143,7 @@ def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16], noisy:
     if noisy:
         # Noise holds no repetitions: do not look for any.
         options += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
-    done, data = cv2.imencode(".png", image, options)
-    if not done:
-        raise RuntimeError(f"{path}: OpenCV could not encode the picture")
-    path.write_bytes(data.tobytes())
+    path.write_bytes(cv2.imencode(".png", image, options)[1].tobytes())
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -97,10 +97,6 @@ class MeshBuilder:
 
     def build(self) -> Faces:
         """All faces with their texture axes, not yet lit."""
-        if not self.parts:
-            none = np.zeros((0, 3))
-            number = np.zeros(0, np.int32)
-            return Faces(np.zeros((0, 4, 3)), number, np.zeros((0, 2)), none, none, np.zeros(0), number)
         corners = np.concatenate([p[0] for p in self.parts])
         uv = np.concatenate([p[1] * self.sizes[p[2]] for p in self.parts])
         texture = np.concatenate([np.full(len(p[0]), p[2], np.int32) for p in self.parts])

@@ -42,7 +42,7 @@ def paint_street(store: TextureSet, config: SceneConfig, rng: Rng) -> None:
     store.add("far wood", textures.leaves(rng, mean=62.0, count=900), both)
     store.add("bark", textures.bark(rng), both)
     store.add("concrete", textures.concrete(rng), along)
-    store.add("pole", textures.smooth_metal(rng, 118.0), both)
+    store.add("pole", textures.plain(118.0, 64, 64, rng, 3.0), both)
     store.add("clouds", textures.clouds(rng), both)
     for k in range(6):
         store.add(f"sign {k}", textures.sign(rng, k))
@@ -88,8 +88,8 @@ def build_ground(site: Site) -> None:
             site.ribbon("kerb", s, (side * road, side * road), (KERB, 0.0), flip=side > 0)
         reach = np.where(np.sign(curvature) == side, inner, LAWN)
         site.ribbon("grass", s, _ordered(side * out, side * reach), (raised, raised), 9.0, 9.0)
-    middle, half = _extent(site)
-    half += BEYOND
+    middle = site.route.point(0.5 * (site.first + site.last))
+    half = 0.5 * (site.last - site.first) + BEYOND
     square = np.array([[-half, 0.25, -half], [-half, 0.25, half], [half, 0.25, half], [half, 0.25, -half]])
     uv = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]]) * 2 * half / 9.0
     site.add("grass", middle + square, uv, 0.9)
@@ -105,11 +105,6 @@ def _build_woods(site: Site, middle: Array, radius: float, count: int = 240) -> 
     uv[:, :, 0] *= 2 * np.pi * radius / count / 20.0
     uv[:, 1, 1], uv[:, 2, 1] = height / 20.0, np.roll(height, -1) / 20.0
     site.add("far wood", prism(base, top)[:, ::-1], uv[:, ::-1], 0.95)
-
-
-def _extent(site: Site) -> tuple[Array, float]:
-    """Middle of the street (3,) and half of its length, metres."""
-    return site.route.point(0.5 * (site.first + site.last)), 0.5 * (site.last - site.first)
 
 
 def _ordered(a: Array | float, b: Array | float) -> tuple[Array | float, Array | float]:

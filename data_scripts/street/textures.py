@@ -51,9 +51,9 @@ def smeared(image: Image, length: int) -> Image:
     return np.asarray(cv2.blur(image, (1, length), borderType=cv2.BORDER_REFLECT), np.float32)
 
 
-def box(image: Image, x0: float, y0: float, x1: float, y1: float, grey: float, thickness: int = -1) -> None:
-    """Rectangle in texels, filled by default."""
-    cv2.rectangle(image, (round(x0), round(y0)), (round(x1) - 1, round(y1) - 1), float(grey), thickness)
+def box(image: Image, x0: float, y0: float, x1: float, y1: float, grey: float) -> None:
+    """A filled rectangle in texels."""
+    cv2.rectangle(image, (round(x0), round(y0)), (round(x1) - 1, round(y1) - 1), float(grey), -1)
 
 
 def letters(image: Image, text: str, at: tuple[int, int], scale: float, grey: float, thick: int) -> None:
@@ -278,8 +278,3 @@ def clouds(rng: Rng, size: int = 1024) -> Image:
     """Sky from below: soft clouds on a bright ground; repeats both ways."""
     cover = fractal(rng, size, size, 1.7, 2.0)
     return without_stripes(196.0 + 46.0 * np.clip(cover, -0.6, 1.4) / 1.4)
-
-
-def smooth_metal(rng: Rng, grey: float) -> Image:
-    """Painted metal of poles and masts."""
-    return plain(grey, 64, 64, rng, 3.0)

@@ -67,7 +67,8 @@ class Traffic:
             model = trucks[int(rng.integers(len(trucks)))] if truck else self.pick(0.15)
             clear += (config.gap if first else 0.6 * config.gap + 3.0) + model.shape.length / 2
             swing = 1.5 * np.sin(2 * np.pi * times / rng.uniform(9, 15) + rng.uniform(0, 6))
-            s = self.drive.arc_length(times + 0.6 * (k + 1)) + clear + swing * min(config.gap / 20.0, 1.0)
+            s = np.interp(times + 0.6 * (k + 1), self.drive.clock, self.drive.way) + clear
+            s = s + swing * min(config.gap / 20.0, 1.0)
             self.add(model, np.maximum.accumulate(s), lane_offset(config) + float(rng.uniform(-0.15, 0.15)))
             clear += model.shape.length / 2
 

@@ -73,14 +73,8 @@ def visible_boxes(
             continue
         mask = view.instance == number
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        box = Box(
-            number - 1,
-            world.vehicles[number - 1].model.shape.kind,
-            int(columns[0]),
-            int(rows[0]),
-            int(columns[-1]),
-            int(rows[-1]),
-        )
+        kind = world.vehicles[number - 1].model.shape.kind
+        box = Box(number - 1, kind, *map(int, (columns[0], rows[0], columns[-1], rows[-1])))
         tall_enough = box.bottom - box.top + 1 >= min_height
         if tall_enough and area >= min_share * outline_area(world, number - 1, frame):
             boxes.append(box)

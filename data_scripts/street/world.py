@@ -23,23 +23,8 @@ from .traffic import Vehicle, make_traffic
 from .vehicles import make_models
 
 
-@dataclass(frozen=True)
-class Shade:
-    """Dark stretches: light (M,), 1 in the open, along the samples of the route."""
-
-    light: Array
-
-    def at(self, route: Route, points: Array) -> Array:
-        """Light at points (N, 3) in the street frame."""
-        if self.light.min() == 1.0:
-            return np.ones(len(points))
-        line = np.stack([route.x, route.z], axis=1)[::8]
-        nearest = np.argmin(np.linalg.norm(points[:, None, [0, 2]] - line, axis=2), axis=1)
-        return np.asarray(self.light[::8][nearest])
-
-
-def make_shade(config: SceneConfig, route: Route) -> Shade:
-    """Stretches of 10 to 40 m as dark as under a bridge or dense trees, with soft ends."""
+def make_shade(config: SceneConfig, route: Route) -> Array:
+    """Light (M,) along the route, 1 in the open: 10 to 40 m as dark as under a bridge, with soft ends."""
     rng = np.random.default_rng([config.seed, 9])
     light = np.ones_like(route.s)
     at = 10.0
@@ -49,7 +34,16 @@ def make_shade(config: SceneConfig, route: Route) -> Shade:
         inside = np.clip(np.minimum(route.s - at, at + dark - route.s) / 3.0, 0.0, 1.0)
         light -= depth * inside
         at += dark + dark * (1.0 / config.dark_stretches - 1.0) * float(rng.uniform(0.7, 1.3))
-    return Shade(light)
+    return light
+
+
+def light_at(light: Array, route: Route, points: Array) -> Array:
+    """Light (N,) at points (N, 3) in the street frame, from that along the route."""
+    if light.min() == 1.0:
+        return np.ones(len(points))
+    line = np.stack([route.x, route.z], axis=1)[::8]
+    nearest = np.argmin(np.linalg.norm(points[:, None, [0, 2]] - line, axis=2), axis=1)
+    return np.asarray(light[::8][nearest])
 
 
 @dataclass(frozen=True)
@@ -62,8 +56,8 @@ class World:
     route, drive : the street's centre line and the camera's way.
     atlas : all textures; `sky` is the number of the clouds.
     still : faces that never move: street and parked vehicles, street frame.
-    vehicles : all vehicles; vehicle k has instance number k + 1, its shadow `shadow_of(k)`.
-    shade : the dark stretches of the street.
+    vehicles : all K vehicles; vehicle k has instance number k + 1, its shadow K + k + 1.
+    shade : (M,) light along the samples of the route, 1 in the open.
     """
 
     config: SceneConfig
@@ -73,16 +67,12 @@ class World:
     sky: int
     still: Faces
     vehicles: list[Vehicle]
-    shade: Shade
+    shade: Array
 
     @property
     def poses(self) -> Array:
         """(N, 4, 4) camera poses T_w_c; the world is the first left camera."""
         return np.asarray(inverse(self.drive.poses[0]) @ self.drive.poses)
-
-    def shadow_of(self, k: int) -> int:
-        """Instance number of the shadow under vehicle k."""
-        return len(self.vehicles) + k + 1
 
     def vehicles_near(self, frame: int, reach: float = 200.0) -> list[int]:
         """Vehicles within reach of the camera that are not part of `still`, metres."""
@@ -95,8 +85,8 @@ class World:
 
     def placed(self, k: int, frame: int) -> Faces:
         """Faces of vehicle k and its shadow where they are in a frame."""
-        faces = place_vehicle(self.vehicles[k], k + 1, self.shadow_of(k), frame)
-        shade = self.shade.at(self.route, self.vehicles[k].poses[frame, :3, 3][None])
+        faces = place_vehicle(self.vehicles[k], k + 1, len(self.vehicles) + k + 1, frame)
+        shade = light_at(self.shade, self.route, self.vehicles[k].poses[frame, :3, 3][None])
         return dataclasses.replace(faces, gain=faces.gain * shade)
 
     def moving(self) -> Array:
@@ -139,8 +129,8 @@ def make_world(config: SceneConfig) -> World:
         if vehicle.parked:
             parts.append(place_vehicle(vehicle, k + 1, len(vehicles) + k + 1, 0))
     still, shade = joined(parts), make_shade(config, route)
-    if config.dark_stretches:
-        still = dataclasses.replace(still, gain=still.gain * shade.at(route, still.corners.mean(axis=1)))
+    light = light_at(shade, route, still.corners.mean(axis=1))
+    still = dataclasses.replace(still, gain=still.gain * light)
     return World(config, route, drive, textures.build(), textures.names["clouds"], still, vehicles, shade)
 
 

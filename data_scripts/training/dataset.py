@@ -30,11 +30,6 @@ class DetectionSet:
     names: tuple[str, ...]
     images: dict[str, tuple[Path, ...]]
 
-    @property
-    def keys(self) -> dict[str, str]:
-        """The key in data.yaml of each split that has images."""
-        return {split: key for split, key in SPLITS.items() if self.images[split]}
-
 
 def open_set(where: Path, splits: Sequence[str] = ("train", "valid")) -> DetectionSet:
     """The data set of a folder, or of its `data.yaml`: drawn by us, converted, or a Roboflow YOLO export.

@@ -1,7 +1,7 @@
 """KITTI's object and tracking labels as a data set in YOLO form.
 
-Class mapping: Car and Van become car, Truck truck, Tram train. Misc and DontCare regions, and boxes lower
-than 8 px, are ignored: neither object nor background. Pedestrian, Person_sitting and Cyclist are background.
+Class mapping: Car and Van become car, Truck truck, Tram train. All else, and boxes lower than 8 px, have no
+label: a detector learns them as background.
 """
 
 from __future__ import annotations
@@ -19,14 +19,13 @@ from training.street_set import data_yaml
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import read_bytes, read_text, write_text_atomic
-from vo_lib.core.types import Progress, Whole
+from vo_lib.core.types import Progress
 from vo_lib.data.kitti import decode_image
 from vo_lib.data.labels import write_labels
 
 NAMES = ("car", "truck", "train")
 CLASS_OF = {"Car": 0, "Van": 0, "Truck": 1, "Tram": 2}
-IGNORED = ("Misc", "DontCare")
-OTHERS = ("Pedestrian", "Person_sitting", "Person", "Cyclist")
+OTHERS = ("Misc", "DontCare", "Pedestrian", "Person_sitting", "Person", "Cyclist")
 MIN_HEIGHT = 8.0  # px
 NUMBER = re.compile(r"[0-9]{1,9}")
 
@@ -37,13 +36,12 @@ class Labelled:
 
     Attributes
     ----------
-    boxes : class_id is the place in `NAMES`. ignored : boxes that are neither object nor background.
+    boxes : class_id is the place in `NAMES`.
     """
 
     image: Path
     drive: str
     boxes: Boxes
-    ignored: Boxes
 
     @property
     def stem(self) -> str:
@@ -67,12 +65,15 @@ def read_object_set(
     found = []
     for path in _listed(root / "label_2", "*.txt"):
         rows = [(number, line.split()) for number, line in enumerate(read_text(path).splitlines(), 1)]
-        boxes, ignored = _boxes([(number, words) for number, words in rows if words], path)
+        boxes = _boxes([(number, words) for number, words in rows if words], path)
         number = int(path.stem)
         if drives and number >= len(drives):
             raise DataError(f"the mapping knows {len(drives)} images only", path)
         drive = drives[number] if drives else ""
-        found.append(Labelled(_image(root / "image_2" / f"{path.stem}.png"), drive, boxes, ignored))
+        image = root / "image_2" / f"{path.stem}.png"
+        if not image.is_file():
+            raise DataError("the image is missing", image)
+        found.append(Labelled(image, drive, boxes))
     return found
 
 
@@ -92,15 +93,14 @@ def read_tracking_set(root: Path, drives: dict[str, str] | None = None) -> list[
                 # Behind frame and track the fields are those of the object labels.
                 frames.setdefault(int(words[0]), []).append((number, words[2:]))
         for image in _listed(root / "image_02" / path.stem, "*.png"):
-            boxes, ignored = _boxes(frames.get(int(image.stem), []), path)
-            found.append(Labelled(image, (drives or {}).get(path.stem, ""), boxes, ignored))
+            boxes = _boxes(frames.get(int(image.stem), []), path)
+            found.append(Labelled(image, (drives or {}).get(path.stem, ""), boxes))
     return found
 
 
-def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> tuple[Boxes, Boxes]:
-    """Objects and ignored boxes of label rows: type, 3 numbers, left, top, right, bottom, …"""
+def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
+    """Vehicles of label rows: type, 3 numbers, left, top, right, bottom, …"""
     kept: list[tuple[int, list[float]]] = []
-    ignored: list[tuple[int, list[float]]] = []
     for number, words in rows:
         try:
             corners = [float(word) for word in words[4:8]]
@@ -108,19 +108,13 @@ def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> tuple[Boxes, Boxes]
             corners = []
         if len(corners) != 4 or not np.isfinite(corners).all():
             raise DataError("expected type, 3 numbers, then left, top, right and bottom", path, number)
-        if words[0] not in (*CLASS_OF, *IGNORED, *OTHERS):
+        if words[0] not in (*CLASS_OF, *OTHERS):
             raise DataError(f"{words[0]!r} is no class of KITTI's", path, number)
         good = corners[3] - corners[1] >= MIN_HEIGHT and corners[2] > corners[0]
         if words[0] in CLASS_OF and good:
             kept.append((CLASS_OF[words[0]], corners))
-        elif words[0] in CLASS_OF or words[0] in IGNORED:
-            ignored.append((0, corners))
-    return _as_boxes(kept), _as_boxes(ignored)
-
-
-def _as_boxes(rows: list[tuple[int, list[float]]]) -> Boxes:
-    corners = np.array([corners for _, corners in rows], np.float64).reshape(-1, 4)
-    return Boxes(corners, np.array([kind for kind, _ in rows], np.int64), np.ones(len(rows)))
+    xyxy = np.array([corners for _, corners in kept], np.float64).reshape(-1, 4)
+    return Boxes(xyxy, np.array([kind for kind, _ in kept], np.int64), np.ones(len(kept)))
 
 
 def _listed(folder: Path, pattern: str) -> list[Path]:
@@ -132,12 +126,6 @@ def _listed(folder: Path, pattern: str) -> list[Path]:
         if not NUMBER.fullmatch(path.stem):
             raise DataError(f"does not belong here: expected names such as 000000{path.suffix}", path)
     return files
-
-
-def _image(path: Path) -> Path:
-    if not path.is_file():
-        raise DataError("the image is missing", path)
-    return path
 
 
 def _object_drives(mapping: Path | None, permutation: Path | None) -> list[str]:
@@ -195,22 +183,17 @@ def write_set(parts: dict[str, list[Labelled]], folder: Path, progress: Progress
     """Write a data set; images are hard links where the disk allows it, else copies."""
     total, done = sum(len(part) for part in parts.values()), 0
     for name, part in parts.items():
-        for kind in ("images", "labels", "ignored"):
+        for kind in ("images", "labels"):
             (folder / name / kind).mkdir(parents=True, exist_ok=True)
         for one in part:
-            height, width = _size(one.image)
+            height, width = decode_image(read_bytes(one.image), one.image).shape[:2]
             _link(one.image, folder / name / "images" / f"{one.stem}{one.image.suffix}")
-            for kind, boxes in (("ignored", one.ignored), ("labels", one.boxes)):
-                write_labels(folder / name / kind / f"{one.stem}.txt", boxes, width, height, scores=False)
+            label = folder / name / "labels" / f"{one.stem}.txt"
+            write_labels(label, one.boxes, width, height, scores=False)
             done += 1
             if progress:
                 progress(done, total)
     write_text_atomic(folder / "data.yaml", data_yaml(NAMES, test=False))
-
-
-def _size(path: Path) -> tuple[int, int]:
-    image = decode_image(read_bytes(path), path)
-    return int(image.shape[0]), int(image.shape[1])
 
 
 def _link(source: Path, target: Path) -> None:
@@ -219,9 +202,3 @@ def _link(source: Path, target: Path) -> None:
         os.link(source, target)
     except OSError:
         shutil.copyfile(source, target)
-
-
-def boxes_by_class(found: list[Labelled]) -> Whole:
-    """How many boxes each class has."""
-    kinds = np.concatenate([one.boxes.class_id for one in found]) if found else np.zeros(0, np.int64)
-    return np.bincount(kinds, minlength=len(NAMES)).astype(np.int64)

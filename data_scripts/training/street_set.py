@@ -17,10 +17,10 @@ import numpy as np
 
 from street.render import Renderer
 from street.sensor import expose, exposures, smear
-from street.truth_files import Box, visible_boxes
+from street.truth_files import visible_boxes
 from street.world import make_world
-from training.config import DetectionSetConfig
 from vo_lib.core.files import write_bytes_atomic, write_text_atomic
+from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Progress
 from vo_lib.data.scenes import KITTI_F, SCENES, SceneConfig, scene_config
 
@@ -29,6 +29,24 @@ CLASS_OF = {2: 0, 5: 1, 7: 2}  # COCO number to place in NAMES
 # Seeds of the splits; far apart, so that no street is in two of them.
 TRAIN_SEED, VALID_SEED, TEST_SEED = 100_000, 200_000, 300_000
 JPEG_QUALITY = 92
+
+
+@dataclass(frozen=True)
+class DetectionSetConfig(Checked):
+    """The drawn data set that a detector of the synthetic street is trained on."""
+
+    seed: int = setting(0, "shifts all seeds of the streets", low=0, high=99_999)
+    train: int = setting(4000, "images to train on", low=1, high=1_000_000)
+    valid: int = setting(240, "images for the curve of mAP while training", low=1, high=100_000)
+    test_seeds: int = setting(2, "seeds of each named scene kept for the test", low=1, high=100)
+    frames: int = setting(24, "images taken from a street, far apart", low=1, high=1000)
+    min_pixels: int = setting(
+        40, "a vehicle with fewer visible pixels has no label", unit="px", low=1, high=10_000
+    )
+    min_height: int = setting(8, "a vehicle lower than this has no label", unit="px", low=1, high=200)
+    min_share: float = setting(
+        0.2, "a vehicle seen by a smaller share of its outline has no label", low=0, high=1
+    )
 
 
 @dataclass(frozen=True)
@@ -115,23 +133,12 @@ def draw_street(street: Street, folder: Path, config: DetectionSetConfig) -> int
         light = smear(world, frame, view, right=False)
         image = expose(light, street.scene, float(exposure[frame]), frame, right=False)
         seen = visible_boxes(world, frame, view, config.min_pixels, config.min_height, config.min_share)
-        every = visible_boxes(world, frame, view, 1, 1, 0.0)
-        ignored = [box for box in every if box not in seen]
-        done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-        if not done:
-            raise RuntimeError(f"{street}: OpenCV could not encode the picture")
+        data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
         write_bytes_atomic(root / "images" / f"{street.stem(k)}.jpg", data.tobytes())
-        for kind, boxes in (("ignored", ignored), ("labels", seen)):
-            write_text_atomic(root / kind / f"{street.stem(k)}.txt", _label_text(boxes, street.scene))
+        lines = [(box.kind, box.yolo(street.scene.camera).partition(" ")[2]) for box in seen]
+        text = "".join(f"{CLASS_OF[kind]} {shares}\n" for kind, shares in lines)
+        write_text_atomic(root / "labels" / f"{street.stem(k)}.txt", text)
     return street.frames
-
-
-def _label_text(boxes: list[Box], scene: SceneConfig) -> str:
-    lines = []
-    for box in boxes:
-        kind, shares = box.yolo(scene.camera).split(" ", 1)
-        lines.append(f"{CLASS_OF[int(kind)]} {shares}\n")
-    return "".join(lines)
 
 
 def write_street_set(
@@ -139,12 +146,11 @@ def write_street_set(
 ) -> None:
     """Draw a whole data set; called again it draws what is missing.
 
-    Layout: `data.yaml`; `train`, `valid` and `test`, each with `images`, `labels` and `ignored` (boxes of
-    vehicles too small or too hidden to be asked for: neither vehicle nor background).
+    Layout: `data.yaml`; `train`, `valid` and `test`, each with `images` and `labels`.
     """
     everything = streets(config)
     for split in ("train", "valid", "test"):
-        for kind in ("images", "labels", "ignored"):
+        for kind in ("images", "labels"):
             (folder / split / kind).mkdir(parents=True, exist_ok=True)
     write_text_atomic(folder / "data.yaml", data_yaml(NAMES))
     total, done = sum(street.frames for street in everything), 0

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from training.pictures import DETECTED, detection_image
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels, write_labels
@@ -62,15 +61,3 @@ def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
     (tmp_path / "a.txt").write_text(f"2 0.5 0.5 0.1 0.1\n{line}\n")
     with pytest.raises(DataError, match=r"a\.txt, line 2: expected"):
         read_labels(tmp_path / "a.txt", 100, 50)
-
-
-def test_a_drawn_box_lies_where_the_box_is() -> None:
-    image = np.full((100, 200), 60, np.uint8)
-    boxes = Boxes(np.array([[50.0, 40, 120, 80]]), np.array([2]), np.array([0.87]))
-    picture = detection_image(image, boxes)
-    coloured = (picture == np.array(DETECTED, np.uint8)).all(axis=2)
-    assert coloured[40:81, 50].all()
-    assert coloured[80, 50:121].all()
-    assert not coloured[45:75, 60:110].any()
-    assert coloured[25:39, 50:80].any()  # class and score above it
-    assert (detection_image(image, no_boxes()) == 60).all()

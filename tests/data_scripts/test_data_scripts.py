@@ -67,21 +67,13 @@ def test_get_kitti_from_zip_and_by_link(
     assert "04, 07" in capsys.readouterr().out
     assert main(["--sequences", "04", "--root", str(tmp_path / "b"), "--host", kitti.url, "--yes"]) == 2
     assert "is a link into another tree" in capsys.readouterr().err
-
-
-def test_archives_without_the_sequences_and_files_that_are_none_are_said(
-    kitti: FileServer,  # noqa: F811
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    places = ["--root", str(tmp_path / "data"), "--host", kitti.url, "--yes"]
-    for words, expected in (
-        (["--sequences", "15"], "nothing of the sequences 15"),
-        (["--from-zip", __file__], "is not a whole zip file"),
+    for wrong, expected in (
+        (["--sequences", "15", "--host", kitti.url], "nothing of the sequences 15"),
+        (["--from-zip", str(tmp_path / "nowhere.zip")], "nowhere.zip: the file is missing"),
     ):
-        assert load("get_kitti")([*places, *words]) == 2
+        assert main(["--root", str(tmp_path / "c"), "--yes", *wrong]) == 2
         assert expected in capsys.readouterr().err
-        assert not (tmp_path / "data").exists()
+        assert not (tmp_path / "c").exists()
 
 
 def test_check_kitti_draws_a_tree_and_names_the_command(
@@ -102,9 +94,6 @@ def test_check_kitti_draws_a_tree_and_names_the_command(
     assert main(["--root", str(tmp_path), "--json"]) == 1
     (report,) = json.loads(capsys.readouterr().out)
     assert report["problems"] == ["image_1: missing 3"]
-    for words in (["--root", str(tmp_path / "nowhere")], ["--root", str(folder)], ["--sequences", "40"]):
-        assert main(words) == 2
-        assert capsys.readouterr().err.startswith("vo data check_kitti: error: ")
 
 
 def test_from_folder_checks_the_pair_and_writes_a_sequence(
@@ -124,12 +113,8 @@ def test_from_folder_checks_the_pair_and_writes_a_sequence(
     assert main([*near, "--anyway"]) == 0
     assert "warning: the median depth" in capsys.readouterr().out
     swapped = ["--left", right, "--right", left, "--swap"]
-    assert (
-        main(
-            [*swapped, *camera, "500", "--unit", "mm", "--poses", str(bands / "poses.txt"), "--out", str(out)]
-        )
-        == 0
-    )
+    poses = ["--unit", "mm", "--poses", str(bands / "poses.txt")]
+    assert main([*swapped, *camera, "500", *poses, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "baseline 0.500 m, with true poses" in printed
     assert f"vo run {out}" in printed
@@ -188,9 +173,5 @@ def test_no_answer_means_no(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_bytes_are_written_as_people_read_them() -> None:
-    assert [in_words(n) for n in (5, 1500, 20_219_662, 22_000_000_000)] == [
-        "5 bytes",
-        "1.5 kB",
-        "20.2 MB",
-        "22.0 GB",
-    ]
+    sizes = [in_words(n) for n in (5, 1500, 20_219_662, 22_000_000_000)]
+    assert sizes == ["5 bytes", "1.5 kB", "20.2 MB", "22.0 GB"]

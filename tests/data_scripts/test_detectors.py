@@ -11,7 +11,7 @@ from file_server import FileServer
 
 from fetch.detectors import fetch_detector, register_detector
 from vo_lib.core.errors import DataError
-from vo_lib.detection.detectors import FETCHABLE, REGISTRY, Detector, find_detector, known
+from vo_lib.detection.detectors import FETCHABLE, Detector, find_detector, known
 
 DATA = np.random.default_rng(1).bytes(200_000)
 
@@ -35,13 +35,13 @@ def onnx(clips: Path) -> Path:
     return path
 
 
-def test_the_registry_is_consistent() -> None:
+def test_the_registry_is_what_the_readme_of_the_scripts_says() -> None:
+    text = (Path(__file__).parents[2] / "data_scripts" / "README.md").read_text(encoding="utf-8")
     for name, detector in FETCHABLE.items():
+        size = f"{detector.size:,}".replace(",", " ")
+        assert f"| `{name}` | {size} bytes | {detector.licence} | `{detector.sha256}` |" in text
         assert name == detector.name
         assert detector.url.endswith("/" + detector.file)
-        assert len(bytes.fromhex(detector.sha256)) == 32
-        assert detector.licence == "Apache-2.0"
-    assert len({detector.sha256 for detector in FETCHABLE.values()}) == len(FETCHABLE)
 
 
 def test_a_detector_is_fetched_once(small: Detector, server: FileServer, tmp_path: Path) -> None:
@@ -99,14 +99,8 @@ def test_a_name_is_no_path(name: str, tmp_path: Path) -> None:
 
 def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
     (tmp_path / "page.onnx").write_text("<html>", encoding="utf-8")
-    with pytest.raises(DataError, match="cannot load it"):
+    with pytest.raises(DataError, match="no model that ONNX Runtime can load"):
         register_detector("mine", tmp_path / "page.onnx", tmp_path / "new")
     with pytest.raises(DataError, match="the file is missing"):
         register_detector("mine", tmp_path / "nowhere.onnx", tmp_path / "new")
     assert not (tmp_path / "new").exists()
-
-
-def test_a_damaged_registry_is_said(tmp_path: Path) -> None:
-    (tmp_path / REGISTRY).write_text('{"mine": {"name": "mine"}}', encoding="utf-8")
-    with pytest.raises(DataError, match="is damaged"):
-        known(tmp_path)

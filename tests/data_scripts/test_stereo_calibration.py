@@ -100,8 +100,6 @@ def test_two_files_and_millimetres_make_one_rig(tmp_path: Path) -> None:
     found = read_opencv(paths)
     rig = rig_from_matrices(found, SIZE, paths[0], unit=0.001)
     assert rig.baseline == pytest.approx(np.linalg.norm(T), rel=1e-6)
-    with pytest.raises(DataError, match="in millimetres"):
-        rig_from_matrices(found, SIZE, paths[0])
 
 
 def test_rectification_that_the_file_gives_is_taken(tmp_path: Path) -> None:
@@ -135,25 +133,13 @@ def test_projections_alone_mean_rectified_images() -> None:
     assert (rig.f, rig.cx, rig.cy, rig.baseline, rig.maps) == (500, 320, 200, BASELINE, None)
     P2[0, 3] *= -1
     assert rig_from_matrices({"P1": P1, "P2": P2}, SIZE, Path("p.yml")).baseline == -BASELINE
-    P2[0, 3], P2[1, 3] = 0, -500 * BASELINE
-    with pytest.raises(DataError, match="above or below"):
-        rig_from_matrices({"P1": P1, "P2": P2}, SIZE, Path("p.yml"))
-    with pytest.raises(DataError, match="rectified pair"):
-        rig_from_matrices({"P1": P1, "P2": K_with_other_centre(P1)}, SIZE, Path("p.yml"))
-    everything = {**MATRICES, "P1": P1, "P2": rig_projection(P1)}
+    everything = {**MATRICES, "P1": P1, "P2": P2}
     assert rig_from_matrices(everything, SIZE, Path("p.yml"), rectified=True).maps is None
-
-
-def K_with_other_centre(P1: Array) -> Array:
-    P2 = rig_projection(P1)
     P2[0, 2] += 5
-    return P2
-
-
-def rig_projection(P1: Array) -> Array:
-    P2 = P1.copy()
-    P2[0, 3] = -P1[0, 0] * BASELINE
-    return P2
+    with pytest.raises(DataError, match="rectified pair"):
+        rig_from_matrices({"P1": P1, "P2": P2}, SIZE, Path("p.yml"))
+    with pytest.raises(DataError, match="lacks P1 and P2"):
+        rig_from_matrices(MATRICES, SIZE, Path("x.yml"), rectified=True)
 
 
 def test_a_camera_on_the_wrong_side_has_a_negative_baseline() -> None:
@@ -167,50 +153,12 @@ def test_matrices_of_no_camera_are_refused() -> None:
             rig_from_matrices({**MATRICES, **broken}, SIZE, Path("rig.yml"))
 
 
-def test_what_is_missing_or_wrong_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"lacks D2, T \(or P1 and P2"):
-        rig_from_matrices({k: v for k, v in MATRICES.items() if k not in ("D2", "T")}, SIZE, Path("x.yml"))
-    with pytest.raises(DataError, match="lacks P1 and P2"):
-        rig_from_matrices(MATRICES, SIZE, Path("x.yml"), rectified=True)
-    for name, matrix, words in (
-        ("K1", np.eye(2), "K1: expected 3×3"),
-        ("D1", np.zeros(6), "D1: expected 4, 5, 8"),
-        ("T", np.zeros(2), "T: expected 3 numbers"),
-        ("R", np.full((3, 3), np.nan), "R: expected finite"),
-    ):
-        with pytest.raises(DataError, match=words):
-            read_opencv([write(tmp_path / "bad.yml", {name: matrix})])
-    whole = write(tmp_path / "whole.yml", {"K1": np.eye(3)}).read_text(encoding="utf-8")
-    for right, wrong in (
-        ("cols: 3", "vols: 3"),
-        ("rows: 3", "rows: 2"),
-        ("dt: d", 'dt: "2d"'),
-        ("[ 1., ", "[ "),
-    ):
-        assert right in whole
-        (tmp_path / "bad.yml").write_text(whole.replace(right, wrong), encoding="utf-8")
-        with pytest.raises(DataError, match="K1: expected rows, cols, dt and"):
-            read_opencv([tmp_path / "bad.yml"])
+def test_what_is_no_calibration_stands_beside_it(tmp_path: Path) -> None:
     both = write(tmp_path / "both.yml", {"K1": np.eye(3), "image_points": np.zeros((4, 1, 2))})
     assert list(read_opencv([both])) == ["K1"]
-    with pytest.raises(DataError, match="no calibration in it"):
-        read_opencv([write(tmp_path / "bad.yml", {"other": np.eye(3)})])
-    (tmp_path / "broken.yml").write_text("%YAML:1.0\n---\nK1: [1, 2\nx", encoding="utf-8")
-    (tmp_path / "empty.yml").write_text("", encoding="utf-8")
-    for name in ("broken.yml", "empty.yml"):
-        with pytest.raises(DataError, match=f"{name}: is not a file of OpenCV"):
-            read_opencv([tmp_path / name])
-    with pytest.raises(DataError, match="the file is missing"):
-        read_opencv([tmp_path / "nowhere.yml"])
 
 
 def test_numbers_must_be_those_of_a_camera() -> None:
     assert rig_from_numbers(700, 600, 180, -0.5).baseline == -0.5
-    for numbers, words in (
-        ((0, 600, 180, 0.5), "positive"),
-        ((np.nan, 600, 180, 0.5), "positive"),
-        ((700, 600, 180, 0), "baseline is 0"),
-        ((700, 600, 180, 540), "in millimetres"),
-    ):
-        with pytest.raises(DataError, match=words):
-            rig_from_numbers(*numbers)
+    with pytest.raises(DataError, match="positive"):
+        rig_from_numbers(0, 600, 180, 0.5)

@@ -9,7 +9,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from fetch.stereo_calibration import Rig, rig_from_matrices
 from fetch.stereo_import import write_sequence
@@ -18,9 +17,8 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.data.sequence import open_sequence
 
-Image = NDArray[Any]
-
 RIG = Rig(300.0, 240.0, 120.0, 0.5)
+K = np.array([[300.0, 0, 240], [0, 300, 120], [0, 0, 1]])
 
 
 @pytest.fixture
@@ -45,23 +43,19 @@ def test_png_images_are_linked_in_order_and_the_sequence_opens(source: FolderSou
     assert sequence.truth is None
 
 
-def test_copies_do_not_need_the_originals(source: FolderSource, bands: Path, tmp_path: Path) -> None:
-    before = source.sample()[0][0]
-    write_sequence(source, RIG, tmp_path / "mine", times=10.0, copy=True)
-    shutil.rmtree(bands)
-    np.testing.assert_array_equal(open_sequence(tmp_path / "mine").stereo(0)[0], before)
-
-
-def test_a_system_without_links_gets_copies(
-    source: FolderSource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("links", [True, False])
+def test_where_links_are_unwanted_or_impossible_there_are_copies(
+    source: FolderSource, bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
 ) -> None:
     def refuse(*arguments: object, **options: object) -> None:
         raise OSError(1, "a required privilege is not held")
 
-    monkeypatch.setattr(Path, "symlink_to", refuse)
-    write_sequence(source, RIG, tmp_path / "mine", times=10.0)
-    assert not (tmp_path / "mine" / "image_0" / "000003.png").is_symlink()
-    assert len(open_sequence(tmp_path / "mine")) == 6
+    if not links:
+        monkeypatch.setattr(Path, "symlink_to", refuse)
+    before = source.sample()[0][0]
+    write_sequence(source, RIG, tmp_path / "mine", times=10.0, copy=links)
+    shutil.rmtree(bands)
+    np.testing.assert_array_equal(open_sequence(tmp_path / "mine").stereo(0)[0], before)
 
 
 def test_truth_and_times_come_along(source: FolderSource, tmp_path: Path) -> None:
@@ -92,7 +86,6 @@ def test_other_kinds_of_images_are_written_as_png(source: FolderSource, tmp_path
 
 
 def test_a_full_calibration_rectifies_the_images(source: FolderSource, tmp_path: Path) -> None:
-    K = np.array([[300.0, 0, 240], [0, 300, 120], [0, 0, 1]])
     turn = rotation_from_vector(np.array([0.0, 0.0, 0.02]))
     rig = rig_from_matrices(
         {"K1": K, "D1": np.zeros(5), "K2": K, "D2": np.zeros(5), "R": turn, "T": turn @ [-0.5, 0.0, 0.0]},
@@ -151,18 +144,11 @@ def test_files_pair_by_name_else_by_number(tmp_path: Path) -> None:
 
 def test_an_image_that_fails_in_the_middle_leaves_nothing(source: FolderSource, tmp_path: Path) -> None:
     source.paths[4][1].write_bytes(b"")
-    rig = Rig(RIG.f, RIG.cx, RIG.cy, RIG.baseline, identity_maps())
+    same: Any = cv2.initUndistortRectifyMap(K, np.zeros(5), np.eye(3), K, (480, 240), cv2.CV_16SC2)
+    rig = Rig(RIG.f, RIG.cx, RIG.cy, RIG.baseline, (same, same))
     with pytest.raises(DataError, match=r"img_11\.png"):
         write_sequence(source, rig, tmp_path / "mine", times=10.0)
     assert [p.name for p in tmp_path.iterdir()] == ["bands"]
-
-
-def identity_maps() -> tuple[tuple[Image, Image], tuple[Image, Image]]:
-    """Maps of `cv2.remap` that change nothing."""
-    K = np.array([[300.0, 0, 240], [0, 300, 120], [0, 0, 1]])
-    fixed, table = cv2.initUndistortRectifyMap(K, np.zeros(5), np.eye(3), K, (480, 240), cv2.CV_16SC2)
-    one = np.asarray(fixed), np.asarray(table)
-    return one, one
 
 
 def test_a_folder_with_something_in_it_is_left_alone(source: FolderSource, tmp_path: Path) -> None:

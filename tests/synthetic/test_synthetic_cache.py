@@ -108,18 +108,15 @@ def test_a_disk_that_gets_full_is_one_clear_error_and_leaves_nothing(
     assert list((tmp_path / "cache").iterdir()) == []
 
 
-def test_the_script_explains_itself_and_refuses_nonsense(
-    drawn: Path, capsys: pytest.CaptureFixture[str]
+def test_the_script_finds_the_scene_and_refuses_nonsense(
+    drawn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = load("render_synthetic")
-    assert run(["--help"]) == 0
-    shown = capsys.readouterr().out
-    assert "examples:" in shown
-    assert "--overtaking" in shown
     size = ["--width", "160", "--height", "64", "--length", "2", "--speed", "8", "--cache", str(drawn.parent)]
     assert run(["empty", *size]) == 0
     assert capsys.readouterr().out.strip() == str(drawn)
-    bad = (["nowhere"], ["empty", "--width", "ten"], ["empty", "--length", "-4"], ["empty", "--jobs", "0"])
-    for words in bad:
+    bad = [["nowhere"], ["empty", "--width", "ten"], ["empty", "--length", "-4"], ["empty", "--jobs", "0"]]
+    part = ["empty", *size[:-1], str(tmp_path), "--jobs", "1", "--frames"]
+    for words in (*bad, [*part, "2:1"], [*part, "0:4"], [*part[:-1], "--frames=-1:2"]):  # of three
         assert run(words) == 2
         assert len(capsys.readouterr().err.strip().splitlines()) == 1

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from street.drive import Drive, Route, make_drive, make_route
-from street.mesh import MeshBuilder
 from street.shapes import SHAPES
 from street.traffic import Vehicle, make_traffic
 from street.vehicles import Model
 from vo_lib.core.geometry import inverse, rotation_angle
 from vo_lib.data.scenes import SCENES, SceneConfig
 
+NOTHING: Any = None  # faces, which a motion does not need
 # A sum over all poses with fixed weights: the scenes that results were measured on.
 DRIVES = {
     "empty": -434.007837,
@@ -33,8 +35,7 @@ def course(name: str) -> tuple[SceneConfig, Route, Drive]:
 def traffic(name: str) -> tuple[Drive, list[Vehicle]]:
     """Vehicles of a scene, without their faces."""
     config, route, drive = course(name)
-    nothing = MeshBuilder([]).build()
-    models = [Model(key, shape, nothing, nothing) for key, shape in SHAPES.items()]
+    models = [Model(key, shape, NOTHING, NOTHING) for key, shape in SHAPES.items()]
     return drive, make_traffic(config, route, drive, models)
 
 

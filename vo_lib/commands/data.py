@@ -6,7 +6,9 @@ import argparse
 import ast
 import difflib
 import importlib
+import shutil
 import sys
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
@@ -56,9 +58,16 @@ def run_script(script: ModuleType, words: Sequence[str] | None = None) -> int:
     """
     parser = OneLineParser(
         prog=f"vo data {Path(str(script.__file__)).stem}",
-        description=script.__doc__,
+        description=_filled(script.__doc__ or ""),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     script.add_options(parser)
     options = parser.parse_args(words)
     return guarded(parser.prog, lambda: int(script.run(options)))
+
+
+def _filled(text: str) -> str:
+    """A script's words at the terminal's width; a paragraph with indented lines, the examples, as it is."""
+    width = shutil.get_terminal_size().columns - 2
+    parts = text.strip().split("\n\n")
+    return "\n\n".join(part if "\n  " in part else textwrap.fill(part, width) for part in parts)

@@ -64,7 +64,7 @@ def install(extra: str = "") -> str:
     words = f"[{extra}]" if extra else ""
     if not (Path(__file__).resolve().parents[2] / "environment.txt").exists():
         return f'pip install "stereo-vo-kit{words}"'
-    return f'pip install ".{words}"' if extra else "pip install -r environment.txt"
+    return f'pip install -e ".{words}"' if extra else "pip install -r environment.txt"
 
 
 class Ended(KeyboardInterrupt):
