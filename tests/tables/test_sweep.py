@@ -21,7 +21,8 @@ from vo_lib.commands.cli import main
 from vo_lib.core import settings
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.jobs import run_jobs
-from vo_lib.tables.plots import heat_map_figure, png
+from vo_lib.tables.error_plots import heat_map_figure
+from vo_lib.tables.plots import png
 from vo_lib.tables.sweep import Axis, parse_axis, run_sweep, sweep_csv, sweep_table
 
 

@@ -11,7 +11,7 @@ from ..core.errors import DataError
 from ..core.poses import FARTHEST
 from ..data.drawn import cache_folder
 from ..data.sequence import SYNTHETIC, Sequence, available, open_sequence
-from .console import reporting, say
+from .console import reporting, tell
 
 BOTH = "both"
 
@@ -81,7 +81,7 @@ def warn_of_street(detector: str | None, *sequences: Sequence) -> None:
     real = [each.name for each in sequences if not each.name.startswith(SYNTHETIC)]
     if detector == "street" and real:
         names = ", ".join(real)
-        say(f"warning: `street` was trained on drawn streets; on {names} most of its boxes may be wrong")
+        tell(f"warning: `street` was trained on drawn streets; on {names} most of its boxes may be wrong")
 
 
 def add_variant(parser: argparse.ArgumentParser, default: str) -> None:

@@ -21,8 +21,11 @@ from ..runs.match_cache import CachedMatches, match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
 from ..runs.runner import Run
+from ..tables.film import Film, require_film, shown_frames
+from ..tables.plots import png, trajectories_figure
+from ..tables.view import View
 from .common import add_method, add_part, add_sequence, add_variant, open_part, warn_of_street
-from .console import reporting, say, show_run
+from .console import reporting, say, show_run, tell
 from .setting_options import add_option, given
 
 DETECTOR = "detector."
@@ -149,9 +152,6 @@ def detector_from_options(options: argparse.Namespace) -> DetectorConfig:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from ..tables.film import require_film  # Matplotlib comes with it: half a second that Tab need not wait
-    from ..tables.plots import png, trajectory_figure
-
     config = config_from_options(options)
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
@@ -188,7 +188,7 @@ def _run(options: argparse.Namespace) -> int:
                 fresh=options.fresh,
                 progress=report,
             )
-        picture = trajectory_figure(label, sequence.truth, {options.method: result.poses})
+        picture = trajectories_figure({label: (sequence.truth, {options.method: result.poses})})
         if options.fresh:
             claim(folder / PICTURE)
         write_result(folder / PICTURE, png(picture))
@@ -199,7 +199,7 @@ def _run(options: argparse.Namespace) -> int:
         if path is not None:
             say(f"{kind}: {path}")
     for sentence in doubts(sequence, (motion.matches for motion in result.motions)):
-        say(f"warning: {sentence}")
+        tell(f"warning: {sentence}")
     if done_before:
         say("this run was finished before; --fresh does it again")
     return 0
@@ -207,9 +207,6 @@ def _run(options: argparse.Namespace) -> int:
 
 def _draw_frames(result: Run, label: str, options: argparse.Namespace, cache: Path | None) -> None:
     """Go through the frames of the run once more, for a film of them and the page in three dimensions."""
-    from ..tables.film import Film, shown_frames
-    from ..tables.view import View
-
     matches = None
     if options.cache is not None:
         matches = CachedMatches(result.sequence, result.config.features, result.config.matching, cache)

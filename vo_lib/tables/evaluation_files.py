@@ -14,7 +14,8 @@ from ..core.types import Array, Progress
 from ..evaluation.ate_rpe import align
 from ..evaluation.axes import TurnedErrors
 from ..evaluation.kitti import Evaluation, KittiErrors
-from .plots import coloured_paths_figure, components_figure, trajectories_figure
+from .error_plots import coloured_paths_figure, components_figure
+from .plots import TRUTH, trajectories_figure
 from .report import number
 from .reproduce import slug
 from .table_files import AXES, write_curves, write_figure
@@ -113,7 +114,7 @@ def write_pictures(folder: Path, systems: list[System], progress: Progress | Non
             "coloured": coloured_paths_figure(title, truth, paths),
             "components": components_figure(
                 f"{sequence.name}\nfrom the first pose",
-                {"ground truth": truth} | {s.label or ONLY: s.pairs[place][1] for s in systems},
+                {TRUTH: truth} | {s.label or ONLY: s.pairs[place][1] for s in systems},
                 systems[0].times.get(sequence.name),
             ),
         }

@@ -5,9 +5,9 @@ from __future__ import annotations
 import base64
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ..core.types import Array
 from ..runs.identity import surroundings, versions
@@ -77,6 +77,15 @@ def provenance() -> list[str]:
     return [f"stereo-vo-kit {used['kit']}, Python {around['python']}, {libraries}", str(around["system"])]
 
 
+def html_page(template: str, **content: Any) -> str:
+    """A page of the folder `templates`; every text in it is escaped."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader("vo_lib.tables")
+    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    return pages.get_template(template).render(**content)
+
+
 def render_report(
     title: str,
     introduction: list[str],
@@ -85,11 +94,9 @@ def render_report(
     made: list[str],
     problems: tuple[str, ...] = (),
 ) -> str:
-    """The page as HTML text; every text is escaped. `problems` are shown first, in a box."""
-    environment = Environment(
-        loader=PackageLoader("vo_lib.tables"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    return environment.get_template("report.html").render(
+    """The page as HTML text. `problems` are shown first, in a box."""
+    return html_page(
+        "report.html",
         title=title,
         introduction=introduction,
         problems=problems,

@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from ..config import CalibrationConfig
 from ..core.files import write_result
@@ -16,13 +14,17 @@ from ..core.types import Array
 from ..data.sequence import KITTI
 from ..evaluation.kitti import KITTI_MEASURE
 from .entries import Group, group_entries
+from .error_plots import Curve, error_curves_figure
 from .field_figure import field_figure
 from .paper import PAPER_METHODS, REMARKS, PaperTable
-from .plots import Curve, error_curves_figure, pdf, png, trajectories_figure
+from .plots import pdf, png, trajectories_figure
 from .report import Picture, ReportTable, markdown, provenance, render_report
 from .reproduce import Reproduction, slug
 from .table1 import NAMED, VARIANT_WORDS, layout_tables, length_table, trajectory_table
 from .table1_data import groups_json, table_csv
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FIGURE_4 = (f"{KITTI}02", f"{KITTI}07")
 TABLE_FILES = ("table1.md", "table1.csv", "metrics.json", "report.html")
