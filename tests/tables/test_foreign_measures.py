@@ -66,7 +66,7 @@ def gaps(group: Group) -> list[str]:
 
 
 def csv_gaps(group: Group) -> set[str]:
-    lines = csv.DictReader(io.StringIO(table_csv([group], printed())))
+    lines = csv.DictReader(io.StringIO(table_csv(groups_json([group], printed()))))
     return {line[name] for line in lines for name in ("te_difference", "re_difference")}
 
 

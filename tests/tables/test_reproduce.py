@@ -209,8 +209,8 @@ def test_variants_are_never_averaged_together_and_each_says_what_made_it() -> No
     assert (published.variant, kit.variant) == ("published", "kit")
     words = [layout_tables(group, full_table())[0] for group in (published, kit)]
     assert "the paper as published" in words[0].title
-    assert "matched by their descriptors. Motion: the five-point winner, as it is." in words[0].head[-1]
-    assert "Lucas-Kanade. Motion: the five-point winner, refined on its inliers." in words[1].head[-1]
+    assert "matched by their descriptors. Motion: the five-point winner, as it is." in words[0].notes[-1]
+    assert "Lucas-Kanade. Motion: the five-point winner, refined on its inliers." in words[1].notes[-1]
     fit = dataclasses.replace(entries[0], method="viso2", how=(entries[0].how[0], "one fit"))
     assert made_by([fit, entries[0]]).endswith(
         "Motion: one fit (viso2); the five-point winner, as it is (mesvo_f)."
@@ -219,8 +219,10 @@ def test_variants_are_never_averaged_together_and_each_says_what_made_it() -> No
 
 def test_that_there_were_no_boxes_is_said_first() -> None:
     (group,) = group_entries([entry_of("kitti/00", 300, [1.0], "feature_selection")])
-    assert "No vehicle boxes on kitti/00" in layout_tables(group, full_table())[0].head[0]
-    assert "No vehicle boxes" in layout_tables(group, full_table(), narrow=True)[0].head[0]
+    for narrow in (False, True):
+        head = layout_tables(group, full_table(), narrow)[0].head
+        assert head[0].startswith("Parts of a sequence, not comparable with whole ones")
+        assert "No vehicle boxes on kitti/00" in head[1]
     (group,) = group_entries([entry_of("kitti/00", 300, [1.0], "solution_selection")])
     assert not any("boxes" in line for line in layout_tables(group, full_table())[0].head)
 
@@ -249,13 +251,13 @@ def test_json_and_csv_hold_what_was_measured() -> None:
     data = json.loads(json.dumps(groups_json(groups, full_table()), allow_nan=False))
     (entry,) = data[0]["entries"]
     assert entry["te_percent"]["mean"] == pytest.approx(np.mean(entry["te_percent"]["seeds"]))
-    assert entry["paper"]["te_percent"] == 2.0
+    assert entry["te_percent"]["paper"] == 2.0
     assert entry["whole_sequence"]
     assert entry["first_seed"]["by_length"][0]["length_m"] == 100.0
     assert entry["ate"][0]["alignment"] == "se3"
     (tiny,) = data[1]["entries"]
     assert tiny["te_percent"]["mean"] is None
-    rows = list(csv.DictReader(io.StringIO(table_csv(groups, full_table()))))
+    rows = list(csv.DictReader(io.StringIO(table_csv(data))))
     assert [row["sequence"] for row in rows] == ["kitti/04", "tiny"]
     assert float(rows[0]["te_std"]) == pytest.approx(np.std(entry["te_percent"]["seeds"]), abs=1e-6)
     assert rows[1]["te_percent"] == ""

@@ -12,7 +12,8 @@ from ..runs.jobs import run_jobs
 from ..runs.results import run_folder
 from ..tables.error_plots import heat_map_figure
 from ..tables.plots import png
-from ..tables.sweep import Sweep, mean_and_spread, parse_axis, run_sweep, sweep_csv, sweep_table
+from ..tables.report import mean_and_spread
+from ..tables.sweep import Sweep, parse_axis, run_sweep, sweep_csv, sweep_table
 from .common import add_cache, add_method, add_part, add_sequence, add_variant, open_part, parse_whole
 from .console import reporting, say, show_report_table
 

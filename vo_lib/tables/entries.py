@@ -56,6 +56,11 @@ class Entry:
         return over_seeds(result.kitti.te for result in self.results)
 
     @property
+    def sub_sequences(self) -> KittiErrors:
+        """Those of all seeds together."""
+        return pooled(result.kitti for result in self.results)
+
+    @property
     def re(self) -> Array:
         """Rotation error of each seed, (S,) deg/100 m; NaN where no sub-sequence fits."""
         return over_seeds(result.kitti.re for result in self.results)
@@ -88,6 +93,11 @@ class Group:
         """What the group is, for titles."""
         return f"{'KITTI' if self.kitti else 'other sequences'}, {self.measure.words}"
 
+    @property
+    def seeds(self) -> int:
+        """How many seeds its numbers are over."""
+        return max(len(entry.seeds) for entry in self.entries.values())
+
     def of_method(self, method: str) -> list[Entry]:
         """Entries of a method, in the order of the sequences."""
         return [entry for (_, name), entry in self.entries.items() if name == method]
@@ -113,10 +123,6 @@ class Group:
     def _without_01(self, method: str) -> list[Entry]:
         left_out = f"{KITTI}{LEFT_OUT}" if self.kitti else None
         return [entry for entry in self.of_method(method) if entry.sequence != left_out]
-
-    def sub_sequences(self, method: str) -> KittiErrors:
-        """The sub-sequences of all sequences and seeds of a method together."""
-        return pooled(result.kitti for entry in self.of_method(method) for result in entry.results)
 
 
 def over_seeds(values: Iterable[float | None]) -> Array:

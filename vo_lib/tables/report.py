@@ -7,8 +7,6 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from ..core.types import Array
 from ..runs.identity import surroundings, versions
 
@@ -34,13 +32,25 @@ def number(value: float | None, digits: int = 3) -> str:
     return NONE if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
 
 
+def mean_and_spread(values: Array) -> tuple[float, float]:
+    """Mean and standard deviation over seeds (S,); NaN where there is none."""
+    return (float(values.mean()), float(values.std())) if len(values) else (math.nan, math.nan)
+
+
 def spread(values: Array, digits: int = 3) -> str:
-    """Mean ± standard deviation over seeds; the number alone of one seed; a dash where there is none."""
-    if len(values) == 0 or not np.isfinite(values).all():
-        return NONE
-    if len(values) == 1:
-        return number(float(values[0]), digits)
-    return f"{values.mean():.{digits}f} ± {values.std():.{digits}f}"
+    """Mean ± standard deviation over seeds (S,); the number alone of one seed; a dash where there is none."""
+    mean, deviation = (number(value, digits) for value in mean_and_spread(values))
+    return mean if mean == NONE or len(values) == 1 else f"{mean} ± {deviation}"
+
+
+def minus(text: str) -> str:
+    """A formatted number with a minus sign in place of the hyphen."""
+    return text.replace("-", "−")
+
+
+def seeds_words(count: int) -> str:
+    """What the numbers of a table are over."""
+    return "one seed" if count == 1 else f"mean ± standard deviation over {count} seeds"
 
 
 def markdown(table: ReportTable) -> str:

@@ -21,7 +21,7 @@ from ..evaluation.kitti import Measure, suitable_measure
 from ..runs.jobs import Job, Outcome
 from ..runs.results import read_run
 from .entries import Entry, measure_runs
-from .report import NONE, ReportTable, number, spread
+from .report import NONE, ReportTable, mean_and_spread, number, seeds_words, spread
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,7 @@ class Sweep:
     @property
     def title(self) -> str:
         """What was run and measured."""
-        over = "one seed" if self.seeds == 1 else f"mean ± standard deviation over {self.seeds} seeds"
-        return f"{self.sequence}, {self.method}: {self.measure.words}; {over}"
+        return f"{self.sequence}, {self.method}: {self.measure.words}; {seeds_words(self.seeds)}"
 
 
 def parse_axis(text: str) -> Axis:
@@ -168,11 +167,6 @@ def sweep_csv(sweep: Sweep) -> str:
         words = ["" if np.isnan(value) else repr(float(value)) for value in values]
         rows.append([*cell.values, len(cell.te), *words, "; ".join(cell.errors)])
     return csv_text(rows)
-
-
-def mean_and_spread(values: Array) -> tuple[float, float]:
-    """Mean and standard deviation over seeds; NaN where there is none."""
-    return (float(values.mean()), float(values.std())) if len(values) else (np.nan, np.nan)
 
 
 def _combinations(axes: tuple[Axis, ...]) -> list[tuple[Any, ...]]:

@@ -12,7 +12,7 @@ from ..core.files import write_result
 from ..core.poses import format_kitti_poses
 from ..core.types import Array
 from ..data.sequence import KITTI
-from ..evaluation.kitti import KITTI_MEASURE
+from ..evaluation.kitti import KITTI_MEASURE, pooled
 from .entries import Group, group_entries
 from .error_plots import Curve, error_curves_figure
 from .field_figure import field_figure
@@ -62,7 +62,7 @@ def write_table_files(
     """
     groups = group_entries(result.entries)
     tables = make_tables(groups, paper)
-    metrics = {
+    metrics: dict[str, Any] = {
         "groups": groups_json(groups, paper),
         "missing": result.missing,
         "failed": [{"job": job, "cause": cause} for job, cause in result.failed],
@@ -71,7 +71,7 @@ def write_table_files(
     }
     text = "".join(f"{line}\n\n" for line in result.problems) + "\n".join(map(markdown, tables))
     as_json = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
-    for name, content in zip(TABLE_FILES, (text, table_csv(groups, paper), as_json), strict=False):
+    for name, content in zip(TABLE_FILES, (text, table_csv(metrics["groups"]), as_json), strict=False):
         write_result(folder / name, content)
     write_results(folder, result)
     pictures = [*more, *_trajectories(folder, result), *_curves(folder, groups), *_fields(folder, result)]
@@ -173,7 +173,7 @@ def _curves(folder: Path, groups: list[Group]) -> list[Picture]:
     """The devkit's curves of each group, by length and by speed."""
     pictures = []
     for number, group in enumerate(groups):
-        errors = {method: group.sub_sequences(method) for method in group.methods}
+        errors = {m: pooled(e.sub_sequences for e in group.of_method(m)) for m in group.methods}
         lengths = group.measure.lengths
         kind = f"{group.variant}_{'kitti' if group.kitti else 'others'}"
         curves = {by: {m: each.curve(by, lengths) for m, each in errors.items()} for by in AXES}
