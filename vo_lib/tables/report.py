@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import base64
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from ..core.types import Array
+from ..evaluation.kitti import KittiErrors
 from ..runs.identity import surroundings, versions
 
 NONE = "–"  # where there is no number
@@ -30,6 +32,11 @@ class ReportTable:
 def number(value: float | None, digits: int = 3) -> str:
     """A number, or a dash where there is none."""
     return NONE if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
+
+
+def te_re(errors: KittiErrors) -> str:
+    """TE in % and RE in deg/100 m."""
+    return f"{number(errors.te)} / {number(errors.re)}"
 
 
 def mean_and_spread(values: Array) -> tuple[float, float]:
@@ -102,7 +109,7 @@ def render_report(
     tables: list[ReportTable],
     pictures: list[Picture],
     made: list[str],
-    problems: tuple[str, ...] = (),
+    problems: Sequence[str] = (),
 ) -> str:
     """The page as HTML text. `problems` are shown first, in a box."""
     return html_page(

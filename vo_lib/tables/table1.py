@@ -22,7 +22,7 @@ from .paper import (
     gain,
     printed_gains,
 )
-from .report import NONE, ReportTable, mean_and_spread, minus, number, seeds_words, spread
+from .report import NONE, ReportTable, mean_and_spread, minus, number, seeds_words, spread, te_re
 
 METHOD_COLUMNS = ["method", "TE %", "RE deg/100 m", "removed", "back end ms"]
 VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
@@ -223,10 +223,7 @@ def length_table(group: Group) -> ReportTable:
     parts = {f"{e.sequence}, {e.method}": e.sub_sequences for e in group.entries.values()}
     found = {float(at) for part in parts.values() for at in part.length}
     lengths = [at for at in group.measure.lengths if at in found]
-    rows = [
-        [name, *(f"{number(at.te)} / {number(at.re)}" for at in part.by_length(lengths).values())]
-        for name, part in parts.items()
-    ]
+    rows = [[name, *(te_re(at) for at in part.by_length(lengths).values())] for name, part in parts.items()]
     columns = ["sequence, method", *(f"{length:g} m" for length in lengths)]
     notes = ["TE in % / RE in deg/100 m, mean over seeds."]
     return ReportTable(f"By length, {VARIANT_WORDS[group.variant]}: {group.words}", columns, rows, notes)
