@@ -8,6 +8,7 @@ from typing import Any
 
 from ..config import METHODS, VARIANTS, preset
 from ..core.errors import DataError
+from ..core.files import require_own
 from ..core.poses import FARTHEST
 from ..data.drawn import cache_folder
 from ..data.sequence import SYNTHETIC, Sequence, available, open_sequence
@@ -74,6 +75,17 @@ def parse_frames(text: str, number: int) -> tuple[int, int]:
         return int(start or 0), int(stop or number)
     except ValueError:
         raise DataError(f"--frames {text!r}: expected A:B, two whole numbers") from None
+
+
+def require_place(path: Path | None, *endings: str) -> None:
+    """`DataError` unless a file can be written there: its ending, its folder, nobody else's file."""
+    if path is None:
+        return
+    if path.suffix.lower() not in endings or path.is_dir():
+        raise DataError(f"expected a file's name, ending in {' or '.join(endings)}", path)
+    if not path.absolute().parent.is_dir():
+        raise DataError(f"the folder of {path.name} is missing", path.parent)
+    require_own(path)
 
 
 def warn_of_street(detector: str | None, *sequences: Sequence) -> None:

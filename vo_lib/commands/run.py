@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from ..beyond.calibration import read_calibration
 from ..config import Config, DetectorConfig, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
-from ..core.files import claim, read_json, require_own, write_result
+from ..core.files import claim, read_json, write_result
 from ..data.sequence import Sequence
 from ..data.stereo_check import doubts
 from ..detection.label_cache import detected_sequence
@@ -21,10 +20,10 @@ from ..runs.match_cache import CachedMatches, match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
 from ..runs.runner import Run
-from ..tables.film import Film, require_film, shown_frames
+from ..tables.film import CODES, Film, shown_frames
 from ..tables.plots import png, trajectories_figure
 from ..tables.view import View
-from .common import add_method, add_part, add_sequence, add_variant, open_part, warn_of_street
+from .common import add_method, add_part, add_sequence, add_variant, open_part, require_place, warn_of_street
 from .console import reporting, say, show_run, tell
 from .setting_options import add_option, given
 
@@ -145,24 +144,12 @@ def _stored_config(options: argparse.Namespace) -> PublishedConfig:
     return config
 
 
-def detector_from_options(options: argparse.Namespace) -> DetectorConfig:
-    """The detector's thresholds given on the command line."""
-    values = given(options, settings.declared(DetectorConfig, DETECTOR))
-    return DetectorConfig(**{name.removeprefix(DETECTOR): value for name, value in values.items()})
-
-
 def _run(options: argparse.Namespace) -> int:
     config = config_from_options(options)
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
-    if options.video is not None:
-        require_film(options.video)
-    if options.view is not None:
-        if options.view.suffix != ".html" or options.view.is_dir():
-            raise DataError("expected a page's name, ending in .html", options.view)
-        if not options.view.absolute().parent.is_dir():
-            raise DataError("the page's folder is missing", options.view.parent)
-        require_own(options.view)
+    require_place(options.video, *CODES)
+    require_place(options.view, ".html")
     cache = Path(options.cache) if options.cache else None
     sequence = open_part(options, cache)
     if options.calibration is not None:
@@ -223,14 +210,12 @@ def _draw_frames(result: Run, label: str, options: argparse.Namespace, cache: Pa
         view.write(options.view)
 
 
-@contextmanager
-def _with_boxes(sequence: Sequence, options: argparse.Namespace, cache: Path | None) -> Iterator[Sequence]:
+def _with_boxes(
+    sequence: Sequence, options: argparse.Namespace, cache: Path | None
+) -> AbstractContextManager[Sequence]:
     """The sequence with the detector's boxes where one is wanted; it works ahead in threads of its own."""
     if options.detector is None:
-        yield sequence
-        return
-    config = detector_from_options(options)
-    with detected_sequence(
-        sequence, options.detector, config, provider=options.provider, cache=cache
-    ) as detected:
-        yield detected
+        return nullcontext(sequence)
+    values = given(options, settings.declared(DetectorConfig, DETECTOR))
+    config = DetectorConfig(**{name.removeprefix(DETECTOR): value for name, value in values.items()})
+    return detected_sequence(sequence, options.detector, config, provider=options.provider, cache=cache)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.boxes import Boxes
 from ..core.errors import DataError
-from ..core.files import claim, require_own
+from ..core.files import claim
 from ..core.frame import FrameResult
 from ..core.matches import SAME, StereoMatches
 from ..core.poses import from_first
@@ -70,22 +70,10 @@ def shown_frames(run: Run, matches: Iterable[TimedMatches] | None = None) -> Ite
             yield Shown(index, frame[0], keep, shown, state, method.motions[-1])
 
 
-def require_film(path: Path) -> None:
-    """`DataError` unless a film can have this name."""
-    if path.suffix.lower() not in CODES:
-        raise DataError(f"expected a film's name, ending in {' or '.join(CODES)}", path)
-    if not path.absolute().parent.is_dir():
-        raise DataError("the film's folder is missing", path.parent)
-    if path.is_dir():
-        raise DataError("is a folder, expected a film's name", path)
-    require_own(path)
-
-
 class Film:
     """A video file that frames of a run are added to; it appears whole when it is closed, or not at all."""
 
     def __init__(self, path: Path, run: Run, label: str):
-        require_film(path)
         self.path, self.run, self.label = path, run, label
         camera = run.sequence.camera
         self._zoom = 2 if camera.width < NARROW else 1

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..config import Config, PublishedConfig, change, preset
+from ..config import Config, change, preset
 from ..core import settings
 from ..core.errors import DataError
 from ..core.files import csv_text
@@ -127,17 +127,22 @@ def run_sweep(
         raise DataError(f"{sequence.name} has no ground truth: a sweep has nothing to compare")
     if len({axis.name for axis in axes}) < len(axes):
         raise DataError("--set: a setting is given twice")
-    measure = suitable_measure(sequence.truth)
-    grid = [
-        _jobs(sequence, preset(method, variant=variant), method, axes, values, seeds, folder)
-        for values in _combinations(axes)
-    ]
-    outcomes = iter(run([job for cell in grid for job in cell]))
-    cells = [
-        _cell(tuple(map(_word, values)), list(itertools.islice(outcomes, seeds)), measure)
-        for values in _combinations(axes)
-    ]
-    labels = sequence.labels is not None or preset(method, variant=variant).filter.rule == "none"
+    measure, base = suitable_measure(sequence.truth), preset(method, variant=variant)
+    grid: dict[tuple[str, ...], list[Job]] = {}
+    for values in itertools.product(*(axis.values for axis in axes)):
+        config = base
+        for axis, value in zip(axes, values, strict=True):
+            config = change(config, axis.name, value)  # refuses settings that do not go together
+        words = tuple(map(_word, values))
+        name = "+".join(f"{axis.name}={word}" for axis, word in zip(axes, words, strict=True))
+        place = folder / "cells" / variant / name.replace(",", "-")
+        grid[words] = [
+            Job(sequence, method, dataclasses.replace(config, seed=seed), place / f"seed{seed}")
+            for seed in range(seeds)
+        ]
+    outcomes = iter(run([job for jobs in grid.values() for job in jobs]))
+    cells = [_cell(words, list(itertools.islice(outcomes, seeds)), measure) for words in grid]
+    labels = sequence.labels is not None or base.filter.rule == "none"
     label = method if variant == "kit" else f"{method}, {variant}"
     return Sweep(sequence.name, label, axes, cells, seeds, measure, labels)
 
@@ -167,30 +172,6 @@ def sweep_csv(sweep: Sweep) -> str:
         words = ["" if np.isnan(value) else repr(float(value)) for value in values]
         rows.append([*cell.values, len(cell.te), *words, "; ".join(cell.errors)])
     return csv_text(rows)
-
-
-def _combinations(axes: tuple[Axis, ...]) -> list[tuple[Any, ...]]:
-    return list(itertools.product(*(axis.values for axis in axes)))
-
-
-def _jobs(
-    sequence: Sequence,
-    base: PublishedConfig,
-    method: str,
-    axes: tuple[Axis, ...],
-    values: tuple[Any, ...],
-    seeds: int,
-    folder: Path,
-) -> list[Job]:
-    """The runs of one cell; settings that do not go together raise `DataError`."""
-    jobs = []
-    name = "+".join(f"{a.name}={_word(v)}" for a, v in zip(axes, values, strict=True)).replace(",", "-")
-    for seed in range(seeds):
-        config = dataclasses.replace(base, seed=seed)
-        for axis, value in zip(axes, values, strict=True):
-            config = change(config, axis.name, value)
-        jobs.append(Job(sequence, method, config, folder / "cells" / base.variant / name / f"seed{seed}"))
-    return jobs
 
 
 def _cell(words: tuple[str, ...], outcomes: list[Outcome], measure: Measure) -> Cell:
