@@ -75,7 +75,7 @@ def read_euroc_drive(folder: Path) -> EurocDrive:
 
 
 def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
-    """Image files of a camera by their time, nanoseconds, as data.csv lists them, up to one that is absent."""
+    """Image files of a camera by their time, nanoseconds, as data.csv lists them up to an absent one."""
     path = camera / "data.csv"
     found: dict[int, Path] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_entries import straight
 
 from vo_lib.commands.cli import main
 from vo_lib.core.errors import DataError
@@ -49,10 +50,6 @@ def chain(motions: Array) -> Array:
 def test_the_benchmark_measures_over_100_to_800_metres_from_every_tenth_frame() -> None:
     assert tuple(100.0 * hundreds for hundreds in range(1, 9)) == KITTI_LENGTHS
     assert KITTI_STEP == 10
-
-
-def straight(n: int, step: float = 1.0) -> Array:
-    return chain(np.tile(rigid(np.eye(3), np.array([0.0, 0.0, step])), (n - 1, 1, 1)))
 
 
 def random_motions(rng: np.random.Generator, n: int, turn: float, length: float) -> Array:

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
-from pathlib import Path
 
 import numpy as np
 import pytest
+from made_entries import entry_of, table_of_twos
 
-from vo_lib import Sequence, preset
 from vo_lib.config import METHODS
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.frame import FrameResult
-from vo_lib.core.types import Array
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, KITTI_STEP, SHORT_MEASURE, Measure
-from vo_lib.runs.runner import Run
-from vo_lib.tables.entries import Entry, Group, group_entries, measure_runs
-from vo_lib.tables.paper import AVERAGE, PAPER_METHODS, PAPER_ROWS, PaperTable
+from vo_lib.tables.entries import Entry, Group, group_entries
+from vo_lib.tables.paper import AVERAGE, PAPER_METHODS, PAPER_ROWS
 from vo_lib.tables.table1 import difference, is_papers, is_whole, layout_tables
 from vo_lib.tables.table1_data import groups_json, table_csv
 
@@ -33,32 +28,14 @@ FOREIGN = {
 }
 
 
-def straight(n: int, step: float = 1.0) -> Array:
-    poses = np.tile(np.eye(4), (n, 1, 1))
-    poses[:, 2, 3] = step * np.arange(n)
-    return poses
-
-
 def entry(name: str, frames: int, measure: Measure, method: str = "viso2") -> Entry:
-    """A run over frames a metre apart, whose steps are one percent too long."""
-    camera = StereoCamera(700.0, 600.0, 180.0, 0.5, 1200, 370)
-    names = tuple(f"{i:06d}" for i in range(frames))
-    times = np.arange(frames) / 10.0
-    sequence = Sequence(name, Path("nowhere"), names, camera, times, straight(frames), None)
-    run = Run(sequence, preset(method), straight(frames, 1.01), [FrameResult(np.eye(4))] * (frames - 1))
-    return measure_runs(method, [run], measure)
-
-
-def printed() -> PaperTable:
-    """A table in which every number is 2."""
-    numbers: dict[tuple[str, str], float | None] = {(r, m): 2.0 for r in PAPER_ROWS for m in PAPER_METHODS}
-    return PaperTable(numbers, dict(numbers))
+    return entry_of(name, frames, [1.0], method, measure=measure)
 
 
 def gaps(group: Group) -> list[str]:
     """What stands behind the printed numbers of the sequences' rows: our differences to them."""
     """The differences of the rows that were run, of the systems that were; "" where there is none."""
-    table = layout_tables(group, printed())[0]
+    table = layout_tables(group, table_of_twos())[0]
     rows = [row for row in table.rows if f"kitti/{row[0]}" in group.sequences and row[0] in PAPER_ROWS]
     assert rows
     cells = [cell.split("\n") for row in rows for cell in row[1:]]
@@ -66,7 +43,7 @@ def gaps(group: Group) -> list[str]:
 
 
 def csv_gaps(group: Group) -> set[str]:
-    lines = csv.DictReader(io.StringIO(table_csv(groups_json([group], printed()))))
+    lines = csv.DictReader(io.StringIO(table_csv(groups_json([group], table_of_twos()))))
     return {line[name] for line in lines for name in ("te_difference", "re_difference")}
 
 
@@ -88,9 +65,9 @@ def test_a_whole_sequence_under_another_measure_is_not(foreign: str) -> None:
     (group,) = group_entries([one])
     assert set(gaps(group)) == {""}
     assert csv_gaps(group) == {""}
-    assert groups_json([group], printed())[0]["entries"][0]["whole_sequence"] is False
+    assert groups_json([group], table_of_twos())[0]["entries"][0]["whole_sequence"] is False
     assert any(
-        "Not the benchmark's sub-sequences" in note for note in layout_tables(group, printed())[0].head
+        "Not the benchmark's sub-sequences" in note for note in layout_tables(group, table_of_twos())[0].head
     )
 
 
@@ -118,7 +95,7 @@ def test_another_measure_of_any_one_row_takes_the_average_away() -> None:
     for given in (foreign, [*entries[:-1], foreign[-1]]):
         for group in group_entries(given):
             assert not is_papers(group)
-            rows = {row[0]: row[1:] for row in layout_tables(group, printed())[0].rows}
+            rows = {row[0]: row[1:] for row in layout_tables(group, table_of_twos())[0].rows}
             assert {cell.split("\n")[0] for cell in rows.get(AVERAGE, [NONE])} == {NONE}
             assert not any(
                 "\n" in cell for name, row in rows.items() if name not in PAPER_ROWS for cell in row
@@ -131,7 +108,7 @@ def test_a_method_or_a_row_that_the_paper_has_not_is_not_beside_it() -> None:
     (group,) = group_entries(
         [entry(f"kitti/{SHORT}", whole, KITTI_MEASURE, own), entry(f"kitti/{SHORT}", whole, KITTI_MEASURE)]
     )
-    of_paper, apart = layout_tables(group, printed())
+    of_paper, apart = layout_tables(group, table_of_twos())
     assert [row[0] for row in of_paper.rows] == list(PAPER_ROWS)
     assert [row[0] for row in apart.rows] == [SHORT]
     assert of_paper.columns[1:3] == ["VISO2 TE", "VISO2 RE"]

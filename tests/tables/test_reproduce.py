@@ -13,55 +13,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import write_bands
+from made_entries import entry_of, sequence_of, straight, table_of_twos
 
 from vo_lib.commands.cli import main
-from vo_lib.config import METHODS, preset
-from vo_lib.core.camera import StereoCamera
+from vo_lib.config import preset
 from vo_lib.core.errors import DataError
 from vo_lib.core.frame import FrameResult
 from vo_lib.core.poses import read_kitti_poses
-from vo_lib.core.types import Array
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.data.scenes import SCENES
-from vo_lib.data.sequence import Sequence, open_sequence, parse_sequences
+from vo_lib.data.sequence import open_sequence, parse_sequences
 from vo_lib.evaluation.kitti import KITTI_MEASURE, SHORT_MEASURE, Measure, suitable_measure
 from vo_lib.runs.runner import Run
-from vo_lib.tables.entries import Entry, back_end_ms, group_entries, made_by, measure_runs
-from vo_lib.tables.paper import AVERAGE, PAPER_ROWS, PaperTable, read_paper_table
+from vo_lib.tables.entries import back_end_ms, group_entries, made_by
+from vo_lib.tables.paper import AVERAGE, PAPER_ROWS, read_paper_table
 from vo_lib.tables.report import ReportTable, markdown, spread
 from vo_lib.tables.reproduce import default_sequences, plan_jobs, slug, split_missing
 from vo_lib.tables.table1 import gains_table, layout_tables, length_table, method_table, trajectory_table
 from vo_lib.tables.table1_data import groups_json, table_csv
 from vo_lib.tables.table_files import make_tables
-
-
-def straight(n: int, step: float = 1.0) -> Array:
-    poses = np.tile(np.eye(4), (n, 1, 1))
-    poses[:, 2, 3] = step * np.arange(n)
-    return poses
-
-
-def sequence_of(name: str, n: int) -> Sequence:
-    """A sequence of n frames a metre apart, without images."""
-    frames = tuple(f"{i:06d}" for i in range(n))
-    camera = StereoCamera(700.0, 600.0, 180.0, 0.5, 1200, 370)
-    times = np.arange(0.0, n) / 10.0
-    return Sequence(name, Path("nowhere"), frames, camera, times, straight(n), None)
-
-
-def entry_of(name: str, n: int, percent: list[float], method: str = "viso2", variant: str = "kit") -> Entry:
-    """Runs whose steps are too long by so many percent, a seed each."""
-    sequence = sequence_of(name, n)
-    motion = FrameResult(
-        np.eye(4), matches=100, removed=25, ms={"matching": 30.0, "rotation": 4.0, "filter": 1.0}
-    )
-    runs = [
-        Run(
-            sequence, preset(method, variant=variant, seed=seed), straight(n, 1 + p / 100), [motion] * (n - 1)
-        )
-        for seed, p in enumerate(percent)
-    ]
-    return measure_runs(method, runs)
 
 
 def test_errors_of_a_method_are_those_of_its_runs_seed_by_seed() -> None:
@@ -132,12 +102,6 @@ def test_spread_over_seeds_is_a_standard_deviation() -> None:
     assert spread(np.array([1.0, np.nan])) == spread(np.zeros(0)) == "–"
 
 
-def full_table() -> PaperTable:
-    """A made-up table in which every printed number is 2."""
-    everything: dict[tuple[str, str], float | None] = {(r, m): 2.0 for r in PAPER_ROWS for m in METHODS}
-    return PaperTable(everything, dict(everything))
-
-
 def test_the_layout_is_the_papers_ours_over_its_numbers() -> None:
     names = ["00", "01", *(row for row in PAPER_ROWS if row not in (AVERAGE, "00"))]
     methods = ("mesvo_f", "solution_selection", "feature_selection", "moving_selection")
@@ -147,7 +111,7 @@ def test_the_layout_is_the_papers_ours_over_its_numbers() -> None:
         for method in methods
     ]
     (group,) = group_entries(entries)
-    table, gains, own = layout_tables(group, full_table())
+    table, gains, own = layout_tables(group, table_of_twos())
     assert [row[0] for row in table.rows] == [*PAPER_ROWS, "01", "pooled"]
     assert table.columns[3:5] == ["MESVO_F TE", "MESVO_F RE"]
     rows = {row[0]: row[1:] for row in table.rows}
@@ -162,21 +126,21 @@ def test_the_layout_is_the_papers_ours_over_its_numbers() -> None:
     assert own.columns == ["sequence", "moving_selection TE", "moving_selection RE"]
     assert not any("\n" in cell for row in own.rows for cell in row)
     assert [row[0] for row in gains.rows][:2] == ["Solution selection, TE", "Solution selection, RE"]
-    text = " ".join(note for each in make_tables([group], full_table()) for note in each.notes)
+    text = " ".join(note for each in make_tables([group], table_of_twos()) for note in each.notes)
     assert text.count("2.43 / 1.106") == text.count("1/180") == 1
     assert "1.20 / 0.850 against 0.66 / 0.394" in text
 
 
 def test_a_part_of_a_sequence_gets_no_difference_and_is_named() -> None:
     (group,) = group_entries([entry_of("kitti/04", 271, [1.0]), entry_of("kitti/07", 300, [1.0])])
-    table = layout_tables(group, full_table())[0]
+    table = layout_tables(group, table_of_twos())[0]
     rows = {row[0]: row[1:] for row in table.rows}
     assert rows["04"][0].split("\n")[2].startswith("−")
     assert rows["07"][0].split("\n")[1:] == ["2.00"]
     assert "mean of 2" in rows
     # Said before the table, in the terminal, too.
     for narrow in (False, True):
-        head = layout_tables(group, full_table(), narrow)[0].head
+        head = layout_tables(group, table_of_twos(), narrow)[0].head
         assert "kitti/07 (300 of 1101 frames)" in head[0]
         assert "kitti/04 (" not in head[0]
 
@@ -207,7 +171,7 @@ def test_variants_are_never_averaged_together_and_each_says_what_made_it() -> No
     ]
     published, kit = group_entries(entries)
     assert (published.variant, kit.variant) == ("published", "kit")
-    words = [layout_tables(group, full_table())[0] for group in (published, kit)]
+    words = [layout_tables(group, table_of_twos())[0] for group in (published, kit)]
     assert "the paper as published" in words[0].title
     assert "matched by their descriptors. Motion: the five-point winner, as it is." in words[0].notes[-1]
     assert "Lucas-Kanade. Motion: the five-point winner, refined on its inliers." in words[1].notes[-1]
@@ -220,11 +184,11 @@ def test_variants_are_never_averaged_together_and_each_says_what_made_it() -> No
 def test_that_there_were_no_boxes_is_said_first() -> None:
     (group,) = group_entries([entry_of("kitti/00", 300, [1.0], "feature_selection")])
     for narrow in (False, True):
-        head = layout_tables(group, full_table(), narrow)[0].head
+        head = layout_tables(group, table_of_twos(), narrow)[0].head
         assert head[0].startswith("Parts of a sequence, not comparable with whole ones")
         assert "No vehicle boxes on kitti/00" in head[1]
     (group,) = group_entries([entry_of("kitti/00", 300, [1.0], "solution_selection")])
-    assert not any("boxes" in line for line in layout_tables(group, full_table())[0].head)
+    assert not any("boxes" in line for line in layout_tables(group, table_of_twos())[0].head)
 
 
 def test_tables_have_a_cell_for_each_column_and_a_dash_where_nothing_is() -> None:
@@ -248,7 +212,7 @@ def test_tables_have_a_cell_for_each_column_and_a_dash_where_nothing_is() -> Non
 
 def test_json_and_csv_hold_what_was_measured() -> None:
     groups = group_entries([entry_of("kitti/04", 271, [1.0, 2.0]), entry_of("tiny", 5, [1.0])])
-    data = json.loads(json.dumps(groups_json(groups, full_table()), allow_nan=False))
+    data = json.loads(json.dumps(groups_json(groups, table_of_twos()), allow_nan=False))
     (entry,) = data[0]["entries"]
     assert entry["te_percent"]["mean"] == pytest.approx(np.mean(entry["te_percent"]["seeds"]))
     assert entry["te_percent"]["paper"] == 2.0
