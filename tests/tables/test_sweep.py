@@ -145,8 +145,6 @@ def scheduler(tmp_path: Path) -> Iterator[str]:
             process.wait()
 
 
-# joblib 1.5, the oldest that will do, uses what it calls deprecated itself.
-@pytest.mark.filterwarnings("ignore:`apply_async` is deprecated:DeprecationWarning")
 def test_a_dask_cluster_gives_the_same_table(sequence: Sequence, tmp_path: Path, scheduler: str) -> None:
     axes = parse_axis("selection.sets=10,20"), parse_axis("features.cell=20,24")
     here = run_sweep(sequence, "mesvo_f", axes, 1, tmp_path / "here", partial(run_jobs, cache=tmp_path / "a"))
