@@ -77,6 +77,20 @@ def parse_frames(text: str, number: int) -> tuple[int, int]:
         raise DataError(f"--frames {text!r}: expected A:B, two whole numbers") from None
 
 
+def add_detector(parser: argparse.ArgumentParser, text: str) -> None:
+    """The options that choose a detector and what computes it."""
+    parser.add_argument("--detector", metavar="MODEL", help=f"{text}; the boxes are kept in the cache folder")
+    parser.add_argument("--provider", default="cpu", metavar="P", help="cpu or cuda; default cpu")
+
+
+def add_many(parser: argparse.ArgumentParser, jobs: Any) -> None:
+    """The options of commands that do many runs: `jobs` is the group that --jobs goes to."""
+    parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")
+    jobs.add_argument("--jobs", metavar="N", default="1", help="processes; default 1")
+    parser.add_argument("--fresh", action="store_true", help="do runs again that are finished")
+    add_cache(parser)
+
+
 def require_place(path: Path | None, *endings: str) -> None:
     """`DataError` unless a file can be written there: its ending, its folder, nobody else's file."""
     if path is None:

@@ -20,7 +20,8 @@ from ..tables.table1 import layout_tables
 from ..tables.table_files import TABLE_FILES, write_table_files
 from .common import (
     BOTH,
-    add_cache,
+    add_detector,
+    add_many,
     add_variant,
     open_with_bar,
     parse_lengths,
@@ -45,27 +46,20 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     add_variant(parser, BOTH)
     parser.add_argument("--methods", metavar="M,M,…", help="default: all that a variant has")
-    parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")
     parser.add_argument(
         "--lengths",
         metavar="L,L,…",
         help="sub-sequence lengths, metres, from every frame; default: as KITTI, on short paths 20,50,100",
     )
-    parser.add_argument("--jobs", metavar="N", default="1", help="processes; default 1")
     parser.add_argument("--out", default="runs/table1", metavar="DIR", help="folder for runs and tables")
     parser.add_argument(
         "--paper", type=Path, metavar="CSV", help="the paper's numbers; default: the kit's own"
     )
-    parser.add_argument(
-        "--detector",
-        metavar="MODEL",
-        help="find the vehicles of sequences that have no labels: a model by name or an ONNX file; the boxes "
-        "are kept in the cache folder",
+    add_detector(
+        parser, "find the vehicles of sequences that have no labels: a model by name or an ONNX file"
     )
-    parser.add_argument("--provider", default="cpu", metavar="P", help="cpu or cuda; default cpu")
-    parser.add_argument("--fresh", action="store_true", help="do runs again that are finished")
+    add_many(parser, parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
-    add_cache(parser)
     parser.set_defaults(command=_reproduce)
 
 

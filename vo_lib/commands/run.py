@@ -23,7 +23,16 @@ from ..runs.runner import Run
 from ..tables.film import CODES, Film, shown_frames
 from ..tables.plots import png, trajectories_figure
 from ..tables.view import View
-from .common import add_method, add_part, add_sequence, add_variant, open_part, require_place, warn_of_street
+from .common import (
+    add_detector,
+    add_method,
+    add_part,
+    add_sequence,
+    add_variant,
+    open_part,
+    require_place,
+    warn_of_street,
+)
 from .console import reporting, say, show_run, tell
 from .setting_options import add_option, given
 
@@ -53,11 +62,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="folder for poses, log, errors, picture; a run finished there is read back",
     )
     add_part(parser)
-    parser.add_argument(
-        "--detector",
-        metavar="MODEL",
-        help="find the vehicles: street (shipped, for drawn streets), a fetched model or an ONNX file; "
-        "the boxes are kept in the cache folder",
+    add_detector(
+        parser, "find the vehicles: street (shipped, for drawn streets), a fetched model or an ONNX file"
     )
     parser.add_argument(
         "--calibration",
@@ -66,7 +72,6 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="start from a calibration.json of `vo run` or `vo calibrate`; it is held with "
         "--calibration.estimate off",
     )
-    parser.add_argument("--provider", default="cpu", metavar="P", help="cpu or cuda; default cpu")
     text = (
         f"keep the matches and use those kept, in DIR (default {match_folder(None).parent}); scenes that "
         "are drawn are kept there too"

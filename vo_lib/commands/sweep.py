@@ -14,7 +14,7 @@ from ..tables.error_plots import heat_map_figure
 from ..tables.plots import png
 from ..tables.report import mean_and_spread
 from ..tables.sweep import Sweep, parse_axis, run_sweep, sweep_csv, sweep_table
-from .common import add_cache, add_method, add_part, add_sequence, add_variant, open_part, parse_whole
+from .common import add_many, add_method, add_part, add_sequence, add_variant, open_part, parse_whole
 from .console import reporting, say, show_report_table
 
 
@@ -38,9 +38,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         "are lists are parted by semicolons: filter.classes='2;2,5,7'",
     )
     add_part(parser)
-    parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--jobs", metavar="N", default="1", help="processes; default 1")
+    add_many(parser, where)
     where.add_argument(
         "--dask",
         metavar="ADDRESS",
@@ -48,8 +47,6 @@ def add(parser: argparse.ArgumentParser) -> None:
         "extra [cluster]",
     )
     parser.add_argument("--out", default="runs/sweep", metavar="DIR", help="folder; default runs/sweep")
-    parser.add_argument("--fresh", action="store_true", help="do runs again that are finished")
-    add_cache(parser)
     parser.set_defaults(command=_sweep)
 
 

@@ -108,21 +108,33 @@ class Group:
 
     def mean(self, method: str) -> tuple[Array, Array]:
         """TE and RE of each seed, (S,) each: the plain mean over the sequences, of KITTI without 01."""
-        return _by_seed(
-            self._without_01(method), lambda parts: (_mean(p.te for p in parts), _mean(p.re for p in parts))
-        )
+        return self._averaged(self._without_01(method), lambda parts: parts)
 
     def pooled(self, method: str) -> tuple[Array, Array]:
         """TE and RE of each seed, (S,) each: over all sub-sequences together, as the devkit's total."""
-        return _by_seed(self.of_method(method), lambda parts: (pooled(parts).te, pooled(parts).re))
+        return self._averaged(self.of_method(method), lambda parts: [pooled(parts)])
 
     def pooled_as_paper(self, method: str) -> tuple[Array, Array]:
         """As `pooled`, of KITTI without 01."""
-        return _by_seed(self._without_01(method), lambda parts: (pooled(parts).te, pooled(parts).re))
+        return self._averaged(self._without_01(method), lambda parts: [pooled(parts)])
 
     def _without_01(self, method: str) -> list[Entry]:
         left_out = f"{KITTI}{LEFT_OUT}" if self.kitti else None
         return [entry for entry in self.of_method(method) if entry.sequence != left_out]
+
+    @staticmethod
+    def _averaged(
+        entries: list[Entry], together: Callable[[list[KittiErrors]], list[KittiErrors]]
+    ) -> tuple[Array, Array]:
+        """The mean over sequences, put together or not, of each seed that all of them have."""
+        common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
+        rows = []
+        for seed in sorted(common):
+            parts = together([entry.results[entry.seeds.index(seed)].kitti for entry in entries])
+            numbers = [(part.te, part.re) for part in parts if len(part)]
+            rows.append(np.array(numbers or [(np.nan, np.nan)], float).mean(axis=0))
+        te, re = np.reshape(rows, (-1, 2)).T
+        return te, re
 
 
 def over_seeds(values: Iterable[float | None]) -> Array:
@@ -195,20 +207,3 @@ def group_entries(entries: list[Entry]) -> list[Group]:
         key = entry.variant, entry.sequence in BENCHMARK, entry.measure
         groups.setdefault(key, Group(*key, {})).entries[entry.sequence, entry.method] = entry
     return list(groups.values())
-
-
-def _by_seed(
-    entries: list[Entry], average: Callable[[list[KittiErrors]], tuple[float | None, float | None]]
-) -> tuple[Array, Array]:
-    """An average over sequences for each seed that all of them have."""
-    common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
-    numbers = []
-    for seed in sorted(common):
-        parts = [entry.results[entry.seeds.index(seed)].kitti for entry in entries]
-        some = [part for part in parts if len(part)]
-        numbers.append(average(some) if some else (None, None))
-    return over_seeds(te for te, _ in numbers), over_seeds(re for _, re in numbers)
-
-
-def _mean(values: Iterable[float | None]) -> float:
-    return float(np.mean([value for value in values if value is not None]))
