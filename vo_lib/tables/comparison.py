@@ -17,7 +17,7 @@ from ..evaluation.kitti import KITTI_BIN_MINIMUM
 from ..runs.results import CONFIG, METRICS, POSES, evaluate_path, read_config, read_metrics, require_unchanged
 from .report import ReportTable, number
 
-KINDS = {"kitti": "as KITTI, 100 m and more", "short": "20, 50, 100 m, every frame"}
+KINDS = {"kitti": "as KITTI, over 100 m and more", "short": "over 20, 50, 100 m, every frame"}
 STORED = {
     "frames": [str],
     "settings": {"seed": int},
