@@ -243,6 +243,15 @@ def test_a_config_gives_the_same_run_again_and_options_go_before_it(bands: Path,
     saved = json.loads((tmp_path / "c" / "config.json").read_text(encoding="utf-8"))
     assert (saved["method"], saved["variant"], saved["settings"]["seed"]) == ("mesvo_f", "published", 3)
     assert saved["settings"]["features"]["blob_cell"] == 9
+    # A table and a grid take it as well.
+    config = ["--config", str(tmp_path / "a" / "config.json"), "--seeds", "1", "--cache", str(tmp_path / "c")]
+    assert main(["reproduce", "--sequences", str(bands), *config, "--out", str(tmp_path / "d")]) == 0
+    (run,) = (tmp_path / "d").rglob("seed_0/poses.txt")
+    assert run.read_bytes() == a
+    grid = ["--sequence", str(bands), "--set", "selection.sets=200", "--out", str(tmp_path / "e")]
+    assert main(["sweep", *grid, *config]) == 0
+    (run,) = (tmp_path / "e").rglob("seed0/poses.txt")
+    assert run.read_bytes() == a
 
 
 def test_the_model_of_drawn_streets_says_so_on_other_images(

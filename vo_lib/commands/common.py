@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..config import METHODS, VARIANTS, preset
+from ..config import METHODS, VARIANTS, PublishedConfig, preset
+from ..core import settings
 from ..core.errors import DataError
-from ..core.files import require_own
+from ..core.files import read_json, require_own
 from ..core.poses import FARTHEST
 from ..data.drawn import cache_folder
 from ..data.sequence import SYNTHETIC, Sequence, available, open_sequence
@@ -75,6 +76,27 @@ def parse_frames(text: str, number: int) -> tuple[int, int]:
         return int(start or 0), int(stop or number)
     except ValueError:
         raise DataError(f"--frames {text!r}: expected A:B, two whole numbers") from None
+
+
+def add_config(parser: argparse.ArgumentParser, more: str) -> None:
+    """The option that takes a run's settings."""
+    text = f"config.json of a run: its method, variant and thresholds; {more}"
+    parser.add_argument("--config", type=Path, metavar="FILE", help=text)
+
+
+def read_settings(options: argparse.Namespace) -> PublishedConfig | None:
+    """The settings of --config, None without; its method and variant become those of the options."""
+    if options.config is None:
+        return None
+    expected = "the settings of a run, as `vo run` writes them"
+    data = read_json(options.config, {"method": str, "settings": {}}, expected)
+    options.method, options.variant = data["method"], data.get("variant", "kit")
+    usual = preset(options.method, variant=options.variant)
+    try:
+        config: PublishedConfig = settings.from_dict(type(usual), data["settings"])
+    except (DataError, TypeError) as error:
+        raise DataError(str(error), options.config) from None
+    return config
 
 
 def add_detector(parser: argparse.ArgumentParser, text: str) -> None:

@@ -12,7 +12,7 @@ from ..data.kitti import EXPECTED_FRAMES, count_pairs
 from ..data.sequence import available, kitti_root, kitti_roots
 from ..detection.detectors import detector_folder, known
 from .console import say, show_table
-from .script import install, installed_version, typed
+from .script import install, installed_version, steps
 
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "matplotlib", "jupyterlab", "ipywidgets")
 OPENCV_NAMES = [f"opencv-{kind}{head}" for kind in ("python", "contrib-python") for head in ("", "-headless")]
@@ -100,9 +100,8 @@ def data_steps() -> dict[str, str]:
 
 
 def _steps(*scripts: str) -> str:
-    """The steps of some scripts, two lines each."""
-    steps = [step for step in data_steps().items() if step[0].split()[2] in scripts]
-    return "".join(f"\n  {typed(command)}\n      {text}" for command, text in steps)
+    """The steps of some scripts."""
+    return steps({name: text for name, text in data_steps().items() if name.split()[2] in scripts})
 
 
 def _kitti() -> Finding:
@@ -119,12 +118,12 @@ def _kitti() -> Finding:
 
 
 def _detectors() -> Finding:
-    steps = _steps("get_detector")
+    remedy = _steps("get_detector")
     try:
         here = [name for name, (_, path) in known().items() if path is not None]
     except DataError as error:
-        return Finding("fetched detectors", "problem", str(error), steps)
+        return Finding("fetched detectors", "problem", str(error), remedy)
     if here:
         return Finding("fetched detectors", "ok", ", ".join(here))
     none = f"none in {detector_folder()}"
-    return Finding("fetched detectors", "note", none, "optional, for real images" + steps)
+    return Finding("fetched detectors", "note", none, "optional, for real images" + remedy)

@@ -7,6 +7,7 @@ import json
 import shlex
 from pathlib import Path
 
+from ..core.errors import DataError
 from ..data.sequence import Sequence, parse_sequences
 from ..detection.label_cache import labelled_sequence
 from ..detection.yolo import find_model
@@ -20,6 +21,7 @@ from ..tables.table1 import layout_tables
 from ..tables.table_files import TABLE_FILES, write_table_files
 from .common import (
     BOTH,
+    add_config,
     add_detector,
     add_many,
     add_variant,
@@ -27,6 +29,7 @@ from .common import (
     parse_lengths,
     parse_methods,
     parse_whole,
+    read_settings,
     warn_of_street,
 )
 from .console import reporting, say, show_report_table
@@ -46,6 +49,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     add_variant(parser, BOTH)
     parser.add_argument("--methods", metavar="M,M,…", help="default: all that a variant has")
+    add_config(parser, "the table then has this method alone")
     parser.add_argument(
         "--lengths",
         metavar="L,L,…",
@@ -64,7 +68,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    methods = parse_methods(options.methods, options.variant)
+    config = read_settings(options)
+    if config is not None and options.methods is not None:
+        raise DataError("--config and --methods: expected one of them, both name the method")
+    methods = parse_methods(options.methods if config is None else options.method, options.variant)
     seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
     measure = None if options.lengths is None else Measure(parse_lengths(options.lengths), 1)
     paper = read_paper_table(options.paper)
@@ -77,7 +84,7 @@ def _reproduce(options: argparse.Namespace) -> int:
         if not options.json:
             warn_of_street(options.detector, *(each for each in opened if each.labels is None))
         sequences = [_labelled(each, options) for each in opened]
-        jobs = plan_jobs(sequences, methods, seeds, folder)
+        jobs = plan_jobs(sequences, methods, seeds, folder, config)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)
         result = collect(outcomes, missing, seeds, measure)
@@ -106,7 +113,7 @@ def _command(options: argparse.Namespace, names: list[str]) -> str:
     """The command line that makes the same table, for the report."""
     words = ["vo", "reproduce", "--sequences", ",".join(names), "--seeds", options.seeds]
     words += ["--variant", options.variant] if options.variant != BOTH else []
-    for name in ("methods", "lengths", "detector", "paper"):
+    for name in ("methods", "config", "lengths", "detector", "paper"):
         value = getattr(options, name)
         words += [] if value is None else [f"--{name}", str(value)]
     return shlex.join(words)

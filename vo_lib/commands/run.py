@@ -12,7 +12,7 @@ from ..beyond.calibration import read_calibration
 from ..config import Config, DetectorConfig, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
-from ..core.files import claim, read_json, write_result
+from ..core.files import claim, write_result
 from ..data.sequence import Sequence
 from ..data.stereo_check import doubts
 from ..detection.label_cache import detected_sequence
@@ -24,12 +24,14 @@ from ..tables.film import CODES, Film, shown_frames
 from ..tables.plots import png, trajectories_figure
 from ..tables.view import View
 from .common import (
+    add_config,
     add_detector,
     add_method,
     add_part,
     add_sequence,
     add_variant,
     open_part,
+    read_settings,
     require_place,
     warn_of_street,
 )
@@ -48,12 +50,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list` such as kitti/07")
     add_method(parser)
-    parser.add_argument(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="config.json of a run: its method, variant and thresholds; those given here go before its own",
-    )
+    add_config(parser, "thresholds given here go before its own")
     add_variant(parser, "kit")
     parser.add_argument(
         "--out",
@@ -130,22 +127,9 @@ class SettingsHelp(argparse.Action):
 
 def config_from_options(options: argparse.Namespace) -> PublishedConfig:
     """The preset of method and variant, or a run's settings, with the thresholds of the command line."""
-    config = _stored_config(options) if options.config else preset(options.method, variant=options.variant)
+    config = read_settings(options) or preset(options.method, variant=options.variant)
     for name, value in given(options, settings.declared(Config)).items():
         config = change(config, name, value)
-    return config
-
-
-def _stored_config(options: argparse.Namespace) -> PublishedConfig:
-    """The settings of --config; its method and variant become those of the options."""
-    expected = "the settings of a run, as `vo run` writes them"
-    data = read_json(options.config, {"method": str, "settings": {}}, expected)
-    options.method, options.variant = data["method"], data.get("variant", "kit")
-    usual = preset(options.method, variant=options.variant)
-    try:
-        config: PublishedConfig = settings.from_dict(type(usual), data["settings"])
-    except (DataError, TypeError) as error:
-        raise DataError(str(error), options.config) from None
     return config
 
 

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from ..config import preset
 from ..core.files import write_result
 from ..runs.jobs import run_jobs
 from ..runs.results import run_folder
@@ -14,7 +15,17 @@ from ..tables.error_plots import heat_map_figure
 from ..tables.plots import png
 from ..tables.report import mean_and_spread
 from ..tables.sweep import Sweep, parse_axis, run_sweep, sweep_csv, sweep_table
-from .common import add_many, add_method, add_part, add_sequence, add_variant, open_part, parse_whole
+from .common import (
+    add_config,
+    add_many,
+    add_method,
+    add_part,
+    add_sequence,
+    add_variant,
+    open_part,
+    parse_whole,
+    read_settings,
+)
 from .console import reporting, say, show_report_table
 
 
@@ -28,6 +39,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_sequence(parser, "--sequence", "a name from `vo list`, or a path", required=True, metavar="S")
     add_method(parser)
     add_variant(parser, "kit")
+    add_config(parser, "what --set names goes before its own")
     parser.add_argument(
         "--set",
         dest="axes",
@@ -53,6 +65,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _sweep(options: argparse.Namespace) -> int:
     axes = tuple(parse_axis(text) for text in options.axes)
     seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
+    base = read_settings(options) or preset(options.method, variant=options.variant)
     sequence = open_part(options, options.cache)
     with run_folder(options.out, "sweep.csv", "sweep.png") as folder:
         with reporting(f"{sequence.name}, {options.method}") as report:
@@ -64,7 +77,7 @@ def _sweep(options: argparse.Namespace) -> int:
                 scheduler=options.dask,
                 fresh=options.fresh,
             )
-            sweep = run_sweep(sequence, options.method, axes, seeds, folder, run, options.variant)
+            sweep = run_sweep(sequence, options.method, axes, seeds, folder, run, base)
         write_result(folder / "sweep.csv", sweep_csv(sweep))
         if len(axes) == 2:
             write_result(folder / "sweep.png", _heat_map(sweep))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..config import Config, change, preset
+from ..config import Config, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
 from ..core.files import csv_text
@@ -114,20 +114,21 @@ def run_sweep(
     seeds: int,
     folder: Path,
     run: Callable[[list[Job]], list[Outcome]],
-    variant: str = "kit",
+    base: PublishedConfig | None = None,
 ) -> Sweep:
     """Run all combinations with seeds 0 … seeds - 1, each in a run folder under `folder`/cells.
 
     Parameters
     ----------
     sequence : with truth.
+    base : the settings where the axes do not say otherwise; the method's own by default.
     run : does the jobs, such as `jobs.run_jobs` with its options set.
     """
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth: a sweep has nothing to compare")
     if len({axis.name for axis in axes}) < len(axes):
         raise DataError("--set: a setting is given twice")
-    measure, base = suitable_measure(sequence.truth), preset(method, variant=variant)
+    measure, base = suitable_measure(sequence.truth), base or preset(method)
     grid: dict[tuple[str, ...], list[Job]] = {}
     for values in itertools.product(*(axis.values for axis in axes)):
         config = base
@@ -135,7 +136,7 @@ def run_sweep(
             config = change(config, axis.name, value)  # refuses settings that do not go together
         words = tuple(map(_word, values))
         name = "+".join(f"{axis.name}={word}" for axis, word in zip(axes, words, strict=True))
-        place = folder / "cells" / variant / name.replace(",", "-")
+        place = folder / "cells" / base.variant / name.replace(",", "-")
         grid[words] = [
             Job(sequence, method, dataclasses.replace(config, seed=seed), place / f"seed{seed}")
             for seed in range(seeds)
@@ -143,7 +144,7 @@ def run_sweep(
     outcomes = iter(run([job for jobs in grid.values() for job in jobs]))
     cells = [_cell(words, list(itertools.islice(outcomes, seeds)), measure) for words in grid]
     labels = sequence.labels is not None or base.filter.rule == "none"
-    label = method if variant == "kit" else f"{method}, {variant}"
+    label = method if base.variant == "kit" else f"{method}, {base.variant}"
     return Sweep(sequence.name, label, axes, cells, seeds, measure, labels)
 
 
