@@ -66,7 +66,7 @@ def layout_tables(group: Group, paper: PaperTable | None = None, narrow: bool = 
     tables = []
     if printed:
         rows, notes = _rows(group, printed, paper, narrow), _notes(group, units, paper, narrow)
-        title = f"Table 1, {words}"
+        title = f"{'Table 1' if group.kitti else 'The systems of Table 1'}, {words}"
         tables.append(ReportTable(title, _columns(printed, narrow), rows, notes, caveats(group)))
     if PROPOSAL in run and len(run) > 1 and not narrow and np.isfinite(group.mean(PROPOSAL)[0]).any():
         tables.append(gains_table(group, paper))
@@ -176,6 +176,9 @@ def gains_table(group: Group, paper: PaperTable | None) -> ReportTable:
     columns = ["Feature selection over"]
     if paper is not None:
         columns += ["paper says", "printed Avg", "printed rows, mean", "printed rows, pooled"]
+    averages = {"ours, mean": group.mean, "ours, pooled": group.pooled_as_paper}
+    if len(group.sequences) == 1:
+        averages = {"ours": group.mean}
     rows = []
     for other, claims in CLAIMS.items():
         for k, kind in enumerate(("TE", "RE") if other in group.methods else ()):
@@ -183,16 +186,16 @@ def gains_table(group: Group, paper: PaperTable | None) -> ReportTable:
             if paper is not None:
                 printed = [claims[k], *(pair[k] for pair in printed_gains(paper, other))]
                 cells += [_percent(np.array([value], float)) for value in printed]
-            for average in (group.mean, group.pooled_as_paper):
+            for average in averages.values():
                 before, after = average(other)[k], average(PROPOSAL)[k]
                 cells.append(_percent(gain(before, after) if len(before) == len(after) else np.zeros(0)))
             rows.append(cells)
-    notes = [
-        "How much smaller the error is; minus: larger. Pooled: rows weighted by their numbers of "
-        "sub-sequences, as the benchmark's total does; 01 left out."
-    ]
+    notes = ["How much smaller the error is; minus: larger."]
+    if paper is not None or len(averages) > 1:
+        notes[0] += " Pooled: rows weighted by their numbers of sub-sequences, as the benchmark's total does"
+        notes[0] += "; 01 left out." if group.kitti else "."
     title = f"What Feature selection gains, {VARIANT_WORDS[group.variant]}"
-    return ReportTable(title, [*columns, "ours, mean", "ours, pooled"], rows, notes, caveats(group))
+    return ReportTable(title, [*columns, *averages], rows, notes, caveats(group))
 
 
 def _percent(values: Array) -> str:

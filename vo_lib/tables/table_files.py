@@ -132,10 +132,10 @@ def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
         for file, shown in figures.items():
             known = any(truth is not None for truth, _ in shown.values())
             beside = "; beside it the distance from the truth along the path" if known else ""
-            label = "Figure 4, " if file.startswith("figure4") else ""
+            label = "Figure 4: " if file.startswith("figure4") else ""
             methods = list(dict.fromkeys(method for _, paths in shown.values() for method in paths))
             where = f"{_listed(list(shown))} from above"
-            caption = f"{label}{VARIANT_WORDS[variant]}: {where}, first seed{beside}."
+            caption = f"{label}{where}, {VARIANT_WORDS[variant]}, first seed{beside}."
             alt = f"Paths over {where} of {_listed(methods)}{beside}."
             pictures.append(Picture(write_figure(folder, file, trajectories_figure(shown)), caption, alt))
     return pictures
@@ -153,7 +153,7 @@ def _curves(folder: Path, groups: list[Group]) -> list[Picture]:
         drawn = write_curves(folder, f"{kind}_{number}", title, curves)
         for by, data in drawn.items():
             caption = (
-                f"{VARIANT_WORDS[group.variant]}: TE and RE by {by} over {', '.join(group.sequences)}; "
+                f"TE and RE by {by} over {', '.join(group.sequences)}, {VARIANT_WORDS[group.variant]}; "
                 f"{group.measure.words}; all seeds."
             )
             alt = f"TE and RE by {by} of {_listed(group.methods)}; the numbers are in metrics.json."
