@@ -87,20 +87,20 @@ def show_report_table(table: ReportTable) -> None:
 
 def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Path) -> None:
     """Errors, removals, flags and time of a run."""
-    rows: list[list[str]] = []
-    for kind, label in (("kitti", " (as KITTI)"), ("short", ", every frame")):
-        if kind in errors:
-            by_length = errors[kind].sequences[0].kitti.by_length(errors[kind].lengths)
-            for length, part in by_length.items():
-                if len(part) and not any(row[0].startswith(f"TE / RE over {length:g} m (") for row in rows):
-                    words = f"TE / RE over {length:g} m{label}"
-                    rows.append([words, f"{part.te:.2f} % / {part.re:.2f} deg/100 m"])
-    for found in [*errors.values()][:1]:
-        ate, rpe = found.sequences[0].ate.to_dict(), found.sequences[0].rpe.to_dict()
+    by_length: dict[float, list[str]] = {}
+    for kind, label in (("short", ", every frame"), ("kitti", " (as KITTI)")):
+        for found in [errors[kind]] if kind in errors else []:
+            for length, part in found.sequences[0].kitti.by_length(found.lengths).items():
+                if len(part):
+                    words = f"{part.te:.2f} % / {part.re:.2f} deg/100 m"
+                    by_length[length] = [f"TE / RE over {length:g} m{label}", words]
+    rows = [by_length[length] for length in sorted(by_length)]
+    if errors:
+        ate, rpe = errors["kitti"].sequences[0].ate.to_dict(), errors["kitti"].sequences[0].rpe.to_dict()
         rows.append(["ATE, aligned", f"{number(ate['rmse_m'])} m"])
         step = f"{number(rpe['translation']['rmse_m'], 4)} m / {number(rpe['rotation']['rmse_deg'], 4)} deg"
         rows.append(["RPE, frame to frame", step])
-    if result.sequence.truth is None:
+    else:
         rows.append(["TE / RE", "no ground truth"])
     rows.append(["matches a frame, median", f"{np.median([m.matches for m in result.motions]):.0f}"])
     removed = sum(m.removed for m in result.motions)

@@ -19,19 +19,7 @@ from ..tables.paper import read_paper_table
 from ..tables.reproduce import collect, default_sequences, plan_jobs, split_missing
 from ..tables.table1 import layout_tables
 from ..tables.table_files import TABLE_FILES, write_table_files
-from .common import (
-    BOTH,
-    add_config,
-    add_detector,
-    add_many,
-    add_variant,
-    open_with_bar,
-    parse_lengths,
-    parse_methods,
-    parse_whole,
-    read_settings,
-    warn_of_street,
-)
+from . import common
 from .console import reporting, say, show_report_table
 
 
@@ -47,9 +35,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="KITTI numbers and ranges, names from `vo list`, paths; default: all of KITTI that is found, "
         "without any the synthetic scenes",
     )
-    add_variant(parser, BOTH)
+    common.add_variant(parser, common.BOTH)
     parser.add_argument("--methods", metavar="M,M,…", help="default: all that a variant has")
-    add_config(parser, "the table then has this method alone")
+    common.add_config(parser, "the table then has this method alone")
     parser.add_argument(
         "--lengths",
         metavar="L,L,…",
@@ -59,30 +47,30 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--paper", type=Path, metavar="CSV", help="the paper's numbers; default: the kit's own"
     )
-    add_detector(
+    common.add_detector(
         parser, "find the vehicles of sequences that have no labels: a model by name or an ONNX file"
     )
-    add_many(parser, parser)
+    common.add_many(parser, parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(command=_reproduce)
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    config = read_settings(options)
+    config = common.read_settings(options)
     if config is not None and options.methods is not None:
         raise DataError("--config and --methods: expected one of them, both name the method")
-    methods = parse_methods(options.methods if config is None else options.method, options.variant)
-    seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
-    measure = None if options.lengths is None else Measure(parse_lengths(options.lengths), 1)
+    methods = common.parse_methods(options.methods if config is None else options.method, options.variant)
+    seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
+    measure = None if options.lengths is None else Measure(common.parse_lengths(options.lengths), 1)
     paper = read_paper_table(options.paper)
     if options.detector is not None:
         find_model(options.detector)
     asked = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
     names, missing = split_missing(asked)
     with run_folder(options.out, *TABLE_FILES) as folder:
-        opened = [open_with_bar(name, options.cache) for name in names]
+        opened = [common.open_with_bar(name, options.cache) for name in names]
         if not options.json:
-            warn_of_street(options.detector, *(each for each in opened if each.labels is None))
+            common.warn_of_street(options.detector, *(each for each in opened if each.labels is None))
         sequences = [_labelled(each, options) for each in opened]
         jobs = plan_jobs(sequences, methods, seeds, folder, config)
         with reporting(f"{len(jobs)} runs") as report:
@@ -112,7 +100,7 @@ def _labelled(sequence: Sequence, options: argparse.Namespace) -> Sequence:
 def _command(options: argparse.Namespace, names: list[str]) -> str:
     """The command line that makes the same table, for the report."""
     words = ["vo", "reproduce", "--sequences", ",".join(names), "--seeds", options.seeds]
-    words += ["--variant", options.variant] if options.variant != BOTH else []
+    words += ["--variant", options.variant] if options.variant != common.BOTH else []
     for name in ("methods", "config", "lengths", "detector", "paper"):
         value = getattr(options, name)
         words += [] if value is None else [f"--{name}", str(value)]

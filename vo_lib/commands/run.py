@@ -23,18 +23,7 @@ from ..runs.runner import Run
 from ..tables.film import CODES, Film, shown_frames
 from ..tables.plots import png, trajectories_figure
 from ..tables.view import View
-from .common import (
-    add_config,
-    add_detector,
-    add_method,
-    add_part,
-    add_sequence,
-    add_variant,
-    open_part,
-    read_settings,
-    require_place,
-    warn_of_street,
-)
+from . import common
 from .console import reporting, say, show_run, tell
 from .setting_options import add_option, given
 
@@ -48,18 +37,18 @@ def add(parser: argparse.ArgumentParser) -> None:
         "example: vo run kitti/07 --method feature_selection --out runs/07 --selection.sets 100. "
         "--help-settings lists the thresholds."
     )
-    add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list` such as kitti/07")
-    add_method(parser)
-    add_config(parser, "thresholds given here go before its own")
-    add_variant(parser, "kit")
+    common.add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list`: kitti/07")
+    common.add_method(parser)
+    common.add_config(parser, "thresholds given here go before its own")
+    common.add_variant(parser, "kit")
     parser.add_argument(
         "--out",
         required=True,
         metavar="DIR",
         help="folder for poses, log, errors, picture; a run finished there is read back",
     )
-    add_part(parser)
-    add_detector(
+    common.add_part(parser)
+    common.add_detector(
         parser, "find the vehicles: street (shipped, for drawn streets), a fetched model or an ONNX file"
     )
     parser.add_argument(
@@ -127,7 +116,7 @@ class SettingsHelp(argparse.Action):
 
 def config_from_options(options: argparse.Namespace) -> PublishedConfig:
     """The preset of method and variant, or a run's settings, with the thresholds of the command line."""
-    config = read_settings(options) or preset(options.method, variant=options.variant)
+    config = common.read_settings(options) or preset(options.method, variant=options.variant)
     for name, value in given(options, settings.declared(Config)).items():
         config = change(config, name, value)
     return config
@@ -137,17 +126,17 @@ def _run(options: argparse.Namespace) -> int:
     config = config_from_options(options)
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
-    require_place(options.video, *CODES)
-    require_place(options.view, ".html")
+    common.require_place(options.video, *CODES)
+    common.require_place(options.view, ".html")
     cache = Path(options.cache) if options.cache else None
-    sequence = open_part(options, cache)
+    sequence = common.open_part(options, cache)
     if options.calibration is not None:
         if config.variant == "published":
             raise DataError("--calibration is the kit's own: the paper as published takes calib.txt as it is")
         known = read_calibration(options.calibration)
         known.check(sequence.camera)
         sequence = replace(sequence, calibration=known)
-    warn_of_street(options.detector, sequence)
+    common.warn_of_street(options.detector, sequence)
     label = f"{sequence.name}, {options.method}" + (", published" if config.variant == "published" else "")
     with (
         run_folder(options.out, *() if options.fresh else (PICTURE,)) as folder,

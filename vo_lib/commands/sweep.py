@@ -15,17 +15,7 @@ from ..tables.error_plots import heat_map_figure
 from ..tables.plots import png
 from ..tables.report import mean_and_spread
 from ..tables.sweep import Sweep, parse_axis, run_sweep, sweep_csv, sweep_table
-from .common import (
-    add_config,
-    add_many,
-    add_method,
-    add_part,
-    add_sequence,
-    add_variant,
-    open_part,
-    parse_whole,
-    read_settings,
-)
+from . import common
 from .console import reporting, say, show_report_table
 
 
@@ -36,10 +26,10 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--set selection.sets=50,200 --set filter.margin=0,0.1. Started again it does not do "
         "finished runs again; with more values or seeds it adds them. Exit code 1: a run failed."
     )
-    add_sequence(parser, "--sequence", "a name from `vo list`, or a path", required=True, metavar="S")
-    add_method(parser)
-    add_variant(parser, "kit")
-    add_config(parser, "what --set names goes before its own")
+    common.add_sequence(parser, "--sequence", "a name from `vo list`, or a path", required=True, metavar="S")
+    common.add_method(parser)
+    common.add_variant(parser, "kit")
+    common.add_config(parser, "what --set names goes before its own")
     parser.add_argument(
         "--set",
         dest="axes",
@@ -49,9 +39,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="values of a setting that `vo run --help-settings` lists; once for each setting. Values that "
         "are lists are parted by semicolons: filter.classes='2;2,5,7'",
     )
-    add_part(parser)
+    common.add_part(parser)
     where = parser.add_mutually_exclusive_group()
-    add_many(parser, where)
+    common.add_many(parser, where)
     where.add_argument(
         "--dask",
         metavar="ADDRESS",
@@ -64,9 +54,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def _sweep(options: argparse.Namespace) -> int:
     axes = tuple(parse_axis(text) for text in options.axes)
-    seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
-    base = read_settings(options) or preset(options.method, variant=options.variant)
-    sequence = open_part(options, options.cache)
+    seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
+    base = common.read_settings(options) or preset(options.method, variant=options.variant)
+    sequence = common.open_part(options, options.cache)
     with run_folder(options.out, "sweep.csv", "sweep.png") as folder:
         with reporting(f"{sequence.name}, {options.method}") as report:
             run = partial(

@@ -172,21 +172,17 @@ class Film:
         _words(part, f"distance from the truth, up to {top:.2f} m", (12, 14))
 
     def _write_words(self, part: Image, shown: Shown) -> None:
-        index, sequence, motion = shown.index, self.run.sequence, shown.motion
-        speed = np.linalg.norm(motion.T_cp[:3, 3]) / max(
-            sequence.times[index] - sequence.times[index - 1], 1e-9
-        )
-        first = (
-            f"{self.label}  frame {sequence.frames[index]}  {sequence.times[index] - sequence.times[0]:.1f} s"
-        )
-        first += f"  {3.6 * speed:.0f} km/h  {self._driven[index]:.0f} m driven"
+        index, motion = shown.index, shown.motion
+        times, driven = self.run.sequence.times, self._driven[index]
+        speed = np.linalg.norm(motion.T_cp[:3, 3]) / max(times[index] - times[index - 1], 1e-9)
+        first = [self.label, f"frame {self.run.sequence.frames[index]}", f"{times[index] - times[0]:.1f} s"]
+        first += [f"{3.6 * speed:.0f} km/h", f"{driven:.0f} m driven"]
         if self._drift is not None:
-            off = float(self._drift[index])
-            first += f"  {off:.2f} m from the truth ({100 * off / max(self._driven[index], 1e-9):.2f} %)"
-        _words(part, f"{first}  {' '.join(motion.flags)}", (12, 22))
-        counts = f"{motion.matches} matches  {motion.removed} removed  {motion.used} used  "
-        counts += f"{motion.inliers} inliers"
-        at = _words(part, counts, (12, 46)) + 30
+            off = self._drift[index]
+            first.append(f"{off:.2f} m from the truth ({100 * off / max(driven, 1e-9):.2f} %)")
+        _words(part, "  ".join([*first, *motion.flags]), (12, 22))
+        counts = [f"{getattr(motion, name)} {name}" for name in ("matches", "removed", "used", "inliers")]
+        at = _words(part, "  ".join(counts), (12, 46)) + 30
         for number, colour in enumerate(AGE_COLOURS):
             cv2.rectangle(part, (at + 5 * number, 36), (at + 5 * number + 4, 46), colour, -1)
         at = _words(part, f"kept, new to {len(AGE_COLOURS)} frames old", (at + 5 * len(AGE_COLOURS) + 6, 46))
