@@ -23,6 +23,7 @@ from vo_lib.commands.script import typed
 from vo_lib.config import Config
 from vo_lib.core import settings
 from vo_lib.core.poses import read_kitti_poses, read_tum
+from vo_lib.data.scenes import SCENES
 
 FILES = [
     "calibration.json",
@@ -161,7 +162,8 @@ def test_list_names_what_is_found(
     assert main(["list"]) == 0
     assert "kitti/07" in capsys.readouterr().out
     assert main(["list", "--json"]) == 0
-    assert "kitti/07" in json.loads(capsys.readouterr().out)
+    found = set(json.loads(capsys.readouterr().out))
+    assert found >= {"kitti/07", *(f"synthetic/{name}" for name in SCENES)}
 
 
 def test_check_finds_this_installation_healthy(

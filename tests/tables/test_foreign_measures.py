@@ -71,18 +71,20 @@ def test_a_whole_sequence_under_another_measure_is_not(foreign: str) -> None:
     )
 
 
-@pytest.mark.parametrize("missing", [1, 100])
-def test_a_part_of_a_sequence_is_not(missing: int) -> None:
-    part = entry(f"kitti/{SHORT}", EXPECTED_FRAMES[SHORT] - missing, KITTI_MEASURE)
+WHOLE = EXPECTED_FRAMES[SHORT]
+
+
+@pytest.mark.parametrize(
+    ("name", "frames"),
+    [(f"kitti/{SHORT}", WHOLE - 1), (f"kitti/{SHORT}", WHOLE - 100), ("kitti/07", WHOLE), (SHORT, WHOLE)],
+)
+def test_a_part_another_sequence_or_a_folder_of_ones_own_is_not(name: str, frames: int) -> None:
+    part = entry(name, frames, KITTI_MEASURE)
     assert np.isfinite(part.te).all()
     assert not is_whole(part)
     (group,) = group_entries([part])
-    assert set(gaps(group)) == {""}
     assert csv_gaps(group) == {""}
-
-
-def test_the_length_of_another_sequence_does_not_make_a_whole_one() -> None:
-    assert not is_whole(entry("kitti/07", EXPECTED_FRAMES[SHORT], KITTI_MEASURE))
+    assert not group.kitti or set(gaps(group)) == {""}
 
 
 def test_another_measure_of_any_one_row_takes_the_average_away() -> None:
@@ -118,10 +120,6 @@ def test_a_method_or_a_row_that_the_paper_has_not_is_not_beside_it() -> None:
     assert sum(cell[0] != NONE for cell in printed_there) == 2
     assert all(len(cell) >= 2 for cell in printed_there)
     assert not any("\n" in cell for cell in apart.rows[0][1:])
-
-
-def test_a_folder_of_ones_own_is_never_the_benchmarks() -> None:
-    assert not is_whole(entry(SHORT, EXPECTED_FRAMES[SHORT], KITTI_MEASURE))
 
 
 def test_a_difference_needs_both_numbers() -> None:
