@@ -21,7 +21,7 @@ from ..tables.reproduce import collect, plan_jobs
 from ..tables.table1 import method_table
 from ..tables.table_files import TABLE_FILES, write_table_files
 from .common import BOTH, add_cache, add_variant, open_with_bar, parse_methods
-from .console import reporting, say, show_report_table
+from .console import reporting, say, show_report_table, tell
 from .script import steps
 
 NEXT = {
@@ -52,7 +52,8 @@ def _demo(options: argparse.Namespace) -> int:
         write_table_files(folder, result, read_paper_table(), "vo demo", (example_frame(sequence),))
     for group in group_entries(result.entries):
         show_report_table(method_table(list(group.entries.values())))
-    say("", f"Look at {folder / 'report.html'} in a browser. What next:" + steps(NEXT), *result.problems)
+    tell("", *result.problems)
+    say(f"Look at {folder / 'report.html'} in a browser. What next:" + steps(NEXT))
     return 1 if result.failed else 0
 
 

@@ -20,7 +20,7 @@ from ..tables.reproduce import collect, default_sequences, plan_jobs, split_miss
 from ..tables.table1 import layout_tables
 from ..tables.table_files import TABLE_FILES, write_table_files
 from . import common
-from .console import reporting, say, show_report_table
+from .console import reporting, say, show_report_table, tell
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -83,7 +83,8 @@ def _reproduce(options: argparse.Namespace) -> int:
         for group in group_entries(result.entries):
             for table in layout_tables(group, paper, narrow=True):
                 show_report_table(table)
-        say(*result.problems, f"Spread, differences, gains and figures: {folder / 'report.html'}")
+        tell("", *result.problems)
+        say(f"Spread, differences, gains and figures: {folder / 'report.html'}")
     return 1 if result.failed else 0
 
 

@@ -139,7 +139,7 @@ class Group:
 
 def over_seeds(values: Iterable[float | None]) -> Array:
     """Numbers of seeds as an array, NaN for None."""
-    return np.array([np.nan if value is None else value for value in values])
+    return np.array(list(values), float)
 
 
 def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -> Entry:
