@@ -41,6 +41,16 @@ def test_nothing_but_the_standard_library_is_read_before_ctrl_c_is_answered() ->
     assert done.stdout == "False False\n"
 
 
+def test_no_commands_help_and_no_tab_waits_for_matplotlib() -> None:
+    code = (
+        "import sys; from vo_lib.commands.cli import COMMANDS, make_parser\n"
+        "for name in COMMANDS: make_parser([name])\n"
+        "print([name for name in ('matplotlib', 'jinja2', 'rich.progress') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout == "[]\n"
+
+
 @posix
 @pytest.mark.parametrize("words", ["list", "run --help", "--version"])
 def test_output_that_is_closed_ends_the_program_quietly(words: str) -> None:

@@ -13,7 +13,7 @@ from ..runs.runner import run
 from ..tables.field_figure import field_figure
 from ..tables.plots import png
 from .common import add_cache, add_sequence, open_with_bar, require_place
-from .console import reporting, say
+from .console import reporting, say, tell
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def _calibrate(options: argparse.Namespace) -> int:
         with reporting(sequence.name) as report:
             known = run(replace(sequence, calibration=known), config, report).calibration
         assert known is not None
-        say(f"after {sequence.name}: {known.in_words(config.calibration)}")
+        tell(f"after {sequence.name}: {known.in_words(config.calibration)}")
     assert known is not None
     write_result(options.out, known.to_json())
     if options.picture is not None:

@@ -169,7 +169,7 @@ class Film:
         x, y = 12 + width * self._driven / length, 22 + height * (1 - drift / top)
         _line(part, np.array([[12.0, 22.0 + height], [12.0 + width, 22.0 + height]]), PALE, 1)
         _line(part, np.stack([x, y], axis=1)[: index + 1], PATH, 2)
-        _words(part, f"distance from the truth, up to {top:.2f} m", (12, 14))
+        _words(part, f"distance from the truth, up to {top:.2g} m", (12, 14))
 
     def _write_words(self, part: Image, shown: Shown) -> None:
         index, motion = shown.index, shown.motion
