@@ -78,20 +78,12 @@ def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path) -> None:
     assert int(rows[0]["removed_by_boxes"]) > 0
 
 
-def test_a_run_with_cached_matches_writes_the_same_poses(
+def test_matches_are_kept_where_it_is_asked_and_used_again(
     bands: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("vo_lib.runs.match_cache.cache_folder", lambda: bands.parent / "user" / "synthetic")
-    poses = []
-    for name, cache in (
-        ("plain", []),
-        ("filled", ["--cache"]),
-        ("used", ["--cache"]),
-        ("elsewhere", ["--cache", str(bands.parent / "mine")]),
-    ):
-        assert main(["run", str(bands), "--out", str(bands.parent / name), *SMALL, *cache]) == 0
-        poses.append((bands.parent / name / "poses.txt").read_bytes())
-    assert poses == [poses[0]] * 4
+    for name, cache in (("filled", []), ("used", []), ("elsewhere", [str(bands.parent / "mine")])):
+        assert main(["run", str(bands), "--out", str(bands.parent / name), *SMALL, "--cache", *cache]) == 0
     kept = {p.relative_to(bands.parent).parts[:2] for p in bands.parent.rglob("*.npz")}
     assert kept == {("user", "matches"), ("mine", "matches")}
     row = read_log(bands.parent / "used")[0]
