@@ -165,7 +165,7 @@ def _pools(workers: int, scheduler: str | None) -> Iterator[tuple[Pools, type[Ex
     try:
         from distributed import Client, KilledWorker
     except ImportError:
-        raise DataError('--dask needs the extra cluster: pip install "stereo-vo-kit[cluster]"') from None
+        raise DataError('--dask needs the extra cluster: pip install -e ".[cluster]"') from None
     if not re.fullmatch(r"\w+://\S+:\d+", scheduler):
         raise DataError(f"--dask {scheduler}: expected an address such as tcp://127.0.0.1:8786")
     try:
