@@ -179,18 +179,16 @@ def in_words(config: PublishedConfig) -> tuple[str, str]:
 
 
 def made_by(entries: Iterable[Entry]) -> str:
-    """Where matches and motion of a table come from; where they differ, by which methods."""
-    parts: tuple[dict[str, dict[str, None]], ...] = ({}, {})
+    """Where matches and motion of a variant's table come from; motions that differ with their methods."""
+    motions: dict[str, dict[str, None]] = {}
     for entry in entries:
-        for part, words in zip(parts, entry.how, strict=True):
-            part.setdefault(words, {})[entry.method] = None
-    matches, motion = (
-        "; ".join(
-            words if len(part) == 1 else f"{words} ({', '.join(methods)})" for words, methods in part.items()
-        )
-        for part in parts
-    )
-    return f"Matches: {matches}. Motion: {motion}."
+        matches, motion = entry.how
+        motions.setdefault(motion, {})[entry.method] = None
+    words = [
+        motion if len(motions) == 1 else f"{motion} ({', '.join(methods)})"
+        for motion, methods in motions.items()
+    ]
+    return f"Matches: {matches}. Motion: {'; '.join(words)}."
 
 
 def back_end_ms(run: Run) -> float:

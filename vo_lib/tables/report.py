@@ -77,14 +77,10 @@ class Picture:
     alt: str = ""
 
     @property
-    def kind(self) -> str:
-        """The picture's media type, "png" or "jpeg"."""
-        return "png" if self.data.startswith(b"\x89PNG") else "jpeg"
-
-    @property
-    def base64(self) -> str:
-        """The bytes as text for a data address."""
-        return base64.b64encode(self.data).decode("ascii")
+    def address(self) -> str:
+        """The whole picture as an address of a page."""
+        kind = "png" if self.data.startswith(b"\x89PNG") else "jpeg"
+        return f"data:image/{kind};base64,{base64.b64encode(self.data).decode('ascii')}"
 
 
 def provenance() -> list[str]:
