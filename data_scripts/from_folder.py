@@ -93,10 +93,11 @@ def run(options: argparse.Namespace) -> int:
     with reporting("writing pairs") as report:
         count = write_sequence(source, rig, options.out, times, poses, options.copy, report)
     camera = open_sequence(options.out).camera
+    carried = " --vehicle.check off" if options.euroc is not None else ""  # what flies moves as no car does
     say(
         f"{count} pairs of {camera.width}×{camera.height}, f {camera.f:.1f} px, centre {camera.cx:.1f},"
         f"{camera.cy:.1f}, baseline {camera.baseline:.3f} m, {'no' if poses is None else 'with'} true poses",
-        "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}"),
+        "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}{carried}"),
     )
     return 0
 

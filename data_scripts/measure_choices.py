@@ -14,7 +14,7 @@ from contextlib import nullcontext
 from typing import Any
 from unittest.mock import patch
 
-import joblib
+import loky
 import numpy as np
 
 from measure_results import add_inputs, open_all
@@ -98,10 +98,10 @@ def run(options: argparse.Namespace) -> int:
     """Run `published` as it is and with each other choice; write the differences."""
     workers = parse_whole("--jobs", options.jobs)
     tasks = [(s, *row[:2], *way) for s in open_all(options, 0.1) for row in OPEN for way in row[2].items()]
-    calls = (joblib.delayed(measured)(s, name, value, options.cache) for s, _, name, _, value in tasks)
+    calls = [(s, name, value, options.cache) for s, _, name, _, value in tasks]
     rows = [["choice", "alternative", "sequence", "te", "te_sd", "re", "re_sd", "length", "length_sd"]]
-    with reporting(f"{len(tasks)} runs of five seeds") as report:
-        for found in joblib.Parallel(workers, return_as="generator")(calls):
+    with reporting(f"{len(tasks)} runs of five seeds") as report, loky.ProcessPoolExecutor(workers) as pool:
+        for found in pool.map(measured, *zip(*calls, strict=True)):
             sequence, about, name, words, _ = tasks[len(rows) - 1]
             if name == "seed":
                 path, plain = sequence.truth, np.array([0.0, 0.0, 100.0])

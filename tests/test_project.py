@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import ast
+import importlib.metadata as metadata
 import re
 import tomllib
 from pathlib import Path
-
-from vo_lib.commands import environment
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -37,7 +36,6 @@ def test_the_citation_names_the_version_that_is_installed() -> None:
     minor = int(project["requires-python"].removeprefix(">=3."))
     named = [word.rpartition(".")[2] for word in project["classifiers"] if ":: 3." in word]
     assert named == [str(minor + more) for more in range(3)]
-    assert (3, minor) == environment.OLDEST_PYTHON
 
 
 # The rooms in the order in which they may build upon each other.
@@ -82,13 +80,33 @@ def test_the_method_imports_the_core_alone_and_is_read_at_one_sitting() -> None:
     assert lines <= 1300
 
 
+def packages(path: Path) -> set[str]:
+    """Names of the packages and modules that a file imports by their whole names."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and not node.level:
+            found.add(str(node.module))
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return {name.partition(".")[0] for name in found}
+
+
 def test_the_library_imports_neither_the_course_nor_the_data_scripts() -> None:
     above = {path.stem for folder in ("data_scripts", "notebooks") for path in (ROOT / folder).iterdir()}
     for path in (ROOT / "vo_lib").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            named = [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
-            named += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            assert not {(name or "").partition(".")[0] for name in named} & above, path
+        assert not packages(path) & above, path
+
+
+def test_what_is_imported_is_declared() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    groups = [project["dependencies"], *project["optional-dependencies"].values()]
+    lines = [re.split("[<>=]", line)[0].lower() for group in groups for line in group]
+    declared = {name for line in lines for name in re.findall(r"[\w-]+", line)}  # dask[distributed] is two
+    makers = metadata.packages_distributions()
+    for folder in ("vo_lib", "data_scripts", "notebooks/course"):
+        for path in (ROOT / folder).rglob("*.py"):
+            used = {maker.lower() for name in packages(path) for maker in makers.get(name, [])}
+            assert used - {"stereo-vo-kit"} <= declared, path
 
 
 def test_the_library_never_touches_pyplot() -> None:

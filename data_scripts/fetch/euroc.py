@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 
 from fetch.stereo_calibration import Rig, rig_from_matrices
 from fetch.stereo_sources import Drive
@@ -31,14 +33,15 @@ def read_euroc_drive(folder: Path) -> Drive:
     base = folder / "mav0" if (folder / "mav0").is_dir() else folder
     if not (base / "cam0").is_dir():
         raise DataError("is no EuRoC folder: expected mav0/cam0 and mav0/cam1 in it", folder)
-    images = [_images(base / f"cam{camera}") for camera in (0, 1)]
+    notes: list[str] = []
+    images = [_images(base / f"cam{camera}", notes) for camera in (0, 1)]
     moments = sorted(images[0].keys() & images[1].keys())
     if len(moments) < 2:
         raise DataError(f"expected two pairs of equal times or more, found {len(moments)}", base)
     rig, T_body_camera = _rig(base)
     times = 1e-9 * np.array(moments, np.float64)
     single = len(images[0].keys() ^ images[1].keys())
-    notes = [f"{single} images without a partner are left out"] if single else []
+    notes += [f"{single} images without a partner are left out"] if single else []
     chosen, poses = slice(0, len(moments)), None
     if (base / TRUTH).exists():
         true_times, bodies = read_euroc(base / TRUTH)
@@ -53,12 +56,11 @@ def read_euroc_drive(folder: Path) -> Drive:
     else:
         notes.append(f"no true poses: {base / TRUTH} is missing")
     paths = [(images[0][moment], images[1][moment]) for moment in moments[chosen]]
-    times = times[chosen]
-    return Drive(paths, rig, times - times[0], poses, "; ".join(notes))
+    return Drive(paths, rig, times[chosen], poses, "; ".join(notes))
 
 
-def _images(camera: Path) -> dict[int, Path]:
-    """Image files of a camera by their time, nanoseconds, as its data.csv lists them."""
+def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
+    """Image files of a camera by their time, nanoseconds, as data.csv lists them up to an absent one."""
     path = camera / "data.csv"
     found: dict[int, Path] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
@@ -69,9 +71,14 @@ def _images(camera: Path) -> dict[int, Path]:
             raise DataError("expected a time in ns and a file name, with a comma between", path, number)
         if int(words[0]) in found:
             raise DataError(f"names the time {words[0]} twice", path, number)
-        found[int(words[0])] = camera / "data" / words[1]
-        if not os.path.isfile(found[int(words[0])]):  # a name may be too long for any file
-            raise DataError(f"names {words[1]}, which is missing in {camera / 'data'}", path, number)
+        image = camera / "data" / words[1]
+        if not os.path.isfile(image):  # a name may be too long for any file
+            missing = f"names {words[1]}, which is missing in {camera / 'data'}"
+            if not found:
+                raise DataError(missing, path, number)
+            notes.append(f"{path}, line {number}, {missing}: read up to there")
+            break
+        found[int(words[0])] = image
     return found
 
 
@@ -81,18 +88,17 @@ def _rig(base: Path) -> tuple[Rig, Array]:
     T_body, sizes = [], []
     for number, camera in (("1", "cam0"), ("2", "cam1")):
         path = base / camera / "sensor.yaml"
-        text = re.sub(r"#.*", "", read_text(path))
-        model = re.search(r"^distortion_model:\s*(\S+)", text, re.M)
-        if model is None or model[1] not in ("radial-tangential", "radtan"):
-            given = "none" if model is None else model[1]
-            raise DataError(f"distortion_model {given}: only radial-tangential is rectified", path)
-        fu, fv, cu, cv = _numbers(text, "intrinsics", 4, path)
+        sensor = _read_yaml(path)
+        model = sensor.get("distortion_model", "none")
+        if model not in ("radial-tangential", "radtan"):
+            raise DataError(f"distortion_model {model}: only radial-tangential is rectified", path)
+        fu, fv, cu, cv = _numbers(sensor, "intrinsics", 4, path)
         found[f"K{number}"] = np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
-        found[f"D{number}"] = _numbers(text, "distortion_coefficients", 4, path)
-        sizes.append(_numbers(text, "resolution", 2, path))
+        found[f"D{number}"] = _numbers(sensor, "distortion_coefficients", 4, path)
+        sizes.append(_numbers(sensor, "resolution", 2, path))
         if (sizes[-1] < 1).any() or (sizes[-1] % 1).any():
             raise DataError("resolution: expected a width and a height, pixels", path)
-        T = _numbers(text, r"T_BS:[^\[]*data", 16, path).reshape(4, 4)
+        T = _numbers(sensor, "T_BS", 16, path).reshape(4, 4)
         if not is_rotation(T[:3, :3]) or (T[3] != LAST_ROW).any():
             raise DataError("T_BS is no pose: expected a rotation and a translation, row by row", path)
         T_body.append(T)
@@ -106,14 +112,26 @@ def _rig(base: Path) -> tuple[Rig, Array]:
     return rig, T_body[0] @ rigid(rig.R1.T, np.zeros(3))
 
 
-def _numbers(text: str, name: str, count: int, path: Path) -> Array:
-    """The numbers of `name: [a, b, …]`."""
-    found = re.search(rf"^\s*{name}:\s*\[([^\]]*)\]", text, re.M)
+def _read_yaml(path: Path) -> dict[str, Any]:
+    """What a YAML file names."""
+    text = read_text(path)
     try:
-        numbers = np.array([float(word) for word in found[1].split(",")]) if found else np.zeros(0)
-    except ValueError:
+        data = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = None if mark is None else mark.line + 1
+        raise DataError("is not YAML: expected EuRoC's description of a camera", path, line) from None
+    return data if isinstance(data, dict) else {}
+
+
+def _numbers(sensor: dict[str, Any], name: str, count: int, path: Path) -> Array:
+    """The numbers of `name: [a, b, …]`, or of the data of a matrix."""
+    value: Any = sensor.get(name)
+    try:
+        value = value["data"] if isinstance(value, dict) else value
+        numbers = np.array([float(word) for word in value])  # PyYAML takes 1e-05 for a word
+    except (KeyError, TypeError, ValueError):
         numbers = np.zeros(0)
     if len(numbers) != count or not (np.abs(numbers) < LARGEST).all():
-        label = name.partition(":")[0]
-        raise DataError(f"{label}: expected {count} numbers in brackets", path)
+        raise DataError(f"{name}: expected {count} numbers in brackets", path)
     return numbers

@@ -115,7 +115,7 @@ def write_sequence(
                 raise DataError(f"{length} rows of {name} for {count} pairs: expected one row a pair")
         camera = StereoCamera(rig.f, rig.cx, rig.cy, rig.baseline)
         write_text_atomic(folder / "calib.txt", calibration_text(camera))
-        write_text_atomic(folder / "times.txt", "".join(f"{seconds:.6e}\n" for seconds in rows))
+        write_text_atomic(folder / "times.txt", "".join(f"{seconds:.9f}\n" for seconds in rows))
         if poses is not None:
             write_kitti_poses(folder / "poses.txt", poses)
         try:

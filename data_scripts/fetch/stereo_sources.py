@@ -31,7 +31,8 @@ class Drive:
 
     Attributes
     ----------
-    paths : image files, left and right. rig : what rectifies them. times : (N,) seconds from the first pair.
+    paths : image files, left and right. rig : what rectifies them.
+    times : (N,) seconds, as the data set counts them.
     poses : (N, 4, 4) T_w_c of the rectified left camera, the first one the identity; None without truth.
     note : what was left out and why, or "".
     """

@@ -20,7 +20,7 @@ def test_a_user_without_data_is_told_the_steps(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(environment, "detector_folder", lambda: tmp_path)
     monkeypatch.setattr(environment, "known", lambda: {})
     remedies = {finding.what: finding.remedy for finding in environment.check()}
-    steps = [command for command, _ in environment.data_steps()]
+    steps = list(environment.data_steps())
     assert all(command.startswith("vo data ") for command in steps)
     told = remedies["KITTI odometry"] + remedies["fetched detectors"]
     assert all(command in told for command in steps)

@@ -53,10 +53,11 @@ def one_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 MANY = ("reproduce", "sweep")  # files, a table for each of them
+SLOW = (*MANY, "evaluate")  # draws twelve pictures for each of them
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name in MANY else ()) for name in COMMANDS]
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in COMMANDS]
 )
 def test_a_file_that_the_kit_did_not_write_stays(
     places: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str

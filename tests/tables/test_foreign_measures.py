@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
-from pathlib import Path
 
 import numpy as np
 import pytest
+from made_entries import entry_of, table_of_twos
 
-from vo_lib import Sequence, preset
 from vo_lib.config import METHODS
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.frame import FrameResult
-from vo_lib.core.types import Array
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, KITTI_STEP, SHORT_MEASURE, Measure
-from vo_lib.runs.runner import Run
-from vo_lib.tables.entries import Entry, Group, group_entries, measure_runs
-from vo_lib.tables.paper import AVERAGE, PAPER_METHODS, PAPER_ROWS, PaperTable
+from vo_lib.tables.entries import Entry, Group, group_entries
+from vo_lib.tables.paper import AVERAGE, PAPER_METHODS, PAPER_ROWS
 from vo_lib.tables.table1 import difference, is_papers, is_whole, layout_tables
 from vo_lib.tables.table1_data import groups_json, table_csv
 
@@ -33,32 +28,14 @@ FOREIGN = {
 }
 
 
-def straight(n: int, step: float = 1.0) -> Array:
-    poses = np.tile(np.eye(4), (n, 1, 1))
-    poses[:, 2, 3] = step * np.arange(n)
-    return poses
-
-
 def entry(name: str, frames: int, measure: Measure, method: str = "viso2") -> Entry:
-    """A run over frames a metre apart, whose steps are one percent too long."""
-    camera = StereoCamera(700.0, 600.0, 180.0, 0.5, 1200, 370)
-    names = tuple(f"{i:06d}" for i in range(frames))
-    times = np.arange(frames) / 10.0
-    sequence = Sequence(name, Path("nowhere"), names, camera, times, straight(frames), None)
-    run = Run(sequence, preset(method), straight(frames, 1.01), [FrameResult(np.eye(4))] * (frames - 1))
-    return measure_runs(method, [run], measure)
-
-
-def printed() -> PaperTable:
-    """A table in which every number is 2."""
-    numbers: dict[tuple[str, str], float | None] = {(r, m): 2.0 for r in PAPER_ROWS for m in PAPER_METHODS}
-    return PaperTable(numbers, dict(numbers))
+    return entry_of(name, frames, [1.0], method, measure=measure)
 
 
 def gaps(group: Group) -> list[str]:
     """What stands behind the printed numbers of the sequences' rows: our differences to them."""
     """The differences of the rows that were run, of the systems that were; "" where there is none."""
-    table = layout_tables(group, printed())[0]
+    table = layout_tables(group, table_of_twos())[0]
     rows = [row for row in table.rows if f"kitti/{row[0]}" in group.sequences and row[0] in PAPER_ROWS]
     assert rows
     cells = [cell.split("\n") for row in rows for cell in row[1:]]
@@ -66,7 +43,7 @@ def gaps(group: Group) -> list[str]:
 
 
 def csv_gaps(group: Group) -> set[str]:
-    lines = csv.DictReader(io.StringIO(table_csv([group], printed())))
+    lines = csv.DictReader(io.StringIO(table_csv(groups_json([group], table_of_twos()))))
     return {line[name] for line in lines for name in ("te_difference", "re_difference")}
 
 
@@ -88,24 +65,26 @@ def test_a_whole_sequence_under_another_measure_is_not(foreign: str) -> None:
     (group,) = group_entries([one])
     assert set(gaps(group)) == {""}
     assert csv_gaps(group) == {""}
-    assert groups_json([group], printed())[0]["entries"][0]["whole_sequence"] is False
+    assert groups_json([group], table_of_twos())[0]["entries"][0]["whole_sequence"] is False
     assert any(
-        "Not the benchmark's sub-sequences" in note for note in layout_tables(group, printed())[0].head
+        "Not the benchmark's sub-sequences" in note for note in layout_tables(group, table_of_twos())[0].head
     )
 
 
-@pytest.mark.parametrize("missing", [1, 100])
-def test_a_part_of_a_sequence_is_not(missing: int) -> None:
-    part = entry(f"kitti/{SHORT}", EXPECTED_FRAMES[SHORT] - missing, KITTI_MEASURE)
+WHOLE = EXPECTED_FRAMES[SHORT]
+
+
+@pytest.mark.parametrize(
+    ("name", "frames"),
+    [(f"kitti/{SHORT}", WHOLE - 1), (f"kitti/{SHORT}", WHOLE - 100), ("kitti/07", WHOLE), (SHORT, WHOLE)],
+)
+def test_a_part_another_sequence_or_a_folder_of_ones_own_is_not(name: str, frames: int) -> None:
+    part = entry(name, frames, KITTI_MEASURE)
     assert np.isfinite(part.te).all()
     assert not is_whole(part)
     (group,) = group_entries([part])
-    assert set(gaps(group)) == {""}
     assert csv_gaps(group) == {""}
-
-
-def test_the_length_of_another_sequence_does_not_make_a_whole_one() -> None:
-    assert not is_whole(entry("kitti/07", EXPECTED_FRAMES[SHORT], KITTI_MEASURE))
+    assert not group.kitti or set(gaps(group)) == {""}
 
 
 def test_another_measure_of_any_one_row_takes_the_average_away() -> None:
@@ -118,7 +97,7 @@ def test_another_measure_of_any_one_row_takes_the_average_away() -> None:
     for given in (foreign, [*entries[:-1], foreign[-1]]):
         for group in group_entries(given):
             assert not is_papers(group)
-            rows = {row[0]: row[1:] for row in layout_tables(group, printed())[0].rows}
+            rows = {row[0]: row[1:] for row in layout_tables(group, table_of_twos())[0].rows}
             assert {cell.split("\n")[0] for cell in rows.get(AVERAGE, [NONE])} == {NONE}
             assert not any(
                 "\n" in cell for name, row in rows.items() if name not in PAPER_ROWS for cell in row
@@ -131,7 +110,7 @@ def test_a_method_or_a_row_that_the_paper_has_not_is_not_beside_it() -> None:
     (group,) = group_entries(
         [entry(f"kitti/{SHORT}", whole, KITTI_MEASURE, own), entry(f"kitti/{SHORT}", whole, KITTI_MEASURE)]
     )
-    of_paper, apart = layout_tables(group, printed())
+    of_paper, apart = layout_tables(group, table_of_twos())
     assert [row[0] for row in of_paper.rows] == list(PAPER_ROWS)
     assert [row[0] for row in apart.rows] == [SHORT]
     assert of_paper.columns[1:3] == ["VISO2 TE", "VISO2 RE"]
@@ -141,10 +120,6 @@ def test_a_method_or_a_row_that_the_paper_has_not_is_not_beside_it() -> None:
     assert sum(cell[0] != NONE for cell in printed_there) == 2
     assert all(len(cell) >= 2 for cell in printed_there)
     assert not any("\n" in cell for cell in apart.rows[0][1:])
-
-
-def test_a_folder_of_ones_own_is_never_the_benchmarks() -> None:
-    assert not is_whole(entry(SHORT, EXPECTED_FRAMES[SHORT], KITTI_MEASURE))
 
 
 def test_a_difference_needs_both_numbers() -> None:

@@ -69,7 +69,7 @@ def test_pictures_are_inside_and_have_words() -> None:
     assert source is not None
     assert base64.b64decode(source.removeprefix("data:image/png;base64,")) == PNG
     assert not re.search(r'(?:src|href)="(?!data:)', page())
-    assert Picture(b"\xff\xd8\xff", "x").kind == "jpeg"
+    assert Picture(b"\xff\xd8\xff", "x").address == "data:image/jpeg;base64,/9j/"
 
 
 def test_a_telephone_shows_it_in_its_own_width_and_tables_scroll_in_their_box() -> None:

@@ -1,1 +1,1 @@
-"""The `vo` command's commands, one module each: `add(commands)` declares the options and what runs."""
+"""The `vo` command's commands, one module each: `add(parser)` declares the options and what runs."""

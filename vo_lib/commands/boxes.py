@@ -20,7 +20,7 @@ from .common import add_cache, add_part, add_sequence, open_part
 from .console import reporting, say, show_table
 
 WORDS = {MOVING: "moves", PARKED: "parked", UNKNOWN: "unknown"}
-COLUMNS = ["frame", "box: left, top, right, bottom", "score", "features", "step m", "m/s", "judged"]
+COLUMNS = ["frame", "box: left, top,\nright, bottom", "score", "features", "step m", "m/s", "judged"]
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -78,7 +78,7 @@ def _rows(judgement: Judgement, seconds: float) -> list[list[str]]:
     for k, (xyxy, state) in enumerate(zip(boxes.xyxy, judgement.state.tolist(), strict=True)):
         step = float(np.linalg.norm(judgement.step[k]))
         seen = [f"{step:.2f}", f"{step / seconds:.1f}"] if np.isfinite(step) and seconds > 0 else ["–", "–"]
-        place = ", ".join(f"{x:.0f}" for x in xyxy)
+        place = ", ".join(str(round(x)) for x in xyxy.tolist())
         rows.append([place, f"{boxes.score[k]:.2f}", str(judgement.matches[k]), *seen, WORDS[state]])
     return rows
 

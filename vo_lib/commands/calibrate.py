@@ -8,13 +8,12 @@ from pathlib import Path
 
 from ..beyond.calibration import require_same_camera
 from ..config import Config, preset
-from ..core.errors import DataError
-from ..core.files import require_own, write_result
+from ..core.files import write_result
 from ..runs.runner import run
 from ..tables.field_figure import field_figure
 from ..tables.plots import png
-from .common import add_cache, add_sequence, open_with_bar
-from .console import reporting, say
+from .common import add_cache, add_sequence, open_with_bar, require_place
+from .console import reporting, say, tell
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -31,11 +30,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _calibrate(options: argparse.Namespace) -> int:
-    for path, ending in ((options.out, ".json"), (options.picture, ".png")):
-        if path is not None and (path.suffix != ending or not path.parent.is_dir()):
-            raise DataError(f"expected a name ending in {ending}, in a folder that exists", path)
-        if path is not None:
-            require_own(path)
+    require_place(options.out, ".json")
+    require_place(options.picture, ".png")
     config = preset("solution_selection")
     assert isinstance(config, Config)
     sequences = [open_with_bar(name, options.cache) for name in options.sequences]
@@ -46,7 +42,7 @@ def _calibrate(options: argparse.Namespace) -> int:
         with reporting(sequence.name) as report:
             known = run(replace(sequence, calibration=known), config, report).calibration
         assert known is not None
-        say(f"after {sequence.name}: {known.in_words(config.calibration)}")
+        tell(f"after {sequence.name}: {known.in_words(config.calibration)}")
     assert known is not None
     write_result(options.out, known.to_json())
     if options.picture is not None:

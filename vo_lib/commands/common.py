@@ -6,12 +6,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..config import METHODS, VARIANTS, preset
+from ..config import METHODS, VARIANTS, PublishedConfig, preset
+from ..core import settings
 from ..core.errors import DataError
+from ..core.files import read_json, require_own
 from ..core.poses import FARTHEST
 from ..data.drawn import cache_folder
 from ..data.sequence import SYNTHETIC, Sequence, available, open_sequence
-from .console import reporting, say
+from .console import reporting, tell
 
 BOTH = "both"
 
@@ -76,12 +78,58 @@ def parse_frames(text: str, number: int) -> tuple[int, int]:
         raise DataError(f"--frames {text!r}: expected A:B, two whole numbers") from None
 
 
+def add_config(parser: argparse.ArgumentParser, more: str) -> None:
+    """The option that takes a run's settings."""
+    text = f"config.json of a run: its method, variant and thresholds; {more}"
+    parser.add_argument("--config", type=Path, metavar="FILE", help=text)
+
+
+def read_settings(options: argparse.Namespace) -> PublishedConfig | None:
+    """The settings of --config, None without; its method and variant become those of the options."""
+    if options.config is None:
+        return None
+    expected = "the settings of a run, as `vo run` writes them"
+    data = read_json(options.config, {"method": str, "settings": {}}, expected)
+    options.method, options.variant = data["method"], data.get("variant", "kit")
+    usual = preset(options.method, variant=options.variant)
+    try:
+        config: PublishedConfig = settings.from_dict(type(usual), data["settings"])
+    except (DataError, TypeError) as error:
+        raise DataError(str(error), options.config) from None
+    return config
+
+
+def add_detector(parser: argparse.ArgumentParser, text: str) -> None:
+    """The options that choose a detector and what computes it."""
+    parser.add_argument("--detector", metavar="MODEL", help=f"{text}; the boxes are kept in the cache folder")
+    parser.add_argument("--provider", default="cpu", metavar="P", help="cpu or cuda; default cpu")
+
+
+def add_many(parser: argparse.ArgumentParser, jobs: Any) -> None:
+    """The options of commands that do many runs: `jobs` is the group that --jobs goes to."""
+    parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")
+    jobs.add_argument("--jobs", metavar="N", default="1", help="processes; default 1")
+    parser.add_argument("--fresh", action="store_true", help="do runs again that are finished")
+    add_cache(parser)
+
+
+def require_place(path: Path | None, *endings: str) -> None:
+    """`DataError` unless a file can be written there: its ending, its folder, nobody else's file."""
+    if path is None:
+        return
+    if path.suffix.lower() not in endings or path.is_dir():
+        raise DataError(f"expected a file's name, ending in {' or '.join(endings)}", path)
+    if not path.absolute().parent.is_dir():
+        raise DataError(f"the folder of {path.name} is missing", path.parent)
+    require_own(path)
+
+
 def warn_of_street(detector: str | None, *sequences: Sequence) -> None:
     """Say that the shipped model knows drawn streets only, where it is to look at other images."""
     real = [each.name for each in sequences if not each.name.startswith(SYNTHETIC)]
     if detector == "street" and real:
         names = ", ".join(real)
-        say(f"warning: `street` was trained on drawn streets; on {names} most of its boxes may be wrong")
+        tell(f"warning: `street` was trained on drawn streets; on {names} most of its boxes may be wrong")
 
 
 def add_variant(parser: argparse.ArgumentParser, default: str) -> None:

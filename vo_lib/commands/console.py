@@ -9,15 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    DownloadColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeRemainingColumn,
-    TransferSpeedColumn,
-)
 from rich.table import Table
 from rich.text import Text
 
@@ -35,9 +26,12 @@ PAUSE, SPEED_OVER = 0.3, 180.0  # seconds between updates of a bar, and over whi
 @contextmanager
 def reporting(label: str, in_bytes: bool = False) -> Iterator[Report]:
     """A progress function with a bar on standard error, which appears where the work takes longer."""
-    count = (DownloadColumn(), TransferSpeedColumn()) if in_bytes else (MofNCompleteColumn(),)
-    columns = TextColumn("{task.description}", markup=False), BarColumn(), *count, TimeRemainingColumn()
-    bar = Progress(*columns, console=Console(stderr=True), speed_estimate_period=SPEED_OVER)
+    from rich import progress as rich  # a tenth of a second, which --help and Tab need not wait for
+
+    count = (rich.DownloadColumn(), rich.TransferSpeedColumn()) if in_bytes else (rich.MofNCompleteColumn(),)
+    words = rich.TextColumn("{task.description}", markup=False)
+    columns = words, rich.BarColumn(), *count, rich.TimeRemainingColumn()
+    bar = rich.Progress(*columns, console=Console(stderr=True), speed_estimate_period=SPEED_OVER)
     task, began, last = bar.add_task(label, total=None), time.monotonic(), -PAUSE
 
     def report(done: int, total: int) -> None:
@@ -61,6 +55,12 @@ def say(*lines: str) -> None:
     Console().print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
 
 
+def tell(*sentences: str) -> None:
+    """Print sentences, each wrapped between words at the terminal's width."""
+    for sentence in sentences:
+        Console().print(sentence, highlight=False, markup=False)
+
+
 def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: bool = True) -> None:
     """A table: the first column names the row; numbers stand to the right."""
     if title:
@@ -79,30 +79,28 @@ def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: b
 
 
 def show_report_table(table: ReportTable) -> None:
-    """A report's table with its notes, which are wrapped between words at the terminal's width."""
-    for line in (*table.head, table.title):
-        Console().print(line, highlight=False, markup=False)
+    """A report's table, below a blank line, with what is said above and below it."""
+    tell("", table.title, *table.head)
     show_table("", table.columns, table.rows)
-    for line in table.notes:
-        Console().print(line, highlight=False, markup=False)
+    tell(*table.notes)
 
 
 def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Path) -> None:
     """Errors, removals, flags and time of a run."""
-    rows: list[list[str]] = []
-    for kind, label in (("kitti", " (as KITTI)"), ("short", ", every frame")):
-        if kind in errors:
-            by_length = errors[kind].sequences[0].kitti.by_length(errors[kind].lengths)
-            for length, part in by_length.items():
-                if len(part) and not any(row[0].startswith(f"TE / RE over {length:g} m (") for row in rows):
-                    words = f"TE / RE over {length:g} m{label}"
-                    rows.append([words, f"{part.te:.2f} % / {part.re:.2f} deg/100 m"])
-    for found in [*errors.values()][:1]:
-        ate, rpe = found.sequences[0].ate.to_dict(), found.sequences[0].rpe.to_dict()
+    by_length: dict[float, list[str]] = {}
+    for kind, label in (("short", ", every frame"), ("kitti", " (as KITTI)")):
+        for found in [errors[kind]] if kind in errors else []:
+            for length, part in found.sequences[0].kitti.by_length(found.lengths).items():
+                if len(part):
+                    words = f"{part.te:.2f} % / {part.re:.2f} deg/100 m"
+                    by_length[length] = [f"TE / RE over {length:g} m{label}", words]
+    rows = [by_length[length] for length in sorted(by_length)]
+    if errors:
+        ate, rpe = errors["kitti"].sequences[0].ate.to_dict(), errors["kitti"].sequences[0].rpe.to_dict()
         rows.append(["ATE, aligned", f"{number(ate['rmse_m'])} m"])
         step = f"{number(rpe['translation']['rmse_m'], 4)} m / {number(rpe['rotation']['rmse_deg'], 4)} deg"
         rows.append(["RPE, frame to frame", step])
-    if result.sequence.truth is None:
+    else:
         rows.append(["TE / RE", "no ground truth"])
     rows.append(["matches a frame, median", f"{np.median([m.matches for m in result.motions]):.0f}"])
     removed = sum(m.removed for m in result.motions)
@@ -119,11 +117,10 @@ def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Pa
     if path_lost(result):
         pairs = zip(result.sequence.frames[1:], result.motions, strict=True)
         doubt = [frame for frame, motion in pairs if motion.in_doubt]
-        say(
+        tell(
             f"The path was lost: {len(doubt)} of {len(result.motions)} frames have no motion that can be "
             f"believed, the first is {doubt[0]}. The reasons are in frames.csv; a camera that is carried or "
             "flies needs --vehicle.check off."
         )
-    for sentence in result.doubts:
-        say(f"warning: {sentence}")
+    tell(*(f"warning: {sentence}" for sentence in result.doubts))
     say(f"written to {folder}")

@@ -15,7 +15,7 @@ from types import ModuleType
 
 from ..core.errors import DataError
 from ..core.files import read_text
-from .console import say
+from .console import say, show_table
 from .script import OneLineParser, guarded
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "data_scripts"
@@ -32,7 +32,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _data(options: argparse.Namespace) -> int:
     found = scripts()
     if options.name is None:
-        say(*(f"{name:<20}{text}" for name, text in found.items()), "vo data NAME --help: options, examples")
+        show_table("", ["script", "what it does"], [[*row] for row in found.items()], numbers=False)
+        say("vo data NAME --help: options, examples")
         return 0
     name = options.name.removesuffix(".py").replace("-", "_")
     if name not in found:

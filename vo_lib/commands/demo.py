@@ -21,8 +21,8 @@ from ..tables.reproduce import collect, plan_jobs
 from ..tables.table1 import method_table
 from ..tables.table_files import TABLE_FILES, write_table_files
 from .common import BOTH, add_cache, add_variant, open_with_bar, parse_methods
-from .console import reporting, say, show_report_table
-from .script import typed
+from .console import reporting, say, show_report_table, tell
+from .script import steps
 
 NEXT = {
     "vo list": "the other scenes and any KITTI sequences found",
@@ -52,14 +52,8 @@ def _demo(options: argparse.Namespace) -> int:
         write_table_files(folder, result, read_paper_table(), "vo demo", (example_frame(sequence),))
     for group in group_entries(result.entries):
         show_report_table(method_table(list(group.entries.values())))
-    commands = {typed(command): text for command, text in NEXT.items()}
-    width = max(map(len, commands)) + 4
-    say(
-        f"Look at {folder / 'report.html'} in a browser. What next:",
-        *(f"  {command:<{width}}{text}" for command, text in commands.items()),
-    )
-    for problem in result.problems:
-        say(problem)
+    tell("", *result.problems)
+    say(f"Look at {folder / 'report.html'} in a browser. What next:" + steps(NEXT))
     return 1 if result.failed else 0
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import platform
-import sys
 from dataclasses import dataclass
 
 from ..core.errors import DataError
@@ -13,16 +12,10 @@ from ..data.kitti import EXPECTED_FRAMES, count_pairs
 from ..data.sequence import available, kitti_root, kitti_roots
 from ..detection.detectors import detector_folder, known
 from .console import say, show_table
-from .script import install, installed_version, typed
+from .script import install, installed_version, steps
 
 PACKAGES = ("numpy", "opencv-python-headless", "onnxruntime", "matplotlib", "jupyterlab", "ipywidgets")
-OPENCV_NAMES = (
-    "opencv-python",
-    "opencv-python-headless",
-    "opencv-contrib-python",
-    "opencv-contrib-python-headless",
-)
-OLDEST_PYTHON = (3, 11)
+OPENCV_NAMES = [f"opencv-{kind}{head}" for kind in ("python", "contrib-python") for head in ("", "-headless")]
 
 
 @dataclass(frozen=True)
@@ -68,19 +61,9 @@ def _check(options: argparse.Namespace) -> int:
 
 def check() -> list[Finding]:
     """All findings, problems and notes included, in a fixed order."""
-    findings = [_python()]
-    findings += [_package(name) for name in PACKAGES]
-    findings.append(_opencv())
-    findings.append(_kitti())
-    findings.append(_detectors())
-    return findings
-
-
-def _python() -> Finding:
-    found = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
-    if sys.version_info[:2] < OLDEST_PYTHON:
-        return Finding("Python", "problem", found, "install Python 3.11 or newer")
-    return Finding("Python", "ok", found)
+    python = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    packages = [_package(name) for name in PACKAGES]
+    return [Finding("Python", "ok", python), *packages, _opencv(), _kitti(), _detectors()]
 
 
 def _package(name: str) -> Finding:
@@ -102,28 +85,23 @@ def _opencv() -> Finding:
     return Finding("one OpenCV only", "ok", f"cv2 {cv2.__version__}")
 
 
-def data_steps() -> list[tuple[str, str]]:
-    """How one comes to data, step by step: a command, and what it does."""
-    return [
-        (
-            "vo data get_kitti --sequences 07,04",
-            f"two short sequences with true poses, 0.7 GB, into {kitti_root()}",
-        ),
-        ("vo data get_kitti --from-zip FILE", "the same out of KITTI's archives, where you have them"),
-        (
-            "vo data get_kitti --sequences 00-10 --link DIR",
-            "or out of a KITTI tree that you have (or set KITTI_ROOT)",
-        ),
-        ("vo data check_kitti", "what is complete, what is missing, and the command that gets it"),
-        ("vo data get_detector yolox-tiny", "a vehicle detector for real images, 20 MB"),
-        ("vo data from_folder --help", "stereo images or a video of your own"),
-    ]
+def data_steps() -> dict[str, str]:
+    """How one comes to data, step by step: commands, and what each does."""
+    return {
+        "vo data get_kitti --sequences 07,04": "two short sequences with true poses, 0.7 GB, into "
+        f"{kitti_root()}",
+        "vo data get_kitti --from-zip FILE": "the same out of KITTI's archives, where you have them",
+        "vo data get_kitti --sequences 00-10 --link DIR": "or out of a KITTI tree that you have (or set "
+        "KITTI_ROOT)",
+        "vo data check_kitti": "what is complete, what is missing, and the command that gets it",
+        "vo data get_detector yolox-tiny": "a vehicle detector for real images, 20 MB",
+        "vo data from_folder --help": "stereo images or a video of your own",
+    }
 
 
 def _steps(*scripts: str) -> str:
-    """The steps of some scripts, a line each."""
-    steps = [step for step in data_steps() if step[0].split()[2] in scripts]
-    return "".join(f"\n  {typed(command)}\n      {text}" for command, text in steps)
+    """The steps of some scripts."""
+    return steps({name: text for name, text in data_steps().items() if name.split()[2] in scripts})
 
 
 def _kitti() -> Finding:
@@ -132,23 +110,20 @@ def _kitti() -> Finding:
         remedy = "optional; the steps, in their order" + _steps("get_kitti", "check_kitti", "from_folder")
         return Finding("KITTI odometry", "note", "no sequences", remedy)
     words = f"{len(found)} sequences in {', '.join(map(str, kitti_roots()))}"
-    folders = [path for path in found.values() if path is not None]
-    short = [path.name for path in folders if count_pairs(path) < EXPECTED_FRAMES.get(path.name, 0)]
+    short = [p.name for p in found.values() if count_pairs(p) < EXPECTED_FRAMES.get(p.name, 0)]
     if short:
-        return Finding(
-            "KITTI odometry", "note", f"{words}; incomplete: {', '.join(short)}", _steps("check_kitti")
-        )
+        words = f"{words}; incomplete: {', '.join(short)}"
+        return Finding("KITTI odometry", "note", words, _steps("check_kitti"))
     return Finding("KITTI odometry", "ok", words)
 
 
 def _detectors() -> Finding:
-    steps = _steps("get_detector")
+    remedy = _steps("get_detector")
     try:
         here = [name for name, (_, path) in known().items() if path is not None]
     except DataError as error:
-        return Finding("fetched detectors", "problem", str(error), steps)
+        return Finding("fetched detectors", "problem", str(error), remedy)
     if here:
         return Finding("fetched detectors", "ok", ", ".join(here))
-    return Finding(
-        "fetched detectors", "note", f"none in {detector_folder()}", "optional, for real images" + steps
-    )
+    none = f"none in {detector_folder()}"
+    return Finding("fetched detectors", "note", none, "optional, for real images" + remedy)

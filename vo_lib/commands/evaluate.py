@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..core.errors import DataError
 from ..core.files import write_result
 from ..core.poses import read_by_time, read_euroc, read_kitti_pair, read_tum
-from ..core.types import Array
+from ..core.types import Array, Progress
 from ..evaluation.ate_rpe import Alignment
 from ..evaluation.axes import LARGEST, fit_axes
-from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, evaluate, pooled
+from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, evaluate
 from ..runs.results import run_folder
-from ..tables.evaluation_files import POOLED, System, as_csv, as_json, write_pictures
-from ..tables.report import number
+from ..tables.evaluation_files import System, as_csv, as_json, evaluation_tables, write_pictures
 from .common import parse_lengths, parse_whole
-from .console import reporting, say, show_table
+from .console import reporting, say, show_report_table, tell
 
 NO_NAME = ("poses", "poses_tum", "data")  # files that are called alike in every folder
-SEQUENCES_A_TABLE = 4
-STATISTICS = ("rmse", "mean", "median", "max")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -84,19 +81,14 @@ def _evaluate(options: argparse.Namespace) -> int:
     names = _distinct([[truth] for truth in options.truth])
     read = [_read(options.format, gt, of_one) for gt, *of_one in zip(options.truth, *files, strict=True)]
     times = {name: at for name, (at, _, _) in zip(names, read, strict=True) if at is not None}
-    alignment = Alignment(options.alignment)
-    systems = []
+    systems, total = [], len(labels) * len(names)
     with reporting("judging") as report:
         for which, label in enumerate(labels):
             pairs = [(truth, estimates[which]) for _, truth, estimates in read]
-            results, turned = [], []
-            for number, (name, pair) in enumerate(zip(names, pairs, strict=True), which * len(names)):
-                report(number, len(labels) * len(names))
-                results.append(evaluate([(name, *pair)], lengths, step, alignment, delta, times))
-                turned += [fit_axes(*pair, lengths, step)] if options.axes else []
-            sequences = tuple(one for result in results for one in result.sequences)
-            whole = dataclasses.replace(results[0], sequences=sequences)
-            systems.append(System(label, pairs, whole, turned, times))
+            watched = _watched(names, pairs, report, which * len(names), total)
+            result = evaluate(watched, lengths, step, Alignment(options.alignment), delta, times)
+            turned = [fit_axes(*pair, lengths, step) for pair in pairs] if options.axes else []
+            systems.append(System(label, pairs, result, turned, times))
     data = json.dumps(as_json(systems), indent=2, allow_nan=False)
     if options.out is not None:
         with run_folder(options.out, "evaluation.json", "evaluation.csv") as folder:
@@ -108,12 +100,22 @@ def _evaluate(options: argparse.Namespace) -> int:
     if options.json:
         print(data)
         return 0
-    _show(systems)
+    for table in evaluation_tables(systems):
+        show_report_table(table)
     if not any(len(system.result.pooled) for system in systems):
-        say(f"no path holds a sub-sequence of {min(lengths):g} m: try --lengths 20,50,100 --step 1")
+        tell(f"no path holds a sub-sequence of {min(lengths):g} m: try --lengths 20,50,100 --step 1")
     for folder in dict.fromkeys(filter(None, (options.out, options.plot))):
         say(f"written to {folder}")
     return 0
+
+
+def _watched(
+    names: list[str], pairs: list[tuple[Array, Array]], report: Progress, done: int, total: int
+) -> Iterator[tuple[str, Array, Array]]:
+    """Named pairs; each is reported when it is asked for."""
+    for number, (name, pair) in enumerate(zip(names, pairs, strict=True), done):
+        report(number, total)
+        yield name, *pair
 
 
 def _labels(names: str | None, files: list[list[str]]) -> list[str]:
@@ -145,63 +147,3 @@ def _read(form: str, truth_file: str, files: list[str]) -> tuple[Array | None, A
         pairs = [read_kitti_pair(truth_file, file) for file in files]
         return None, pairs[0][0], [estimate for _, estimate in pairs]
     return read_by_time(truth_file, files, {"tum": read_tum, "euroc": read_euroc}[form])
-
-
-def _show(systems: list[System]) -> None:
-    """Errors by length, a column for each sequence, a few to a table; then by sequence with both averages."""
-    first = systems[0].result
-    named = [(_name(s, name), e) for s in systems for name, e in s.errors.items()]
-    for start in range(0, len(named), SEQUENCES_A_TABLE):
-        part = named[start : start + SEQUENCES_A_TABLE]
-        rows = []
-        for length in first.lengths:
-            cells = [errors.by_length([length])[length] for _, errors in part]
-            rows.append([f"{length:g} m", *(_pair(cell.te, cell.re) for cell in cells)])
-        title = f"TE % / RE deg/100 m by length, a start every {first.step} frames"
-        show_table(title, ["length", *(name for name, _ in part)], rows)
-    everything, others = [], []
-    for system in systems:
-        for s in system.result.sequences:
-            name, errors = _name(system, s.name), _pair(s.kitti.te, s.kitti.re)
-            everything.append([name, str(s.frames), str(len(s.kitti)), errors])
-            ate, rpe = s.ate.to_dict(), s.rpe.to_dict()
-            for kind, of_kind, unit in (
-                ("ATE m", ate, "m"),
-                ("RPE m", rpe["translation"], "m"),
-                ("RPE deg", rpe["rotation"], "deg"),
-            ):
-                values = [of_kind[f"{statistic}_{unit}"] for statistic in STATISTICS]
-                others.append([f"{name} {kind}", *(number(value, 4) for value in values)])
-        pooled, mean = system.result.pooled, system.result.mean()
-        name = _name(system, "pooled, as the devkit")
-        everything.append([name, "", str(len(pooled)), _pair(pooled.te, pooled.re)])
-        mean_errors = _pair(mean["te_percent"], mean["re_deg_per_100m"])
-        everything.append([_name(system, "plain mean"), "", "", mean_errors])
-    show_table("all lengths", ["sequence", "frames", "sub-sequences", "TE / RE"], everything)
-    show_table("ATE and RPE", ["sequence", *STATISTICS], others)
-    alignment, delta = first.sequences[0].ate.alignment, first.sequences[0].rpe.delta
-    say(f"ATE {alignment.words}; RPE from frame to frame + {delta}, which needs no alignment")
-    if systems[0].turned:
-        _show_axes(systems)
-
-
-def _name(system: System, name: str) -> str:
-    """What a row or column is called: the sequence, with several systems the system too."""
-    return f"{system.label} {name}" if system.label else name
-
-
-def _show_axes(systems: list[System]) -> None:
-    rows = []
-    for system in systems:
-        for s, t in zip(system.result.sequences, system.turned, strict=True):
-            errors = _pair(s.kitti.te, s.kitti.re), _pair(t.kitti.te, t.kitti.re)
-            rows.append([_name(system, s.name), f"{t.pitch:+.2f}", f"{t.yaw:+.2f}", *errors])
-        both = system.result.pooled, pooled(t.kitti for t in system.turned)
-        rows.append([_name(system, POOLED), "", "", *(_pair(errors.te, errors.re) for errors in both)])
-    columns = ["sequence", "pitch °", "yaw °", "TE / RE\nmeasured", "TE / RE\nturned"]
-    show_table("axes turned by one pitch and yaw", columns, rows)
-    say("the angles that make TE smallest: a look at the truth, not KITTI's measure")
-
-
-def _pair(te: float | None, re: float | None) -> str:
-    return "–" if te is None or re is None else f"{te:.3f} / {re:.3f}"

@@ -7,6 +7,7 @@ import json
 import shlex
 from pathlib import Path
 
+from ..core.errors import DataError
 from ..data.sequence import Sequence, parse_sequences
 from ..detection.label_cache import labelled_sequence
 from ..detection.yolo import find_model
@@ -18,17 +19,8 @@ from ..tables.paper import read_paper_table
 from ..tables.reproduce import collect, default_sequences, plan_jobs, split_missing
 from ..tables.table1 import layout_tables
 from ..tables.table_files import TABLE_FILES, write_table_files
-from .common import (
-    BOTH,
-    add_cache,
-    add_variant,
-    open_with_bar,
-    parse_lengths,
-    parse_methods,
-    parse_whole,
-    warn_of_street,
-)
-from .console import reporting, say, show_report_table
+from . import common
+from .console import reporting, say, show_report_table, tell
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -43,47 +35,44 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="KITTI numbers and ranges, names from `vo list`, paths; default: all of KITTI that is found, "
         "without any the synthetic scenes",
     )
-    add_variant(parser, BOTH)
+    common.add_variant(parser, common.BOTH)
     parser.add_argument("--methods", metavar="M,M,…", help="default: all that a variant has")
-    parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")
+    common.add_config(parser, "the table then has this method alone")
     parser.add_argument(
         "--lengths",
         metavar="L,L,…",
         help="sub-sequence lengths, metres, from every frame; default: as KITTI, on short paths 20,50,100",
     )
-    parser.add_argument("--jobs", metavar="N", default="1", help="processes; default 1")
     parser.add_argument("--out", default="runs/table1", metavar="DIR", help="folder for runs and tables")
     parser.add_argument(
         "--paper", type=Path, metavar="CSV", help="the paper's numbers; default: the kit's own"
     )
-    parser.add_argument(
-        "--detector",
-        metavar="MODEL",
-        help="find the vehicles of sequences that have no labels: a model by name or an ONNX file; the boxes "
-        "are kept in the cache folder",
+    common.add_detector(
+        parser, "find the vehicles of sequences that have no labels: a model by name or an ONNX file"
     )
-    parser.add_argument("--provider", default="cpu", metavar="P", help="cpu or cuda; default cpu")
-    parser.add_argument("--fresh", action="store_true", help="do runs again that are finished")
+    common.add_many(parser, parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
-    add_cache(parser)
     parser.set_defaults(command=_reproduce)
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    methods = parse_methods(options.methods, options.variant)
-    seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
-    measure = None if options.lengths is None else Measure(parse_lengths(options.lengths), 1)
+    config = common.read_settings(options)
+    if config is not None and options.methods is not None:
+        raise DataError("--config and --methods: expected one of them, both name the method")
+    methods = common.parse_methods(options.methods if config is None else options.method, options.variant)
+    seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
+    measure = None if options.lengths is None else Measure(common.parse_lengths(options.lengths), 1)
     paper = read_paper_table(options.paper)
     if options.detector is not None:
         find_model(options.detector)
     asked = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
     names, missing = split_missing(asked)
     with run_folder(options.out, *TABLE_FILES) as folder:
-        opened = [open_with_bar(name, options.cache) for name in names]
+        opened = [common.open_with_bar(name, options.cache) for name in names]
         if not options.json:
-            warn_of_street(options.detector, *(each for each in opened if each.labels is None))
+            common.warn_of_street(options.detector, *(each for each in opened if each.labels is None))
         sequences = [_labelled(each, options) for each in opened]
-        jobs = plan_jobs(sequences, methods, seeds, folder)
+        jobs = plan_jobs(sequences, methods, seeds, folder, config)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)
         result = collect(outcomes, missing, seeds, measure)
@@ -94,7 +83,8 @@ def _reproduce(options: argparse.Namespace) -> int:
         for group in group_entries(result.entries):
             for table in layout_tables(group, paper, narrow=True):
                 show_report_table(table)
-        say(*result.problems, f"Spread, differences, gains and figures: {folder / 'report.html'}")
+        tell("", *result.problems)
+        say(f"Spread, differences, gains and figures: {folder / 'report.html'}")
     return 1 if result.failed else 0
 
 
@@ -111,8 +101,8 @@ def _labelled(sequence: Sequence, options: argparse.Namespace) -> Sequence:
 def _command(options: argparse.Namespace, names: list[str]) -> str:
     """The command line that makes the same table, for the report."""
     words = ["vo", "reproduce", "--sequences", ",".join(names), "--seeds", options.seeds]
-    words += ["--variant", options.variant] if options.variant != BOTH else []
-    for name in ("methods", "lengths", "detector", "paper"):
+    words += ["--variant", options.variant] if options.variant != common.BOTH else []
+    for name in ("methods", "config", "lengths", "detector", "paper"):
         value = getattr(options, name)
         words += [] if value is None else [f"--{name}", str(value)]
     return shlex.join(words)

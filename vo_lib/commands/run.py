@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from ..beyond.calibration import read_calibration
 from ..config import Config, DetectorConfig, PublishedConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
-from ..core.files import claim, read_json, require_own, write_result
+from ..core.files import claim, write_result
 from ..data.sequence import Sequence
 from ..data.stereo_check import doubts
 from ..detection.label_cache import detected_sequence
@@ -21,8 +20,11 @@ from ..runs.match_cache import CachedMatches, match_folder
 from ..runs.results import evaluate_run, run_folder
 from ..runs.run_once import run_once
 from ..runs.runner import Run
-from .common import add_method, add_part, add_sequence, add_variant, open_part, warn_of_street
-from .console import reporting, say, show_run
+from ..tables.film import CODES, Film, shown_frames
+from ..tables.plots import png, trajectories_figure
+from ..tables.view import View
+from . import common
+from .console import reporting, say, show_run, tell
 from .setting_options import add_option, given
 
 DETECTOR = "detector."
@@ -35,27 +37,19 @@ def add(parser: argparse.ArgumentParser) -> None:
         "example: vo run kitti/07 --method feature_selection --out runs/07 --selection.sets 100. "
         "--help-settings lists the thresholds."
     )
-    add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list` such as kitti/07")
-    add_method(parser)
-    parser.add_argument(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="config.json of a run: its method, variant and thresholds; those given here go before its own",
-    )
-    add_variant(parser, "kit")
+    common.add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list`: kitti/07")
+    common.add_method(parser)
+    common.add_config(parser, "thresholds given here go before its own")
+    common.add_variant(parser, "kit")
     parser.add_argument(
         "--out",
         required=True,
         metavar="DIR",
         help="folder for poses, log, errors, picture; a run finished there is read back",
     )
-    add_part(parser)
-    parser.add_argument(
-        "--detector",
-        metavar="MODEL",
-        help="find the vehicles: street (shipped, for drawn streets), a fetched model or an ONNX file; "
-        "the boxes are kept in the cache folder",
+    common.add_part(parser)
+    common.add_detector(
+        parser, "find the vehicles: street (shipped, for drawn streets), a fetched model or an ONNX file"
     )
     parser.add_argument(
         "--calibration",
@@ -64,7 +58,6 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="start from a calibration.json of `vo run` or `vo calibrate`; it is held with "
         "--calibration.estimate off",
     )
-    parser.add_argument("--provider", default="cpu", metavar="P", help="cpu or cuda; default cpu")
     text = (
         f"keep the matches and use those kept, in DIR (default {match_folder(None).parent}); scenes that "
         "are drawn are kept there too"
@@ -123,55 +116,27 @@ class SettingsHelp(argparse.Action):
 
 def config_from_options(options: argparse.Namespace) -> PublishedConfig:
     """The preset of method and variant, or a run's settings, with the thresholds of the command line."""
-    config = _stored_config(options) if options.config else preset(options.method, variant=options.variant)
+    config = common.read_settings(options) or preset(options.method, variant=options.variant)
     for name, value in given(options, settings.declared(Config)).items():
         config = change(config, name, value)
     return config
 
 
-def _stored_config(options: argparse.Namespace) -> PublishedConfig:
-    """The settings of --config; its method and variant become those of the options."""
-    expected = "the settings of a run, as `vo run` writes them"
-    data = read_json(options.config, {"method": str, "settings": {}}, expected)
-    options.method, options.variant = data["method"], data.get("variant", "kit")
-    usual = preset(options.method, variant=options.variant)
-    try:
-        config: PublishedConfig = settings.from_dict(type(usual), data["settings"])
-    except (DataError, TypeError) as error:
-        raise DataError(str(error), options.config) from None
-    return config
-
-
-def detector_from_options(options: argparse.Namespace) -> DetectorConfig:
-    """The detector's thresholds given on the command line."""
-    values = given(options, settings.declared(DetectorConfig, DETECTOR))
-    return DetectorConfig(**{name.removeprefix(DETECTOR): value for name, value in values.items()})
-
-
 def _run(options: argparse.Namespace) -> int:
-    from ..tables.film import require_film  # Matplotlib comes with it: half a second that Tab need not wait
-    from ..tables.plots import png, trajectory_figure
-
     config = config_from_options(options)
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
-    if options.video is not None:
-        require_film(options.video)
-    if options.view is not None:
-        if options.view.suffix != ".html" or options.view.is_dir():
-            raise DataError("expected a page's name, ending in .html", options.view)
-        if not options.view.absolute().parent.is_dir():
-            raise DataError("the page's folder is missing", options.view.parent)
-        require_own(options.view)
+    common.require_place(options.video, *CODES)
+    common.require_place(options.view, ".html")
     cache = Path(options.cache) if options.cache else None
-    sequence = open_part(options, cache)
+    sequence = common.open_part(options, cache)
     if options.calibration is not None:
         if config.variant == "published":
             raise DataError("--calibration is the kit's own: the paper as published takes calib.txt as it is")
         known = read_calibration(options.calibration)
         known.check(sequence.camera)
         sequence = replace(sequence, calibration=known)
-    warn_of_street(options.detector, sequence)
+    common.warn_of_street(options.detector, sequence)
     label = f"{sequence.name}, {options.method}" + (", published" if config.variant == "published" else "")
     with (
         run_folder(options.out, *() if options.fresh else (PICTURE,)) as folder,
@@ -188,7 +153,7 @@ def _run(options: argparse.Namespace) -> int:
                 fresh=options.fresh,
                 progress=report,
             )
-        picture = trajectory_figure(label, sequence.truth, {options.method: result.poses})
+        picture = trajectories_figure({label: (sequence.truth, {options.method: result.poses})})
         if options.fresh:
             claim(folder / PICTURE)
         write_result(folder / PICTURE, png(picture))
@@ -199,7 +164,7 @@ def _run(options: argparse.Namespace) -> int:
         if path is not None:
             say(f"{kind}: {path}")
     for sentence in doubts(sequence, (motion.matches for motion in result.motions)):
-        say(f"warning: {sentence}")
+        tell(f"warning: {sentence}")
     if done_before:
         say("this run was finished before; --fresh does it again")
     return 0
@@ -207,9 +172,6 @@ def _run(options: argparse.Namespace) -> int:
 
 def _draw_frames(result: Run, label: str, options: argparse.Namespace, cache: Path | None) -> None:
     """Go through the frames of the run once more, for a film of them and the page in three dimensions."""
-    from ..tables.film import Film, shown_frames
-    from ..tables.view import View
-
     matches = None
     if options.cache is not None:
         matches = CachedMatches(result.sequence, result.config.features, result.config.matching, cache)
@@ -226,14 +188,12 @@ def _draw_frames(result: Run, label: str, options: argparse.Namespace, cache: Pa
         view.write(options.view)
 
 
-@contextmanager
-def _with_boxes(sequence: Sequence, options: argparse.Namespace, cache: Path | None) -> Iterator[Sequence]:
+def _with_boxes(
+    sequence: Sequence, options: argparse.Namespace, cache: Path | None
+) -> AbstractContextManager[Sequence]:
     """The sequence with the detector's boxes where one is wanted; it works ahead in threads of its own."""
     if options.detector is None:
-        yield sequence
-        return
-    config = detector_from_options(options)
-    with detected_sequence(
-        sequence, options.detector, config, provider=options.provider, cache=cache
-    ) as detected:
-        yield detected
+        return nullcontext(sequence)
+    values = given(options, settings.declared(DetectorConfig, DETECTOR))
+    config = DetectorConfig(**{name.removeprefix(DETECTOR): value for name, value in values.items()})
+    return detected_sequence(sequence, options.detector, config, provider=options.provider, cache=cache)

@@ -11,7 +11,7 @@ import shlex
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from threading import current_thread, main_thread
@@ -46,6 +46,11 @@ def typed(command: str) -> str:
     return shlex.quote(str(program)) + command.removeprefix("vo")
 
 
+def steps(commands: Mapping[str, str]) -> str:
+    """Commands as this shell takes them, each above what it does."""
+    return "".join(f"\n  {typed(command)}\n      {text}" for command, text in commands.items())
+
+
 def installed_version(name: str) -> str | None:
     """Version of an installed package, or None."""
     try:
@@ -60,11 +65,8 @@ def version() -> str:
 
 
 def install(extra: str = "") -> str:
-    """The command that installs what the kit needs, or an extra: from its folder, or by name."""
-    words = f"[{extra}]" if extra else ""
-    if not (Path(__file__).resolve().parents[2] / "environment.txt").exists():
-        return f'pip install "stereo-vo-kit{words}"'
-    return f'pip install -e ".{words}"' if extra else "pip install -r environment.txt"
+    """The command that installs what the kit needs, or an extra too, in the kit's folder."""
+    return f'pip install -e ".[{extra}]"' if extra else "pip install -r environment.txt"
 
 
 class Ended(KeyboardInterrupt):

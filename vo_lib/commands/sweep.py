@@ -7,12 +7,15 @@ from functools import partial
 
 import numpy as np
 
+from ..config import preset
 from ..core.files import write_result
 from ..runs.jobs import run_jobs
 from ..runs.results import run_folder
-from ..tables.plots import heat_map_figure, png
-from ..tables.sweep import Sweep, mean_and_spread, parse_axis, run_sweep, sweep_csv, sweep_table
-from .common import add_cache, add_method, add_part, add_sequence, add_variant, open_part, parse_whole
+from ..tables.error_plots import heat_map_figure
+from ..tables.plots import png
+from ..tables.report import mean_and_spread
+from ..tables.sweep import Sweep, parse_axis, run_sweep, sweep_csv, sweep_table
+from . import common
 from .console import reporting, say, show_report_table
 
 
@@ -23,9 +26,10 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--set selection.sets=50,200 --set filter.margin=0,0.1. Started again it does not do "
         "finished runs again; with more values or seeds it adds them. Exit code 1: a run failed."
     )
-    add_sequence(parser, "--sequence", "a name from `vo list`, or a path", required=True, metavar="S")
-    add_method(parser)
-    add_variant(parser, "kit")
+    common.add_sequence(parser, "--sequence", "a name from `vo list`, or a path", required=True, metavar="S")
+    common.add_method(parser)
+    common.add_variant(parser, "kit")
+    common.add_config(parser, "what --set names goes before its own")
     parser.add_argument(
         "--set",
         dest="axes",
@@ -35,10 +39,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="values of a setting that `vo run --help-settings` lists; once for each setting. Values that "
         "are lists are parted by semicolons: filter.classes='2;2,5,7'",
     )
-    add_part(parser)
-    parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default 5")
+    common.add_part(parser)
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--jobs", metavar="N", default="1", help="processes; default 1")
+    common.add_many(parser, where)
     where.add_argument(
         "--dask",
         metavar="ADDRESS",
@@ -46,15 +49,14 @@ def add(parser: argparse.ArgumentParser) -> None:
         "extra [cluster]",
     )
     parser.add_argument("--out", default="runs/sweep", metavar="DIR", help="folder; default runs/sweep")
-    parser.add_argument("--fresh", action="store_true", help="do runs again that are finished")
-    add_cache(parser)
     parser.set_defaults(command=_sweep)
 
 
 def _sweep(options: argparse.Namespace) -> int:
     axes = tuple(parse_axis(text) for text in options.axes)
-    seeds, workers = parse_whole("--seeds", options.seeds), parse_whole("--jobs", options.jobs)
-    sequence = open_part(options, options.cache)
+    seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
+    base = common.read_settings(options) or preset(options.method, variant=options.variant)
+    sequence = common.open_part(options, options.cache)
     with run_folder(options.out, "sweep.csv", "sweep.png") as folder:
         with reporting(f"{sequence.name}, {options.method}") as report:
             run = partial(
@@ -65,7 +67,7 @@ def _sweep(options: argparse.Namespace) -> int:
                 scheduler=options.dask,
                 fresh=options.fresh,
             )
-            sweep = run_sweep(sequence, options.method, axes, seeds, folder, run, options.variant)
+            sweep = run_sweep(sequence, options.method, axes, seeds, folder, run, base)
         write_result(folder / "sweep.csv", sweep_csv(sweep))
         if len(axes) == 2:
             write_result(folder / "sweep.png", _heat_map(sweep))

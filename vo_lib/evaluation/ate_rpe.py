@@ -45,7 +45,7 @@ class AbsoluteError:
 
     def to_dict(self) -> dict[str, Any]:
         """Alignment, scale applied to the estimate, and statistics, for JSON."""
-        return {"alignment": self.alignment.value, "scale": self.scale} | _statistics(self.distance, "m")
+        return {"alignment": self.alignment.value, "scale": self.scale} | _in("m", self.distance)
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class RelativeError:
         """Frames apart and statistics, for JSON; None where the trajectory is shorter than delta."""
         return {
             "delta_frames": self.delta,
-            "translation": _statistics(self.translation, "m"),
-            "rotation": _statistics(np.degrees(self.rotation), "deg"),
+            "translation": _in("m", self.translation),
+            "rotation": _in("deg", np.degrees(self.rotation)),
         }
 
 
@@ -122,14 +122,20 @@ def relative_error(truth: Array, estimate: Array, delta: int = 1) -> RelativeErr
     return RelativeError(delta, np.linalg.norm(error[:, :3, 3], axis=1), rotation_angle(error[:, :3, :3]))
 
 
-def _statistics(errors: Array, unit: str) -> dict[str, float | None]:
-    some = len(errors) > 0
+def statistics(errors: Array) -> dict[str, float | None]:
+    """Root of the mean square, mean, median and largest of errors (N,); None of nothing."""
+    if not len(errors):
+        return dict.fromkeys(("rmse", "mean", "median", "max"))
     return {
-        f"rmse_{unit}": rmse(errors),
-        f"mean_{unit}": float(np.mean(errors)) if some else None,
-        f"median_{unit}": float(np.median(errors)) if some else None,
-        f"max_{unit}": float(np.max(errors)) if some else None,
+        "rmse": rmse(errors),
+        "mean": float(np.mean(errors)),
+        "median": float(np.median(errors)),
+        "max": float(np.max(errors)),
     }
+
+
+def _in(unit: str, errors: Array) -> dict[str, float | None]:
+    return {f"{name}_{unit}": value for name, value in statistics(errors).items()}
 
 
 def check_pair(truth: Array, estimate: Array, where: str = "") -> None:

@@ -73,9 +73,9 @@ class KittiErrors(Rows):
         """The sub-sequences of each nominal length, metres; empty where there are none."""
         return {float(length): self[self.length == length] for length in lengths}
 
-    def by_speed(self, speeds: Sequence[float] = KITTI_SPEEDS) -> dict[float, KittiErrors]:
+    def by_speed(self) -> dict[float, KittiErrors]:
         """The sub-sequences within 2 m/s of each bin centre; bins overlap, as in the devkit."""
-        return {float(speed): self[np.abs(self.speed - speed) < 2.0] for speed in speeds}
+        return {speed: self[np.abs(self.speed - speed) < 2.0] for speed in KITTI_SPEEDS}
 
     def curve(
         self, by: str, lengths: Sequence[float] = KITTI_LENGTHS
@@ -241,9 +241,9 @@ class Evaluation:
         """All sub-sequences of all sequences: long sequences count more."""
         return pooled(sequence.kitti for sequence in self.sequences)
 
-    def mean(self, leave_out: Sequence[str] = ()) -> dict[str, Any]:
+    def mean(self) -> dict[str, Any]:
         """Plain mean over the sequences that have sub-sequences: each counts the same."""
-        counted = [s for s in self.sequences if len(s.kitti) and s.name not in leave_out]
+        counted = [s for s in self.sequences if len(s.kitti)]
         te, re = ([getattr(s.kitti, name) for s in counted] for name in ("te", "re"))
         return {
             "sequences": [s.name for s in counted],

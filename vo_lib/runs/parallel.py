@@ -1,4 +1,4 @@
-"""Tasks in parallel processes, here or on a Dask cluster, through joblib; one may fail or be killed."""
+"""Tasks in parallel processes, here or on a Dask cluster; one may fail or be killed."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from concurrent.futures import Executor, as_completed
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, TypeVar
 
 import cv2
-import joblib
-from joblib.externals.loky.backend import resource_tracker as loky_tracker
-from joblib.externals.loky.process_executor import BrokenProcessPool
+import loky
+from loky.backend import resource_tracker as loky_tracker
+from loky.process_executor import BrokenProcessPool
 
 from ..core.errors import DataError
 
 Item = TypeVar("Item")
 Task = tuple[int, Callable[[Any], None], Any, int]
+Pools = Callable[[int], AbstractContextManager[Executor]]  # by the number of tasks
 
 KILLED = "its process was killed, perhaps for too much memory"
 HOLDS_BACK = hasattr(signal, "pthread_sigmask")  # not Windows
@@ -59,34 +61,39 @@ def parallel(
     """
     if scheduler is None and workers == 1:
         return [_attempt((index, function, item, 0))[1] for index, item in enumerate(items)]
-    # A process costs memory, so none goes without a task. Two at least: joblib takes a pool of one to mean
-    # this process.
-    workers = max(min(workers, len(items)), 2)
-    threads = max(1, (os.cpu_count() or 1) // workers)
+    threads = max(1, (os.cpu_count() or 1) // max(min(workers, len(items)), 1))
     tasks = [(index, function, item, threads) for index, item in enumerate(items)]
     done: dict[int, str | None] = {}
-    with _backend(workers, scheduler) as killed:
+    with _pools(workers, scheduler) as (pools, killed):
         while len(done) < len(tasks):
             left = [task for task in tasks if task[0] not in done]
             try:
-                _pool(left, done)
+                _do(left, done, pools, killed)
             except killed:
                 left = [task for task in left if task[0] not in done]
                 for task in [task for task in left if begun(task[2])] or left:
                     try:
-                        _pool([task], done)
+                        _do([task], done, pools, killed)
                     except killed:
                         done[task[0]] = KILLED
     return [done[index] for index in range(len(tasks))]
 
 
-def _pool(tasks: list[Task], done: dict[int, str | None]) -> None:
-    """Do tasks with joblib's present backend; each is noted in `done` as it ends."""
-    run = joblib.Parallel(batch_size=1, max_nbytes=None, return_as="generator_unordered")
-    with _interrupts_held_back():
-        running = run(joblib.delayed(_attempt)(task) for task in tasks)
-    with closing(running) as ended:
-        done.update(ended)
+def _do(tasks: list[Task], done: dict[int, str | None], pools: Pools, killed: type[Exception]) -> None:
+    """Do tasks in a pool; each is noted in `done` as it ends. Raises `killed` when one or more were lost."""
+    lost = None
+    with pools(len(tasks)) as pool:
+        with _interrupts_held_back():
+            running = [pool.submit(_attempt, task) for task in tasks]
+        for ended in as_completed(running):
+            try:
+                index, error = ended.result()
+            except killed as error_of_pool:
+                lost = error_of_pool
+            else:
+                done[index] = error
+    if lost is not None:
+        raise lost
 
 
 @contextmanager
@@ -135,18 +142,30 @@ def _end_with(parent: int) -> None:
 
 
 @contextmanager
-def _backend(workers: int, scheduler: str | None) -> Iterator[type[Exception]]:
-    """Joblib set up for local processes or a Dask cluster; yields the exception that means a killed task."""
+def _local_pool(workers: int) -> Iterator[Executor]:
+    """Processes of this machine, which end when the work inside is done or fails."""
+    pool = loky.ProcessPoolExecutor(workers, initializer=_set_up_worker)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(kill_workers=True)
+        raise
+    pool.shutdown()
+
+
+@contextmanager
+def _pools(workers: int, scheduler: str | None) -> Iterator[tuple[Pools, type[Exception]]]:
+    """What makes pools of local processes or a Dask cluster, and the exception that means a killed task."""
     if scheduler is None:
         for tracker in (loky_tracker, resource_tracker) if HOLDS_BACK else ():
             tracker.ensure_running()  # started later, it would let through interrupts that are held back
-        with joblib.parallel_config("loky", n_jobs=workers, initializer=_set_up_worker):
-            yield BrokenProcessPool
+        # A process costs memory, so none goes without a task.
+        yield lambda tasks: _local_pool(min(workers, tasks)), BrokenProcessPool
         return
     try:
         from distributed import Client, KilledWorker
     except ImportError:
-        raise DataError('--dask needs the extra cluster: pip install "stereo-vo-kit[cluster]"') from None
+        raise DataError('--dask needs the extra cluster: pip install -e ".[cluster]"') from None
     if not re.fullmatch(r"\w+://\S+:\d+", scheduler):
         raise DataError(f"--dask {scheduler}: expected an address such as tcp://127.0.0.1:8786")
     try:
@@ -156,5 +175,4 @@ def _backend(workers: int, scheduler: str | None) -> Iterator[type[Exception]]:
     with client:
         if not client.scheduler_info()["workers"]:
             raise DataError(f"--dask {scheduler}: the scheduler has no workers")
-        with joblib.parallel_config("dask", client=client, n_jobs=-1):
-            yield KilledWorker
+        yield lambda tasks: client.get_executor(pure=False), KilledWorker

@@ -17,7 +17,7 @@ from ..evaluation.kitti import KITTI_BIN_MINIMUM
 from ..runs.results import CONFIG, METRICS, POSES, evaluate_path, read_config, read_metrics, require_unchanged
 from .report import ReportTable, number
 
-KINDS = {"kitti": "as KITTI, 100 m and more", "short": "20, 50, 100 m, every frame"}
+KINDS = {"kitti": "as KITTI, over 100 m and more", "short": "over 20, 50, 100 m, every frame"}
 STORED = {
     "frames": [str],
     "settings": {"seed": int},
@@ -95,43 +95,27 @@ def foreign_run(file: str, like: StoredRun, sequence: Sequence | None) -> Stored
     poses = read_kitti_poses(file)
     if len(poses) != len(sequence):
         raise DataError(f"has {len(poses)} rows; the runs have {len(sequence)} frames", file)
-    errors = evaluate_path(sequence, poses)
+    metrics = {kind: found.to_dict() for kind, found in evaluate_path(sequence, poses).items()}
+    name, place, frames = Path(file).stem, Path(file), like.frames
     start = from_first(poses)
-    metrics = {kind: found.to_dict() for kind, found in errors.items()}
-    name = Path(file).stem
-    return dataclasses.replace(
-        like,
-        folder=Path(file),
-        label=name,
-        method=name,
-        variant="",
-        poses=start,
-        metrics=metrics,
-        ms_per_frame=math.nan,
-    )
+    return StoredRun(place, name, name, "", 0, like.sequence, frames, start, metrics, math.nan)
 
 
 def comparison_table(name: str, runs: list[StoredRun]) -> ReportTable:
     """Errors and time of the runs over one sequence; over KITTI's sub-sequences where all have them."""
     kind = common_kind(runs)
     rows = []
+    note = "No ground truth in these folders: no errors."
     for run in runs:
-        found = run.metrics[kind]["sequences"][0] if kind else {}
-        rpe = found.get("rpe", {})
-        values = [
-            found.get("te_percent"),
-            found.get("re_deg_per_100m"),
-            found.get("ate", {}).get("rmse_m"),
-            rpe.get("translation", {}).get("rmse_m"),
-            rpe.get("rotation", {}).get("rmse_deg"),
-        ]
-        rows.append([run.label, *(number(value) for value in values), number(run.ms_per_frame, 1)])
-    if kind is None:
-        return ReportTable(name, COLUMNS, rows, ["No ground truth in these folders: no errors."])
-    alignment = runs[0].metrics[kind]["sequences"][0]["ate"]["alignment"]
-    note = (
-        f"TE and RE {KINDS[kind]}; ATE (alignment {alignment}) and RPE (frame to frame) as root mean squares."
-    )
+        values: list[float | None] = [None] * 5
+        if kind is not None:
+            found = run.metrics[kind]["sequences"][0]
+            ate, step, turn = found["ate"], found["rpe"]["translation"], found["rpe"]["rotation"]
+            values = [found["te_percent"], found["re_deg_per_100m"], ate["rmse_m"]]
+            values += [step["rmse_m"], turn["rmse_deg"]]
+            note = f"TE and RE {KINDS[kind]}; ATE (alignment {ate['alignment']}) and RPE (frame to frame) as "
+            note += "root mean squares."
+        rows.append([run.label, *map(number, values), number(run.ms_per_frame, 1)])
     return ReportTable(name, COLUMNS, rows, [note])
 
 

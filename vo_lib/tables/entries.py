@@ -56,6 +56,11 @@ class Entry:
         return over_seeds(result.kitti.te for result in self.results)
 
     @property
+    def sub_sequences(self) -> KittiErrors:
+        """Those of all seeds together."""
+        return pooled(result.kitti for result in self.results)
+
+    @property
     def re(self) -> Array:
         """Rotation error of each seed, (S,) deg/100 m; NaN where no sub-sequence fits."""
         return over_seeds(result.kitti.re for result in self.results)
@@ -88,6 +93,11 @@ class Group:
         """What the group is, for titles."""
         return f"{'KITTI' if self.kitti else 'other sequences'}, {self.measure.words}"
 
+    @property
+    def seeds(self) -> int:
+        """How many seeds its numbers are over."""
+        return max(len(entry.seeds) for entry in self.entries.values())
+
     def of_method(self, method: str) -> list[Entry]:
         """Entries of a method, in the order of the sequences."""
         return [entry for (_, name), entry in self.entries.items() if name == method]
@@ -98,30 +108,38 @@ class Group:
 
     def mean(self, method: str) -> tuple[Array, Array]:
         """TE and RE of each seed, (S,) each: the plain mean over the sequences, of KITTI without 01."""
-        return _by_seed(
-            self._without_01(method), lambda parts: (_mean(p.te for p in parts), _mean(p.re for p in parts))
-        )
+        return self._averaged(self._without_01(method), lambda parts: parts)
 
     def pooled(self, method: str) -> tuple[Array, Array]:
         """TE and RE of each seed, (S,) each: over all sub-sequences together, as the devkit's total."""
-        return _by_seed(self.of_method(method), lambda parts: (pooled(parts).te, pooled(parts).re))
+        return self._averaged(self.of_method(method), lambda parts: [pooled(parts)])
 
     def pooled_as_paper(self, method: str) -> tuple[Array, Array]:
         """As `pooled`, of KITTI without 01."""
-        return _by_seed(self._without_01(method), lambda parts: (pooled(parts).te, pooled(parts).re))
+        return self._averaged(self._without_01(method), lambda parts: [pooled(parts)])
 
     def _without_01(self, method: str) -> list[Entry]:
         left_out = f"{KITTI}{LEFT_OUT}" if self.kitti else None
         return [entry for entry in self.of_method(method) if entry.sequence != left_out]
 
-    def sub_sequences(self, method: str) -> KittiErrors:
-        """The sub-sequences of all sequences and seeds of a method together."""
-        return pooled(result.kitti for entry in self.of_method(method) for result in entry.results)
+    @staticmethod
+    def _averaged(
+        entries: list[Entry], together: Callable[[list[KittiErrors]], list[KittiErrors]]
+    ) -> tuple[Array, Array]:
+        """The mean over sequences, put together or not, of each seed that all of them have."""
+        common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
+        rows = []
+        for seed in sorted(common):
+            parts = together([entry.results[entry.seeds.index(seed)].kitti for entry in entries])
+            numbers = [(part.te, part.re) for part in parts if len(part)]
+            rows.append(np.array(numbers or [(np.nan, np.nan)], float).mean(axis=0))
+        te, re = np.reshape(rows, (-1, 2)).T
+        return te, re
 
 
 def over_seeds(values: Iterable[float | None]) -> Array:
     """Numbers of seeds as an array, NaN for None."""
-    return np.array([np.nan if value is None else value for value in values])
+    return np.array(list(values), float)
 
 
 def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -> Entry:
@@ -161,18 +179,16 @@ def in_words(config: PublishedConfig) -> tuple[str, str]:
 
 
 def made_by(entries: Iterable[Entry]) -> str:
-    """Where matches and motion of a table come from; where they differ, by which methods."""
-    parts: tuple[dict[str, dict[str, None]], ...] = ({}, {})
+    """Where matches and motion of a variant's table come from; motions that differ with their methods."""
+    motions: dict[str, dict[str, None]] = {}
     for entry in entries:
-        for part, words in zip(parts, entry.how, strict=True):
-            part.setdefault(words, {})[entry.method] = None
-    matches, motion = (
-        "; ".join(
-            words if len(part) == 1 else f"{words} ({', '.join(methods)})" for words, methods in part.items()
-        )
-        for part in parts
-    )
-    return f"Matches: {matches}. Motion: {motion}."
+        matches, motion = entry.how
+        motions.setdefault(motion, {})[entry.method] = None
+    words = [
+        motion if len(motions) == 1 else f"{motion} ({', '.join(methods)})"
+        for motion, methods in motions.items()
+    ]
+    return f"Matches: {matches}. Motion: {'; '.join(words)}."
 
 
 def back_end_ms(run: Run) -> float:
@@ -189,20 +205,3 @@ def group_entries(entries: list[Entry]) -> list[Group]:
         key = entry.variant, entry.sequence in BENCHMARK, entry.measure
         groups.setdefault(key, Group(*key, {})).entries[entry.sequence, entry.method] = entry
     return list(groups.values())
-
-
-def _by_seed(
-    entries: list[Entry], average: Callable[[list[KittiErrors]], tuple[float | None, float | None]]
-) -> tuple[Array, Array]:
-    """An average over sequences for each seed that all of them have."""
-    common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
-    numbers = []
-    for seed in sorted(common):
-        parts = [entry.results[entry.seeds.index(seed)].kitti for entry in entries]
-        some = [part for part in parts if len(part)]
-        numbers.append(average(some) if some else (None, None))
-    return over_seeds(te for te, _ in numbers), over_seeds(re for _, re in numbers)
-
-
-def _mean(values: Iterable[float | None]) -> float:
-    return float(np.mean([value for value in values if value is not None]))

@@ -1,4 +1,4 @@
-"""What `vo evaluate` leaves behind: numbers as JSON and CSV, pictures of paths and errors."""
+"""What `vo evaluate` shows and leaves behind: tables, JSON and CSV, pictures of paths and errors."""
 
 from __future__ import annotations
 
@@ -10,17 +10,22 @@ from typing import Any
 import numpy as np
 
 from ..core.files import csv_text
+from ..core.rows import joined
 from ..core.types import Array, Progress
-from ..evaluation.ate_rpe import align
+from ..evaluation.ate_rpe import align, statistics
 from ..evaluation.axes import TurnedErrors
 from ..evaluation.kitti import Evaluation, KittiErrors
-from .plots import coloured_paths_figure, components_figure, trajectories_figure
-from .report import number
+from .error_plots import coloured_paths_figure, components_figure
+from .plots import TRUTH, trajectories_figure
+from .report import ReportTable, number, te_re
 from .reproduce import slug
 from .table_files import AXES, write_curves, write_figure
 
 HEADING = ["system", "sequence", "length_m", "subsequences", "te_percent", "re_deg_per_100m"]
 HEADING += ["ate_rmse_m", "rpe_rmse_m", "rpe_rmse_deg", "pitch_deg", "yaw_deg", "te_turned", "re_turned"]
+KINDS = "te_percent", "re_deg_per_100m"
+STATISTICS = "rmse", "mean", "median", "max"
+SEQUENCES_A_TABLE = 4
 POOLED = "pooled"
 ONLY = "estimate"
 
@@ -42,6 +47,10 @@ class System:
     result: Evaluation
     turned: list[TurnedErrors]
     times: Mapping[str, Array]
+
+    def called(self, name: str) -> str:
+        """What a row or column of a sequence is called: with several systems the system's too."""
+        return f"{self.label} {name}" if self.label else name
 
     @property
     def errors(self) -> dict[str, KittiErrors]:
@@ -67,27 +76,69 @@ def as_json(systems: list[System]) -> dict[str, Any]:
 def as_csv(systems: list[System]) -> str:
     """A row for each system, sequence and length; over all lengths with ATE, RPE and the turned axes."""
     rows = [HEADING]
-
-    def write(label: str, name: str, length: str, errors: dict[str, Any], *more: float | None) -> None:
-        te, re = errors["te_percent"], errors["re_deg_per_100m"]
-        numbers = ["" if value is None else f"{value:.6f}" for value in (te, re, *more)]
-        row = [label, name, length, str(errors["subsequences"]), *numbers]
-        rows.append(row + [""] * (len(HEADING) - len(row)))
-
     for system in systems:
         data = system.to_dict()
         for s in [*data["sequences"], {"name": POOLED} | data["pooled"]]:
-            more: list[float | None] = []
+            numbers: list[float | None] = [s[kind] for kind in KINDS]
             if "ate" in s:
                 rpe = s["rpe"]
-                more = [s["ate"]["rmse_m"], rpe["translation"]["rmse_m"], rpe["rotation"]["rmse_deg"]]
+                numbers += [s["ate"]["rmse_m"], rpe["translation"]["rmse_m"], rpe["rotation"]["rmse_deg"]]
             if "axes" in s:
-                keys = ("pitch_deg", "yaw_deg", "te_percent", "re_deg_per_100m")
-                more += [s["axes"][key] for key in keys]
-            write(system.label, s["name"], "all", s, *more)
-            for part in s["by_length"]:
-                write(system.label, s["name"], f"{part['length_m']:g}", part)
+                numbers += [s["axes"][key] for key in ("pitch_deg", "yaw_deg", *KINDS)]
+            lines = [("all", s["subsequences"], numbers)]
+            lines += [
+                (f"{part['length_m']:g}", part["subsequences"], [part[kind] for kind in KINDS])
+                for part in s["by_length"]
+            ]
+            for length, count, values in lines:
+                cells = ["" if value is None else f"{value:.6f}" for value in values]
+                row = [system.label, s["name"], length, str(count), *cells]
+                rows.append(row + [""] * (len(HEADING) - len(row)))
     return csv_text(rows)
+
+
+def evaluation_tables(systems: list[System]) -> list[ReportTable]:
+    """Errors by length, a few sequences to a table; over all lengths; ATE and RPE; with turned axes."""
+    first = systems[0].result
+    named = [(system.called(name), errors) for system in systems for name, errors in system.errors.items()]
+    title = f"TE % / RE deg/100 m by length, a start every {first.step} frames"
+    tables = []
+    for start in range(0, len(named), SEQUENCES_A_TABLE):
+        part = named[start : start + SEQUENCES_A_TABLE]
+        rows = [
+            [f"{at:g} m", *(te_re(errors.by_length([at])[at]) for _, errors in part)] for at in first.lengths
+        ]
+        tables.append(ReportTable(title, ["length", *(name for name, _ in part)], rows, []))
+    everything, others, turned = [], [], []
+    for system in systems:
+        for s in system.result.sequences:
+            name = system.called(s.name)
+            everything.append([name, str(s.frames), str(len(s.kitti)), te_re(s.kitti)])
+            errors = s.ate.distance, s.rpe.translation, np.degrees(s.rpe.rotation)
+            for kind, values in zip(("ATE m", "RPE m", "RPE deg"), errors, strict=True):
+                found = statistics(values)
+                others.append([f"{name} {kind}", *(number(found[each], 4) for each in STATISTICS)])
+        pooled, mean = system.result.pooled, system.result.mean()
+        everything.append([system.called("pooled, as the devkit"), "", str(len(pooled)), te_re(pooled)])
+        means = " / ".join(number(mean[kind]) for kind in KINDS)
+        everything.append([system.called("plain mean"), "", "", means])
+        for s, t in zip(system.result.sequences, system.turned, strict=bool(system.turned)):
+            angles = f"{t.pitch:+.2f}", f"{t.yaw:+.2f}"
+            turned.append([system.called(s.name), *angles, te_re(s.kitti), te_re(t.kitti)])
+        if system.turned:
+            total = joined(t.kitti for t in system.turned)
+            turned.append([system.called(POOLED), "", "", te_re(pooled), te_re(total)])
+    alignment, delta = first.sequences[0].ate.alignment, first.sequences[0].rpe.delta
+    note = f"ATE {alignment.words}; RPE from frame to frame + {delta}, which needs no alignment."
+    tables.append(
+        ReportTable("All lengths", ["sequence", "frames", "sub-sequences", "TE / RE"], everything, [])
+    )
+    tables.append(ReportTable("ATE and RPE", ["sequence", *STATISTICS], others, [note]))
+    if turned:
+        columns = ["sequence", "pitch °", "yaw °", "TE / RE\nmeasured", "TE / RE\nturned"]
+        note = "The angles that make TE smallest: a look at the truth, not KITTI's measure."
+        tables.append(ReportTable("Axes turned by one pitch and yaw", columns, turned, [note]))
+    return tables
 
 
 def write_pictures(folder: Path, systems: list[System], progress: Progress | None = None) -> None:
@@ -113,7 +164,7 @@ def write_pictures(folder: Path, systems: list[System], progress: Progress | Non
             "coloured": coloured_paths_figure(title, truth, paths),
             "components": components_figure(
                 f"{sequence.name}\nfrom the first pose",
-                {"ground truth": truth} | {s.label or ONLY: s.pairs[place][1] for s in systems},
+                {TRUTH: truth} | {s.label or ONLY: s.pairs[place][1] for s in systems},
                 systems[0].times.get(sequence.name),
             ),
         }

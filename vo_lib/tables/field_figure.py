@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.figure import Figure
 
 from ..beyond.rig import field_at
 from ..core.camera import StereoCamera
 from ..core.types import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LEAST = 0.2  # pixels; the colours span at least this to both sides
 
@@ -17,6 +21,8 @@ def field_figure(coefficients: Array, camera: StereoCamera, title: str = "") -> 
 
     White is right, blue too small, red too large; lines are 0.2 px apart.
     """
+    from matplotlib.figure import Figure
+
     width, height = camera.size
     u, v = np.linspace(0, width - 1, 120), np.linspace(0, height - 1, 40)
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.boxes import Boxes
 from ..core.errors import DataError
-from ..core.files import claim, require_own
+from ..core.files import claim
 from ..core.frame import FrameResult
 from ..core.matches import SAME, StereoMatches
 from ..core.poses import from_first
@@ -70,22 +70,10 @@ def shown_frames(run: Run, matches: Iterable[TimedMatches] | None = None) -> Ite
             yield Shown(index, frame[0], keep, shown, state, method.motions[-1])
 
 
-def require_film(path: Path) -> None:
-    """`DataError` unless a film can have this name."""
-    if path.suffix.lower() not in CODES:
-        raise DataError(f"expected a film's name, ending in {' or '.join(CODES)}", path)
-    if not path.absolute().parent.is_dir():
-        raise DataError("the film's folder is missing", path.parent)
-    if path.is_dir():
-        raise DataError("is a folder, expected a film's name", path)
-    require_own(path)
-
-
 class Film:
     """A video file that frames of a run are added to; it appears whole when it is closed, or not at all."""
 
     def __init__(self, path: Path, run: Run, label: str):
-        require_film(path)
         self.path, self.run, self.label = path, run, label
         camera = run.sequence.camera
         self._zoom = 2 if camera.width < NARROW else 1
@@ -181,24 +169,20 @@ class Film:
         x, y = 12 + width * self._driven / length, 22 + height * (1 - drift / top)
         _line(part, np.array([[12.0, 22.0 + height], [12.0 + width, 22.0 + height]]), PALE, 1)
         _line(part, np.stack([x, y], axis=1)[: index + 1], PATH, 2)
-        _words(part, f"distance from the truth, up to {top:.2f} m", (12, 14))
+        _words(part, f"distance from the truth, up to {top:.2g} m", (12, 14))
 
     def _write_words(self, part: Image, shown: Shown) -> None:
-        index, sequence, motion = shown.index, self.run.sequence, shown.motion
-        speed = np.linalg.norm(motion.T_cp[:3, 3]) / max(
-            sequence.times[index] - sequence.times[index - 1], 1e-9
-        )
-        first = (
-            f"{self.label}  frame {sequence.frames[index]}  {sequence.times[index] - sequence.times[0]:.1f} s"
-        )
-        first += f"  {3.6 * speed:.0f} km/h  {self._driven[index]:.0f} m driven"
+        index, motion = shown.index, shown.motion
+        times, driven = self.run.sequence.times, self._driven[index]
+        speed = np.linalg.norm(motion.T_cp[:3, 3]) / max(times[index] - times[index - 1], 1e-9)
+        first = [self.label, f"frame {self.run.sequence.frames[index]}", f"{times[index] - times[0]:.1f} s"]
+        first += [f"{3.6 * speed:.0f} km/h", f"{driven:.0f} m driven"]
         if self._drift is not None:
-            off = float(self._drift[index])
-            first += f"  {off:.2f} m from the truth ({100 * off / max(self._driven[index], 1e-9):.2f} %)"
-        _words(part, f"{first}  {' '.join(motion.flags)}", (12, 22))
-        counts = f"{motion.matches} matches  {motion.removed} removed  {motion.used} used  "
-        counts += f"{motion.inliers} inliers"
-        at = _words(part, counts, (12, 46)) + 30
+            off = self._drift[index]
+            first.append(f"{off:.2f} m from the truth ({100 * off / max(driven, 1e-9):.2f} %)")
+        _words(part, "  ".join([*first, *motion.flags]), (12, 22))
+        counts = [f"{getattr(motion, name)} {name}" for name in ("matches", "removed", "used", "inliers")]
+        at = _words(part, "  ".join(counts), (12, 46)) + 30
         for number, colour in enumerate(AGE_COLOURS):
             cv2.rectangle(part, (at + 5 * number, 36), (at + 5 * number + 4, 46), colour, -1)
         at = _words(part, f"kept, new to {len(AGE_COLOURS)} frames old", (at + 5 * len(AGE_COLOURS) + 6, 46))

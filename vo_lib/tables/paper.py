@@ -74,17 +74,14 @@ def printed_gains(table: PaperTable, other: str) -> list[tuple[float | None, flo
 
     Of the row Avg, of the plain mean of the ten rows, and of their mean weighted as the benchmark pools them.
     """
-    rows = [row for row in PAPER_ROWS if row != AVERAGE]
-    weights = np.array([SUB_SEQUENCES[row] for row in rows], float)
+    weights = list(SUB_SEQUENCES.values())
     gains: list[list[float | None]] = []
     for numbers in (table.te, table.re):
         pair = []
         for method in (other, PROPOSAL):
-            column = np.array([np.nan if (v := numbers.get((row, method))) is None else v for row in rows])
-            average = numbers.get((AVERAGE, method))
-            pair.append(
-                (np.nan if average is None else average, column.mean(), np.average(column, weights=weights))
-            )
+            column = [numbers.get((row, method)) for row in PAPER_ROWS]
+            average, *rows = np.array(column, float)  # None becomes NaN
+            pair.append((average, np.mean(rows), np.average(rows, weights=weights)))
         gains.append([g if np.isfinite(g) else None for g in gain(*pair).tolist()])
     return list(zip(*gains, strict=True))
 

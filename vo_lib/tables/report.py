@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import base64
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-
-import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from typing import Any
 
 from ..core.types import Array
+from ..evaluation.kitti import KittiErrors
 from ..runs.identity import surroundings, versions
 
 NONE = "–"  # where there is no number
@@ -34,13 +34,30 @@ def number(value: float | None, digits: int = 3) -> str:
     return NONE if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
 
 
+def te_re(errors: KittiErrors) -> str:
+    """TE in % and RE in deg/100 m."""
+    return f"{number(errors.te)} / {number(errors.re)}"
+
+
+def mean_and_spread(values: Array) -> tuple[float, float]:
+    """Mean and standard deviation over seeds (S,); NaN where there is none."""
+    return (float(values.mean()), float(values.std())) if len(values) else (math.nan, math.nan)
+
+
 def spread(values: Array, digits: int = 3) -> str:
-    """Mean ± standard deviation over seeds; the number alone of one seed; a dash where there is none."""
-    if len(values) == 0 or not np.isfinite(values).all():
-        return NONE
-    if len(values) == 1:
-        return number(float(values[0]), digits)
-    return f"{values.mean():.{digits}f} ± {values.std():.{digits}f}"
+    """Mean ± standard deviation over seeds (S,); the number alone of one seed; a dash where there is none."""
+    mean, deviation = (number(value, digits) for value in mean_and_spread(values))
+    return mean if mean == NONE or len(values) == 1 else f"{mean} ± {deviation}"
+
+
+def minus(text: str) -> str:
+    """A formatted number with a minus sign in place of the hyphen."""
+    return text.replace("-", "−")
+
+
+def seeds_words(count: int) -> str:
+    """What the numbers of a table are over."""
+    return "one seed" if count == 1 else f"mean ± standard deviation over {count} seeds"
 
 
 def markdown(table: ReportTable) -> str:
@@ -60,14 +77,10 @@ class Picture:
     alt: str = ""
 
     @property
-    def kind(self) -> str:
-        """The picture's media type, "png" or "jpeg"."""
-        return "png" if self.data.startswith(b"\x89PNG") else "jpeg"
-
-    @property
-    def base64(self) -> str:
-        """The bytes as text for a data address."""
-        return base64.b64encode(self.data).decode("ascii")
+    def address(self) -> str:
+        """The whole picture as an address of a page."""
+        kind = "png" if self.data.startswith(b"\x89PNG") else "jpeg"
+        return f"data:image/{kind};base64,{base64.b64encode(self.data).decode('ascii')}"
 
 
 def provenance() -> list[str]:
@@ -77,19 +90,26 @@ def provenance() -> list[str]:
     return [f"stereo-vo-kit {used['kit']}, Python {around['python']}, {libraries}", str(around["system"])]
 
 
+def html_page(template: str, **content: Any) -> str:
+    """A page of the folder `templates`; every text in it is escaped."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader("vo_lib.tables")
+    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    return pages.get_template(template).render(**content)
+
+
 def render_report(
     title: str,
     introduction: list[str],
     tables: list[ReportTable],
     pictures: list[Picture],
     made: list[str],
-    problems: tuple[str, ...] = (),
+    problems: Sequence[str] = (),
 ) -> str:
-    """The page as HTML text; every text is escaped. `problems` are shown first, in a box."""
-    environment = Environment(
-        loader=PackageLoader("vo_lib.tables"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    return environment.get_template("report.html").render(
+    """The page as HTML text. `problems` are shown first, in a box."""
+    return html_page(
+        "report.html",
         title=title,
         introduction=introduction,
         problems=problems,

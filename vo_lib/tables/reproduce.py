@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..beyond.calibration import Calibration
-from ..config import preset
+from ..config import PublishedConfig, preset
 from ..core.errors import DataError
 from ..core.types import Array
 from ..data.scenes import SCENES
@@ -68,28 +69,28 @@ def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
 
 
 def plan_jobs(
-    sequences: list[Sequence], methods: Mapping[str, list[str]], seeds: int, folder: Path
+    sequences: list[Sequence],
+    methods: Mapping[str, list[str]],
+    seeds: int,
+    folder: Path,
+    config: PublishedConfig | None = None,
 ) -> list[Job]:
     """A run for each variant, sequence, method and seed 0 … seeds - 1.
 
     methods : names by variant. The runs are in runs/<variant>/<sequence>/<method>/seed_<n> of the folder.
+    config : settings of the one method, where they are not its own.
     """
     names = [sequence.name for sequence in sequences]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise DataError(f"two sequences are called {twice[0]}: run them one after the other")
-    return [
-        Job(
-            sequence,
-            method,
-            preset(method, variant=variant, seed=seed),
-            job_folder(folder, variant, sequence.name, method, seed),
-        )
-        for variant, names_of in methods.items()
-        for sequence in sequences
-        for method in names_of
-        for seed in range(seeds)
-    ]
+    jobs = []
+    for variant, names_of in methods.items():
+        for sequence, method, seed in itertools.product(sequences, names_of, range(seeds)):
+            settings = replace(config or preset(method, variant=variant), seed=seed)
+            place = job_folder(folder, variant, sequence.name, method, seed)
+            jobs.append(Job(sequence, method, settings, place))
+    return jobs
 
 
 def job_folder(folder: Path, variant: str, sequence: str, method: str, seed: int) -> Path:

@@ -21,7 +21,7 @@ from ..evaluation.kitti import Measure, suitable_measure
 from ..runs.jobs import Job, Outcome
 from ..runs.results import read_run
 from .entries import Entry, measure_runs
-from .report import NONE, ReportTable, number, spread
+from .report import NONE, ReportTable, mean_and_spread, number, seeds_words, spread
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,7 @@ class Sweep:
     @property
     def title(self) -> str:
         """What was run and measured."""
-        over = "one seed" if self.seeds == 1 else f"mean ± standard deviation over {self.seeds} seeds"
-        return f"{self.sequence}, {self.method}: {self.measure.words}; {over}"
+        return f"{self.sequence}, {self.method}: {self.measure.words}; {seeds_words(self.seeds)}"
 
 
 def parse_axis(text: str) -> Axis:
@@ -115,31 +114,37 @@ def run_sweep(
     seeds: int,
     folder: Path,
     run: Callable[[list[Job]], list[Outcome]],
-    variant: str = "kit",
+    base: PublishedConfig | None = None,
 ) -> Sweep:
     """Run all combinations with seeds 0 … seeds - 1, each in a run folder under `folder`/cells.
 
     Parameters
     ----------
     sequence : with truth.
+    base : the settings where the axes do not say otherwise; the method's own by default.
     run : does the jobs, such as `jobs.run_jobs` with its options set.
     """
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth: a sweep has nothing to compare")
     if len({axis.name for axis in axes}) < len(axes):
         raise DataError("--set: a setting is given twice")
-    measure = suitable_measure(sequence.truth)
-    grid = [
-        _jobs(sequence, preset(method, variant=variant), method, axes, values, seeds, folder)
-        for values in _combinations(axes)
-    ]
-    outcomes = iter(run([job for cell in grid for job in cell]))
-    cells = [
-        _cell(tuple(map(_word, values)), list(itertools.islice(outcomes, seeds)), measure)
-        for values in _combinations(axes)
-    ]
-    labels = sequence.labels is not None or preset(method, variant=variant).filter.rule == "none"
-    label = method if variant == "kit" else f"{method}, {variant}"
+    measure, base = suitable_measure(sequence.truth), base or preset(method)
+    grid: dict[tuple[str, ...], list[Job]] = {}
+    for values in itertools.product(*(axis.values for axis in axes)):
+        config = base
+        for axis, value in zip(axes, values, strict=True):
+            config = change(config, axis.name, value)  # refuses settings that do not go together
+        words = tuple(map(_word, values))
+        name = "+".join(f"{axis.name}={word}" for axis, word in zip(axes, words, strict=True))
+        place = folder / "cells" / base.variant / name.replace(",", "-")
+        grid[words] = [
+            Job(sequence, method, dataclasses.replace(config, seed=seed), place / f"seed{seed}")
+            for seed in range(seeds)
+        ]
+    outcomes = iter(run([job for jobs in grid.values() for job in jobs]))
+    cells = [_cell(words, list(itertools.islice(outcomes, seeds)), measure) for words in grid]
+    labels = sequence.labels is not None or base.filter.rule == "none"
+    label = method if base.variant == "kit" else f"{method}, {base.variant}"
     return Sweep(sequence.name, label, axes, cells, seeds, measure, labels)
 
 
@@ -168,35 +173,6 @@ def sweep_csv(sweep: Sweep) -> str:
         words = ["" if np.isnan(value) else repr(float(value)) for value in values]
         rows.append([*cell.values, len(cell.te), *words, "; ".join(cell.errors)])
     return csv_text(rows)
-
-
-def mean_and_spread(values: Array) -> tuple[float, float]:
-    """Mean and standard deviation over seeds; NaN where there is none."""
-    return (float(values.mean()), float(values.std())) if len(values) else (np.nan, np.nan)
-
-
-def _combinations(axes: tuple[Axis, ...]) -> list[tuple[Any, ...]]:
-    return list(itertools.product(*(axis.values for axis in axes)))
-
-
-def _jobs(
-    sequence: Sequence,
-    base: PublishedConfig,
-    method: str,
-    axes: tuple[Axis, ...],
-    values: tuple[Any, ...],
-    seeds: int,
-    folder: Path,
-) -> list[Job]:
-    """The runs of one cell; settings that do not go together raise `DataError`."""
-    jobs = []
-    name = "+".join(f"{a.name}={_word(v)}" for a, v in zip(axes, values, strict=True)).replace(",", "-")
-    for seed in range(seeds):
-        config = dataclasses.replace(base, seed=seed)
-        for axis, value in zip(axes, values, strict=True):
-            config = change(config, axis.name, value)
-        jobs.append(Job(sequence, method, config, folder / "cells" / base.variant / name / f"seed{seed}"))
-    return jobs
 
 
 def _cell(words: tuple[str, ...], outcomes: list[Outcome], measure: Measure) -> Cell:

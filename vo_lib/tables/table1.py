@@ -7,8 +7,9 @@ import numpy as np
 from ..core.types import Array
 from ..data.kitti import EXPECTED_FRAMES
 from ..data.sequence import KITTI
-from ..evaluation.kitti import KITTI_MEASURE, pooled
-from .entries import Entry, Group, made_by
+from ..evaluation.ate_rpe import rmse
+from ..evaluation.kitti import KITTI_MEASURE
+from .entries import Entry, Group, made_by, over_seeds
 from .paper import (
     AVERAGE,
     CLAIMS,
@@ -21,20 +22,15 @@ from .paper import (
     gain,
     printed_gains,
 )
-from .report import NONE, ReportTable, number, spread
+from .report import NONE, ReportTable, mean_and_spread, minus, number, seeds_words, spread, te_re
 
 METHOD_COLUMNS = ["method", "TE %", "RE deg/100 m", "removed", "back end ms"]
 VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
 NAMED = 4  # sequences that a sentence lists
 DIGITS = 2, 3  # of the TE and RE that the paper prints
-NOTHING: Array = np.zeros(0)
 BOXED = ("feature_selection", "moving_selection")  # methods that need vehicle boxes
-
-
-def seeds_words(entries: list[Entry]) -> str:
-    """What the numbers of a table are over, in words."""
-    seeds = max(len(entry.seeds) for entry in entries)
-    return "one seed" if seeds == 1 else f"mean ± standard deviation over {seeds} seeds"
+Pair = tuple[Array, Array]  # TE and RE of each seed, (S,) each; empty where nothing was run
+NOTHING: Pair = np.zeros(0), np.zeros(0)
 
 
 def method_table(entries: list[Entry]) -> ReportTable:
@@ -43,7 +39,7 @@ def method_table(entries: list[Entry]) -> ReportTable:
         [e.method, spread(e.te), spread(e.re), f"{100 * e.removed_share:.1f} %", f"{e.back_end_ms:.1f}"]
         for e in entries
     ]
-    over = seeds_words(entries)
+    over = seeds_words(max(len(entry.seeds) for entry in entries))
     notes = [f"TE and RE over sub-sequences of {entries[0].measure.words}, as far as the path goes; {over}."]
     title = f"{entries[0].sequence}, {VARIANT_WORDS[entries[0].variant]}"
     return ReportTable(title, METHOD_COLUMNS, rows, [*notes, made_by(entries)])
@@ -63,15 +59,20 @@ def layout_tables(group: Group, paper: PaperTable | None = None, narrow: bool = 
     printed = list(PAPER_METHODS) if run and paper is not None else run
     own = [method for method in group.methods if method not in PAPER_METHODS]
     words = f"{VARIANT_WORDS[group.variant]}: {group.words}"
+    if narrow:
+        units = "TE in % / RE in deg/100 m, means over seeds"
+    else:
+        units = f"TE in %, RE in deg/100 m; {seeds_words(group.seeds)}"
     tables = []
     if printed:
-        rows, notes = _rows(group, printed, paper, narrow), _notes(group, paper, narrow)
-        tables.append(ReportTable(f"Table 1, {words}", _columns(printed, narrow), rows, notes, _head(group)))
-    if PROPOSAL in run and len(run) > 1 and not narrow:
+        rows, notes = _rows(group, printed, paper, narrow), _notes(group, units, paper, narrow)
+        title = f"{'Table 1' if group.kitti else 'The systems of Table 1'}, {words}"
+        tables.append(ReportTable(title, _columns(printed, narrow), rows, notes, caveats(group)))
+    if PROPOSAL in run and len(run) > 1 and not narrow and np.isfinite(group.mean(PROPOSAL)[0]).any():
         tables.append(gains_table(group, paper))
     if own:
-        rows, notes = _rows(group, own, None, narrow), [_units(group, narrow) + "."]
-        tables.append(ReportTable(f"Not in the paper, {words}", _columns(own, narrow), rows, notes))
+        rows = _rows(group, own, None, narrow)
+        tables.append(ReportTable(f"Not in the paper, {words}", _columns(own, narrow), rows, [f"{units}."]))
     return tables
 
 
@@ -82,80 +83,78 @@ def _columns(methods: list[str], narrow: bool) -> list[str]:
     return ["sequence", *(f"{name} {kind}" for name in names for kind in ("TE", "RE"))]
 
 
-def _units(group: Group, narrow: bool) -> str:
-    if narrow:
-        return "TE in % / RE in deg/100 m, means over seeds"
-    return f"TE in %, RE in deg/100 m; {seeds_words(list(group.entries.values()))}"
-
-
 def _rows(group: Group, methods: list[str], paper: PaperTable | None, narrow: bool) -> list[list[str]]:
     """The paper's rows, ours or dashes beside them; without its numbers the mean and what was run.
 
-    The pooled mean and 01, which has no printed numbers, come last. Unless `narrow`, TE and RE have cells of
-    their own, with the spread over seeds and the difference to the paper.
+    The pooled mean and 01, which has no printed numbers, come last.
     """
     left_out = f"{KITTI}{LEFT_OUT}"
     several = len(group.sequences) > 1
-    rows = []
-    nothing = [(NOTHING, NOTHING)] * len(methods)
-    means = [group.mean(m) for m in methods]
-    if paper is not None:
-        rows.append((AVERAGE, means if is_papers(group) else nothing, True))
+    rows: list[tuple[str, list[Pair], bool]] = []  # name, numbers of each method, comparable with the paper's
+    means = [group.mean(method) for method in methods]
+    if paper is not None or (several and is_papers(group)):
+        rows.append((AVERAGE, means if is_papers(group) else [NOTHING] * len(methods), True))
     if several and not is_papers(group):
         rows.append((f"mean of {len(group.sequences) - (left_out in group.sequences)}", means, False))
-    elif several and paper is None:
-        rows.append((AVERAGE, means, True))
     known = [f"{KITTI}{row}" for row in PAPER_ROWS if row != AVERAGE] if paper is not None else []
     others = [name for name in group.sequences if name not in known]
     for name in [*known, *sorted(others, key=lambda name: group.kitti and name == left_out)]:
         entries = [group.entries.get((name, method)) for method in methods]
         whole = all(entry is None or is_whole(entry) for entry in entries)
-        numbers = [(NOTHING, NOTHING) if entry is None else (entry.te, entry.re) for entry in entries]
+        numbers = [NOTHING if entry is None else (entry.te, entry.re) for entry in entries]
         rows.append((name.removeprefix(KITTI) if group.kitti else name, numbers, whole))
     if several:
-        rows.append(("pooled", [group.pooled(m) for m in methods], False))
+        rows.append(("pooled", [group.pooled(method) for method in methods], False))
     table = []
-    for name, numbers, whole in rows:
-        cells = []
+    for name, numbers, comparable in rows:
+        cells = [name]
         for method, ours in zip(methods, numbers, strict=True):
             printed = (None, None) if paper is None else paper.value(name, method)
-            if narrow:
-                lines = [" / ".join(spread(o).split(" ±")[0] for o in ours)]
-                lines += [" / ".join(map(number, printed, DIGITS))] if printed[0] is not None else []
-                cells.append("\n".join(lines))
-            else:
-                cells += [_cell(o, p, d, whole) for o, p, d in zip(ours, printed, DIGITS, strict=True)]
-        table.append([name, *cells])
+            cells += (_narrow_cell if narrow else _wide_cells)(ours, printed, comparable)
+        table.append(cells)
     return table
 
 
-def _cell(ours: Array, printed: float | None, digits: int, comparable: bool) -> str:
-    """Ours with its spread; below it the printed number; below that our difference where they compare."""
-    gap = difference(ours, printed) if comparable else None
-    lines = [spread(ours), *([] if printed is None else [number(printed, digits)])]
-    return "\n".join([*lines, *([] if gap is None else [f"{gap:+.3f}".replace("-", "−")])])
+def _narrow_cell(ours: Pair, printed: tuple[float | None, float | None], comparable: bool) -> list[str]:
+    """TE / RE, means over seeds; below, the printed numbers."""
+    lines = [" / ".join(number(mean_and_spread(values)[0]) for values in ours)]
+    lines += [" / ".join(map(number, printed, DIGITS))] if printed[0] is not None else []
+    return ["\n".join(lines)]
 
 
-def _head(group: Group) -> list[str]:
-    """What has to be known before a table is read: what made it, and whether there were boxes at all."""
-    head = [*(partial_notes(group) if group.kitti else []), made_by(group.entries.values())]
+def _wide_cells(ours: Pair, printed: tuple[float | None, float | None], comparable: bool) -> list[str]:
+    """TE and RE with the spread; below, the printed number; below that our difference where they compare."""
+    cells = []
+    for values, theirs, digits in zip(ours, printed, DIGITS, strict=True):
+        gap = difference(values, theirs) if comparable else None
+        lines = [spread(values), *([] if theirs is None else [number(theirs, digits)])]
+        cells.append("\n".join([*lines, *([] if gap is None else [minus(f"{gap:+.3f}")])]))
+    return cells
+
+
+def caveats(group: Group) -> list[str]:
+    """What has to be known before a table is read: what is no whole sequence, and where no boxes were."""
+    said = []
+    short = [
+        f"{entry.sequence} ({entry.frames} of {EXPECTED_FRAMES[entry.sequence.removeprefix(KITTI)]} frames)"
+        for entry in {entry.sequence: entry for entry in group.entries.values()}.values()
+        if group.kitti and entry.frames != EXPECTED_FRAMES[entry.sequence.removeprefix(KITTI)]
+    ]
+    if short:
+        said.append(f"Parts of a sequence, not comparable with whole ones: {', '.join(short)}.")
+    if group.kitti and group.measure != KITTI_MEASURE:
+        said.append(f"Not the benchmark's sub-sequences, but {group.measure.words}: not comparable with it.")
     without = [name for name in group.sequences if not all(e.labels for e in group.of_sequence(name))]
     if without and any(method in group.methods for method in BOXED):
-        head.insert(
-            0,
-            f"No vehicle boxes on {_few(without)}: Feature selection removes nothing there and equals "
-            "Solution selection. `--detector MODEL` finds boxes.",
+        names = ", ".join(without) if len(without) <= NAMED else f"{len(without)} sequences"
+        said.append(
+            f"No vehicle boxes on {names}: Feature selection removes nothing there and equals Solution "
+            "selection. `--detector MODEL` finds boxes."
         )
-    return head
+    return said
 
 
-def _few(names: list[str]) -> str:
-    """Names in a row, or how many there are."""
-    return ", ".join(names) if len(names) <= NAMED else f"{len(names)} sequences"
-
-
-def _notes(group: Group, paper: PaperTable | None, narrow: bool) -> list[str]:
-    units = _units(group, narrow)
+def _notes(group: Group, units: str, paper: PaperTable | None, narrow: bool) -> list[str]:
     if narrow:
         return [f"{units}; below, the paper's." if paper is not None else f"{units}."]
     notes = [f"{units}."]
@@ -169,7 +168,7 @@ def _notes(group: Group, paper: PaperTable | None, narrow: bool) -> list[str]:
         notes.append(
             f"{mean}: each sequence counts the same; pooled: each sub-sequence does, as on KITTI's server."
         )
-    return notes
+    return [*notes, made_by(group.entries.values())]
 
 
 def gains_table(group: Group, paper: PaperTable | None) -> ReportTable:
@@ -177,40 +176,37 @@ def gains_table(group: Group, paper: PaperTable | None) -> ReportTable:
     columns = ["Feature selection over"]
     if paper is not None:
         columns += ["paper says", "printed Avg", "printed rows, mean", "printed rows, pooled"]
-    columns += ["ours, mean", "ours, pooled"]
+    averages = {"ours, mean": group.mean, "ours, pooled": group.pooled_as_paper}
+    if len(group.sequences) == 1:
+        averages = {"ours": group.mean}
     rows = []
     for other, claims in CLAIMS.items():
-        if other not in group.methods:
-            continue
-        for k, kind in enumerate(("TE", "RE")):
+        for k, kind in enumerate(("TE", "RE") if other in group.methods else ()):
             cells = [f"{PRINTED_NAMES[other]}, {kind}"]
             if paper is not None:
-                cells += [_percent(claims[k]), *(_percent(pair[k]) for pair in printed_gains(paper, other))]
-            for average in (group.mean, group.pooled_as_paper):
+                printed = [claims[k], *(pair[k] for pair in printed_gains(paper, other))]
+                cells += [_percent(np.array([value], float)) for value in printed]
+            for average in averages.values():
                 before, after = average(other)[k], average(PROPOSAL)[k]
-                gains = gain(before, after) if len(before) == len(after) else NOTHING
-                cells.append(
-                    spread(gains, 1).replace("-", "−")
-                    + (" %" if np.isfinite(gains).all() and len(gains) else "")
-                )
+                cells.append(_percent(gain(before, after) if len(before) == len(after) else np.zeros(0)))
             rows.append(cells)
-    notes = [
-        "How much smaller the error is; minus: larger. Pooled: rows weighted by their numbers of "
-        "sub-sequences, as the benchmark's total does; 01 left out."
-    ]
+    notes = ["How much smaller the error is; minus: larger."]
+    if paper is not None or len(averages) > 1:
+        notes[0] += " Pooled: rows weighted by their numbers of sub-sequences, as the benchmark's total does"
+        notes[0] += "; 01 left out." if group.kitti else "."
     title = f"What Feature selection gains, {VARIANT_WORDS[group.variant]}"
-    return ReportTable(title, columns, rows, notes, partial_notes(group) if group.kitti else [])
+    return ReportTable(title, [*columns, *averages], rows, notes, caveats(group))
 
 
-def _percent(value: float | None) -> str:
-    return NONE if value is None else f"{value:.1f} %".replace("-", "−")
+def _percent(values: Array) -> str:
+    text = minus(spread(values, 1))
+    return text if text == NONE else f"{text} %"
 
 
 def difference(ours: Array, printed: float | None) -> float | None:
     """Our mean over seeds less the printed number; None where either is not there."""
-    if printed is None or len(ours) == 0 or not np.isfinite(ours).all():
-        return None
-    return float(ours.mean()) - printed
+    gap = mean_and_spread(ours)[0] - (np.nan if printed is None else printed)
+    return gap if np.isfinite(gap) else None
 
 
 def is_whole(entry: Entry) -> bool:
@@ -225,35 +221,12 @@ def is_papers(group: Group) -> bool:
     return {f"{KITTI}{row}" for row in PAPER_ROWS if row != AVERAGE} <= set(whole)
 
 
-def partial_notes(group: Group) -> list[str]:
-    """What keeps the group's rows from being compared with those of the paper, in words."""
-    parts = {e.sequence: e.frames for e in group.entries.values() if not is_whole(e)}
-    notes = []
-    short = [
-        f"{name} ({frames} of {EXPECTED_FRAMES[name.removeprefix(KITTI)]} frames)"
-        for name, frames in parts.items()
-        if frames != EXPECTED_FRAMES.get(name.removeprefix(KITTI))
-    ]
-    if short:
-        notes.append(f"Parts of a sequence, not comparable with whole ones: {', '.join(short)}.")
-    if group.measure != KITTI_MEASURE:
-        notes.append(f"Not the benchmark's sub-sequences, but {group.measure.words}: not comparable with it.")
-    return notes
-
-
 def length_table(group: Group) -> ReportTable:
     """TE / RE of each sequence and method by the sub-sequence lengths that there are, all seeds together."""
-    parts = {
-        f"{sequence}, {method}": pooled(result.kitti for result in entry.results)
-        for (sequence, method), entry in group.entries.items()
-    }
-    lengths = [
-        at for at in group.measure.lengths if any((part.length == at).any() for part in parts.values())
-    ]
-    rows = [
-        [name, *(f"{number(at.te)} / {number(at.re)}" for at in part.by_length(lengths).values())]
-        for name, part in parts.items()
-    ]
+    parts = {f"{e.sequence}, {e.method}": e.sub_sequences for e in group.entries.values()}
+    found = {float(at) for part in parts.values() for at in part.length}
+    lengths = [at for at in group.measure.lengths if at in found]
+    rows = [[name, *(te_re(at) for at in part.by_length(lengths).values())] for name, part in parts.items()]
     columns = ["sequence, method", *(f"{length:g} m" for length in lengths)]
     notes = ["TE in % / RE in deg/100 m, mean over seeds."]
     return ReportTable(f"By length, {VARIANT_WORDS[group.variant]}: {group.words}", columns, rows, notes)
@@ -263,20 +236,10 @@ def trajectory_table(group: Group) -> ReportTable:
     """ATE and RPE beside the KITTI errors."""
     rows, entries = [], list(group.entries.values())
     for entry in entries:
-        ate = [result.ate.to_dict()["rmse_m"] for result in entry.results]
-        rpe = [result.rpe.to_dict() for result in entry.results]
-        parts = [ate, *([part[kind][f"rmse_{unit}"] for part in rpe] for kind, unit in RPE_PARTS)]
-        metres, step, turn = (np.array([np.nan if v is None else v for v in part]) for part in parts)
-        cells = spread(metres), spread(1e3 * step, 2), spread(turn, 4)
-        rows.append([f"{entry.sequence}, {entry.method}", *cells])
-    alignment = entries[0].results[0].ate.alignment
+        ate = over_seeds(rmse(result.ate.distance) for result in entry.results)
+        step = 1e3 * over_seeds(rmse(result.rpe.translation) for result in entry.results)
+        turn = np.degrees(over_seeds(rmse(result.rpe.rotation) for result in entry.results))
+        rows.append([f"{entry.sequence}, {entry.method}", spread(ate), spread(step, 2), spread(turn, 4)])
     columns = ["sequence, method", "ATE m", "RPE mm a frame", "RPE deg a frame"]
-    return ReportTable(
-        f"ATE and RPE, {VARIANT_WORDS[group.variant]}",
-        columns,
-        rows,
-        [f"Root mean squares. ATE {alignment.words}; RPE needs none."],
-    )
-
-
-RPE_PARTS = (("translation", "m"), ("rotation", "deg"))
+    notes = [f"Root mean squares. ATE {entries[0].results[0].ate.alignment.words}; RPE needs none."]
+    return ReportTable(f"ATE and RPE, {VARIANT_WORDS[group.variant]}", columns, rows, notes)

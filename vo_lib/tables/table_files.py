@@ -5,39 +5,32 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from ..config import CalibrationConfig
 from ..core.files import write_result
 from ..core.poses import format_kitti_poses
 from ..core.types import Array
 from ..data.sequence import KITTI
-from ..evaluation.kitti import KITTI_MEASURE
+from ..evaluation.kitti import KITTI_MEASURE, pooled
 from .entries import Group, group_entries
+from .error_plots import Curve, error_curves_figure
 from .field_figure import field_figure
 from .paper import PAPER_METHODS, REMARKS, PaperTable
-from .plots import Curve, error_curves_figure, pdf, png, trajectories_figure
+from .plots import pdf, png, trajectories_figure
 from .report import Picture, ReportTable, markdown, provenance, render_report
 from .reproduce import Reproduction, slug
 from .table1 import NAMED, VARIANT_WORDS, layout_tables, length_table, trajectory_table
 from .table1_data import groups_json, table_csv
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FIGURE_4 = (f"{KITTI}02", f"{KITTI}07")
 TABLE_FILES = ("table1.md", "table1.csv", "metrics.json", "report.html")
 # Of the devkit's curves, with the fewest points that make one: its bins of speed overlap, and a drive at one
 # speed lies in two or three of them.
 AXES = {"length": 2, "speed": 4}
-COLOURS = {
-    "viso2": "green",
-    "mesvo_f": "black",
-    "solution_selection": "blue",
-    "feature_selection": "sky blue",
-    "moving_selection": "orange",
-}
-
-
 IN_WORDS = {
     "viso2": "viso2 fits rotation and translation together",
     "mesvo_f": "mesvo_f chooses the rotation by consensus",
@@ -60,7 +53,7 @@ def write_table_files(
     """
     groups = group_entries(result.entries)
     tables = make_tables(groups, paper)
-    metrics = {
+    metrics: dict[str, Any] = {
         "groups": groups_json(groups, paper),
         "missing": result.missing,
         "failed": [{"job": job, "cause": cause} for job, cause in result.failed],
@@ -69,18 +62,16 @@ def write_table_files(
     }
     text = "".join(f"{line}\n\n" for line in result.problems) + "\n".join(map(markdown, tables))
     as_json = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
-    for name, content in zip(TABLE_FILES, (text, table_csv(groups, paper), as_json), strict=False):
+    for name, content in zip(TABLE_FILES, (text, table_csv(metrics["groups"]), as_json), strict=False):
         write_result(folder / name, content)
-    write_results(folder, result)
+    for (variant, sequence), by_method in result.poses.items():  # as KITTI's server takes them
+        for method, poses in by_method.items():
+            place = folder / "results" / variant / method
+            place.mkdir(parents=True, exist_ok=True)
+            write_result(place / f"{slug(sequence.removeprefix(KITTI))}.txt", format_kitti_poses(poses))
     pictures = [*more, *_trajectories(folder, result), *_curves(folder, groups), *_fields(folder, result)]
-    page = render_report(
-        _report_title(groups),
-        _introduction(result),
-        tables,
-        pictures,
-        [command],
-        tuple(result.problems),
-    )
+    introduction = _introduction(result)
+    page = render_report(_report_title(groups), introduction, tables, pictures, [command], result.problems)
     write_result(folder / TABLE_FILES[-1], page)
     return metrics
 
@@ -95,15 +86,6 @@ def make_tables(groups: list[Group], paper: PaperTable) -> list[ReportTable]:
         tables[-1].notes.extend(REMARKS)
     tables += [length_table(group) for group in groups]
     return tables + [trajectory_table(group) for group in groups]
-
-
-def write_results(folder: Path, result: Reproduction) -> None:
-    """Poses of sequences without truth as KITTI's server takes them: results/<variant>/<method>/11.txt."""
-    for (variant, sequence), by_method in result.poses.items():
-        for method, poses in by_method.items():
-            place = folder / "results" / variant / method
-            place.mkdir(parents=True, exist_ok=True)
-            write_result(place / f"{slug(sequence.removeprefix(KITTI))}.txt", format_kitti_poses(poses))
 
 
 def _report_title(groups: list[Group]) -> str:
@@ -132,53 +114,46 @@ def _introduction(result: Reproduction) -> list[str]:
 
 def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
     """Of each variant Figure 4, where its two sequences are, and a figure of each sequence."""
-    panels: dict[tuple[str, str], tuple[Array | None, dict[str, Array]]] = {}
+    panels: dict[str, dict[str, tuple[Array | None, dict[str, Array]]]] = {}
     for entry in result.entries:
-        _, estimates = panels.setdefault((entry.variant, entry.sequence), (entry.truth, {}))
+        _, estimates = panels.setdefault(entry.variant, {}).setdefault(entry.sequence, (entry.truth, {}))
         estimates[entry.method] = entry.poses
-    panels |= {key: (None, estimates) for key, estimates in result.poses.items()}
+    for (variant, name), estimates in result.poses.items():
+        panels.setdefault(variant, {})[name] = None, estimates
     pictures = []
-    for variant in dict.fromkeys(variant for variant, _ in panels):
-        of_variant = {name: panel for (kind, name), panel in panels.items() if kind == variant}
+    for variant, found in panels.items():
         figure_4 = {
-            name: (of_variant[name][0], {m: p for m, p in of_variant[name][1].items() if m in PAPER_METHODS})
+            name: (found[name][0], {m: poses for m, poses in found[name][1].items() if m in PAPER_METHODS})
             for name in FIGURE_4
-            if name in of_variant
+            if name in found
         }
-        drawn = {f"figure4_{variant}": figure_4} if any(panel for _, panel in figure_4.values()) else {}
-        drawn |= {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in of_variant.items()}
-        for file, figure in drawn.items():
-            data = write_figure(folder, file, trajectories_figure(figure))
-            pictures.append(Picture(data, *_path_words(variant, figure, file.startswith("figure4"))))
+        figures = {f"figure4_{variant}": figure_4} if any(paths for _, paths in figure_4.values()) else {}
+        figures |= {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in found.items()}
+        for file, shown in figures.items():
+            known = any(truth is not None for truth, _ in shown.values())
+            beside = "; beside it the distance from the truth along the path" if known else ""
+            label = "Figure 4: " if file.startswith("figure4") else ""
+            methods = list(dict.fromkeys(method for _, paths in shown.values() for method in paths))
+            where = f"{_listed(list(shown))} from above"
+            caption = f"{label}{where}, {VARIANT_WORDS[variant]}, first seed{beside}."
+            alt = f"Paths over {where} of {_listed(methods)}{beside}."
+            pictures.append(Picture(write_figure(folder, file, trajectories_figure(shown)), caption, alt))
     return pictures
-
-
-def _path_words(
-    variant: str, panels: dict[str, tuple[Array | None, dict[str, Array]]], figure_4: bool
-) -> tuple[str, str]:
-    """Caption of a figure of paths, and what it shows for one who cannot see it."""
-    names = " and ".join(panels)
-    methods = list(dict.fromkeys(method for _, estimates in panels.values() for method in estimates))
-    known = any(truth is not None for truth, _ in panels.values())
-    lines = (["ground truth red"] if known else []) + [f"{method} {COLOURS[method]}" for method in methods]
-    beside = "; beside it the distance from the truth along the path" if known else ""
-    label = "Figure 4, " if figure_4 else ""
-    caption = f"{label}{VARIANT_WORDS[variant]}: {names} from above{beside}, first seed: {', '.join(lines)}."
-    return caption, f"Paths over {names} from above of {_listed(methods)}{beside}."
 
 
 def _curves(folder: Path, groups: list[Group]) -> list[Picture]:
     """The devkit's curves of each group, by length and by speed."""
     pictures = []
     for number, group in enumerate(groups):
-        errors = {method: group.sub_sequences(method) for method in group.methods}
+        errors = {m: pooled(e.sub_sequences for e in group.of_method(m)) for m in group.methods}
         lengths = group.measure.lengths
         kind = f"{group.variant}_{'kitti' if group.kitti else 'others'}"
         curves = {by: {m: each.curve(by, lengths) for m, each in errors.items()} for by in AXES}
-        drawn = write_curves(folder, f"{kind}_{number}", _title(group), curves)
+        title = f"{VARIANT_WORDS[group.variant]}\n{group.words}"
+        drawn = write_curves(folder, f"{kind}_{number}", title, curves)
         for by, data in drawn.items():
             caption = (
-                f"{VARIANT_WORDS[group.variant]}: TE and RE by {by} over {', '.join(group.sequences)}; "
+                f"TE and RE by {by} over {', '.join(group.sequences)}, {VARIANT_WORDS[group.variant]}; "
                 f"{group.measure.words}; all seeds."
             )
             alt = f"TE and RE by {by} of {_listed(group.methods)}; the numbers are in metrics.json."
@@ -196,11 +171,6 @@ def _fields(folder: Path, result: Reproduction) -> list[Picture]:
         caption = f"{name}, what the kit's way learnt of the stereo calibration: {said}."
         pictures.append(Picture(data, caption, f"Errors of disparities and rows over the image of {name}."))
     return pictures
-
-
-def _title(group: Group) -> str:
-    where = "KITTI" if group.kitti else "other sequences"
-    return f"{VARIANT_WORDS[group.variant]}, {where}\n{group.measure.words}"
 
 
 def write_figure(folder: Path, name: str, figure: Figure) -> bytes:

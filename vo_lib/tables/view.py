@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ..core.files import write_result
 from ..core.geometry import transform
@@ -14,6 +13,7 @@ from ..core.poses import from_first
 from ..core.types import Array
 from ..runs.runner import Run
 from .film import Shown
+from .report import html_page
 
 FARTHEST = 50.0  # baselines; points farther away scatter too much to be looked at
 MOST = 40_000  # points in a page
@@ -24,7 +24,7 @@ class View:
 
     def __init__(self, run: Run, title: str):
         self.run, self.title = run, title
-        self._points: dict[int, tuple[Array, int]] = {}
+        self._points: dict[int, tuple[Array, int, int]] = {}
 
     def add(self, shown: Shown) -> None:
         """The features of a frame that boxes left."""
@@ -35,30 +35,29 @@ class View:
         X_w = transform(self.run.poses[shown.index], X_c[near])
         u, v = np.rint(matches.cur_left[near]).astype(int).T
         grey = left[np.clip(v, 0, left.shape[0] - 1), np.clip(u, 0, left.shape[1] - 1)]
-        found = zip(X_w, np.maximum(grey, 60).tolist(), strict=True)
+        found = zip(X_w, np.maximum(grey, 60).tolist(), [shown.index] * len(near), strict=True)
         self._points |= dict(zip(matches.id[near].tolist(), found, strict=True))
 
     def write(self, path: Path) -> None:
-        """The page: one file that needs nothing else."""
+        """The page: one file that needs nothing else. Points are in centimetres, lines in metres."""
         chosen = list(self._points.values())[:: 1 + len(self._points) // MOST]
-        truth = self.run.sequence.truth
+        sequence = self.run.sequence
         lines = [("#50bef0", self.run.poses)]
-        if truth is not None:
-            lines.insert(0, ("#f03c3c", from_first(truth)))
-        place = self.run.poses[:, :3, 3]
-        low, high = place.min(axis=0), place.max(axis=0)
-        points = np.array([X for X, _ in chosen]).reshape(-1)
-        page = Environment(
-            loader=PackageLoader("vo_lib.tables"), autoescape=True, undefined=StrictUndefined
-        ).get_template("view.html")
-        text = page.render(
+        if sequence.truth is not None:
+            lines.insert(0, ("#f03c3c", from_first(sequence.truth)))
+        points = np.array([X for X, _, _ in chosen]).reshape(-1)
+        data = {
+            "points": np.rint(100 * points).astype(int).tolist(),
+            "grey": [grey for _, grey, _ in chosen],
+            "seen": [index for _, _, index in chosen],
+            "times": np.round(sequence.times - sequence.times[0], 3).tolist(),
+            "lines": [(colour, np.round(T[:, :3, 3], 3).tolist()) for colour, T in lines],
+        }
+        page = html_page(
+            "view.html",
             title=self.title,
-            truth=truth is not None,
+            truth=sequence.truth is not None,
             count=len(chosen),
-            points=json.dumps(np.rint(10 * points).astype(int).tolist(), separators=(",", ":")),
-            grey=json.dumps([grey for _, grey in chosen], separators=(",", ":")),
-            lines=json.dumps([(colour, np.round(T[:, :3, 3], 2).tolist()) for colour, T in lines]),
-            centre=np.round((low + high) / 2, 2).tolist(),
-            size=float(np.ceil(1.3 * max((high - low).max(), 20.0))),
+            data=json.dumps(data, separators=(",", ":")),
         )
-        write_result(path, text)
+        write_result(path, page)

@@ -1,0 +1,58 @@
+"""Runs made up for tables: straight drives whose steps are too long by a known share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from vo_lib.config import METHODS, preset
+from vo_lib.core.camera import StereoCamera
+from vo_lib.core.frame import FrameResult
+from vo_lib.core.types import Array
+from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.kitti import Measure
+from vo_lib.runs.runner import Run
+from vo_lib.tables.entries import Entry, measure_runs
+from vo_lib.tables.paper import PAPER_ROWS, PaperTable
+
+
+def straight(n: int, step: float = 1.0) -> Array:
+    """Poses (n, 4, 4) straight ahead, `step` metres apart."""
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, 2, 3] = step * np.arange(n)
+    return poses
+
+
+def sequence_of(name: str, n: int) -> Sequence:
+    """A sequence of n frames a metre apart, without images."""
+    frames = tuple(f"{i:06d}" for i in range(n))
+    camera = StereoCamera(700.0, 600.0, 180.0, 0.5, 1200, 370)
+    return Sequence(name, Path("nowhere"), frames, camera, np.arange(0.0, n) / 10.0, straight(n), None)
+
+
+def entry_of(
+    name: str,
+    n: int,
+    percent: list[float],
+    method: str = "viso2",
+    variant: str = "kit",
+    measure: Measure | None = None,
+) -> Entry:
+    """Runs whose steps are too long by so many percent, a seed each."""
+    ms = {"matching": 30.0, "rotation": 4.0, "filter": 1.0}
+    motion = FrameResult(np.eye(4), matches=100, removed=25, ms=ms)
+    sequence = sequence_of(name, n)
+    runs = [
+        Run(
+            sequence, preset(method, variant=variant, seed=seed), straight(n, 1 + p / 100), [motion] * (n - 1)
+        )
+        for seed, p in enumerate(percent)
+    ]
+    return measure_runs(method, runs, measure)
+
+
+def table_of_twos() -> PaperTable:
+    """A made-up table in which every printed number is 2."""
+    numbers: dict[tuple[str, str], float | None] = {(r, m): 2.0 for r in PAPER_ROWS for m in METHODS}
+    return PaperTable(numbers, dict(numbers))
