@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -79,7 +80,11 @@ def test_the_path_is_that_without_a_check(
 ) -> None:
     pick, expected = DRIVES[name]
     drive = sources(source)
-    sequence = shown(tmp_path, drive, pick(len(drive)))
+    require_no_worse(shown(tmp_path, drive, pick(len(drive))), expected)
+
+
+def require_no_worse(sequence: Sequence, expected: set[str]) -> None:
+    """With the check the path is nowhere farther off than without it; nothing is doubtful."""
     checked = preset("solution_selection")
     unchecked = replace(checked, vehicle=VehicleConfig(check=False))
     found = run_methods(sequence, {"with": checked, "without": unchecked})
@@ -87,6 +92,27 @@ def test_the_path_is_that_without_a_check(
     flags = {flag for motion in found["with"].motions for flag in motion.flags}
     assert expected <= flags
     assert not flags & set(DOUBTFUL)
+
+
+@pytest.mark.parametrize(
+    "frames", [[36, 37, 38, 39, 48, 49, 50], [8, 9, 15, 16, 22, 23, 24, 25]], ids=["long", "two"]
+)
+def test_gaps_on_a_motorway_are_believed_though_a_third_of_few_matches_agrees(
+    clips: Path, tmp_path: Path, frames: list[int]
+) -> None:
+    require_no_worse(shown(tmp_path, open_sequence(clips / "sequences" / "01"), frames), {TIME_JUMP})
+
+
+def test_the_way_of_a_gap_does_not_go_on_in_a_pair_without_a_motion(street: Sequence, tmp_path: Path) -> None:
+    sequence = shown(tmp_path, street.part(100, 114), [*range(6), *range(9, 14)])
+    for side in ("image_0", "image_1"):
+        black = tmp_path / side / "000007.png"
+        black.unlink()
+        cv2.imwrite(str(black), np.zeros(street.camera.size[::-1], np.uint8))
+    result = run(sequence, preset("solution_selection"))
+    assert [i for i, motion in enumerate(result.motions) if motion.in_doubt] == [6, 7]
+    assert TIME_JUMP in result.motions[5].flags
+    assert off(result).max() < 0.1
 
 
 @pytest.mark.parametrize("variant", ["kit", "published"])

@@ -13,7 +13,7 @@ import numpy as np
 from ..baseline.viso2 import Viso2, refit_motion
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
-from ..core.frame import LOST, FrameResult
+from ..core.frame import LOST, TIME_JUMP, FrameResult
 from ..core.geometry import rigid
 from ..core.matches import StereoMatches, empty_matches
 from ..core.reprojection import fit_motion
@@ -101,7 +101,8 @@ class Learning(Odometry):
         if not motion.in_doubt:
             if self.vehicle.waiting:
                 self._unsure = before
-            self._good = motion.T_cp
+            if TIME_JUMP not in motion.flags:  # several frames' worth of way does not go on in the next
+                self._good = motion.T_cp
             return motion
         # Nothing is learnt from it, or from one taken back. The last good motion goes on, but not for ever.
         if self.vehicle.taken_back:
