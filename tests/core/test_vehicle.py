@@ -147,10 +147,10 @@ def test_what_comes_nearer_may_be_off_by_as_many_times_more() -> None:
     left = np.stack([np.linspace(100.0, 1100.0, 40), np.full(40, 100.0)], axis=1)
     right = left - [CAMERA.f * CAMERA.baseline / 12.0, 0.0]
     moved, whole = motion(6.0), np.arange(40)
-    seen = CAMERA.project(transform(moved.T_cp, CAMERA.triangulate(left, right)))
+    seen_l, seen_r = CAMERA.project(transform(moved.T_cp, CAMERA.triangulate(left, right)))
     for off, agree in ((1.9, 40), (2.1, 0)):  # of 2 px, twice as large as before
         pixels = np.array([0.0, off * 2.0 / np.sqrt(2.0)])
-        matches = StereoMatches(left, right, *(uv + pixels for uv in seen), whole, np.ones(40), whole)
+        matches = StereoMatches(left, right, seen_l + pixels, seen_r + pixels, whole, np.ones(40), whole)
         assert vehicle()._agreeing(moved.T_cp, matches) == agree
 
 

@@ -66,7 +66,7 @@ class Learning(Odometry):
         self._seen = empty_matches()
         self._filter = BoxFilter(camera, config.filter)
         self.vehicle = Vehicle(config.vehicle, camera)
-        self._good = self._last
+        self._good, self._jumped = self._last, False
         self._unsure = self._known()
 
     @property
@@ -101,8 +101,10 @@ class Learning(Odometry):
         if not motion.in_doubt:
             if self.vehicle.waiting:
                 self._unsure = before
-            if TIME_JUMP not in motion.flags:  # several frames' worth of way does not go on in the next
+            jump = TIME_JUMP in motion.flags
+            if not jump or self._jumped:  # the way of one gap does not go on; of two in a row it does
                 self._good = motion.T_cp
+            self._jumped = jump
             return motion
         # Nothing is learnt from it, or from one taken back. The last good motion goes on, but not for ever.
         if self.vehicle.taken_back:

@@ -68,6 +68,12 @@ class Run:
         """Share of the matches that boxes removed, over all frames, in [0, 1]."""
         return sum(m.removed for m in self.motions) / max(sum(m.matches for m in self.motions), 1)
 
+    @property
+    def matches_per_frame(self) -> float:
+        """Median number of matches of the frames that do not equal the one before; NaN where all do."""
+        found = [motion.matches for motion in self.motions if REPEATED not in motion.flags]
+        return float(np.median(found)) if found else float("nan")
+
 
 class MethodRun:
     """One method along a sequence: its odometry and its motions so far, the last of which may change yet."""
