@@ -118,6 +118,8 @@ def complaints(found: PairStatistics, baseline: float) -> list[str]:
             f"only {found.matches} matches between left and right in {found.pairs} pairs: do the two show "
             "the same scene at the same time?"
         ]
+    if found.disparity == found.row_spread == 0.0:
+        return ["left and right are the same images: there is no depth in them"]
     words = []
     seen = f"{100 * found.negative:.0f} % of {found.matches} matches have a negative disparity"
     if found.negative > MOST_NEGATIVE:
