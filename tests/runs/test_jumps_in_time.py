@@ -32,6 +32,7 @@ DRIVES: dict[str, tuple[Pick, set[str]]] = {
     "as driven": (lambda n: list(range(n)), set()),
     "there and back": (there_and_back, {TIME_JUMP}),
     "a gap": (lambda n: [i for i in range(n) if not 11 <= i < 14], {TIME_JUMP}),
+    "every fifth frame": (lambda n: list(range(0, n, 5)), set()),
     "begins with a jump": (lambda n: [0, *range(5, n)], {TIME_JUMP}),
     "the first frame twice": (lambda n: [0, *range(n)], {REPEATED}),
     "every frame twice": (lambda n: [i // 2 for i in range(2 * n)], {REPEATED}),
