@@ -19,6 +19,8 @@ def main() -> int:
     if not sys.warnoptions:  # what overflows is seen and said by the kit itself, here and in its processes
         warnings.simplefilter("ignore", RuntimeWarning)
         os.environ["PYTHONWARNINGS"] = "ignore::RuntimeWarning"
+    # What OpenCV and its FFmpeg say of a full disk or a damaged film would stand beside the kit's own line.
+    os.environ |= {"OPENCV_LOG_LEVEL": "FATAL", "OPENCV_FFMPEG_LOGLEVEL": "-8"} | os.environ
     from .commands.cli import main as command
 
     if not ignored:

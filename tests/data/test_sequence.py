@@ -153,6 +153,10 @@ def number_twice(folder: Path) -> object:
 FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "no calib.txt": (lambda f: (f / "calib.txt").unlink(), r"calib\.txt: .*missing"),
     "no P1": (edit("calib.txt", lambda t: t.split("P1")[0]), r"calib\.txt: P1 is missing"),
+    "P1 twice": (
+        edit("calib.txt", lambda t: t + t.split("\n")[1]),
+        r"calib\.txt, line 3: P1 stands there twice",
+    ),
     "P1 short": (edit("calib.txt", lambda t: t.rstrip()[:-2]), r"calib\.txt, line 2: P1: expected 12"),
     "zero baseline": (edit("calib.txt", lambda t: t.replace("-150.0", "0")), r"line 2: .*baseline"),
     "wrong sign": (edit("calib.txt", lambda t: t.replace("-150.0", "150")), r"line 2: .*baseline"),

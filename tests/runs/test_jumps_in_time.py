@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -31,6 +32,7 @@ DRIVES: dict[str, tuple[Pick, set[str]]] = {
     "as driven": (lambda n: list(range(n)), set()),
     "there and back": (there_and_back, {TIME_JUMP}),
     "a gap": (lambda n: [i for i in range(n) if not 11 <= i < 14], {TIME_JUMP}),
+    "every fifth frame": (lambda n: list(range(0, n, 5)), set()),
     "begins with a jump": (lambda n: [0, *range(5, n)], {TIME_JUMP}),
     "the first frame twice": (lambda n: [0, *range(n)], {REPEATED}),
     "every frame twice": (lambda n: [i // 2 for i in range(2 * n)], {REPEATED}),
@@ -79,7 +81,11 @@ def test_the_path_is_that_without_a_check(
 ) -> None:
     pick, expected = DRIVES[name]
     drive = sources(source)
-    sequence = shown(tmp_path, drive, pick(len(drive)))
+    require_no_worse(shown(tmp_path, drive, pick(len(drive))), expected)
+
+
+def require_no_worse(sequence: Sequence, expected: set[str]) -> None:
+    """With the check the path is nowhere farther off than without it; nothing is doubtful."""
     checked = preset("solution_selection")
     unchecked = replace(checked, vehicle=VehicleConfig(check=False))
     found = run_methods(sequence, {"with": checked, "without": unchecked})
@@ -87,6 +93,29 @@ def test_the_path_is_that_without_a_check(
     flags = {flag for motion in found["with"].motions for flag in motion.flags}
     assert expected <= flags
     assert not flags & set(DOUBTFUL)
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [[36, 37, 38, 39, 48, 49, 50], [8, 9, 15, 16, 22, 23, 24, 25], [*range(0, 51, 5)]],
+    ids=["one long", "two", "all the way"],
+)
+def test_gaps_on_a_motorway_are_believed_though_a_third_of_few_matches_agrees(
+    clips: Path, tmp_path: Path, frames: list[int]
+) -> None:
+    require_no_worse(shown(tmp_path, open_sequence(clips / "sequences" / "01"), frames), {TIME_JUMP})
+
+
+def test_the_way_of_a_gap_does_not_go_on_in_a_pair_without_a_motion(street: Sequence, tmp_path: Path) -> None:
+    sequence = shown(tmp_path, street.part(100, 114), [*range(6), *range(9, 14)])
+    for side in ("image_0", "image_1"):
+        black = tmp_path / side / "000007.png"
+        black.unlink()
+        cv2.imwrite(str(black), np.zeros((street.camera.height, street.camera.width), np.uint8))
+    result = run(sequence, preset("solution_selection"))
+    assert [i for i, motion in enumerate(result.motions) if motion.in_doubt] == [6, 7]
+    assert TIME_JUMP in result.motions[5].flags
+    assert off(result).max() < 0.1
 
 
 @pytest.mark.parametrize("variant", ["kit", "published"])
@@ -104,3 +133,4 @@ def test_a_pair_that_equals_the_one_before_changes_nothing(
     which = "every second pair" if name.startswith("every") else "a pair"
     assert twice.doubts[0].startswith(f"{which} equals the one before: {sum(repeated)} of {len(repeated)}")
     assert once.doubts == ()
+    assert twice.matches_per_frame == once.matches_per_frame

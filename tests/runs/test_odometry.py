@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -72,6 +73,14 @@ def test_standing_still_is_no_motion_and_flagged(tmp_path: Path) -> None:
     assert flags(result) == [{"standstill"}] * 5
     for still in (same, result):
         np.testing.assert_array_equal(still.poses, np.tile(np.eye(4), (6, 1, 1)))
+
+
+@pytest.mark.parametrize("unit", [1e9, 1e-6, 0.0, 1.0])
+def test_times_that_are_no_seconds_are_doubted(bands: Path, unit: float) -> None:
+    sequence = open_sequence(bands)
+    doubts = run(dataclasses.replace(sequence, times=unit * sequence.times), small()).doubts
+    begin = [] if unit == 1.0 else [f"times.txt has {0.1 * unit:.3g}"]
+    assert [said.partition(" s ")[0] for said in doubts] == begin
 
 
 def test_after_a_black_frame_the_run_goes_on_with_the_last_motion(tmp_path: Path) -> None:

@@ -194,37 +194,25 @@ def test_fresh_starts_anew_and_leaves_the_old_result_until_it_is_done(
     assert (folder / "poses.txt").read_bytes() != written["poses.txt"]
 
 
-CHANGES: dict[str, tuple[dict[str, object], str]] = {
-    "threshold": ({"selection__sets": 50}, "selection.sets is 20 there and 50 here"),
-    "seed": ({"seed": 4}, "seed is 0 there and 4 here"),
-    "several": (
-        {"seed": 4, "filter__classes": (2,), "min_matches": 13, "buckets__size": 40},
-        "and 1 more",
-    ),
+CHANGES: dict[str, dict[str, object]] = {
+    "selection.sets is 20 there and 50 here": {"selection__sets": 50},
+    "seed is 0 there and 4 here": {"seed": 4},
+    "and 1 more": {"seed": 4, "filter__classes": (2,), "min_matches": 13, "buckets__size": 40},
 }
 
 
-@pytest.mark.parametrize("case", CHANGES)
-def test_other_settings_in_the_same_folder_are_refused_by_name(
-    sequence: Sequence, folder: Path, case: str
-) -> None:
-    run_once(folder, sequence, small(), "m")
-    changes, words = CHANGES[case]
-    with pytest.raises(DataError, match=words):
-        run_once(folder, sequence, small(**changes), "m")
-    assert run_once(folder, sequence, small(), "m")[1]
-
-
-def test_another_method_sequence_label_or_code_is_refused_by_name(
+def test_other_settings_method_sequence_label_or_code_are_refused_by_name(
     sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_once(folder, sequence, small(), "m")
 
-    def refused(other: Sequence, method: str = "m") -> str:
+    def refused(other: Sequence, method: str = "m", config: Config | None = None) -> str:
         with pytest.raises(DataError) as error:
-            run_once(folder, other, small(), method)
+            run_once(folder, other, config or small(), method)
         return str(error.value)
 
+    for words, changes in CHANGES.items():
+        assert words in refused(sequence, config=small(**changes))
     assert "method is m there and n here" in refused(sequence, "n")
     assert "it has bands 000000-000013 and this is bands 000000-000006" in refused(sequence.part(0, 7))
     camera = dataclasses.replace(sequence.camera, f=301.0)
@@ -244,11 +232,7 @@ def test_another_method_sequence_label_or_code_is_refused_by_name(
         assert "the kit's code has changed" in refused(sequence)
         patch.setattr("vo_lib.runs.identity.np.__version__", "1.0")
         assert "numpy is" in refused(sequence)
-    assert run_once(folder, sequence, small(), "m")[1]
-
-
-def test_a_name_of_the_same_data_is_no_other_run(sequence: Sequence, folder: Path) -> None:
-    run_once(folder, sequence, small(), "m")
+    # A name of the same data is no other run.
     assert run_once(folder, dataclasses.replace(sequence, name="x"), small(), "m")[1]
 
 

@@ -231,8 +231,8 @@ def test_right_matches_are_told_from_wrong_ones(truth: Truth) -> None:
     matches = StereoMatches(
         uv[good], prev_right[good], left[good] + shift, right[good], number + 1, np.ones(count), number
     )
-    np.testing.assert_array_equal(truth.is_right(matches, 3), np.arange(count) % 3 != 0)
-    assert truth.is_right(matches, 3, tol=2.0).all()
+    np.testing.assert_array_equal(truth.match_errors(matches, 3) <= 1.0, np.arange(count) % 3 != 0)
+    assert (truth.match_errors(matches, 3) <= 2.0).all()
     error = truth.match_errors(matches, 3)
     np.testing.assert_allclose(error, np.linalg.norm(shift, axis=1))
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..baseline.viso2 import Viso2, refit_motion
 from ..core.boxes import Boxes
 from ..core.camera import StereoCamera
-from ..core.frame import LOST, FrameResult
+from ..core.frame import LOST, TIME_JUMP, FrameResult
 from ..core.geometry import rigid
 from ..core.matches import StereoMatches, empty_matches
 from ..core.reprojection import fit_motion
@@ -63,7 +63,7 @@ class Learning(Odometry):
         self._seen = empty_matches()
         self._filter = BoxFilter(camera, config.filter)
         self.vehicle = Vehicle(config.vehicle, camera)
-        self._good = self._last
+        self._good, self._jumped = self._last, False
         self._unsure = self._known()
 
     @property
@@ -95,7 +95,10 @@ class Learning(Odometry):
         if not motion.in_doubt:
             if self.vehicle.waiting:
                 self._unsure = before
-            self._good = motion.T_cp
+            jump = TIME_JUMP in motion.flags
+            if not jump or self._jumped:  # the way of one gap does not go on; of two in a row it does
+                self._good = motion.T_cp
+            self._jumped = jump
             return motion
         # Nothing is learnt from it, or from one taken back. The last good motion goes on, but not for ever.
         if self.vehicle.taken_back:

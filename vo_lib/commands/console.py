@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -102,7 +101,7 @@ def show_run(result: Run, method: str, errors: dict[str, Evaluation], folder: Pa
         rows.append(["RPE, frame to frame", step])
     else:
         rows.append(["TE / RE", "no ground truth"])
-    rows.append(["matches a frame, median", f"{np.median([m.matches for m in result.motions]):.0f}"])
+    rows.append(["matches a frame, median", number(result.matches_per_frame, 0)])
     removed = sum(m.removed for m in result.motions)
     boxes = "" if result.sequence.labels or result.config.filter.rule == "none" else ", no labels"
     rows.append(["features removed by boxes", f"{removed} ({100 * result.removed_share:.1f} %{boxes})"])

@@ -163,7 +163,7 @@ def _run(options: argparse.Namespace) -> int:
     for kind, path in (("film", options.video), ("view", options.view)):
         if path is not None:
             say(f"{kind}: {path}")
-    for sentence in doubts(sequence, (motion.matches for motion in result.motions)):
+    for sentence in doubts(sequence, result.matches_per_frame):
         tell(f"warning: {sentence}")
     if done_before:
         say("this run was finished before; --fresh does it again")

@@ -24,7 +24,7 @@ from .types import Array
 SHORTEST = 0.1  # seconds; between closer frames noise alone would change the speed too fast
 FIRST = 2.0  # seconds for which the speed may have changed before the first motion: 60 m/s, 216 km/h
 # Matches that agree, and their share, for a motion beyond the limits to be believed, and if the next one is.
-STRONG, SOME = (30, 0.5), (15, 1.0 / 3.0)
+STRONG, SOME = (30, 0.5), (10, 1.0 / 3.0)
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,15 @@ class Vehicle:
         return replace(motion, flags=(*motion.flags, LOST))
 
     def _agreeing(self, T_cp: Array, matches: StereoMatches) -> int:
-        """How many matches agree with a motion in both current images."""
+        """How many matches agree with a motion in both current images.
+
+        One that comes so many times nearer is allowed as many times more: its error in depth grows with it.
+        """
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
         left, right = self.camera.project(transform(T_cp, X_p))
         off = np.hypot(*(left - matches.cur_left).T) ** 2 + np.hypot(*(right - matches.cur_right).T) ** 2
-        return int(np.count_nonzero(off < AGREES**2))
+        nearer = (left - right)[:, 0] / (matches.prev_left - matches.prev_right)[:, 0]
+        return int(np.count_nonzero(off < (AGREES * np.maximum(nearer, 1.0)) ** 2))
 
     def _beyond(self, T_cp: Array, seconds: float) -> tuple[str, ...]:
         """Which limits a motion is beyond."""

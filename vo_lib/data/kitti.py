@@ -41,15 +41,18 @@ def read_calibration(path: Path) -> StereoCamera:
     matrices: dict[str, tuple[Array, int]] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         name, colon, rest = line.partition(":")
-        if name.strip() not in ("P0", "P1") or not colon:
+        name = name.strip()
+        if name not in ("P0", "P1") or not colon:
             continue
+        if name in matrices:
+            raise DataError(f"{name} stands there twice", path, number)
         try:
             values = np.array([float(word) for word in rest.split()])
         except ValueError:
-            raise DataError(f"{name.strip()}: expected 12 numbers", path, number) from None
+            raise DataError(f"{name}: expected 12 numbers", path, number) from None
         if len(values) != 12 or not np.isfinite(values).all():
-            raise DataError(f"{name.strip()}: expected 12 finite numbers, found {len(values)}", path, number)
-        matrices[name.strip()] = values.reshape(3, 4), number
+            raise DataError(f"{name}: expected 12 finite numbers, found {len(values)}", path, number)
+        matrices[name] = values.reshape(3, 4), number
     for name in ("P0", "P1"):
         if name not in matrices:
             raise DataError(f"{name} is missing: expected a line '{name}: ' with 12 numbers", path)

@@ -51,12 +51,12 @@ def sample_of(count: int) -> list[int]:
     return [int(i) for i in np.unique(np.linspace(0, count - 1, SAMPLE).round())]
 
 
-def doubts(sequence: Sequence, matches: Iterable[int]) -> list[str]:
-    """What is wrong with a sequence's pairs, a sentence each, where a run found few matches in its frames.
+def doubts(sequence: Sequence, matches: float) -> list[str]:
+    """What is wrong with a sequence's pairs, a sentence each, where a run's median frame has few matches.
 
     Without this, images swapped or not rectified look like any hard sequence: nearly all is left out.
     """
-    if np.median(list(matches)) >= FEW_IN_A_FRAME:
+    if not matches < FEW_IN_A_FRAME:
         return []
     pairs = (sequence.stereo(index) for index in sample_of(len(sequence)))
     return complaints(measure_pairs(pairs), sequence.camera.baseline)
@@ -118,6 +118,8 @@ def complaints(found: PairStatistics, baseline: float) -> list[str]:
             f"only {found.matches} matches between left and right in {found.pairs} pairs: do the two show "
             "the same scene at the same time?"
         ]
+    if found.disparity == found.row_spread == 0.0:
+        return ["left and right are the same images: there is no depth in them"]
     words = []
     seen = f"{100 * found.negative:.0f} % of {found.matches} matches have a negative disparity"
     if found.negative > MOST_NEGATIVE:

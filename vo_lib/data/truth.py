@@ -124,12 +124,6 @@ class Truth:
         away = np.stack([matches.prev_right - right_p, matches.cur_left - left, matches.cur_right - right])
         return np.where(valid_p & valid_c, np.linalg.norm(away, axis=2).max(axis=0), np.nan)
 
-    def is_right(
-        self, matches: StereoMatches, frame: int, tol: float = 1.0, previous: int | None = None
-    ) -> Mask:
-        """Whether matches (N,) are right: their `match_errors` are at most `tol` pixels."""
-        return np.asarray(self.match_errors(matches, frame, previous) <= tol)
-
     def _moves(self, frame: int, other: int | None) -> Mask:
         """(K,) which vehicles move."""
         if other is None:

@@ -131,36 +131,13 @@ def write_label_folder(
 
     `DataError` where another process writes labels there, or they were made otherwise.
     """
+    record = detection_record(model, config, provider)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f"cannot be written: {error.strerror}", folder) from None
-    with only_process(folder):
-        return _write_all(sequence, model, config, folder, provider, replace, progress)
-
-
-def _write_all(
-    sequence: Sequence,
-    model: str | Path,
-    config: DetectorConfig,
-    folder: Path,
-    provider: str,
-    replace: bool,
-    progress: Progress | None,
-) -> int:
-    claim_folder(folder, detection_record(model, config, provider), replace)
-    missing = missing_frames(sequence, folder)
-    detector = YoloDetector(model, config, provider=provider) if missing else None
-    writer = LabelWriter(sequence, folder, missing, detector)
-    writer.start()
-    try:
-        for number, frame in enumerate(missing, start=len(sequence) - len(missing) + 1):
-            writer.wait(frame)
-            if progress:
-                progress(number, len(sequence))
-    finally:
-        writer.stop()
-    return len(missing)
+    with only_process(folder), _writing(sequence, model, config, folder, record, replace) as writer:
+        return writer.wait_for_all(progress)
 
 
 def labelled_sequence(
@@ -173,11 +150,10 @@ def labelled_sequence(
     progress: Progress | None = None,
 ) -> Sequence:
     """The sequence with a detector's labels from the cache, all written now: for runs in many processes."""
-    config = config or DetectorConfig()
-    folder = label_folder(sequence, detection_record(model, config, provider), cache)
     # Nobody else is kept out: all who write into this folder write the same.
-    _write_all(sequence, model, config, folder, provider, True, progress)
-    return dataclasses.replace(sequence, labels=folder)
+    with detected_sequence(sequence, model, config, provider=provider, cache=cache) as detected:
+        detected.writer.wait_for_all(progress)
+    return dataclasses.replace(sequence, labels=detected.labels)
 
 
 class LabelWriter:
@@ -187,9 +163,6 @@ class LabelWriter:
         self._sequence, self._folder, self._missing, self._detector = sequence, folder, missing, detector
         self._pool = ThreadPoolExecutor(AT_ONCE, "detector")
         self._written: dict[str, Future[None]] = {}
-
-    def start(self) -> None:
-        """Begin to write."""
         before: Future[None] | None = None
         for frame in self._missing:
             before = self._written[frame] = self._pool.submit(self._write, frame, before)
@@ -205,6 +178,15 @@ class LabelWriter:
                 self._written[frame].result()
             except CancelledError:
                 raise DataError(f"the detector was stopped before frame {frame}", self._folder) from None
+
+    def wait_for_all(self, progress: Progress | None) -> int:
+        """Return once all labels are there, how many were missing."""
+        there = len(self._sequence) - len(self._missing)
+        for number, frame in enumerate(self._missing, start=there + 1):
+            self.wait(frame)
+            if progress:
+                progress(number, len(self._sequence))
+        return len(self._missing)
 
     def _write(self, frame: str, before: Future[None] | None) -> None:
         assert self._detector is not None
@@ -266,13 +248,26 @@ def detected_sequence(
     config = config or DetectorConfig()
     record = detection_record(model, config, provider)
     folder = label_folder(sequence, record, cache)
-    claim_folder(folder, record, replace=True)
-    missing = missing_frames(sequence, folder)
-    detector = YoloDetector(model, config, provider=provider) if missing else None
-    writer = LabelWriter(sequence, folder, missing, detector)
     own = {item.name: getattr(sequence, item.name) for item in dataclasses.fields(Sequence)}
-    writer.start()
-    try:
+    with _writing(sequence, model, config, folder, record, replace=True) as writer:
         yield DetectedSequence(**{**own, "labels": folder}, record=record, writer=writer)
+
+
+@contextmanager
+def _writing(
+    sequence: Sequence,
+    model: str | Path,
+    config: DetectorConfig,
+    folder: Path,
+    record: dict[str, Any],
+    replace: bool,
+) -> Iterator[LabelWriter]:
+    """A context in which the labels that a folder lacks are written."""
+    claim_folder(folder, record, replace)
+    missing = missing_frames(sequence, folder)
+    detector = YoloDetector(model, config, provider=record["provider"]) if missing else None
+    writer = LabelWriter(sequence, folder, missing, detector)
+    try:
+        yield writer
     finally:
         writer.stop()

@@ -100,19 +100,16 @@ def _differences(there: dict[str, Any], wanted: dict[str, Any]) -> Iterator[str]
         yield "another calib.txt"
     if there.get("calibration") != wanted["calibration"]:
         yield "it started from another calibration"
-    labels = {there.get("labels"), wanted["labels"]}
-    if len(labels - {NOT_USED}) > 1:
+    if len({there.get("labels"), wanted["labels"]} - {NOT_USED}) > 1:
         yield "other labels"
-    before, now = (
-        {k: d.get(k) for k in ("method", "variant")} | _flat(d.get("settings", {})) for d in (there, wanted)
-    )
-    before |= there.get("made_with", {})
-    now |= wanted["made_with"]
-    if before.pop("code", None) != now.pop("code"):
-        yield "the kit's code has changed"
+    kept = ("method", "variant", "settings", "made_with")
+    before, now = (_flat({name: each.get(name) for name in kept}) for each in (there, wanted))
     for name in now | before:
-        if before.get(name) != now.get(name):
-            yield f"{name} is {before.get(name)} there and {now.get(name)} here"
+        if before.get(name) == now.get(name):
+            continue
+        short = name.removeprefix("settings.").removeprefix("made_with.")
+        values = f"{short} is {before.get(name)} there and {now.get(name)} here"
+        yield "the kit's code has changed" if name == "made_with.code" else values
 
 
 def _flat(nested: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -34,6 +34,8 @@ from ..method.odometry import Odometry
 # system and fetches it again page by page, which is a third of the five-point solver's time.
 np.empty(1 << 21)
 
+SHORTEST, LONGEST = 1e-3, 10.0  # seconds from frame to frame; such as nanoseconds are beyond
+
 # Matches of a frame with the one before, and the milliseconds of each stage that they took.
 TimedMatches = tuple[StereoMatches, dict[str, float]]
 
@@ -67,6 +69,12 @@ class Run:
     def removed_share(self) -> float:
         """Share of the matches that boxes removed, over all frames, in [0, 1]."""
         return sum(m.removed for m in self.motions) / max(sum(m.matches for m in self.motions), 1)
+
+    @property
+    def matches_per_frame(self) -> float:
+        """Median number of matches of the frames that do not equal the one before; NaN where all do."""
+        found = [motion.matches for motion in self.motions if REPEATED not in motion.flags]
+        return float(np.median(found)) if found else float("nan")
 
 
 class MethodRun:
@@ -118,8 +126,9 @@ class MethodRun:
             T_w_c = poses[-1] @ inverse(motion.T_cp)
             T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
             poses.append(T_w_c)
-        doubts = tuple(filter(None, (repeated_pairs(self.motions), self._focal.doubt())))
-        return Run(self.sequence, self.config, np.array(poses), self.motions, learnt, doubts)
+        doubts = repeated_pairs(self.motions), odd_times(self.sequence.times), self._focal.doubt()
+        found = tuple(filter(None, doubts))
+        return Run(self.sequence, self.config, np.array(poses), self.motions, learnt, found)
 
 
 @overload
@@ -239,6 +248,17 @@ def repeated_pairs(motions: list[FrameResult]) -> str | None:
         else "a pair"
     )
     return f"{which} equals the one before: {number} of {len(motions)}; the camera counts as standing there"
+
+
+def odd_times(times: Array) -> str | None:
+    """In words, times (N,) that are no seconds of a camera's frames; None where they may be."""
+    seconds = float(np.median(np.diff(times)))
+    if SHORTEST <= seconds <= LONGEST:
+        return None
+    return (
+        f"times.txt has {seconds:.3g} s from frame to frame, which no camera has: speeds are wrong, and with "
+        "them what motions are judged by"
+    )
 
 
 def _equal(one: tuple[Image, Image], other: tuple[Image, Image]) -> bool:
