@@ -20,6 +20,7 @@ from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.sequence import PROCESSES, SYNTHETIC, Sequence, open_sequence
 from vo_lib.data.truth import Truth, open_truth
 from vo_lib.front_end.front_end import make_front_end
+from vo_lib.front_end.surface import CoarseDisparity, coarse_disparity
 from vo_lib.method.buckets import select_by_bucket
 from vo_lib.runs.runner import single_threaded
 
@@ -67,6 +68,7 @@ _pairs: Memory[tuple[Image, Image]] = Memory(12)
 _prepared: Memory[Any] = Memory(6)
 _matches: Memory[StereoMatches] = Memory(24)
 _truths: Memory[Truth] = Memory(4)
+_disparities: Memory[CoarseDisparity] = Memory(8)
 
 
 def is_open(name: str) -> bool:
@@ -111,6 +113,12 @@ def key_of(sequence: Sequence, frame: int) -> tuple[Hashable, ...]:
 def stereo(sequence: Sequence, frame: int) -> tuple[Image, Image]:
     """Left and right image of a frame."""
     return _pairs.get(key_of(sequence, frame), lambda: sequence.stereo(frame))
+
+
+def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDisparity:
+    """Disparity (H/2, W/2) of a frame by block matching, pixels of the full image; negative where none."""
+    pair = stereo(sequence, frame)
+    return _disparities.get((*key_of(sequence, frame), largest), lambda: coarse_disparity(*pair, largest))
 
 
 def frame_matches(sequence: Sequence, frame: int, config: Config) -> StereoMatches:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,8 +23,7 @@ CAMERA = StereoCamera(f=718.856, cx=607.19, cy=185.22, baseline=0.537, width=124
 NEVER = 1000.0  # a turn ratio that never drops the prior
 
 
-@dataclass(frozen=True)
-class Pair:
+class Pair(NamedTuple):
     """Matches of one frame with its known rotation: x_p, x_c (N, 2) normalised, X_p (N, 3) metres, R_cp."""
 
     x_p: Array
@@ -106,27 +106,15 @@ def selection_errors(
     return {name: np.array(values) for name, values in errors.items()}
 
 
-def consensus_rotation(
-    x_p: Array, x_c: Array, X_p: Array, rng: np.random.Generator, focal: float
-) -> Array | None:
-    """R_cp (3, 3) of the candidate with the smallest error, refined; None where there is no candidate."""
-    if len(x_p) < 5:
-        return None
-    sets = sample_sets(rng, len(x_p), 200, np.arctan2(x_c[:, 1], x_c[:, 0]))
-    E, _ = five_point(x_p[sets], x_c[sets])
-    if len(E) == 0:
-        return None
-    winner = E[np.argmin(truncated_errors(E, x_p, x_c, SelectionConfig().threshold / focal))]
-    return motion_of_winner(winner, x_p, x_c, X_p, SelectionConfig(), focal)[0]
-
-
 def estimated_rotations(
     poses: Array, tracks: TrackConfig, seed: int
 ) -> Iterator[tuple[SimulatedFrame, Array]]:
-    """Simulated frames along a path, each with the rotation (3, 3) that its matches give."""
+    """Simulated frames along a path, each with the rotation (3, 3) of the candidate that fits its matches best."""
+    config = SelectionConfig()
     for frame in simulate_tracks(poses, CAMERA, tracks, seed):
-        pair = _pair(frame.matches, frame.T_cp[:3, :3])
+        x_p, x_c, X_p, _ = _pair(frame.matches, frame.T_cp[:3, :3])
         rng = np.random.default_rng([seed, frame.frame])
-        R_cp = consensus_rotation(pair.x_p, pair.x_c, pair.X_p, rng, CAMERA.f)
-        assert R_cp is not None
-        yield frame, R_cp
+        sets = sample_sets(rng, len(x_p), 200, np.arctan2(x_c[:, 1], x_c[:, 0]))
+        E, _ = five_point(x_p[sets], x_c[sets])
+        winner = E[np.argmin(truncated_errors(E, x_p, x_c, config.threshold / CAMERA.f))]
+        yield frame, motion_of_winner(winner, x_p, x_c, X_p, config, CAMERA.f)[0]

@@ -18,12 +18,11 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.front_end.corners import corner_strength, detect_corners
 from vo_lib.front_end.front_end import make_front_end
 from vo_lib.front_end.klt import PreparedPair
-from vo_lib.front_end.surface import CoarseDisparity, coarse_disparity
 from vo_lib.method import config as published
 from vo_lib.method.matching import DescribedPair, describe_pair
 from vo_lib.runs.runner import single_threaded
 
-from ..frames import WARM_UP, Memory, key_of, stereo
+from ..frames import WARM_UP, Memory, disparity_map, key_of, stereo
 
 # The settings of each check, and what happens to a match that fails it; the paper's way has the second and last.
 CHECKS: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -45,7 +44,6 @@ REASONS = (LOST, *(words for words, _ in CHECKS))
 KEPT = len(REASONS)
 
 _histories: Memory[tuple[Any, Any]] = Memory(6)
-_disparities: Memory[CoarseDisparity] = Memory(8)
 _described: Memory[DescribedPair] = Memory(8)
 _steps: Memory[StereoMatches] = Memory(48)
 
@@ -134,12 +132,11 @@ def _prepare(
     sequence: Sequence, index: int, features: published.FeatureConfig, matching: published.MatchingConfig
 ) -> Any:
     """A prepared pair. What does not depend on the features' settings is kept for itself."""
-    images, key = stereo(sequence, index), key_of(sequence, index)
+    images = stereo(sequence, index)
     if not isinstance(features, FeatureConfig) or not isinstance(matching, MatchingConfig):
-        described = (*key, features, matching)
+        described = (*key_of(sequence, index), features, matching)
         return _described.get(described, lambda: describe_pair(images, features, matching))
-    largest = matching.max_disparity
-    disparity = _disparities.get((*key, largest), lambda: coarse_disparity(*images, largest))
+    disparity = disparity_map(sequence, index, matching.max_disparity)
     return PreparedPair(*images, *detect_corners(corner_strength(images[0]), features), disparity)
 
 

@@ -27,7 +27,6 @@ from ..drawing import (
     BAD,
     CYCLE,
     DARK,
-    FONT_SIZE,
     FOURTH,
     GOOD,
     PALE,
@@ -198,9 +197,8 @@ def four_motions_figure(motions: list[TwoViewMotion], x_p: Array, height: int = 
             end = place + share * reach * ahead
             axis.annotate("", end[[0, 2]].tolist(), place[[0, 2]].tolist(), arrowprops=arrow)
         turn = float(np.degrees(rotation_angle(motion.R)))
-        words = f"{turn:.0f}°, {'forward' if place_c[2] > 0 else 'backward'}"
-        finish(axis, f"{words}: {100 * motion.in_front:.0f} % in front", "x / |t|", "z / |t|")
-        axis.title.set_fontsize(FONT_SIZE)
+        words = f"{turn:.0f}°, {'forward' if place_c[2] > 0 else 'backward'}: {motion.in_front:.0%}"
+        finish(axis, words, "x / |t|", "z / |t|")
     return made
 
 
