@@ -22,6 +22,7 @@ from vo_lib.data.truth import Truth, open_truth
 from vo_lib.front_end.front_end import make_front_end
 from vo_lib.front_end.surface import CoarseDisparity, coarse_disparity
 from vo_lib.method.buckets import select_by_bucket
+from vo_lib.method.config import FeatureConfig, MatchingConfig
 from vo_lib.runs.runner import single_threaded
 
 from .progress import with_bar
@@ -65,7 +66,7 @@ class Memory(Generic[Value]):
 
 _sequences: Memory[Sequence] = Memory(8)
 _pairs: Memory[tuple[Image, Image]] = Memory(12)
-_prepared: Memory[Any] = Memory(6)
+_prepared: Memory[Any] = Memory(8)
 _matches: Memory[StereoMatches] = Memory(24)
 _truths: Memory[Truth] = Memory(4)
 _disparities: Memory[CoarseDisparity] = Memory(8)
@@ -121,20 +122,32 @@ def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDispari
     return _disparities.get((*key_of(sequence, frame), largest), lambda: coarse_disparity(*pair, largest))
 
 
+def before_step(
+    sequence: Sequence, frame: int, features: FeatureConfig, matching: MatchingConfig
+) -> tuple[Any, Any]:
+    """A front end that has seen the pairs before `frame` >= 1, and the prepared pair of `frame`."""
+    front_end = make_front_end(sequence.camera, features, matching)
+
+    def prepare(index: int) -> Any:
+        key = (*key_of(sequence, index), features, matching)
+        return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
+
+    indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
+    with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
+        *earlier, pair = pool.map(prepare, indices)
+        for each in earlier:
+            front_end.step(each)
+    return front_end, pair
+
+
 def frame_matches(sequence: Sequence, frame: int, config: Config) -> StereoMatches:
     """Matches of a frame >= 1 with the one before, as the configuration's front end finds them."""
     settings = config.features, config.matching
 
     def make() -> StereoMatches:
-        front_end = make_front_end(sequence.camera, *settings)
-
-        def prepare(index: int) -> Any:
-            key = (*key_of(sequence, index), *settings)
-            return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
-
-        indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
-        with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
-            return [front_end.step(pair) for pair in pool.map(prepare, indices)][-1]
+        front_end, pair = before_step(sequence, frame, *settings)
+        matches: StereoMatches = front_end.step(pair)
+        return matches
 
     return _matches.get((*key_of(sequence, frame), *settings), make)
 

@@ -161,10 +161,7 @@ chain = Exercise(
             "the inverse of a motion is not R with -t: the rotation turns back, too.",
             appended(lambda T_cp: apart(T_cp, turned=False)),
         ),
-        Mistake(
-            "the rotation is turned back, but its translation is not: -Rᵀ t, not -t.",
-            appended(apart),
-        ),
+        Mistake("the rotation is turned back, but its translation is not: -Rᵀ t, not -t.", appended(apart)),
         Mistake("a motion's inverse is not its transpose: that holds for rotations.", appended(np.transpose)),
         Mistake(
             "`*` multiplies entry by entry, `@` multiplies matrices.",

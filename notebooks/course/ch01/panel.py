@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import threading
-from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 
@@ -25,10 +22,9 @@ from ..facts import Fact
 from ..frames import Memory, key_of, stereo, truth
 from ..panel import Drawing, Panel, State
 from .figures import CHOSEN, SURPLUS, depths_chart, errors_chart, fates, fates_chart, fates_picture
-from .trace import LOST, Trace, trace
+from .trace import LOST, trace
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
-PAUSE = 0.3  # seconds without a change, after which what may come next is traced
 RIGHT = 1.0  # pixels; a match is right whose places in the other three images are this near to the truth
 
 _errors: Memory[Array] = Memory(16)
@@ -88,50 +84,17 @@ class MatchingPanel(Panel):
         Control("buckets.features", "features a bucket", high=20),
     )
 
-    def __init__(self, *arguments: Any, **values: Any):
-        self._ahead = threading.Timer(PAUSE, lambda: None)
-        self._here: object = None
-        super().__init__(*arguments, **values)
-
-    def redraw(self, _: Any = None) -> None:
-        """Draw; then, unless something else is asked for, trace what may be asked for next at a new frame."""
-        super().redraw()
-        if self._quiet or self._sequence is None or self.error:
-            return
-        self._ahead.cancel()
-        state, last = self.state(), self._here
-        self._here = key_of(state.sequence, state.frame)
-        if self._here == last:
-            return
-        ahead = threading.Timer(PAUSE, lambda: self._look(state, ahead.finished))  # `cancel` sets that event
-        ahead.daemon = True
-        ahead.start()
-        self._ahead = ahead
-
-    def _look(self, state: State, over: threading.Event) -> None:
-        """Trace the frames beside, and the other front end."""
-        other = "kit" if state.view.variant == "published" else "published"
-        beside = [replace(state, frame=frame) for frame in (state.frame + 1, state.frame - 1)]
-        for next_ in [*beside, replace(state, view=replace(state.view, variant=other))]:
-            if 1 <= next_.frame < len(state.sequence) and not over.is_set():
-                with suppress(Exception):  # whoever asks for it is told
-                    self._traced(next_)
-
-    def _traced(self, state: State) -> tuple[Trace, Array]:
-        """What became of the features, and the true errors (M,) of those that were found again."""
-        traced = trace(state.sequence, state.frame, *with_view(state.config, state.view))
-        return traced, _true_errors(state.sequence, truth(state.sequence), traced.found, state.frame)
-
     def draw(self, state: State) -> Drawing:
         sequence, frame = state.sequence, state.frame
-        traced, error = self._traced(state)
+        known = truth(sequence)
+        traced = trace(sequence, frame, *with_view(state.config, state.view))
+        error = _true_errors(sequence, known, traced.found, frame)
         if len(traced.id) == 0:
             raise DataError(f"frame {frame - 1} has no features: lower the threshold")
         kept = traced.kept
         chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, state.config.buckets)]
         fate = fates(traced, chosen.id)
         names = fate[traced.index]
-        known = truth(sequence)
         # False where the truth is not known: without truth, and on outlines before the sky.
         wrong = error > RIGHT
         everywhere = np.zeros(len(fate), np.bool_)

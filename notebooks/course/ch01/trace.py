@@ -11,18 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_lib.config import FeatureConfig, MatchingConfig
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
-from vo_lib.front_end.corners import corner_strength, detect_corners
-from vo_lib.front_end.front_end import make_front_end
-from vo_lib.front_end.klt import PreparedPair
 from vo_lib.method import config as published
-from vo_lib.method.matching import DescribedPair, describe_pair
+from vo_lib.method.matching import DescribedPair
 from vo_lib.runs.runner import single_threaded
 
-from ..frames import WARM_UP, Memory, disparity_map, key_of, stereo
+from ..frames import Memory, before_step, key_of
 
 # The settings of each check, and what happens to a match that fails it; the paper's way has the second and last.
 CHECKS: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -44,7 +40,6 @@ REASONS = (LOST, *(words for words, _ in CHECKS))
 KEPT = len(REASONS)
 
 _histories: Memory[tuple[Any, Any]] = Memory(6)
-_described: Memory[DescribedPair] = Memory(8)
 _steps: Memory[StereoMatches] = Memory(48)
 
 
@@ -77,7 +72,7 @@ def trace(
     """
     usual = type(matching)()
     base = *key_of(sequence, frame), features, usual
-    before, pair = _histories.get(base, lambda: _history(sequence, frame, features, usual))
+    before, pair = _histories.get(base, lambda: before_step(sequence, frame, features, usual))
     own = {field.name for field in dataclasses.fields(matching)}
     stages = [dataclasses.replace(matching, **{name: value for name, value in OPEN.items() if name in own})]
     for _, names in CHECKS:
@@ -106,38 +101,6 @@ def trace(
     index = order[np.searchsorted(number, results[0].id, sorter=order)]
     kept = results[-1][np.isin(results[-1].id, number[reason == KEPT])]
     return Trace(left, number, reason, results[0], index, kept)
-
-
-def _history(
-    sequence: Sequence, frame: int, features: published.FeatureConfig, matching: published.MatchingConfig
-) -> tuple[Any, Any]:
-    """A front end that has seen the pair before `frame`, and the prepared pair of `frame`."""
-    front_end = make_front_end(sequence.camera, features, matching)
-
-    def prepare(index: int) -> Any:
-        return _prepare(sequence, index, features, matching)
-
-    indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
-    with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
-        *earlier, pair = pool.map(prepare, indices)
-        for each in earlier:
-            front_end.step(each)
-    if isinstance(pair, PreparedPair):
-        # Its own corners are for the frame after, which nobody asks for.
-        pair = dataclasses.replace(pair, corners=pair.corners[:0], strength=pair.strength[:0])
-    return front_end, pair
-
-
-def _prepare(
-    sequence: Sequence, index: int, features: published.FeatureConfig, matching: published.MatchingConfig
-) -> Any:
-    """A prepared pair. What does not depend on the features' settings is kept for itself."""
-    images = stereo(sequence, index)
-    if not isinstance(features, FeatureConfig) or not isinstance(matching, MatchingConfig):
-        described = (*key_of(sequence, index), features, matching)
-        return _described.get(described, lambda: describe_pair(images, features, matching))
-    disparity = disparity_map(sequence, index, matching.max_disparity)
-    return PreparedPair(*images, *detect_corners(corner_strength(images[0]), features), disparity)
 
 
 def _candidates(front_end: Any) -> tuple[Array, NDArray[np.int64]]:
