@@ -22,6 +22,7 @@ from matplotlib.ticker import NullLocator
 from vo_lib.core.types import Image
 
 WIDTH = 980  # pixels of every picture
+HALF_HEIGHT = 150  # of a photo of half the width
 DPI = 100
 LEFT, RIGHT, ABOVE, BELOW = 58, 14, 26, 42  # pixels round an axis, for its numbers and names
 
@@ -147,6 +148,12 @@ def caption(picture: Image, words: str) -> Image:
     out = picture.copy()
     out[: h + 10, : w + 12] = out[: h + 10, : w + 12] // 4
     return np.asarray(cv2.putText(out, words, (6, h + 5), font, size, white, 1, cv2.LINE_AA), np.uint8)
+
+
+def beside(left: Image, right: Image, *words: str) -> Image:
+    """Two pictures of half the width beside each other, with words on each."""
+    halves = [photo(each, WIDTH // 2, HALF_HEIGHT) for each in (left, right)]
+    return np.concatenate([*map(caption, halves, words)] if words else halves, axis=1)
 
 
 def stack(parts: Sequence[Image | Figure], height: int) -> bytes:

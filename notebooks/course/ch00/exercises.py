@@ -73,12 +73,11 @@ disparity_at_20_m = Exercise(
         Mistake("this is f / Z: which length is missing?", lambda camera: camera.f / DISTANCE),
         Mistake("this is b / Z, and no pixels: where is f?", lambda camera: camera.baseline / DISTANCE),
         Mistake(
-            "this is the other way round: the nearer a point, the larger its disparity.",
+            "the nearer a point, the larger its disparity.",
             lambda camera: DISTANCE / (camera.f * camera.baseline),
-            lambda camera: DISTANCE * camera.f * camera.baseline,
         ),
         Mistake(
-            "a disparity is not negative: the point is further left in the *right* image.",
+            "the sign: which of the two columns is larger?",
             lambda camera: -camera.f * camera.baseline / DISTANCE,
         ),
     ),
@@ -98,16 +97,13 @@ back_project = Exercise(
             lambda u, v, d, camera: point(u + camera.cx, v + camera.cy, d, camera),
         ),
         Mistake(
-            "Y runs upwards: the camera's y axis points down, as rows do.", lambda *x: point(*x) * [1, -1, 1]
+            "Y runs upwards: the camera's y axis points down, as rows do.", lambda *x: point(*x) * (1, -1, 1)
         ),
+        Mistake("X runs to the left: the camera's x axis points right.", lambda *x: point(*x) * (-1, 1, 1)),
         Mistake(
-            "X runs to the left: the camera's x axis points right, as columns do.",
-            lambda *x: point(*x) * [-1, 1, 1],
-        ),
-        Mistake(
-            "u and v are swapped: u is the column and gives X, v is the row and gives Y.",
+            "u and v are swapped: u is the column and gives X.",
             lambda *x: point(*x)[[1, 0, 2]],
-            lambda u, v, d, camera: point(v, u, d, camera),
+            lambda u, v, *more: point(v, u, *more),
         ),
         Mistake(
             "cx and cy are swapped.",
@@ -148,8 +144,7 @@ chain = Exercise(
     line="poses.append(poses[-1] @ inverse(T_cp))",
     mistakes=(
         Mistake(
-            "each pose is that of one motion alone, not appended to the pose before.",
-            lambda motions: [np.eye(4), *map(inverse, motions)],
+            "each pose is that of one motion alone.", lambda motions: [np.eye(4), *map(inverse, motions)]
         ),
         Mistake(
             "the car drives backwards: T_cp takes points into the new camera, a pose takes them back.",
@@ -158,8 +153,8 @@ chain = Exercise(
         ),
         Mistake("pose 1 is right, pose 2 is not: the order is reversed.", appended(inverse, before=True)),
         Mistake(
-            "the inverse of a motion is not R with -t: the rotation turns back, too.",
-            appended(lambda T_cp: apart(T_cp, turned=False)),
+            "R with -t is no inverse: the rotation turns back, too.",
+            appended(lambda T: apart(T, turned=False)),
         ),
         Mistake("the rotation is turned back, but its translation is not: -Rᵀ t, not -t.", appended(apart)),
         Mistake("a motion's inverse is not its transpose: that holds for rotations.", appended(np.transpose)),
@@ -174,10 +169,7 @@ chain = Exercise(
             lambda motions: right_chain(motions)[-1:] * (len(motions) + 1),
         ),
         Mistake("as many poses as motions; the first pose is the identity.", lambda m: right_chain(m)[1:]),
-        Mistake(
-            "a motion is missing: as many are appended as there are.",
-            lambda motions: right_chain(motions)[:-1],
-        ),
+        Mistake("a motion is missing.", lambda motions: right_chain(motions)[:-1]),
     ),
 )
 
@@ -192,13 +184,8 @@ path_length = Exercise(
         Mistake("{got:.1f} m is the straight way from start to end.", lambda s: way(s, every=False)),
         Mistake("this is every step by itself: add them.", lambda s: np.linalg.norm(steps(s), axis=1)),
         Mistake("this is the mean step, not the sum.", lambda s: np.linalg.norm(steps(s), axis=1).mean()),
-        Mistake(
-            "the norm of all steps at once: take it step by step, along axis 1.",
-            lambda s: np.linalg.norm(steps(s)),
-        ),
-        Mistake(
-            "this adds |x|, |y| and |z|: a step is as long as its norm.", lambda s: np.abs(steps(s)).sum()
-        ),
+        Mistake("one norm of all steps: take it of each, along axis 1.", lambda s: np.linalg.norm(steps(s))),
+        Mistake("this adds |x|, |y| and |z| of a step: take its norm.", lambda s: np.abs(steps(s)).sum()),
         Mistake("this adds squared lengths: the root is missing.", lambda s: (steps(s) ** 2).sum()),
     ),
 )

@@ -29,13 +29,28 @@ from ..ch02.panel import reference_rotation
 from ..ch03.figures import field_figure
 from ..ch03.panel import field_of, previous_vector
 from ..controls import Control
-from ..drawing import BAD, DARK, GOOD, PALE, WIDTH, bgr, caption, figure, finish, log_axis, photo, say, stack
+from ..drawing import (
+    BAD,
+    DARK,
+    GOOD,
+    HALF_HEIGHT,
+    PALE,
+    WIDTH,
+    beside,
+    bgr,
+    caption,
+    figure,
+    finish,
+    log_axis,
+    photo,
+    say,
+    stack,
+)
 from ..facts import Fact
 from ..frames import disparity_map, frame_matches, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
 
-HALF = WIDTH // 2
-LEFT_HEIGHT, HALF_HEIGHT, CHART_HEIGHT = 298, 150, 210
+LEFT_HEIGHT, CHART_HEIGHT = 298, 210
 SETS = 200
 MOST = 30  # per cent shown of a depth's error
 FARTHEST = 80  # metres shown
@@ -102,15 +117,10 @@ class StartPanel(Panel):
             cv2.line(picture, (0, v), (camera.width, v), bgr(PALE), 1)
             if np.isfinite(column):
                 cv2.drawMarker(picture, (round(column), v), bgr(BAD), cv2.MARKER_CROSS, 30, 3)
-        below = [
-            caption(photo(right, HALF, HALF_HEIGHT), "right image: the same row"),
-            caption(
-                photo(disparity_picture(coarse, largest), HALF, HALF_HEIGHT),
-                "disparity: bright is near, grey was not found",
-            ),
-        ]
+        words = "right image: the same row", "disparity: bright is near, grey was not found"
+        below = beside(right, disparity_picture(coarse, largest), *words)
         whole = caption(photo(left, WIDTH, LEFT_HEIGHT), f"left image, frame {frame}")
-        encoded = stack([whole, np.concatenate(below, axis=1), path_figure(sequence, frame)], self.height)
+        encoded = stack([whole, below, path_figure(sequence, frame)], self.height)
         known = truth(sequence)
         true_depth = float("nan") if known is None else float(known.depth(frame)[v, u])
         sentence = (
@@ -131,12 +141,6 @@ class StartPanel(Panel):
             Fact("time", float(sequence.times[frame]), "s", 1),
         )
         return Drawing(encoded, sentence, facts)
-
-
-def pair_picture(left: Image, right: Image) -> Image:
-    """The two images of a pair side by side."""
-    parts = [caption(photo(image, HALF), words) for image, words in ((left, "left"), (right, "right"))]
-    return np.concatenate(parts, axis=1)
 
 
 def boxed_picture(sequence: Sequence, frame: int) -> Image:

@@ -66,6 +66,11 @@ def closed(*steps: Index) -> Any:
     return found & (at == np.arange(len(at)))
 
 
+def which(*steps: Index) -> Index:
+    """Indices of the features whose chain ends where it began."""
+    return np.flatnonzero(closed(*steps))
+
+
 def crowd() -> list[Case]:
     """120 features with ages and strengths, and two grids of buckets."""
     rng = np.random.default_rng(11)
@@ -90,6 +95,11 @@ def judged(
 good = judged()
 
 
+def turned(left: Array, right: Array, *limits: float) -> Any:
+    """The stereo check with (v, u) for (u, v)."""
+    return good(left[:, ::-1], right[:, ::-1], *limits)
+
+
 def top(left: float, middle: float, right: float) -> float:
     """Where the parabola through three values has its top."""
     return (left - right) / 2 / (left - 2 * middle + right)
@@ -102,14 +112,12 @@ def chosen(by_age: int = 1, by_strength: int = 1) -> Callable[..., Index]:
     )
 
 
+kept = chosen()
+
+
 def overfull(kept: Array, uv: Array, age: Array, strength: Array, size: int, count: int) -> bool:
     """Whether a bucket keeps more features than it may."""
     return bool(np.unique(uv[kept.astype(int)] // size, axis=0, return_counts=True)[1].max() > count)
-
-
-def kept(*case: Any) -> Index:
-    """What the buckets should keep."""
-    return chosen()(*case)
 
 
 corner_strength = Exercise(
@@ -123,8 +131,7 @@ corner_strength = Exercise(
     library=("corner_strength",),
     mistakes=(
         Mistake(
-            "this is the larger eigenvalue: an edge has that, too.",
-            lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1]),
+            "the larger eigenvalue: an edge has that, too.", lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1])
         ),
         Mistake("right, but for the root.", lambda gx, gy: eigenvalues(gx, gy)[0]),
         Mistake("both eigenvalues are given back; which one is small on an edge?", eigenvalues),
@@ -145,7 +152,6 @@ corner_strength = Exercise(
         ),
         Mistake(
             "NaN on an edge: rounding may make an eigenvalue -1e-17, and its root is no number.",
-            lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[0]),
             when=lambda got, *case: np.isnan(got),
         ),
     ),
@@ -159,10 +165,7 @@ is_stereo = Exercise(
     hint="two conditions on each match: one on its rows, one on its columns; a mask has True where both hold.",
     line="(np.abs(left[:, 1] - right[:, 1]) <= row_tolerance) & (left[:, 0] - right[:, 0] >= min_disparity)",
     mistakes=(
-        Mistake(
-            "rows and columns are exchanged: a point is (u, v), its column first.",
-            lambda left, right, *limits: good(left[:, ::-1], right[:, ::-1], *limits),
-        ),
+        Mistake("rows and columns are exchanged: a point is (u, v), its column first.", turned),
         Mistake("these are indices; a mask was asked for.", lambda *case: np.flatnonzero(good(*case))),
         Mistake("good and bad are exchanged.", lambda *case: ~good(*case)),
         Mistake("the two limits are exchanged.", judged(limits=lambda most, least: (least, most))),
@@ -179,18 +182,10 @@ is_stereo = Exercise(
             judged(limits=lambda most, least: (most, -99.0)),
         ),
         Mistake(
-            "the match that is further right in the right image is judged good: it lies behind the cameras.",
-            judged(disparity=np.abs),
+            "the match that is further right in the right image is judged good.", judged(disparity=np.abs)
         ),
-        Mistake(
-            "a match that is two rows off to one side is judged good: up or down is the same.",
-            judged(row=np.positive),
-            judged(row=np.negative),
-        ),
-        Mistake(
-            "a good match is judged bad, and one further right in the right image good.",
-            judged(disparity=np.negative),
-        ),
+        Mistake("two rows off to one side is judged good.", judged(row=np.positive), judged(row=np.negative)),
+        Mistake("the disparity is the other way round: left minus right.", judged(disparity=np.negative)),
         Mistake(
             "matches with too small a disparity are judged good, and those with enough bad.",
             judged(disparity=np.negative, limits=lambda most, least: (most, -least)),
@@ -199,7 +194,7 @@ is_stereo = Exercise(
 )
 
 loop_closes = Exercise(
-    lambda pl_pr, pr_cr, cr_cl, cl_pl: np.flatnonzero(closed(pl_pr, pr_cr, cr_cl, cl_pl)),
+    lambda pl_pr, pr_cr, cr_cl, cl_pl: which(pl_pr, pr_cr, cr_cl, cl_pl),
     chains,
     form=any_order,
     task="A function (pl_pr, pr_cr, cr_cl, cl_pl): best matches as indices, -1 for none -> indices that close.",
@@ -209,33 +204,26 @@ loop_closes = Exercise(
     mistakes=(
         Mistake(
             "a match of -1 was followed: numpy takes index -1 for the last one.",
-            lambda a, b, c, d: np.flatnonzero(d[c[b[a]]] == np.arange(len(a))),
-            when=lambda got, *steps: (
-                set(np.flatnonzero(closed(*steps))) < set(got) and len(got) < len(steps[0])
-            ),
+            when=lambda got, *chain: set(which(*chain)) < set(got) and len(got) < len(chain[0]),
         ),
         Mistake(
             "these reach the current left image; the way back has to end where it began.",
-            lambda a, b, c, d: np.flatnonzero(follow(a, b, c)[1]),
+            lambda *chain: np.flatnonzero(follow(*chain[:3])[1]),
         ),
         Mistake(
             "-1 is looked for at i in each list: along the loop the number changes with every step.",
-            lambda *steps: [i for i in np.flatnonzero(closed(*steps)) if min(step[i] for step in steps) >= 0],
-            lambda *steps: np.flatnonzero(np.min(steps, axis=0) >= 0),
+            lambda *chain: [i for i in which(*chain) if min(step[i] for step in chain) >= 0],
+            lambda *chain: np.flatnonzero(np.min(chain, axis=0) >= 0),
         ),
+        Mistake("the loop is run the other way round.", lambda *chain: which(*chain[::-1])),
         Mistake(
-            "the loop is run the other way round.", lambda a, b, c, d: np.flatnonzero(closed(d, c, b, a))
+            "these are the places in the next image; asked is i.", lambda *chain: chain[0][which(*chain)]
         ),
-        Mistake("these are the places in the next image; asked is i.", lambda a, *more: a[closed(a, *more)]),
-        Mistake(
-            "all are one too large: counting begins with 0.",
-            lambda *steps: np.flatnonzero(closed(*steps)) + 1,
-        ),
-        Mistake("this is how many close; asked is which.", lambda *steps: closed(*steps).sum()),
+        Mistake("all are one too large: counting begins with 0.", lambda *chain: which(*chain) + 1),
+        Mistake("this is how many close; asked is which.", lambda *chain: len(which(*chain))),
         Mistake(
             "this looks like a mask; asked are indices.",
-            closed,
-            when=lambda got, a, *case: len(got) == len(a) and set(np.unique(got)) <= {0, 1},
+            when=lambda got, a, *more: len(got) == len(a) and set(np.unique(got)) <= {0, 1},
         ),
     ),
 )
@@ -253,7 +241,7 @@ peak = Exercise(
     mistakes=(
         Mistake(
             "this is the height of the top; asked is its place.",
-            lambda left, middle, right: middle - (left - right) ** 2 / (8 * (left - 2 * middle + right)),
+            lambda a, b, c: b - (a - c) ** 2 / (8 * (a - 2 * b + c)),
         ),
         Mistake("the sign is wrong: the top lies on the side of the larger neighbour.", times(top, -1.0)),
         Mistake("off by a factor of two.", times(top, 2.0), times(top, 0.5)),
@@ -271,47 +259,32 @@ buckets = Exercise(
     line="for i in np.lexsort((-strength, -age)): square = tuple(uv[i] // size)",
     library=("select_by_bucket",),
     mistakes=(
-        Mistake(
-            "age was not asked: older features first, strength decides among equally old ones.",
-            chosen(by_age=0),
-        ),
+        Mistake("age was not asked; strength decides among equally old ones.", chosen(by_age=0)),
         Mistake("the youngest come first; the oldest have proved themselves.", chosen(by_age=-1)),
         Mistake("of equally old features the weakest are kept.", chosen(by_strength=-1)),
         Mistake("the youngest and weakest are kept: the order is upside down.", chosen(-1, -1)),
         Mistake(
             "the ages are right, but among equally old features strength was not asked.",
-            chosen(by_strength=0),
             when=lambda got, uv, age, *more: (
                 sorted(age[got]) == sorted(age[kept(uv, age, *more)]) and not overfull(got, uv, age, *more)
             ),
         ),
         Mistake("neither age nor strength was asked.", chosen(0, 0)),
-        Mistake(
-            "these are the places of the features; asked are their indices.",
-            lambda uv, *case: uv[kept(uv, *case)],
-        ),
+        Mistake("these are places; asked are indices.", lambda uv, *case: uv[kept(uv, *case)]),
         Mistake(
             "this is a mask; asked are indices.", lambda *case: np.isin(np.arange(len(case[0])), kept(*case))
         ),
         Mistake(
             "only `count` features are left in all; `count` in each square.",
-            lambda uv, age, strength, size, count: np.arange(count),
             when=lambda got, *case: len(got) == case[4],
         ),
-        Mistake(
-            "a square has one more than `count`: compare with <, not <=.",
-            lambda uv, age, strength, size, count: chosen()(uv, age, strength, size, count + 1),
-        ),
+        Mistake("a square has one more than `count`: <, not <=.", lambda *case: kept(*case[:4], case[4] + 1)),
         Mistake(
             "strips, not squares: a square is a column *and* a row of the grid.",
             lambda uv, *case: kept(uv * [1, 0], *case),
             lambda uv, *case: kept(uv * [0, 1], *case),
         ),
-        Mistake(
-            "a square keeps more features than `count` allows; which square does a feature lie in?",
-            lambda uv, *case: np.arange(len(uv)),
-            when=overfull,
-        ),
+        Mistake("a square keeps more than `count`; which square does a feature lie in?", when=overfull),
     ),
 )
 

@@ -21,7 +21,7 @@ from ..drawing import figure, stack
 from ..facts import Fact
 from ..frames import Memory, key_of, stereo, truth
 from ..panel import Drawing, Panel, State
-from .figures import CHOSEN, SURPLUS, depths_chart, errors_chart, fates, fates_chart, fates_picture
+from .figures import CHOSEN, SURPLUS, by_fate, depths_chart, errors_chart, fates, fates_chart, fates_picture
 from .trace import LOST, trace
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
@@ -108,7 +108,7 @@ class MatchingPanel(Panel):
         if known is None:
             depths_chart(right, sequence.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2])
         else:
-            errors_chart(right, names, error)
+            errors_chart(right, by_fate(names, error))
         dropped = int(np.count_nonzero((fate != CHOSEN) & (fate != SURPLUS) & (fate != LOST)))
         sentence = (
             f"Of {len(fate)} features of the previous pair {len(names)} are found again; the checks drop "

@@ -35,6 +35,7 @@ def from_line(value: Callable[[float, Array], Any]) -> Callable[..., float]:
     return measured
 
 
+signed = from_line(lambda value, line: value / np.hypot(*line[:2]))
 distance = from_line(lambda value, line: abs(value) / np.hypot(*line[:2]))
 
 
@@ -137,24 +138,16 @@ epipolar_distance = Exercise(
             "divided by a² + b², the square of what it should be divided by.",
             from_line(lambda value, line: abs(value) / (line[:2] @ line[:2])),
         ),
-        Mistake(
-            "a distance is not negative.",
-            from_line(lambda value, line: value / np.hypot(*line[:2])),
-            from_line(lambda value, line: -abs(value) / np.hypot(*line[:2])),
-        ),
+        Mistake("a distance is not negative.", signed, lambda *case: -distance(*case)),
         Mistake(
             "this is x_cᵀ E x_p, not yet a distance: the line may be stretched by any factor.",
             from_line(lambda value, line: abs(value)),
             from_line(lambda value, line: value),
         ),
         Mistake(
-            "the two points are exchanged: the line belongs to x_p.",
-            lambda E, x_p, x_c: distance(E, x_c, x_p),
+            "the points are exchanged: the line belongs to x_p.", lambda E, x_p, x_c: distance(E, x_c, x_p)
         ),
-        Mistake(
-            "this is the line of the transposed E, in the other image.",
-            lambda E, x_p, x_c: distance(E.T, x_p, x_c),
-        ),
+        Mistake("this is the line of the transposed E.", lambda E, x_p, x_c: distance(E.T, x_p, x_c)),
         Mistake("x and y of x_c are exchanged.", lambda E, x_p, x_c: distance(E, x_p, x_c[::-1])),
         Mistake(
             "c is left out: the line need not go through the middle.",
@@ -179,13 +172,8 @@ epipolar_rows = Exercise(
     mistakes=(
         Mistake("previous and current points have changed places.", lambda x_p, x_c: rows(x_c, x_p)),
         Mistake("x and y are exchanged, in both images.", lambda x_p, x_c: rows(x_p[:, ::-1], x_c[:, ::-1])),
-        Mistake(
-            "the 1 stands in front; a point is (x, y, 1).",
-            lambda *x: rows(*x)[:, [8, 6, 7, 2, 0, 1, 5, 3, 4]],
-        ),
-        Mistake(
-            "each match has a 3×3 matrix; lay it out as a row of nine.", lambda *x: rows(*x).reshape(5, 3, 3)
-        ),
+        Mistake("the 1 stands in front; it comes last.", lambda *x: rows(*x)[:, [8, 6, 7, 2, 0, 1, 5, 3, 4]]),
+        Mistake("each match has a 3×3 matrix; make it a row of nine.", lambda *x: rows(*x).reshape(5, 3, 3)),
         Mistake(
             "the last column is right, others are not: look at the order of E's nine entries.",
             when=lambda A, *case: np.allclose(A[:, 8], 1.0, atol=1e-12),
@@ -204,18 +192,13 @@ null_basis = Exercise(
     library=("null_space",),
     mistakes=(
         Mistake("these are columns of Vᵀ; its rows are the vectors.", lambda A: np.linalg.svd(A)[2][:, 5:]),
-        Mistake(
-            "these are rows of V; numpy gives Vᵀ, and its rows are the vectors.",
-            lambda A: np.linalg.svd(A)[2].T[5:],
-        ),
+        Mistake("these are rows of V; take rows of Vᵀ.", lambda A: np.linalg.svd(A)[2].T[5:]),
         Mistake(
             "A times the basis is not 0; full_matrices=True, the default, gives all nine rows of Vᵀ.",
-            lambda A: np.linalg.svd(A)[2][:4],
             when=lambda basis, A: np.abs(A @ basis.T).max() > 1e-9,
         ),
         Mistake(
             "the four vectors are not orthonormal.",
-            lambda A: 2.0 * null_space(A),
             when=lambda basis, A: np.abs(basis @ basis.T - np.eye(4)).max() > 1e-9,
         ),
     ),
@@ -243,11 +226,7 @@ essential_constraints = Exercise(
             "for a true E the tenth number is {got[9]:.3g}, not 0; which number of a matrix of rank 2 is 0?",
             when=lambda got, E: singular(E) and abs(got[9]) > 1e-9,
         ),
-        Mistake(
-            "they vanish for true E, but not only for them.",
-            lambda E: np.full(10, np.linalg.det(E)),
-            when=lambda got, E: not singular(E),
-        ),
+        Mistake("they vanish for true E, but not only for them.", when=lambda got, E: not singular(E)),
     ),
 )
 
@@ -294,14 +273,8 @@ most_frequent_count = Exercise(
         Mistake("this is the mean number of solutions; asked is the most frequent.", lambda: counts().mean()),
         Mistake("this is the number of a set, the one with most solutions.", lambda: np.argmax(counts())),
         Mistake("so many solutions has the set that has most.", lambda: counts().max()),
-        Mistake(
-            "so many sets have it; how many solutions do they have?", lambda: np.bincount(counts()).max()
-        ),
-        Mistake(
-            "odd numbers hardly ever occur: complex roots come in pairs, and the degree is 10.",
-            3,
-            when=lambda got: got % 2 != 0,
-        ),
+        Mistake("so many sets have it; how many solutions each?", lambda: np.bincount(counts()).max()),
+        Mistake("odd numbers hardly ever occur: complex roots come in pairs.", when=lambda got: got % 2 != 0),
     ),
 )
 
@@ -318,11 +291,7 @@ noise_factor = Exercise(
             lambda: 1.0 / growth(),
             lambda: median_error(0.4) - median_error(0.1),
         ),
-        Mistake(
-            "this is the error itself, at one of the two noises.",
-            lambda: median_error(0.4),
-            lambda: median_error(0.1),
-        ),
+        Mistake("the error itself, at one noise.", lambda: median_error(0.4), lambda: median_error(0.1)),
     ),
 )
 
