@@ -11,7 +11,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from vo_lib.config import Config
+from vo_lib.beyond.selection import motion_of_winner, sample_sets
+from vo_lib.config import Config, SelectionConfig
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import inverse
 from vo_lib.core.matches import StereoMatches
@@ -23,6 +24,8 @@ from vo_lib.front_end.front_end import make_front_end
 from vo_lib.front_end.surface import CoarseDisparity, coarse_disparity
 from vo_lib.method.buckets import select_by_bucket
 from vo_lib.method.config import FeatureConfig, MatchingConfig
+from vo_lib.method.five_point import five_point
+from vo_lib.method.selection import truncated_errors
 from vo_lib.runs.runner import single_threaded
 
 from .progress import with_bar
@@ -182,6 +185,15 @@ def frame_points(sequence: Sequence, frame: int, config: Config) -> Points:
         camera.triangulate(matches.prev_left, matches.prev_right),
         true_motion(sequence, frame),
     )
+
+
+def consensus_rotation(x_p: Array, x_c: Array, X_p: Array, rng: np.random.Generator, focal: float) -> Array:
+    """R_cp (3, 3) of the candidate with the smallest error, refined, from matches (N, 2) and points (N, 3)."""
+    config = SelectionConfig()
+    sets = sample_sets(rng, len(x_p), config.sets, np.arctan2(x_c[:, 1], x_c[:, 0]))
+    E, _ = five_point(x_p[sets], x_c[sets])
+    winner = E[np.argmin(truncated_errors(E, x_p, x_c, config.threshold / focal))]
+    return motion_of_winner(winner, x_p, x_c, X_p, config, focal)[0]
 
 
 def true_motion(sequence: Sequence, frame: int) -> Array | None:

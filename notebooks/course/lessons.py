@@ -17,7 +17,8 @@ from vo_lib.core.types import Array
 from vo_lib.data.problems import random_problems
 from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from vo_lib.method.five_point import five_point
-from vo_lib.method.selection import truncated_errors
+
+from .frames import consensus_rotation
 
 CAMERA = StereoCamera(f=718.856, cx=607.19, cy=185.22, baseline=0.537, width=1241, height=376)
 NEVER = 1000.0  # a turn ratio that never drops the prior
@@ -110,11 +111,6 @@ def estimated_rotations(
     poses: Array, tracks: TrackConfig, seed: int
 ) -> Iterator[tuple[SimulatedFrame, Array]]:
     """Simulated frames along a path, each with the rotation (3, 3) of the candidate that fits its matches best."""
-    config = SelectionConfig()
     for frame in simulate_tracks(poses, CAMERA, tracks, seed):
         x_p, x_c, X_p, _ = _pair(frame.matches, frame.T_cp[:3, :3])
-        rng = np.random.default_rng([seed, frame.frame])
-        sets = sample_sets(rng, len(x_p), 200, np.arctan2(x_c[:, 1], x_c[:, 0]))
-        E, _ = five_point(x_p[sets], x_c[sets])
-        winner = E[np.argmin(truncated_errors(E, x_p, x_c, config.threshold / CAMERA.f))]
-        yield frame, motion_of_winner(winner, x_p, x_c, X_p, config, CAMERA.f)[0]
+        yield frame, consensus_rotation(x_p, x_c, X_p, np.random.default_rng([seed, frame.frame]), CAMERA.f)
