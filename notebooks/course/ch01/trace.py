@@ -20,23 +20,16 @@ from vo_lib.runs.runner import single_threaded
 
 from ..frames import Memory, before_step, key_of
 
-# The settings of each check, and what happens to a match that fails it; the paper's way has the second and last.
-CHECKS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("looks different", ("max_difference",)),
-    ("rows, disparity", ("row_tolerance", "min_disparity")),
-    ("off its surface", ("surface_tolerance", "surface_share")),
-    ("loop stays open", ("loop_tolerance",)),
-)
-OPEN: dict[str, Any] = {
-    "max_difference": 255.0,
-    "row_tolerance": 10.0,
-    "min_disparity": 0.05,
-    "surface_tolerance": 10.0,
-    "surface_share": 0.0,
-    "loop_tolerance": 10.0,
+# What happens to a match that fails a check, and values of its settings that switch it off; the paper's way has
+# the second and last.
+CHECKS: dict[str, dict[str, Any]] = {
+    "looks different": {"max_difference": 255.0},
+    "rows, disparity": {"row_tolerance": 10.0, "min_disparity": 0.05},
+    "off its surface": {"surface_tolerance": 10.0, "surface_share": 0.0},
+    "loop stays open": {"loop_tolerance": 10.0},
 }
 LOST = "not found again"
-REASONS = (LOST, *(words for words, _ in CHECKS))
+REASONS = (LOST, *CHECKS)
 KEPT = len(REASONS)
 
 _histories: Memory[tuple[Any, Any]] = Memory(6)
@@ -73,11 +66,11 @@ def trace(
     usual = type(matching)()
     base = *key_of(sequence, frame), features, usual
     before, pair = _histories.get(base, lambda: before_step(sequence, frame, features, usual))
-    own = {field.name for field in dataclasses.fields(matching)}
-    stages = [dataclasses.replace(matching, **{name: value for name, value in OPEN.items() if name in own})]
-    for _, names in CHECKS:
-        checked = {name: getattr(matching, name) for name in names if name in own}
-        stages.append(dataclasses.replace(stages[-1], **checked))
+    stages = []
+    for on in range(len(CHECKS) + 1):
+        off = {name: value for check in [*CHECKS.values()][on:] for name, value in check.items()}
+        known = {name: value for name, value in off.items() if hasattr(matching, name)}
+        stages.append(dataclasses.replace(matching, **known))
 
     def step(stage: published.MatchingConfig) -> StereoMatches:
         def make() -> StereoMatches:
