@@ -1,4 +1,4 @@
-"""Chapters 3 and 4: simulated drives, what solution selection is worth on them, and estimated rotations."""
+"""Chapters 3, 4 and 7: simulated drives, what solution selection is worth on them, and estimated rotations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from vo_lib.method.five_point import five_point
 from .frames import consensus_rotation
 
 CAMERA = StereoCamera(f=718.856, cx=607.19, cy=185.22, baseline=0.537, width=1241, height=376)
-NEVER = 1000.0  # a turn ratio that never drops the prior
 
 
 class Pair(NamedTuple):
@@ -46,13 +45,9 @@ class Scene:
 
 
 def selections(mode: str = "literal") -> dict[str, SelectionConfig]:
-    """The ways to choose a winner that are compared."""
-    rows = {"consensus": SelectionConfig(mode=mode, prior=False)}
-    for keep in (1, 2, 3):
-        rows[f"k = {keep}"] = SelectionConfig(mode=mode, keep=keep)
-    rows["k = 1, never dropped"] = SelectionConfig(mode=mode, keep=1, prior_rejection_ratio=NEVER)
-    rows["k = 2, never dropped"] = SelectionConfig(mode=mode, prior_rejection_ratio=NEVER)
-    return rows
+    """The ways to choose a winner that are compared: all candidates, or the k nearest of each set."""
+    nearest = {f"k = {keep}": SelectionConfig(mode=mode, keep=keep) for keep in (1, 2)}
+    return {"consensus": SelectionConfig(mode=mode, prior=False), **nearest}
 
 
 def drive(frames: int, sharp: bool = False) -> Array:
