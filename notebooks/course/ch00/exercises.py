@@ -156,7 +156,7 @@ chain = Exercise(
             "R with -t is no inverse: the rotation turns back, too.",
             appended(lambda T: apart(T, turned=False)),
         ),
-        Mistake("the rotation is turned back, but its translation is not: -Rᵀ t, not -t.", appended(apart)),
+        Mistake("the rotation is turned back, but the translation is not turned with it.", appended(apart)),
         Mistake("a motion's inverse is not its transpose: that holds for rotations.", appended(np.transpose)),
         Mistake(
             "`*` multiplies entry by entry, `@` multiplies matrices.",

@@ -133,7 +133,7 @@ corner_strength = Exercise(
         Mistake(
             "the larger eigenvalue: an edge has that, too.", lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1])
         ),
-        Mistake("right, but for the root.", lambda gx, gy: eigenvalues(gx, gy)[0]),
+        Mistake("right, except for the root.", lambda gx, gy: eigenvalues(gx, gy)[0]),
         Mistake("both eigenvalues are given back; which one is small on an edge?", eigenvalues),
         Mistake(
             "this takes means over the window; M is a sum.",
@@ -169,7 +169,7 @@ is_stereo = Exercise(
         Mistake("these are indices; a mask was asked for.", lambda *case: np.flatnonzero(good(*case))),
         Mistake("good and bad are exchanged.", lambda *case: ~good(*case)),
         Mistake("the two limits are exchanged.", judged(limits=lambda most, least: (least, most))),
-        Mistake("1 and 0.5 are written in it: take the limits given.", judged(limits=lambda *_: (1.0, 0.5))),
+        Mistake("1 and 0.5 are hard-coded: use the limits given.", judged(limits=lambda *_: (1.0, 0.5))),
         Mistake(
             "a match exactly at a limit is still good: *within*, *at least*.",
             judged(limits=lambda most, least: (most - 1e-9, least + 1e-9)),
@@ -184,7 +184,9 @@ is_stereo = Exercise(
         Mistake(
             "the match that is further right in the right image is judged good.", judged(disparity=np.abs)
         ),
-        Mistake("two rows off to one side is judged good.", judged(row=np.positive), judged(row=np.negative)),
+        Mistake(
+            "a match two rows off to one side is good here.", judged(row=np.positive), judged(row=np.negative)
+        ),
         Mistake("the disparity is the other way round: left minus right.", judged(disparity=np.negative)),
         Mistake(
             "matches with too small a disparity are judged good, and those with enough bad.",
@@ -217,12 +219,12 @@ loop_closes = Exercise(
         ),
         Mistake("the loop is run the other way round.", lambda *chain: which(*chain[::-1])),
         Mistake(
-            "these are the places in the next image; asked is i.", lambda *chain: chain[0][which(*chain)]
+            "these are the places in the next image; i is wanted.", lambda *chain: chain[0][which(*chain)]
         ),
         Mistake("all are one too large: counting begins with 0.", lambda *chain: which(*chain) + 1),
-        Mistake("this is how many close; asked is which.", lambda *chain: len(which(*chain))),
+        Mistake("this says how many close, not which.", lambda *chain: len(which(*chain))),
         Mistake(
-            "this looks like a mask; asked are indices.",
+            "this looks like a mask; indices are wanted.",
             when=lambda got, a, *more: len(got) == len(a) and set(np.unique(got)) <= {0, 1},
         ),
     ),
@@ -240,7 +242,7 @@ peak = Exercise(
     line="(left - right) / 2 / (left - 2 * middle + right)",
     mistakes=(
         Mistake(
-            "this is the height of the top; asked is its place.",
+            "this is the height of the top; its place is wanted.",
             lambda a, b, c: b - (a - c) ** 2 / (8 * (a - 2 * b + c)),
         ),
         Mistake("the sign is wrong: the top lies on the side of the larger neighbour.", times(top, -1.0)),
@@ -270,15 +272,15 @@ buckets = Exercise(
             ),
         ),
         Mistake("neither age nor strength was asked.", chosen(0, 0)),
-        Mistake("these are places; asked are indices.", lambda uv, *case: uv[kept(uv, *case)]),
+        Mistake("these are places; indices are wanted.", lambda uv, *case: uv[kept(uv, *case)]),
         Mistake(
-            "this is a mask; asked are indices.", lambda *case: np.isin(np.arange(len(case[0])), kept(*case))
+            "this is a mask; indices are wanted.", lambda *case: np.isin(np.arange(len(case[0])), kept(*case))
         ),
         Mistake(
             "only `count` features are left in all; `count` in each square.",
             when=lambda got, *case: len(got) == case[4],
         ),
-        Mistake("a square has one more than `count`: <, not <=.", lambda *case: kept(*case[:4], case[4] + 1)),
+        Mistake("a square has one more than `count`.", lambda *case: kept(*case[:4], case[4] + 1)),
         Mistake(
             "strips, not squares: a square is a column *and* a row of the grid.",
             lambda uv, *case: kept(uv * [1, 0], *case),

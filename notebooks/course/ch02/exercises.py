@@ -270,10 +270,12 @@ most_frequent_count = Exercise(
     hint="first count the solutions of each set, then how many sets have 0, 1, 2 … of them.",
     line="np.argmax(np.bincount(np.bincount(found.set_index)))",
     mistakes=(
-        Mistake("this is the mean number of solutions; asked is the most frequent.", lambda: counts().mean()),
+        Mistake(
+            "this is the mean number of solutions; the most frequent is wanted.", lambda: counts().mean()
+        ),
         Mistake("this is the number of a set, the one with most solutions.", lambda: np.argmax(counts())),
-        Mistake("so many solutions has the set that has most.", lambda: counts().max()),
-        Mistake("so many sets have it; how many solutions each?", lambda: np.bincount(counts()).max()),
+        Mistake("this is the largest number of solutions that a set has.", lambda: counts().max()),
+        Mistake("this is how many sets have it.", lambda: np.bincount(counts()).max()),
         Mistake("odd numbers hardly ever occur: complex roots come in pairs.", when=lambda got: got % 2 != 0),
     ),
 )
@@ -291,7 +293,9 @@ noise_factor = Exercise(
             lambda: 1.0 / growth(),
             lambda: median_error(0.4) - median_error(0.1),
         ),
-        Mistake("the error itself, at one noise.", lambda: median_error(0.4), lambda: median_error(0.1)),
+        Mistake(
+            "this is the error itself, at one noise.", lambda: median_error(0.4), lambda: median_error(0.1)
+        ),
     ),
 )
 
@@ -302,7 +306,7 @@ far_off = Exercise(
     "unmasks such a set.",
     mistakes=(
         Mistake(
-            "there are {noise added:.2f} px of noise on the matches; the five themselves shall be to blame.",
+            "there are {noise added:.2f} px of noise on the matches; the five themselves should be to blame.",
             when=lambda facts: facts["noise added"] != 0,
         ),
         Mistake(
