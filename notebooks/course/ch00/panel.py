@@ -201,9 +201,7 @@ def residual_figure(sequence: Sequence, frame: int, R_cp: Array, height: int = 2
     points = frame_points(sequence, frame, config)
     made, (axis,) = figure(height)
     solved = solve_translation(sequence.camera, points.matches, R_cp, config.translation)
-    if solved is None:
-        say(axis, "this frame has no solution")
-        return made
+    assert solved is not None
     inside = in_boxes(points.matches.cur_left, sequence.boxes(frame), config.filter)
     for chosen, colour, words in ((~inside, GOOD, "elsewhere"), (inside, BAD, "in a vehicle's box")):
         axis.plot(points.X_p[chosen, 2], solved[1][chosen], ".", color=colour, markersize=4, label=words)
