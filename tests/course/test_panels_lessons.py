@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,19 +12,25 @@ import pytest
 from course.ch01.figures import four_images, walk
 from course.ch01.panel import MatchingView, with_view
 from course.ch01.trace import KEPT, REASONS, trace
+from course.ch02.figures import epipolar_line, pixels
+from course.ch02.panel import rotation_errors
 from course.ch04.panel import alone, covariance
 from course.ch05.figures import cells_picture
 from course.ch05.panel import as_yolox
 from course.ch06.panel import EvaluationPanel, read_own
 from course.drawing import GOOD, WIDTH, bgr
+from course.frames import frame_points
 from vo_lib import open_sequence
-from vo_lib.config import Config, FeatureConfig, MatchingConfig, TranslationConfig
+from vo_lib.config import Config, FeatureConfig, MatchingConfig, TranslationConfig, preset
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.poses import write_kitti_poses, write_tum
+from vo_lib.data.sequence import Sequence
 from vo_lib.detection.yolo import Candidates
 from vo_lib.detection.yolo_layout import letterbox, read_yolox, yolox_cells
+from vo_lib.method.five_point import five_point
 
+NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 LONG = 300.0  # seconds; a safeguard
 FEATURES = FeatureConfig(cell=10)
 
@@ -67,6 +74,26 @@ def test_the_scatter_of_exact_matches_is_small(bands: Path) -> None:
         sequence.camera, kept, rotation_from_vector(np.array([0.0, 0.05, 0.0])), TranslationConfig()
     )
     assert np.trace(turned) > np.trace(C)
+
+
+def test_only_the_good_one_of_chapter_2s_candidates_has_its_line_through_the_sixth_match(
+    street: Sequence,
+) -> None:
+    cells = (NOTEBOOKS / "02_five_point.ipynb").read_text(encoding="utf-8")
+    numbers = [
+        re.search(pattern, cells) for pattern in (r"five = np.array\(\[([\d, ]+)\]", r"sixth = \[(\d+)\]")
+    ]
+    five, (sixth,) = ([int(word) for word in found[1].split(",")] for found in numbers if found)
+    points, camera = frame_points(street, 60, preset("solution_selection")), street.camera
+    assert points.T_cp is not None
+    E = five_point(points.x_p[five][None], points.x_c[five][None]).E
+    errors = rotation_errors(E, points.T_cp[:3, :3])
+    place = np.append(pixels(points.x_c[sixth], camera), 1.0)
+    off = np.array([abs(epipolar_line(each, points.x_p[sixth], camera) @ place) for each in E])
+    best = int(np.argmin(errors))
+    assert len(E) == 6
+    assert errors[best] < 0.1
+    assert off[best] < 1.0 < 10.0 < np.delete(off, best).min()
 
 
 def test_own_poses_are_read_in_both_formats(bands: Path, tmp_path: Path) -> None:

@@ -72,14 +72,8 @@ disparity_at_20_m = Exercise(
     mistakes=(
         Mistake("this is f / Z: which length is missing?", lambda camera: camera.f / DISTANCE),
         Mistake("this is b / Z, and no pixels: where is f?", lambda camera: camera.baseline / DISTANCE),
-        Mistake(
-            "the nearer a point, the larger its disparity.",
-            lambda camera: DISTANCE / (camera.f * camera.baseline),
-        ),
-        Mistake(
-            "the sign: which of the two columns is larger?",
-            lambda camera: -camera.f * camera.baseline / DISTANCE,
-        ),
+        Mistake("the nearer a point, the larger its d.", lambda c: DISTANCE / (c.f * c.baseline)),
+        Mistake("the sign: which of the two columns is larger?", lambda c: -c.f * c.baseline / DISTANCE),
     ),
 )
 
@@ -96,9 +90,7 @@ back_project = Exercise(
             "X and Y are measured from the corner of the image, not from the axis at (cx, cy).",
             lambda u, v, d, camera: point(u + camera.cx, v + camera.cy, d, camera),
         ),
-        Mistake(
-            "Y runs upwards: the camera's y axis points down, as rows do.", lambda *x: point(*x) * (1, -1, 1)
-        ),
+        Mistake("Y runs upwards: the camera's y axis points down.", lambda *x: point(*x) * (1, -1, 1)),
         Mistake("X runs to the left: the camera's x axis points right.", lambda *x: point(*x) * (-1, 1, 1)),
         Mistake(
             "u and v are swapped: u is the column and gives X.",
@@ -143,9 +135,7 @@ chain = Exercise(
     hint="one pose more than motions: the identity, then each made from the one before and one motion.",
     line="poses.append(poses[-1] @ inverse(T_cp))",
     mistakes=(
-        Mistake(
-            "each pose is that of one motion alone.", lambda motions: [np.eye(4), *map(inverse, motions)]
-        ),
+        Mistake("each pose is that of one motion alone.", lambda all_T: [np.eye(4), *map(inverse, all_T)]),
         Mistake(
             "the car drives backwards: T_cp takes points into the new camera, a pose takes them back.",
             appended(lambda T_cp: T_cp),
@@ -153,8 +143,7 @@ chain = Exercise(
         ),
         Mistake("pose 1 is right, pose 2 is not: the order is reversed.", appended(inverse, before=True)),
         Mistake(
-            "R with -t is no inverse: the rotation turns back, too.",
-            appended(lambda T: apart(T, turned=False)),
+            "R with -t is no inverse: the rotation turns back, too.", appended(lambda T: apart(T, False))
         ),
         Mistake("the rotation is turned back, but the translation is not turned with it.", appended(apart)),
         Mistake("a motion's inverse is not its transpose: that holds for rotations.", appended(np.transpose)),

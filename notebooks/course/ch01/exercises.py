@@ -28,6 +28,11 @@ def eigenvalues(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Arr
     return np.linalg.eigvalsh([[total(gx * gx), total(gx * gy)], [total(gx * gy), total(gy * gy)]])
 
 
+def strength(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Any:
+    """The root of the smaller eigenvalue."""
+    return np.sqrt(max(eigenvalues(gx, gy, total)[0], 0.0))
+
+
 def stereo_pairs() -> list[Case]:
     """Good matches, with one two rows lower, at 0.2 px, with a negative disparity, higher; all; other limits."""
     left = np.tile([100.0, 50.0], (6, 1))
@@ -121,7 +126,7 @@ def overfull(kept: Array, uv: Array, age: Array, strength: Array, size: int, cou
 
 
 corner_strength = Exercise(
-    lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy)[0], 0.0)),
+    strength,
     windows,
     atol=1e-6,
     task="A function (gx, gy): gradients of a window, (n, n) each -> root of M's smaller eigenvalue.",
@@ -130,15 +135,10 @@ corner_strength = Exercise(
     line="M = [[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]]; np.linalg.eigvalsh(M)",
     library=("corner_strength",),
     mistakes=(
-        Mistake(
-            "the larger eigenvalue: an edge has that, too.", lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1])
-        ),
+        Mistake("an edge has the larger eigenvalue, too.", lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1])),
         Mistake("right, except for the root.", lambda gx, gy: eigenvalues(gx, gy)[0]),
         Mistake("both eigenvalues are given back; which one is small on an edge?", eigenvalues),
-        Mistake(
-            "this takes means over the window; M is a sum.",
-            lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy, np.mean)[0], 0.0)),
-        ),
+        Mistake("this takes means over the window; M is a sum.", lambda gx, gy: strength(gx, gy, np.mean)),
         Mistake("this is the determinant.", lambda gx, gy: np.sqrt(abs(np.prod(eigenvalues(gx, gy))))),
         Mistake("this is the trace.", lambda gx, gy: np.sqrt(np.sum(eigenvalues(gx, gy)))),
         Mistake(
@@ -148,7 +148,7 @@ corner_strength = Exercise(
         Mistake(
             "a matrix product of the windows: here each pixel's gx is multiplied with its own gy.",
             lambda gx, gy: np.sqrt(max(np.linalg.eigvalsh(gx @ gy.T)[0], 0.0)),
-            lambda gx, gy: np.sqrt(max(eigenvalues(gx, gy, lambda x: x)[0], 0.0)),
+            lambda gx, gy: strength(gx, gy, lambda products: products),
         ),
         Mistake(
             "NaN on an edge: rounding may make an eigenvalue -1e-17, and its root is no number.",
@@ -181,11 +181,9 @@ is_stereo = Exercise(
             "the match with 0.2 px of disparity is judged good: its depth is hardly known.",
             judged(limits=lambda most, least: (most, -99.0)),
         ),
+        Mistake("the match further right in the right image is judged good.", judged(disparity=np.abs)),
         Mistake(
-            "the match that is further right in the right image is judged good.", judged(disparity=np.abs)
-        ),
-        Mistake(
-            "a match two rows off to one side is good here.", judged(row=np.positive), judged(row=np.negative)
+            "a match two rows off to one side is good.", judged(row=np.positive), judged(row=np.negative)
         ),
         Mistake("the disparity is the other way round: left minus right.", judged(disparity=np.negative)),
         Mistake(
@@ -218,9 +216,7 @@ loop_closes = Exercise(
             lambda *chain: np.flatnonzero(np.min(chain, axis=0) >= 0),
         ),
         Mistake("the loop is run the other way round.", lambda *chain: which(*chain[::-1])),
-        Mistake(
-            "these are the places in the next image; i is wanted.", lambda *chain: chain[0][which(*chain)]
-        ),
+        Mistake("these are places in the next image; i is wanted.", lambda *chain: chain[0][which(*chain)]),
         Mistake("all are one too large: counting begins with 0.", lambda *chain: which(*chain) + 1),
         Mistake("this says how many close, not which.", lambda *chain: len(which(*chain))),
         Mistake(
@@ -274,12 +270,9 @@ buckets = Exercise(
         Mistake("neither age nor strength was asked.", chosen(0, 0)),
         Mistake("these are places; indices are wanted.", lambda uv, *case: uv[kept(uv, *case)]),
         Mistake(
-            "this is a mask; indices are wanted.", lambda *case: np.isin(np.arange(len(case[0])), kept(*case))
+            "this is a mask; indices are wanted.", lambda *case: np.isin(range(len(case[0])), kept(*case))
         ),
-        Mistake(
-            "only `count` features are left in all; `count` in each square.",
-            when=lambda got, *case: len(got) == case[4],
-        ),
+        Mistake("only `count` in all; so many in each square.", when=lambda got, *case: len(got) == case[4]),
         Mistake("a square has one more than `count`.", lambda *case: kept(*case[:4], case[4] + 1)),
         Mistake(
             "strips, not squares: a square is a column *and* a row of the grid.",

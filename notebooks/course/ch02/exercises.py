@@ -144,9 +144,7 @@ epipolar_distance = Exercise(
             from_line(lambda value, line: abs(value)),
             from_line(lambda value, line: value),
         ),
-        Mistake(
-            "the points are exchanged: the line belongs to x_p.", lambda E, x_p, x_c: distance(E, x_c, x_p)
-        ),
+        Mistake("the points are exchanged: x_p gives the line.", lambda E, x_p, x_c: distance(E, x_c, x_p)),
         Mistake("this is the line of the transposed E.", lambda E, x_p, x_c: distance(E.T, x_p, x_c)),
         Mistake("x and y of x_c are exchanged.", lambda E, x_p, x_c: distance(E, x_p, x_c[::-1])),
         Mistake(
@@ -270,9 +268,7 @@ most_frequent_count = Exercise(
     hint="first count the solutions of each set, then how many sets have 0, 1, 2 … of them.",
     line="np.argmax(np.bincount(np.bincount(found.set_index)))",
     mistakes=(
-        Mistake(
-            "this is the mean number of solutions; the most frequent is wanted.", lambda: counts().mean()
-        ),
+        Mistake("this is the mean number; the most frequent is wanted.", lambda: counts().mean()),
         Mistake("this is the number of a set, the one with most solutions.", lambda: np.argmax(counts())),
         Mistake("this is the largest number of solutions that a set has.", lambda: counts().max()),
         Mistake("this is how many sets have it.", lambda: np.bincount(counts()).max()),
@@ -293,9 +289,7 @@ noise_factor = Exercise(
             lambda: 1.0 / growth(),
             lambda: median_error(0.4) - median_error(0.1),
         ),
-        Mistake(
-            "this is the error itself, at one noise.", lambda: median_error(0.4), lambda: median_error(0.1)
-        ),
+        Mistake("this is the error at one noise.", lambda: median_error(0.4), lambda: median_error(0.1)),
     ),
 )
 
