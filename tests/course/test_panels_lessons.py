@@ -5,15 +5,16 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from course.ch01.figures import four_images, walk
-from course.ch01.panel import MatchingView, with_view
+from course.ch01.panel import MatchingPanel, MatchingView, with_view
 from course.ch01.trace import KEPT, REASONS, trace
 from course.ch02.figures import epipolar_line, pixels
-from course.ch02.panel import rotation_errors
+from course.ch02.panel import FivePointPanel, rotation_errors
 from course.ch04.panel import alone, covariance
 from course.ch05.figures import cells_picture
 from course.ch05.panel import as_yolox
@@ -94,6 +95,43 @@ def test_only_the_good_one_of_chapter_2s_candidates_has_its_line_through_the_six
     assert len(E) == 6
     assert errors[best] < 0.1
     assert off[best] < 1.0 < 10.0 < np.delete(off, best).min()
+
+
+def test_chapter_1_says_what_its_panel_shows(street: Sequence) -> None:
+    def facts(**values: Any) -> dict[str, float]:
+        panel.set(**{**usual, **values})
+        return panel.facts
+
+    panel = MatchingPanel(street, 60)
+    tolerances = ("max_difference", "row_tolerance", "surface_tolerance", "loop_tolerance")
+    usual = {f"matching__{name}": panel.knobs[f"matching.{name}"].value for name in tolerances}
+    first = facts()
+    strict, loose = facts(matching__loop_tolerance=0.1), facts(matching__loop_tolerance=5.0)
+    everything = facts(**{name: panel.knobs[name.replace("__", ".")].widget.max for name in usual})
+    published = facts(view__variant="published")
+    assert strict["kept"] < 0.8 * first["kept"] < loose["kept"] < 1.1 * first["kept"]
+    assert everything["kept"] > first["kept"]
+    assert everything["wrong among the kept"] > first["wrong among the kept"]
+    assert published["features"] > 3 * first["features"]
+    assert published["found again"] < 0.3 * published["features"]
+    assert published["wrong among the kept"] > 2 * first["wrong among the kept"]
+    assert facts(view__variant="published", matching__max_difference=5.0) == published
+
+
+def test_chapter_2_says_what_its_panel_shows(street: Sequence) -> None:
+    panel = FivePointPanel(street, 60)
+    cases = {"few": (10, 0.0), "many": (1000, 0.0), "noisy": (1000, 0.5)}
+    names = ("median error of a set", "error of the consensus winner")
+    mean = {}
+    for case, (sets, noise) in cases.items():
+        found = []
+        for frame in (20, 60, 100):
+            panel.set(frame=frame, view__sets=sets, view__noise=noise)
+            found.append([panel.facts[each] for each in names])
+        mean[case] = np.mean(found, axis=0)
+    assert mean["many"][0] == pytest.approx(mean["few"][0], rel=0.5)
+    assert mean["many"][1] < 0.5 * mean["few"][1]
+    assert mean["noisy"][0] > 3 * mean["many"][0]
 
 
 def test_own_poses_are_read_in_both_formats(bands: Path, tmp_path: Path) -> None:
