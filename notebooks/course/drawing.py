@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import textwrap
 import threading
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from IPython.display import Code
 from IPython.display import Image as Shown
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -22,9 +21,8 @@ from matplotlib.ticker import NullLocator
 
 from vo_lib.core.types import Image
 
-from .frames import Memory
-
 WIDTH = 980  # pixels of every picture
+HALF_HEIGHT = 150  # of a photo of half the width
 DPI = 100
 LEFT, RIGHT, ABOVE, BELOW = 58, 14, 26, 42  # pixels round an axis, for its numbers and names
 
@@ -49,7 +47,6 @@ Place = Literal["best", "upper left", "upper right", "lower left", "lower right"
 
 # Text layout of matplotlib shares state between threads: cells and panel callbacks draw one at a time.
 _drawing = threading.RLock()
-_rulers: Memory[Image] = Memory(32)
 
 
 def bgr(colour: str) -> tuple[int, int, int]:
@@ -121,44 +118,11 @@ def say(axis: Axes, words: str) -> None:
 
 
 def raster(drawn: Figure) -> Image:
-    """A figure as a BGR picture (H, W, 3).
-
-    Ticks, their numbers and the names of axes take matplotlib most of its time and seldom change while a
-    slider moves: they are kept from picture to picture, and all else is drawn on a copy of them.
-    """
+    """A figure as a BGR picture (H, W, 3)."""
     with _drawing:
         canvas = FigureCanvasAgg(drawn)
-        renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
-        data: list[Artist] = []
-        for axis in drawn.axes:
-            axis.apply_aspect()  # a whole drawing begins with this; it may change the limits
-            behind = [axis.patch, axis.xaxis, axis.yaxis, *(() if axis.axison else axis.spines.values())]
-            data += [part for part in axis.get_children() if part not in behind]
-        for part in data:
-            part.set_animated(True)  # left out of a whole drawing
-        rgba = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-
-        def rulers() -> Image:
-            canvas.draw()  # type: ignore[no-untyped-call]
-            return rgba.copy()
-
-        rgba[:] = _rulers.get(_scales(drawn), rulers)
-        for part in sorted(data, key=lambda each: each.get_zorder()):
-            part.draw(renderer)
-        return np.ascontiguousarray(rgba[:, :, 2::-1])
-
-
-def _scales(drawn: Figure) -> tuple[Hashable, ...]:
-    """What the kept part of a figure depends on."""
-    found: list[Hashable] = [*drawn.get_size_inches()]
-    for axes in drawn.axes:
-        found += [axes.axison, *axes.get_position().bounds]
-        for axis in (axes.xaxis, axes.yaxis):
-            ticks = axis.get_majorticklocs().tolist()
-            words = getattr(axis.get_major_formatter(), "seq", ())
-            found += [axis.get_label_text(), axis.get_scale(), *axis.get_view_interval(), *ticks, *words]
-            found.append(str(axis.get_tick_params()))
-    return tuple(found)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, 2::-1])  # type: ignore[no-untyped-call]
 
 
 def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
@@ -184,6 +148,12 @@ def caption(picture: Image, words: str) -> Image:
     out = picture.copy()
     out[: h + 10, : w + 12] = out[: h + 10, : w + 12] // 4
     return np.asarray(cv2.putText(out, words, (6, h + 5), font, size, white, 1, cv2.LINE_AA), np.uint8)
+
+
+def beside(left: Image, right: Image, *words: str) -> Image:
+    """Two pictures of half the width beside each other, with words on each."""
+    halves = [photo(each, WIDTH // 2, HALF_HEIGHT) for each in (left, right)]
+    return np.concatenate([*map(caption, halves, words)] if words else halves, axis=1)
 
 
 def stack(parts: Sequence[Image | Figure], height: int) -> bytes:

@@ -11,7 +11,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from vo_lib.config import Config
+from vo_lib.beyond.selection import motion_of_winner, sample_sets
+from vo_lib.config import Config, SelectionConfig
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import inverse
 from vo_lib.core.matches import StereoMatches
@@ -20,7 +21,11 @@ from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.sequence import PROCESSES, SYNTHETIC, Sequence, open_sequence
 from vo_lib.data.truth import Truth, open_truth
 from vo_lib.front_end.front_end import make_front_end
+from vo_lib.front_end.surface import CoarseDisparity, coarse_disparity
 from vo_lib.method.buckets import select_by_bucket
+from vo_lib.method.config import FeatureConfig, MatchingConfig
+from vo_lib.method.five_point import five_point
+from vo_lib.method.selection import truncated_errors
 from vo_lib.runs.runner import single_threaded
 
 from .progress import with_bar
@@ -64,9 +69,10 @@ class Memory(Generic[Value]):
 
 _sequences: Memory[Sequence] = Memory(8)
 _pairs: Memory[tuple[Image, Image]] = Memory(12)
-_prepared: Memory[Any] = Memory(6)
+_prepared: Memory[Any] = Memory(8)
 _matches: Memory[StereoMatches] = Memory(24)
 _truths: Memory[Truth] = Memory(4)
+_disparities: Memory[CoarseDisparity] = Memory(8)
 
 
 def is_open(name: str) -> bool:
@@ -113,20 +119,38 @@ def stereo(sequence: Sequence, frame: int) -> tuple[Image, Image]:
     return _pairs.get(key_of(sequence, frame), lambda: sequence.stereo(frame))
 
 
+def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDisparity:
+    """Disparity (H/2, W/2) of a frame by block matching, pixels of the full image; negative where none."""
+    pair = stereo(sequence, frame)
+    return _disparities.get((*key_of(sequence, frame), largest), lambda: coarse_disparity(*pair, largest))
+
+
+def before_step(
+    sequence: Sequence, frame: int, features: FeatureConfig, matching: MatchingConfig
+) -> tuple[Any, Any]:
+    """A front end that has seen the pairs before `frame` >= 1, and the prepared pair of `frame`."""
+    front_end = make_front_end(sequence.camera, features, matching)
+
+    def prepare(index: int) -> Any:
+        key = (*key_of(sequence, index), features, matching)
+        return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
+
+    indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
+    with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
+        *earlier, pair = pool.map(prepare, indices)
+        for each in earlier:
+            front_end.step(each)
+    return front_end, pair
+
+
 def frame_matches(sequence: Sequence, frame: int, config: Config) -> StereoMatches:
     """Matches of a frame >= 1 with the one before, as the configuration's front end finds them."""
     settings = config.features, config.matching
 
     def make() -> StereoMatches:
-        front_end = make_front_end(sequence.camera, *settings)
-
-        def prepare(index: int) -> Any:
-            key = (*key_of(sequence, index), *settings)
-            return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
-
-        indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
-        with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
-            return [front_end.step(pair) for pair in pool.map(prepare, indices)][-1]
+        front_end, pair = before_step(sequence, frame, *settings)
+        matches: StereoMatches = front_end.step(pair)
+        return matches
 
     return _matches.get((*key_of(sequence, frame), *settings), make)
 
@@ -161,6 +185,15 @@ def frame_points(sequence: Sequence, frame: int, config: Config) -> Points:
         camera.triangulate(matches.prev_left, matches.prev_right),
         true_motion(sequence, frame),
     )
+
+
+def consensus_rotation(x_p: Array, x_c: Array, X_p: Array, rng: np.random.Generator, focal: float) -> Array:
+    """R_cp (3, 3) of the candidate with the smallest error, refined, from matches (N, 2) and points (N, 3)."""
+    config = SelectionConfig()
+    sets = sample_sets(rng, len(x_p), config.sets, np.arctan2(x_c[:, 1], x_c[:, 0]))
+    E, _ = five_point(x_p[sets], x_c[sets])
+    winner = E[np.argmin(truncated_errors(E, x_p, x_c, config.threshold / focal))]
+    return motion_of_winner(winner, x_p, x_c, X_p, config, focal)[0]
 
 
 def true_motion(sequence: Sequence, frame: int) -> Array | None:

@@ -1,9 +1,10 @@
-"""Chapters 3 and 4: simulated drives, what solution selection is worth on them, and estimated rotations."""
+"""Chapters 3, 4 and 7: simulated drives, what solution selection is worth on them, and estimated rotations."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,14 +17,13 @@ from vo_lib.core.types import Array
 from vo_lib.data.problems import random_problems
 from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from vo_lib.method.five_point import five_point
-from vo_lib.method.selection import truncated_errors
+
+from .frames import consensus_rotation
 
 CAMERA = StereoCamera(f=718.856, cx=607.19, cy=185.22, baseline=0.537, width=1241, height=376)
-NEVER = 1000.0  # a turn ratio that never drops the prior
 
 
-@dataclass(frozen=True)
-class Pair:
+class Pair(NamedTuple):
     """Matches of one frame with its known rotation: x_p, x_c (N, 2) normalised, X_p (N, 3) metres, R_cp."""
 
     x_p: Array
@@ -45,13 +45,9 @@ class Scene:
 
 
 def selections(mode: str = "literal") -> dict[str, SelectionConfig]:
-    """The ways to choose a winner that are compared."""
-    rows = {"consensus": SelectionConfig(mode=mode, prior=False)}
-    for keep in (1, 2, 3):
-        rows[f"k = {keep}"] = SelectionConfig(mode=mode, keep=keep)
-    rows["k = 1, never dropped"] = SelectionConfig(mode=mode, keep=1, prior_rejection_ratio=NEVER)
-    rows["k = 2, never dropped"] = SelectionConfig(mode=mode, prior_rejection_ratio=NEVER)
-    return rows
+    """The ways to choose a winner that are compared: all candidates, or the k nearest of each set."""
+    nearest = {f"k = {keep}": SelectionConfig(mode=mode, keep=keep) for keep in (1, 2)}
+    return {"consensus": SelectionConfig(mode=mode, prior=False), **nearest}
 
 
 def drive(frames: int, sharp: bool = False) -> Array:
@@ -106,27 +102,10 @@ def selection_errors(
     return {name: np.array(values) for name, values in errors.items()}
 
 
-def consensus_rotation(
-    x_p: Array, x_c: Array, X_p: Array, rng: np.random.Generator, focal: float
-) -> Array | None:
-    """R_cp (3, 3) of the candidate with the smallest error, refined; None where there is no candidate."""
-    if len(x_p) < 5:
-        return None
-    sets = sample_sets(rng, len(x_p), 200, np.arctan2(x_c[:, 1], x_c[:, 0]))
-    E, _ = five_point(x_p[sets], x_c[sets])
-    if len(E) == 0:
-        return None
-    winner = E[np.argmin(truncated_errors(E, x_p, x_c, SelectionConfig().threshold / focal))]
-    return motion_of_winner(winner, x_p, x_c, X_p, SelectionConfig(), focal)[0]
-
-
 def estimated_rotations(
     poses: Array, tracks: TrackConfig, seed: int
 ) -> Iterator[tuple[SimulatedFrame, Array]]:
-    """Simulated frames along a path, each with the rotation (3, 3) that its matches give."""
+    """Simulated frames along a path, each with the rotation (3, 3) of the candidate that fits its matches best."""
     for frame in simulate_tracks(poses, CAMERA, tracks, seed):
-        pair = _pair(frame.matches, frame.T_cp[:3, :3])
-        rng = np.random.default_rng([seed, frame.frame])
-        R_cp = consensus_rotation(pair.x_p, pair.x_c, pair.X_p, rng, CAMERA.f)
-        assert R_cp is not None
-        yield frame, R_cp
+        x_p, x_c, X_p, _ = _pair(frame.matches, frame.T_cp[:3, :3])
+        yield frame, consensus_rotation(x_p, x_c, X_p, np.random.default_rng([seed, frame.frame]), CAMERA.f)

@@ -1,19 +1,8 @@
 """The pattern of every panel: controls above, one picture of fixed size, a sentence and numbers below.
 
-A panel says what it controls and draws; this class does the rest:
-
-    class MatchPanel(Panel):
-        title = "Chapter 1: which matches stay"
-        controls = (Control("matching.loop_tolerance"), Control("buckets.features", "features a bucket"))
-
-        def draw(self, state: State) -> Drawing:
-            matches = frame_matches(state.sequence, state.frame, state.config)
-            ...
-            whole = stack([picture, chart], self.height)
-            return Drawing(whole, "A sentence in words.", (Fact("matches", len(matches)),))
-
-`draw` is pure: the same state gives the same picture. Callbacks run on another thread than cells, so nothing
-here uses pyplot, and pictures are bytes in one `Image`: no flicker, no jumping, no leaked figures.
+A panel gives `title`, `controls` and `draw(state)`; this class does the rest. `draw` is pure: the same state gives
+the same picture. Callbacks run on another thread than cells, so nothing here uses pyplot, and pictures are bytes in
+one `Image`: no flicker, no jumping, no leaked figures.
 """
 
 from __future__ import annotations
@@ -21,6 +10,7 @@ from __future__ import annotations
 import html
 import threading
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -29,7 +19,7 @@ import numpy as np
 
 from vo_lib.config import Config, preset
 from vo_lib.core.errors import DataError
-from vo_lib.core.settings import Setting, declared, replace
+from vo_lib.core.settings import declared, replace
 from vo_lib.core.types import Progress
 from vo_lib.data.sequence import Sequence, available
 from vo_lib.runs.runner import single_threaded
@@ -177,10 +167,9 @@ class Panel:
         """Start the long job, as the Run button does."""
         try:
             state = self.state()
+            self.job.start(self.long_job, lambda report: self.work(state, report), self._show, self._fail)
         except DataError as error:
             self._fail(error)
-            return
-        self.job.start(self.long_job, lambda report: self.work(state, report), self._show, self._fail)
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         return self.box._repr_mimebundle_(**options)
@@ -202,17 +191,14 @@ class Panel:
         self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'
 
     def _make_knobs(self, first: dict[str, Any]) -> dict[str, Knob]:
-        known: dict[str, tuple[Setting, Any]] = {}
-        for item in declared(type(self.start)):
-            value: Any = self.start
-            for part in item.name.split("."):
-                value = getattr(value, part)
-            known[item.name] = item, value
-        if self.view is not None:
-            known.update({item.name: (item, item.default) for item in declared(self.view, "view.")})
+        items = [*declared(type(self.start)), *(declared(self.view, "view.") if self.view else ())]
+        settings = {item.name: item for item in items}
         knobs = {}
         for control in self.controls:
-            setting, value = known[control.name]
+            setting = settings[control.name]
+            value = (
+                setting.default if setting.name.startswith("view.") else attrgetter(setting.name)(self.start)
+            )
             knobs[control.name] = Knob(control, setting, first.pop(control.name, value))
             knobs[control.name].widget.observe(self.redraw, "value")
         if first:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from vo_lib.core.types import Array
 
@@ -86,17 +85,19 @@ def sub_sequence(height: int = 210) -> Figure:
     """A piece of a path: its starts are made equal, the error is taken at its end."""
     made, axis = _sheet(height, (-3.4, 12.0), (-1.3, 2.2))
     s = np.linspace(0.0, 1.0, 60)
-    truth = 9.0 * s + 1.2j * np.sin(3.0 * s)
-    turned = np.concatenate([[0.0], np.cumsum(np.diff(truth) * 1.04 * np.exp(1j * np.radians(9.0) * s[1:]))])
-    _path(axis, -3.0 + 3.0 * s - 1j * (1.0 - s) ** 2, PALE, 2.0)
+    true = 9.0 * s + 1.2j * np.sin(3.0 * s)
+    steps = np.diff(true) * 1.04 * np.exp(1j * np.radians(9.0) * s[1:])
+    paths = -3.0 + 3.0 * s - 1j * (1.0 - s) ** 2, true, np.concatenate([[0.0], np.cumsum(steps)])
+    before, truth, turned = (np.stack([path.real, path.imag], axis=1) for path in paths)
+    axis.plot(*before.T, color=PALE, linewidth=2.0)
     for path, colour in ((truth, DARK), (turned, GOOD)):
-        _path(axis, path, colour, 2.5)
-        tip = path[-1] + 1.2 * (path[-1] - path[-4]) / abs(path[-1] - path[-4])
-        _arrow(axis, _xy(path[-1]), _xy(tip), colour)
-    _line(axis, _xy(truth[-1]), _xy(turned[-1]), BAD, 3.0)
+        axis.plot(*path.T, color=colour, linewidth=2.5)
+        ahead = path[-1] - path[-4]
+        _arrow(axis, path[-1], path[-1] + 1.2 * ahead / np.linalg.norm(ahead), colour)
+    _line(axis, truth[-1], turned[-1], BAD, 3.0)
     _dot(axis, np.zeros(2), DARK, "frame i: starts made equal", (0.2, -0.35))
-    _text(axis, _xy(truth[-1]) + np.array([-0.2, -0.5]), "frame j of the truth", ha="right")
-    _text(axis, _xy(turned[-1]) + np.array([-0.6, 0.55]), "frame j of the estimate", GOOD)
+    _text(axis, truth[-1] + np.array([-0.2, -0.5]), "frame j of the truth", ha="right")
+    _text(axis, turned[-1] + np.array([-0.6, 0.55]), "frame j of the estimate", GOOD)
     return made
 
 
@@ -126,15 +127,6 @@ def _sheet(height: int, x: tuple[float, float], y: tuple[float, float]) -> tuple
     axis.set(xlim=middle[0] + half[0] * np.array([-1, 1]), ylim=middle[1] + half[1] * np.array([-1, 1]))
     axis.set_axis_off()
     return made, axis
-
-
-def _xy(number: complex) -> Array:
-    return np.array([number.real, number.imag])
-
-
-def _path(axis: Axes, path: NDArray[np.complex128], colour: str, width: float) -> None:
-    """A path of complex numbers x + i y."""
-    axis.plot(path.real, path.imag, color=colour, linewidth=width)
 
 
 def _line(axis: Axes, a: Place, b: Place, colour: str, width: float = 1.5, style: str = "-") -> None:

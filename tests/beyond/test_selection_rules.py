@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from course.lessons import CAMERA, NEVER, Pair, Scene, drive, frames_of, selection_errors
+from course.lessons import CAMERA, Pair, Scene, drive, frames_of, selection_errors
 from vo_lib.beyond.odometry import KitOdometry
 from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import Config, SelectionConfig, preset
@@ -22,6 +22,7 @@ from vo_lib.method.five_point import five_point
 from vo_lib.runs.runner import make_odometry
 
 TRACKS = TrackConfig(points=300, noise=0.3)
+NEVER = 1000.0  # a turn ratio that never drops the prior
 
 
 def medians(scene: Scene, configs: dict[str, SelectionConfig], frames: int = 15) -> dict[str, float]:

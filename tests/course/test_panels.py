@@ -10,14 +10,11 @@ import cv2
 import ipywidgets as widgets
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from course import stack
 from course.appendix import CalibrationPanel
 from course.ch00 import StartPanel
 from course.ch01 import MatchingPanel
-from course.ch01 import trace as ch01_trace
 from course.ch02 import FivePointPanel
 from course.ch03 import SelectionPanel
 from course.ch04 import TranslationPanel
@@ -25,7 +22,7 @@ from course.ch05 import FilteringPanel
 from course.ch06 import EvaluationPanel
 from course.ch07 import ExplorePanel, ReproducePanel
 from course.controls import Control, Knob
-from course.drawing import COARSE, WIDTH, figure, finish, log_axis, raster, room, say
+from course.drawing import COARSE, WIDTH, figure, log_axis, room
 from course.facts import Fact
 from course.frames import Memory
 from course.panel import Drawing, Panel, State
@@ -172,32 +169,6 @@ def test_the_rule_truth_needs_a_drawn_scene(bands: Path) -> None:
     assert "needs a drawn scene" in panel.error
 
 
-def chart(seed: int) -> Figure:
-    """Axes of all kinds with data of their own: bars, a line under a boxed legend, an arrow, words alone."""
-    rng = np.random.default_rng(seed)
-    made, (bars, logarithmic, equal, alone) = figure(160, 4)
-    bars.bar([1, 2], rng.uniform(1, 5, 2), label="bars")
-    bars.set(xlim=(0, 3), ylim=(0, 5))
-    finish(bars, f"title {seed}", "x [m]", "y", "upper left", boxed=True)
-    logarithmic.plot(rng.uniform(0, 1, 20), rng.uniform(1, 100, 20))
-    log_axis(logarithmic.yaxis, 0.5, 200.0)
-    finish(logarithmic, "logarithmic")
-    equal.annotate("", (1, 1), (0, seed), arrowprops={"arrowstyle": "-|>"})
-    equal.plot([0, 1, 2], [0, seed, 0])
-    equal.set_aspect("equal", adjustable="datalim")
-    finish(equal, "equal")
-    say(alone, f"words {seed}")
-    return made
-
-
-def test_a_picture_on_kept_axes_is_the_whole_drawing() -> None:
-    for seed in (1, 2, 1):
-        canvas = FigureCanvasAgg(chart(seed))
-        canvas.draw()  # type: ignore[no-untyped-call]
-        whole = np.asarray(canvas.buffer_rgba())[:, :, 2::-1]  # type: ignore[no-untyped-call]
-        np.testing.assert_array_equal(raster(chart(seed)), whole)
-
-
 def test_a_logarithmic_axis_has_plain_numbers() -> None:
     _, (axis,) = figure(120)
     log_axis(axis.xaxis, 0.05, 12.0, (1, 2, 5))
@@ -278,25 +249,6 @@ def test_a_long_job_can_be_stopped(bands: Path) -> None:
     assert (panel.job.running, panel.job.box.layout.display) == (False, "none")
     assert panel.error == ""
     assert "Stopped" in panel._message.value
-
-
-def test_the_matching_panel_left_alone_prepares_the_frames_beside_and_the_other_front_end(
-    bands: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def anew(*_: Any) -> None:
-        raise AssertionError("matched only now")
-
-    panel = MatchingPanel(str(bands), 1)
-    panel.wait(LONG)
-    panel._ahead.join(LONG)
-    monkeypatch.setattr(ch01_trace, "_history", anew)
-    panel.frame.value = 2
-    assert panel.error == ""
-    panel._ahead.cancel()
-    panel.set(frame=1, view__variant="published")
-    assert panel.error == ""
-    panel.set(frame=2)
-    assert "matched only now" in panel.error
 
 
 def test_an_unknown_control_is_named(bands: Path) -> None:

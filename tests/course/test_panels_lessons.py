@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from course.ch01.figures import four_images, walk
-from course.ch01.panel import MatchingView, with_view
+from course.ch01.panel import MatchingPanel, MatchingView, with_view
 from course.ch01.trace import KEPT, REASONS, trace
+from course.ch02.figures import epipolar_line, pixels
+from course.ch02.panel import FivePointPanel, rotation_errors
 from course.ch04.panel import alone, covariance
 from course.ch05.figures import cells_picture
 from course.ch05.panel import as_yolox
 from course.ch06.panel import EvaluationPanel, read_own
 from course.drawing import GOOD, WIDTH, bgr
+from course.frames import frame_points
 from vo_lib import open_sequence
-from vo_lib.config import Config, FeatureConfig, MatchingConfig, TranslationConfig
+from vo_lib.config import Config, FeatureConfig, MatchingConfig, TranslationConfig, preset
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.poses import write_kitti_poses, write_tum
+from vo_lib.data.sequence import Sequence
 from vo_lib.detection.yolo import Candidates
 from vo_lib.detection.yolo_layout import letterbox, read_yolox, yolox_cells
+from vo_lib.method.five_point import five_point
 
+NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 LONG = 300.0  # seconds; a safeguard
 FEATURES = FeatureConfig(cell=10)
 
@@ -67,6 +75,63 @@ def test_the_scatter_of_exact_matches_is_small(bands: Path) -> None:
         sequence.camera, kept, rotation_from_vector(np.array([0.0, 0.05, 0.0])), TranslationConfig()
     )
     assert np.trace(turned) > np.trace(C)
+
+
+def test_only_the_good_one_of_chapter_2s_candidates_has_its_line_through_the_sixth_match(
+    street: Sequence,
+) -> None:
+    cells = (NOTEBOOKS / "02_five_point.ipynb").read_text(encoding="utf-8")
+    numbers = [
+        re.search(pattern, cells) for pattern in (r"five = np.array\(\[([\d, ]+)\]", r"sixth = \[(\d+)\]")
+    ]
+    five, (sixth,) = ([int(word) for word in found[1].split(",")] for found in numbers if found)
+    points, camera = frame_points(street, 60, preset("solution_selection")), street.camera
+    assert points.T_cp is not None
+    E = five_point(points.x_p[five][None], points.x_c[five][None]).E
+    errors = rotation_errors(E, points.T_cp[:3, :3])
+    place = np.append(pixels(points.x_c[sixth], camera), 1.0)
+    off = np.array([abs(epipolar_line(each, points.x_p[sixth], camera) @ place) for each in E])
+    best = int(np.argmin(errors))
+    assert len(E) == 6
+    assert errors[best] < 0.1
+    assert off[best] < 1.0 < 10.0 < np.delete(off, best).min()
+
+
+def test_chapter_1_says_what_its_panel_shows(street: Sequence) -> None:
+    def facts(**values: Any) -> dict[str, float]:
+        panel.set(**{**usual, **values})
+        return panel.facts
+
+    panel = MatchingPanel(street, 60)
+    tolerances = ("max_difference", "row_tolerance", "surface_tolerance", "loop_tolerance")
+    usual = {f"matching__{name}": panel.knobs[f"matching.{name}"].value for name in tolerances}
+    first = facts()
+    strict, loose = facts(matching__loop_tolerance=0.1), facts(matching__loop_tolerance=5.0)
+    everything = facts(**{name: panel.knobs[name.replace("__", ".")].widget.max for name in usual})
+    published = facts(view__variant="published")
+    assert strict["kept"] < 0.8 * first["kept"] < loose["kept"] < 1.1 * first["kept"]
+    assert everything["kept"] > first["kept"]
+    assert everything["wrong among the kept"] > first["wrong among the kept"]
+    assert published["features"] > 3 * first["features"]
+    assert published["found again"] < 0.3 * published["features"]
+    assert published["wrong among the kept"] > 2 * first["wrong among the kept"]
+    assert facts(view__variant="published", matching__max_difference=5.0) == published
+
+
+def test_chapter_2_says_what_its_panel_shows(street: Sequence) -> None:
+    panel = FivePointPanel(street, 60)
+    cases = {"few": (10, 0.0), "many": (1000, 0.0), "noisy": (1000, 0.5)}
+    names = ("median error of a set", "error of the consensus winner")
+    mean = {}
+    for case, (sets, noise) in cases.items():
+        found = []
+        for frame in (20, 60, 100):
+            panel.set(frame=frame, view__sets=sets, view__noise=noise)
+            found.append([panel.facts[each] for each in names])
+        mean[case] = np.mean(found, axis=0)
+    assert mean["many"][0] == pytest.approx(mean["few"][0], rel=0.5)
+    assert mean["many"][1] < 0.5 * mean["few"][1]
+    assert mean["noisy"][0] > 3 * mean["many"][0]
 
 
 def test_own_poses_are_read_in_both_formats(bands: Path, tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import inverse, rigid, rotation_from_vector
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import trajectory_distances
 
 from ..checker import Case, Exercise, Mistake
 
@@ -31,58 +30,85 @@ def motions() -> list[Case]:
     return [(T[:count],) for count in (1, 2, 3)]
 
 
-def poses(motions: list[Array], append: Callable[[Array, Array], Array]) -> list[Array]:
-    """The identity, and a pose for each motion."""
-    path = [np.eye(4)]
-    for T_cp in motions:
-        path.append(append(path[-1], T_cp))
-    return path
+def appended(step: Callable[[Array], Array], before: bool = False) -> Callable[..., list[Array]]:
+    """Chains of poses: the identity, then `step` of each motion on the right, or `before` the last pose."""
+
+    def chained(motions: list[Array]) -> list[Array]:
+        path = [np.eye(4)]
+        for T_cp in motions:
+            path.append(step(T_cp) @ path[-1] if before else path[-1] @ step(T_cp))
+        return path
+
+    return chained
+
+
+def apart(T: Array, turned: bool = True) -> Array:
+    """The transposed rotation, or R itself, with -t: not the inverse of a motion."""
+    return rigid(T[:3, :3].T if turned else T[:3, :3], -T[:3, 3])
+
+
+def steps(sequence: Sequence) -> Array:
+    """The steps (N - 1, 3) of the true path, metres."""
+    if sequence.truth is None:
+        raise DataError(f"{sequence.name} has no truth; take a drawn sequence")
+    return np.asarray(np.diff(sequence.truth[:, :3, 3], axis=0))
 
 
 def way(sequence: Sequence, every: bool = True) -> float:
     """Metres along the true path, or straight from its start to its end."""
-    if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no truth; take a drawn sequence")
-    return float(trajectory_distances(sequence.truth[:: 1 if every else len(sequence.truth) - 1])[-1])
+    path = steps(sequence) if every else steps(sequence).sum(axis=0, keepdims=True)
+    return float(np.linalg.norm(path, axis=1).sum())
 
+
+right_chain = appended(inverse)
 
 disparity_at_20_m = Exercise(
     lambda camera: camera.f * camera.baseline / DISTANCE,
     rtol=0.01,
     task="The disparity in pixels of a point 20 m away.",
     praise="d = f b / Z = {right:.2f} px.",
-    hint="d = f b / Z with camera.f and camera.baseline.",
+    hint="in the sketch, what is missing at the distance f is to b as f is to Z.",
+    line="camera.f * camera.baseline / 20",
     mistakes=(
-        Mistake(
-            "this is f / Z, without a length on top.",
-            "which length stands between the two cameras?",
-            lambda camera: camera.f / DISTANCE,
-        ),
-        Mistake(
-            "this is the other way round.",
-            "the nearer the point, the larger its disparity.",
-            lambda camera: DISTANCE / (camera.f * camera.baseline),
-        ),
+        Mistake("this is f / Z: which length is missing?", lambda camera: camera.f / DISTANCE),
+        Mistake("this is b / Z, and no pixels: where is f?", lambda camera: camera.baseline / DISTANCE),
+        Mistake("the nearer a point, the larger its d.", lambda c: DISTANCE / (c.f * c.baseline)),
+        Mistake("the sign: which of the two columns is larger?", lambda c: -c.f * c.baseline / DISTANCE),
     ),
 )
 
 back_project = Exercise(
     point,
-    lambda: [(810.0, 250.0, 14.0, CAMERA)],
+    lambda: [(810.0, 250.0, 14.0, CAMERA), (350.0, 90.0, 7.0, CAMERA)],
     task="A function (u, v, d, camera) -> X (3,), metres, left camera frame.",
     praise="X = ({got[0]:.2f}, {got[1]:.2f}, {got[2]:.2f}) m, as `camera.back_project` has it.",
-    hint="Z is right; X = (u - cx) / f · Z, and Y likewise.",
+    hint="the depth comes first, from the disparity. Then X is to Z as u - cx is to f, and Y likewise.",
+    line="np.array([(u - camera.cx) / camera.f * Z, (v - camera.cy) / camera.f * Z, Z])",
     library=("back_project", "triangulate"),
     mistakes=(
         Mistake(
-            "X and Y are measured from the corner of the image.",
-            "subtract cx and cy first.",
+            "X and Y are measured from the corner of the image, not from the axis at (cx, cy).",
             lambda u, v, d, camera: point(u + camera.cx, v + camera.cy, d, camera),
         ),
+        Mistake("Y runs upwards: the camera's y axis points down.", lambda *x: point(*x) * (1, -1, 1)),
+        Mistake("X runs to the left: the camera's x axis points right.", lambda *x: point(*x) * (-1, 1, 1)),
         Mistake(
-            "Z is {got[2]:.3f} m, expected {right[2]:.3f} m.",
-            "Z = f b / d.",
-            lambda u, v, d, camera: point(u, v, 2 * d, camera),
+            "u and v are swapped: u is the column and gives X.",
+            lambda *x: point(*x)[[1, 0, 2]],
+            lambda u, v, *more: point(v, u, *more),
+        ),
+        Mistake(
+            "cx and cy are swapped.",
+            lambda u, v, d, camera: point(u + camera.cx - camera.cy, v + camera.cy - camera.cx, d, camera),
+        ),
+        Mistake(
+            "X and Y are those of the ray at depth 1: how far along it is the point?",
+            lambda *x: point(*x) / point(*x)[2],
+            lambda *x: point(*x) / [point(*x)[2], point(*x)[2], 1.0],
+        ),
+        Mistake("the order is X, Y, Z.", lambda *x: point(*x)[[2, 0, 1]]),
+        Mistake(
+            "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: what does the disparity say?",
             when=lambda X, *case: abs(X[2] - point(*case)[2]) > 1e-9,
         ),
     ),
@@ -93,84 +119,82 @@ depth_error_ratio = Exercise(
     rtol=0.05,
     task="By what factor the depth error of the same disparity error grows from 10 m to 40 m.",
     praise="the depth error grows with Z²: four times as far, sixteen times as inexact.",
-    hint="|dZ/dd| = f b / d² = Z² / (f b): how does it grow with Z?",
+    hint="take the derivative of Z = f b / d by d, and put Z back in its place.",
+    line="(40 / 10) ** 2",
     mistakes=(
-        Mistake(
-            "the error grows faster than the distance.", "derive Z = f b / d by d, then put d back in.", 4.0
-        ),
+        Mistake("the error grows faster than the distance.", 4.0, 2.0),
+        Mistake("this is how much smaller it is at 10 m.", 1 / 16, 1 / 4),
     ),
 )
 
 chain = Exercise(
-    lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ inverse(T_cp)),
+    right_chain,
     motions,
     task="A function: list of motions T_cp (4, 4) -> list of poses T_w_c, the first one the identity.",
     praise="every motion, inverted, is appended on the right.",
-    hint="T_w_c = T_w_p · inverse(T_cp), starting with np.eye(4).",
+    hint="one pose more than motions: the identity, then each made from the one before and one motion.",
+    line="poses.append(poses[-1] @ inverse(T_cp))",
     mistakes=(
+        Mistake("each pose is that of one motion alone.", lambda all_T: [np.eye(4), *map(inverse, all_T)]),
         Mistake(
-            "each pose is that of one motion alone.",
-            "append every motion to the pose before.",
-            lambda motions: [np.eye(4), *map(inverse, motions)],
+            "the car drives backwards: T_cp takes points into the new camera, a pose takes them back.",
+            appended(lambda T_cp: T_cp),
+            appended(lambda T_cp: T_cp, before=True),
+        ),
+        Mistake("pose 1 is right, pose 2 is not: the order is reversed.", appended(inverse, before=True)),
+        Mistake(
+            "R with -t is no inverse: the rotation turns back, too.", appended(lambda T: apart(T, False))
+        ),
+        Mistake("the rotation is turned back, but the translation is not turned with it.", appended(apart)),
+        Mistake("a motion's inverse is not its transpose: that holds for rotations.", appended(np.transpose)),
+        Mistake(
+            "`*` multiplies entry by entry, `@` multiplies matrices.",
+            lambda motions: [np.eye(4), *np.cumprod([inverse(T) for T in motions], axis=0)],
+            lambda motions: list(np.cumprod([np.eye(4), *(inverse(T) for T in motions)], axis=0)),
         ),
         Mistake(
-            "the car drives backwards.",
-            "T_cp takes points into the new camera; the pose needs its inverse.",
-            lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ T_cp),
+            "all poses are the same array, changed again and again: append a new one each time.",
+            lambda motions: [np.eye(4), *right_chain(motions)[-1:] * len(motions)],
+            lambda motions: right_chain(motions)[-1:] * (len(motions) + 1),
         ),
-        Mistake(
-            "pose 1 is right, pose 2 is not: the order is reversed.",
-            "T_w_c = T_w_p · inverse(T_cp).",
-            lambda motions: poses(motions, lambda T_w_p, T_cp: inverse(T_cp) @ T_w_p),
-        ),
-        Mistake(
-            "as many poses as motions; expected is one more.",
-            "the first pose is the identity.",
-            lambda motions: poses(motions, lambda T_w_p, T_cp: T_w_p @ inverse(T_cp))[1:],
-        ),
+        Mistake("as many poses as motions; the first pose is the identity.", lambda m: right_chain(m)[1:]),
+        Mistake("a motion is missing.", lambda motions: right_chain(motions)[:-1]),
     ),
 )
 
 path_length = Exercise(
-    lambda sequence: way(sequence, every=True),
+    way,
     atol=0.05,
     task="The length of the true path, metres.",
     praise="{right:.1f} m along the path; as the crow flies it is less.",
-    hint="positions are truth[:, :3, 3]; np.diff gives the steps.",
+    hint="positions are truth[:, :3, 3]. How long is each step from one to the next?",
+    line="np.linalg.norm(np.diff(sequence.truth[:, :3, 3], axis=0), axis=1).sum()",
     mistakes=(
-        Mistake(
-            "{got:.1f} m is the straight way from start to end.",
-            "sum the steps between frames.",
-            lambda sequence: way(sequence, every=False),
-        ),
+        Mistake("{got:.1f} m is the straight way from start to end.", lambda s: way(s, every=False)),
+        Mistake("this is every step by itself: add them.", lambda s: np.linalg.norm(steps(s), axis=1)),
+        Mistake("this is the mean step, not the sum.", lambda s: np.linalg.norm(steps(s), axis=1).mean()),
+        Mistake("one norm of all steps: take it of each, along axis 1.", lambda s: np.linalg.norm(steps(s))),
+        Mistake("this adds |x|, |y| and |z| of a step: take its norm.", lambda s: np.abs(steps(s)).sum()),
+        Mistake("this adds squared lengths: the root is missing.", lambda s: (steps(s) ** 2).sum()),
     ),
 )
 
 wrong_depth = Exercise(
     {"depth Z": 9.0, "true depth": 12.0},
     task="The panel stands at a point whose depth from block matching is more than 20 % off.",
-    praise=(
-        "{depth Z:.1f} m instead of {true depth:.1f} m. Checks that catch such matches are chapter 1's "
-        "subject."
-    ),
-    hint="",
+    praise="{depth Z:.1f} m instead of {true depth:.1f} m. Chapter 1 has the checks that catch such matches.",
     mistakes=(
         Mistake(
-            "at this point block matching found nothing.",
-            "go where the disparity picture is coloured.",
-            {"depth Z": np.nan},
+            "at this point block matching found nothing: go where the disparity picture is coloured.",
             when=lambda facts: np.isnan(facts["depth Z"]),
         ),
         Mistake(
-            "the true depth here is unknown or infinite.",
-            "take a drawn sequence, and not the sky.",
-            {"true depth": np.nan},
+            "the true depth here is unknown or infinite: take a drawn sequence, and not the sky.",
             when=lambda facts: np.isnan(facts["true depth"]),
         ),
         Mistake(
             "{depth Z:.1f} m against {true depth:.1f} m is not even 20 % off.",
-            ("look for speckles in the disparity picture, or for outlines with far background beside them."),
-            {"depth Z": 11.9},
+            "look for speckles in the disparity picture, or for outlines with far background beside them.",
             when=lambda facts: abs(facts["depth Z"] - facts["true depth"]) <= 0.2 * facts["true depth"],
         ),
     ),

@@ -2,36 +2,26 @@
 
 from __future__ import annotations
 
-import threading
-from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 
 from vo_lib.config import VARIANTS, Config
 from vo_lib.core.errors import DataError
-from vo_lib.core.matches import StereoMatches
 from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array
-from vo_lib.data.sequence import Sequence
-from vo_lib.data.truth import Truth
 from vo_lib.method import config as published
 from vo_lib.method.buckets import select_by_bucket
 
 from ..controls import Control
 from ..drawing import figure, stack
 from ..facts import Fact
-from ..frames import Memory, key_of, stereo, truth
+from ..frames import stereo, truth
 from ..panel import Drawing, Panel, State
-from .figures import CHOSEN, SURPLUS, depths_chart, errors_chart, fates, fates_chart, fates_picture
-from .trace import LOST, Trace, trace
+from .figures import CHOSEN, SURPLUS, by_fate, depths_chart, errors_chart, fates, fates_chart, fates_picture
+from .trace import LOST, trace
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
-PAUSE = 0.3  # seconds without a change, after which what may come next is traced
 RIGHT = 1.0  # pixels; a match is right whose places in the other three images are this near to the truth
-
-_errors: Memory[Array] = Memory(16)
 
 
 @dataclass(frozen=True)
@@ -88,92 +78,48 @@ class MatchingPanel(Panel):
         Control("buckets.features", "features a bucket", high=20),
     )
 
-    def __init__(self, *arguments: Any, **values: Any):
-        self._ahead = threading.Timer(PAUSE, lambda: None)
-        self._here: object = None
-        super().__init__(*arguments, **values)
-
-    def redraw(self, _: Any = None) -> None:
-        """Draw; then, unless something else is asked for, trace what may be asked for next at a new frame."""
-        super().redraw()
-        if self._quiet or self._sequence is None or self.error:
-            return
-        self._ahead.cancel()
-        state, last = self.state(), self._here
-        self._here = key_of(state.sequence, state.frame)
-        if self._here == last:
-            return
-        ahead = threading.Timer(PAUSE, lambda: self._look(state, ahead.finished))  # `cancel` sets that event
-        ahead.daemon = True
-        ahead.start()
-        self._ahead = ahead
-
-    def _look(self, state: State, over: threading.Event) -> None:
-        """Trace the frames beside, and the other front end."""
-        other = "kit" if state.view.variant == "published" else "published"
-        beside = [replace(state, frame=frame) for frame in (state.frame + 1, state.frame - 1)]
-        for next_ in [*beside, replace(state, view=replace(state.view, variant=other))]:
-            if 1 <= next_.frame < len(state.sequence) and not over.is_set():
-                with suppress(Exception):  # whoever asks for it is told
-                    self._traced(next_)
-
-    def _traced(self, state: State) -> tuple[Trace, Array]:
-        """What became of the features, and the true errors (M,) of those that were found again."""
-        traced = trace(state.sequence, state.frame, *with_view(state.config, state.view))
-        return traced, _true_errors(state.sequence, truth(state.sequence), traced.found, state.frame)
-
     def draw(self, state: State) -> Drawing:
         sequence, frame = state.sequence, state.frame
-        traced, error = self._traced(state)
+        known = truth(sequence)
+        traced = trace(sequence, frame, *with_view(state.config, state.view))
         if len(traced.id) == 0:
             raise DataError(f"frame {frame - 1} has no features: lower the threshold")
         kept = traced.kept
         chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, state.config.buckets)]
         fate = fates(traced, chosen.id)
         names = fate[traced.index]
-        known = truth(sequence)
-        # False where the truth is not known: without truth, and on outlines before the sky.
-        wrong = error > RIGHT
-        everywhere = np.zeros(len(fate), np.bool_)
-        everywhere[traced.index] = wrong
-        words = f"frame {frame}: kept blue, others by what dropped them" + (
-            "; rings: kept, but wrong" if known is not None else ""
-        )
-        picture = fates_picture(stereo(sequence, frame)[0], traced, fate, wrong, words)
-        chart, (left, right) = figure(CHART_HEIGHT, 2)
-        fates_chart(left, fate, None if known is None else everywhere)
-        if known is None:
-            depths_chart(right, sequence.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2])
-        else:
-            errors_chart(right, names, error)
         dropped = int(np.count_nonzero((fate != CHOSEN) & (fate != SURPLUS) & (fate != LOST)))
-        sentence = (
-            f"Of {len(fate)} features of the previous pair {len(names)} are found again; the checks drop "
-            f"{dropped} of these, the buckets {np.count_nonzero(fate == SURPLUS)}, and {len(chosen)} stay."
-        )
         facts = [
             Fact("features", len(fate)),
             Fact("found again", len(names)),
             Fact("dropped by checks", dropped),
             Fact("kept", len(chosen)),
         ]
-        if known is not None:
-            by_check = (names != CHOSEN) & (names != SURPLUS)
+        words = f"frame {frame}: kept blue, others by what dropped them"
+        chart, (left, right) = figure(CHART_HEIGHT, 2)
+        wrong = np.zeros(
+            len(names), np.bool_
+        )  # where the truth is not known, too: on outlines before the sky
+        if known is None:
+            fates_chart(left, fate, None)
+            depths_chart(right, sequence.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2])
+        else:
+            error = known.match_errors(traced.found, frame)
+            wrong, everywhere = error > RIGHT, np.zeros(len(fate), np.bool_)
+            everywhere[traced.index] = wrong
+            words += "; rings: kept, but wrong"
+            fates_chart(left, fate, everywhere)
+            by_name = by_fate(names, error)
+            errors_chart(right, by_name)
+            exact = by_name["kept"][np.isfinite(by_name["kept"])]
             facts += [
-                Fact("wrong among the kept", int(np.count_nonzero(wrong & (names == CHOSEN)))),
-                Fact("right ones dropped", int(np.count_nonzero((error <= RIGHT) & by_check))),
-                Fact("median error of the kept", _median(error[names == CHOSEN]), "px", 3),
+                Fact("wrong among the kept", int(np.count_nonzero(by_name["kept"] > RIGHT))),
+                Fact("right ones dropped", int(np.count_nonzero(by_name["dropped by a check"] <= RIGHT))),
+                Fact("median error of the kept", float(np.median(exact)) if len(exact) else np.nan, "px", 3),
             ]
+        picture = fates_picture(stereo(sequence, frame)[0], traced, fate, wrong, words)
+        sentence = (
+            f"Of {len(fate)} features of the previous pair {len(names)} are found again; the checks drop "
+            f"{dropped} of these, the buckets {np.count_nonzero(fate == SURPLUS)}, and {len(chosen)} stay."
+        )
         return Drawing(stack([picture, chart], self.height), sentence, tuple(facts))
-
-
-def _true_errors(sequence: Sequence, known: Truth | None, matches: StereoMatches, frame: int) -> Array:
-    if known is None:
-        return np.full(len(matches), np.nan)
-    key = *key_of(sequence, frame), matches.cur_left.tobytes(), matches.cur_right.tobytes()
-    return _errors.get(key, lambda: known.match_errors(matches, frame))
-
-
-def _median(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")

@@ -11,42 +11,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_lib.config import FeatureConfig, MatchingConfig
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
-from vo_lib.front_end.corners import corner_strength, detect_corners
-from vo_lib.front_end.front_end import make_front_end
-from vo_lib.front_end.klt import PreparedPair
-from vo_lib.front_end.surface import CoarseDisparity, coarse_disparity
 from vo_lib.method import config as published
-from vo_lib.method.matching import DescribedPair, describe_pair
+from vo_lib.method.matching import DescribedPair
 from vo_lib.runs.runner import single_threaded
 
-from ..frames import WARM_UP, Memory, key_of, stereo
+from ..frames import Memory, before_step, key_of
 
-# The settings of each check, and what happens to a match that fails it; the paper's way has the second and last.
-CHECKS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("looks different", ("max_difference",)),
-    ("rows, disparity", ("row_tolerance", "min_disparity")),
-    ("off its surface", ("surface_tolerance", "surface_share")),
-    ("loop stays open", ("loop_tolerance",)),
-)
-OPEN: dict[str, Any] = {
-    "max_difference": 255.0,
-    "row_tolerance": 10.0,
-    "min_disparity": 0.05,
-    "surface_tolerance": 10.0,
-    "surface_share": 0.0,
-    "loop_tolerance": 10.0,
+# What happens to a match that fails a check, and values of its settings that switch it off; the paper's way has
+# the second and last.
+CHECKS: dict[str, dict[str, Any]] = {
+    "looks different": {"max_difference": 255.0},
+    "rows, disparity": {"row_tolerance": 10.0, "min_disparity": 0.05},
+    "off its surface": {"surface_tolerance": 10.0, "surface_share": 0.0},
+    "loop stays open": {"loop_tolerance": 10.0},
 }
 LOST = "not found again"
-REASONS = (LOST, *(words for words, _ in CHECKS))
+REASONS = (LOST, *CHECKS)
 KEPT = len(REASONS)
 
 _histories: Memory[tuple[Any, Any]] = Memory(6)
-_disparities: Memory[CoarseDisparity] = Memory(8)
-_described: Memory[DescribedPair] = Memory(8)
 _steps: Memory[StereoMatches] = Memory(48)
 
 
@@ -79,12 +65,12 @@ def trace(
     """
     usual = type(matching)()
     base = *key_of(sequence, frame), features, usual
-    before, pair = _histories.get(base, lambda: _history(sequence, frame, features, usual))
-    own = {field.name for field in dataclasses.fields(matching)}
-    stages = [dataclasses.replace(matching, **{name: value for name, value in OPEN.items() if name in own})]
-    for _, names in CHECKS:
-        checked = {name: getattr(matching, name) for name in names if name in own}
-        stages.append(dataclasses.replace(stages[-1], **checked))
+    before, pair = _histories.get(base, lambda: before_step(sequence, frame, features, usual))
+    stages = []
+    for on in range(len(CHECKS) + 1):
+        off = {name: value for check in [*CHECKS.values()][on:] for name, value in check.items()}
+        known = {name: value for name, value in off.items() if hasattr(matching, name)}
+        stages.append(dataclasses.replace(matching, **known))
 
     def step(stage: published.MatchingConfig) -> StereoMatches:
         def make() -> StereoMatches:
@@ -108,39 +94,6 @@ def trace(
     index = order[np.searchsorted(number, results[0].id, sorter=order)]
     kept = results[-1][np.isin(results[-1].id, number[reason == KEPT])]
     return Trace(left, number, reason, results[0], index, kept)
-
-
-def _history(
-    sequence: Sequence, frame: int, features: published.FeatureConfig, matching: published.MatchingConfig
-) -> tuple[Any, Any]:
-    """A front end that has seen the pair before `frame`, and the prepared pair of `frame`."""
-    front_end = make_front_end(sequence.camera, features, matching)
-
-    def prepare(index: int) -> Any:
-        return _prepare(sequence, index, features, matching)
-
-    indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
-    with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
-        *earlier, pair = pool.map(prepare, indices)
-        for each in earlier:
-            front_end.step(each)
-    if isinstance(pair, PreparedPair):
-        # Its own corners are for the frame after, which nobody asks for.
-        pair = dataclasses.replace(pair, corners=pair.corners[:0], strength=pair.strength[:0])
-    return front_end, pair
-
-
-def _prepare(
-    sequence: Sequence, index: int, features: published.FeatureConfig, matching: published.MatchingConfig
-) -> Any:
-    """A prepared pair. What does not depend on the features' settings is kept for itself."""
-    images, key = stereo(sequence, index), key_of(sequence, index)
-    if not isinstance(features, FeatureConfig) or not isinstance(matching, MatchingConfig):
-        described = (*key, features, matching)
-        return _described.get(described, lambda: describe_pair(images, features, matching))
-    largest = matching.max_disparity
-    disparity = _disparities.get((*key, largest), lambda: coarse_disparity(*images, largest))
-    return PreparedPair(*images, *detect_corners(corner_strength(images[0]), features), disparity)
 
 
 def _candidates(front_end: Any) -> tuple[Array, NDArray[np.int64]]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from vo_lib.core.geometry import decompose_essential, rotation_angle
-from vo_lib.core.types import Array
+from vo_lib.core.types import Array, Index
 from vo_lib.data.problems import random_problems
 from vo_lib.method.five_point import epipolar_rows as library_rows
 from vo_lib.method.five_point import five_point
 
 from ..checker import Case, Exercise, Mistake
+from .panel import best_of_each_set, rotation_errors
 
 PROBLEMS = 500
 
@@ -24,15 +25,28 @@ def matches() -> list[Case]:
     return list(zip(given.E, given.x_p[:, 0], given.x_c[:, 0], strict=True))
 
 
-def signed_distance(E: Array, x_p: Array, x_c: Array, power: int = 1) -> float:
-    """Distance of x_c from the line E x_p with its side as the sign; undivided with power 0."""
-    line = E @ np.append(x_p, 1.0)
-    return float(line @ np.append(x_c, 1.0) / np.linalg.norm(line[:2]) ** power)
+def from_line(value: Callable[[float, Array], Any]) -> Callable[..., float]:
+    """A function (E, x_p, x_c) of x_cᵀ E x_p and of the line E x_p (3,)."""
+
+    def measured(E: Array, x_p: Array, x_c: Array) -> float:
+        line = E @ np.append(x_p, 1.0)
+        return float(value(float(line @ np.append(x_c, 1.0)), line))
+
+    return measured
+
+
+signed = from_line(lambda value, line: value / np.hypot(*line[:2]))
+distance = from_line(lambda value, line: abs(value) / np.hypot(*line[:2]))
 
 
 def rows(x_p: Array, x_c: Array) -> Array:
     """The five rows (5, 9) of the epipolar constraint."""
     return np.asarray(library_rows(x_p[None], x_c[None])[:, :, 0])
+
+
+def null_space(A: Array) -> Array:
+    """An orthonormal basis (4, 9) of what A (5, 9) takes to 0."""
+    return np.asarray(np.linalg.svd(A)[2][5:])
 
 
 def five_matches(seed: int) -> tuple[Array, Array]:
@@ -63,6 +77,24 @@ def solutions(x_p: Array, x_c: Array) -> Array:
     return five_point(x_p[None], x_c[None]).E
 
 
+def in_basis(E: Array, x_p: Array, x_c: Array) -> Array:
+    """x, y, z (3, M) of matrices E (M, 3, 3) in the basis of `null_space`, with w = 1."""
+    xyzw = np.reshape(E, (-1, 9)) @ null_space(rows(x_p, x_c)).T
+    return np.asarray((xyzw[:, :3] / xyzw[:, 3:]).T)
+
+
+def swapped(x_p: Array, x_c: Array) -> Array:
+    """The solutions with x and y in each other's place."""
+    x, y, z = in_basis(solutions(x_p, x_c), x_p, x_c)
+    return (np.stack([y, x, z, np.ones_like(x)], axis=1) @ null_space(rows(x_p, x_c))).reshape(-1, 3, 3)
+
+
+def only_z_is_right(E: Array, x_p: Array, x_c: Array) -> bool:
+    """Whether matrices have the z of the solutions."""
+    got, right = (np.sort(in_basis(each, x_p, x_c)[2]) for each in (E, solutions(x_p, x_c)))
+    return np.allclose(got, right, rtol=1e-3)
+
+
 def in_line(E: Array) -> Array:
     """Matrices as unit vectors (M, 9) in an order and with signs of their own, to be compared."""
     e = np.asarray(E, np.float64).reshape(-1, 9)
@@ -72,74 +104,56 @@ def in_line(E: Array) -> Array:
 
 
 @functools.cache
-def most_frequent() -> int:
-    """The number of real solutions that most of 2000 sets have."""
+def counts() -> Index:
+    """The number of real solutions of each of 2000 sets."""
     given = random_problems(np.random.default_rng(0), 2000)
-    counts = np.bincount(five_point(given.x_p, given.x_c).set_index, minlength=2000)
-    return int(np.argmax(np.bincount(counts)))
+    return np.bincount(five_point(given.x_p, given.x_c).set_index, minlength=2000)
 
 
+@functools.cache
 def median_error(noise_px: float) -> float:
     """Median over sets of the rotation error of the best candidate, degrees, at this noise."""
     given = random_problems(np.random.default_rng(0), PROBLEMS, motion="forward", noise_px=noise_px)
     found = five_point(given.x_p, given.x_c)
-    return float(np.median(best_errors(found.E, found.set_index, given.E, given.R_cp)))
+    best = best_of_each_set(found, -np.abs(np.sum(found.E * given.E[found.set_index], axis=(1, 2))))
+    return float(np.median(rotation_errors(found.E[best], given.R_cp[found.set_index[best], None])))
 
 
-def best_errors(E: Array, set_index: Any, E_true: Array, R_true: Array) -> Array:
-    """Rotation error, degrees, of the candidate nearest to the true E in each set that has one."""
-    distance = 1.0 - np.abs(np.sum(E * E_true[set_index], axis=(1, 2)))
-    order = np.lexsort((distance, set_index))
-    sets, first = np.unique(set_index[order], return_index=True)
-    R, _ = decompose_essential(E[order[first]])
-    angles = rotation_angle(np.swapaxes(R, -1, -2) @ R_true[sets][:, None])
-    return np.asarray(np.degrees(angles.min(axis=-1)))
-
-
-@functools.cache
 def growth() -> float:
     """The median error at 0.4 px divided by that at 0.1 px."""
     return median_error(0.4) / median_error(0.1)
 
 
 epipolar_distance = Exercise(
-    lambda E, x_p, x_c: abs(signed_distance(E, x_p, x_c)),
+    distance,
     matches,
     atol=1e-12,
     task="A function (E, x_p, x_c) -> distance of x_c from the line E x_p, normalised units, for one match.",
     praise="this is the distance that the panel shows, there times f in pixels.",
-    hint="distance = |a x + b y + c| / √(a² + b²).",
+    hint="put x_c into the equation of the line; what must it be divided by to be a length?",
+    line="abs(a * x_c[0] + b * x_c[1] + c) / np.hypot(a, b)",
     library=("sampson_distance", "epipolar_line"),
     mistakes=(
         Mistake(
-            "divided by a² + b².",
-            "divide by its root.",
-            lambda E, x_p, x_c: abs(signed_distance(E, x_p, x_c, power=2)),
+            "divided by a² + b², the square of what it should be divided by.",
+            from_line(lambda value, line: abs(value) / (line[:2] @ line[:2])),
+        ),
+        Mistake("a distance is not negative.", signed, lambda *case: -distance(*case)),
+        Mistake(
+            "this is x_cᵀ E x_p, not yet a distance: the line may be stretched by any factor.",
+            from_line(lambda value, line: abs(value)),
+            from_line(lambda value, line: value),
+        ),
+        Mistake("the points are exchanged: x_p gives the line.", lambda E, x_p, x_c: distance(E, x_c, x_p)),
+        Mistake("this is the line of the transposed E.", lambda E, x_p, x_c: distance(E.T, x_p, x_c)),
+        Mistake("x and y of x_c are exchanged.", lambda E, x_p, x_c: distance(E, x_p, x_c[::-1])),
+        Mistake(
+            "c is left out: the line need not go through the middle.",
+            from_line(lambda value, line: abs(value - line[2]) / np.hypot(*line[:2])),
         ),
         Mistake(
-            "a distance is not negative.",
-            "take the absolute value.",
-            signed_distance,
-            lambda *case: -abs(signed_distance(*case)),
-        ),
-        Mistake(
-            "this is x_cᵀ E x_p, not yet a distance.",
-            "divide by the length of the line's (a, b).",
-            lambda E, x_p, x_c: abs(signed_distance(E, x_p, x_c, power=0)),
-            lambda E, x_p, x_c: signed_distance(E, x_p, x_c, power=0),
-        ),
-        Mistake(
-            "this is the line of the transposed E.",
-            "the line in the current image is E x_p.",
-            lambda E, x_p, x_c: abs(signed_distance(E.T, x_p, x_c)),
-            lambda E, x_p, x_c: signed_distance(E.T, x_p, x_c),
-        ),
-        Mistake(
-            "nearly: divided by the length of all three, (a, b, c).",
-            "only the length of (a, b) counts: c says where the line is, not which way it runs.",
-            lambda E, x_p, x_c: (
-                abs(signed_distance(E, x_p, x_c, power=0)) / np.linalg.norm(E @ np.append(x_p, 1.0))
-            ),
+            "divided by the length of all three, (a, b, c); c says where the line is, not which way it runs.",
+            from_line(lambda value, line: abs(value) / np.linalg.norm(line)),
         ),
     ),
 )
@@ -150,43 +164,40 @@ epipolar_rows = Exercise(
     atol=1e-12,
     task="A function (x_p, x_c), (5, 2) each -> A (5, 9) with A vec(E) = the five x_cᵀ E x_p.",
     praise="the same as the library's rows; with the true E, A vec(E) is 0.",
-    hint="row by row as vec(E): x_cᵀ E x_p = Σ c_i E_ij p_j with p = (x, y, 1).",
+    hint="x_cᵀ E x_p = Σ c_i E_ij p_j with c = (x_c, 1), p = (x_p, 1): what stands before E_ij?",
+    line="np.outer(np.append(x_c[k], 1), np.append(x_p[k], 1)).ravel()",
     library=("epipolar_rows",),
     mistakes=(
+        Mistake("previous and current points have changed places.", lambda x_p, x_c: rows(x_c, x_p)),
+        Mistake("x and y are exchanged, in both images.", lambda x_p, x_c: rows(x_p[:, ::-1], x_c[:, ::-1])),
+        Mistake("the 1 stands in front; it comes last.", lambda *x: rows(*x)[:, [8, 6, 7, 2, 0, 1, 5, 3, 4]]),
+        Mistake("each match has a 3×3 matrix; make it a row of nine.", lambda *x: rows(*x).reshape(5, 3, 3)),
         Mistake(
-            "previous and current points have changed places.",
-            "row: x_c[i] times x_p[j], i first.",
-            lambda x_p, x_c: rows(x_c, x_p),
-        ),
-        Mistake(
-            "the last column is right, others are not.",
-            "np.outer(c, p).ravel() with c = (x_c, 1), p = (x_p, 1).",
-            lambda x_p, x_c: rows(x_p, x_c)[:, [7, 6, 5, 4, 3, 2, 1, 0, 8]],
+            "the last column is right, others are not: look at the order of E's nine entries.",
             when=lambda A, *case: np.allclose(A[:, 8], 1.0, atol=1e-12),
         ),
     ),
 )
 
 null_basis = Exercise(
-    lambda A: np.linalg.svd(A)[2][5:],
+    null_space,
     lambda: [(rows(*five_matches(9)),)],
     form=lambda basis: basis.T @ basis,
     task="A function A (5, 9) -> basis (4, 9) of its null space, orthonormal.",
     praise="and the true E lies in its span.",
-    hint="the last four rows of Vᵀ from np.linalg.svd.",
+    hint="A = U S Vᵀ with nine rows in Vᵀ, but only five singular values: which rows does A take to 0?",
+    line="np.linalg.svd(A)[2][5:]",
     library=("null_space",),
     mistakes=(
+        Mistake("these are columns of Vᵀ; its rows are the vectors.", lambda A: np.linalg.svd(A)[2][:, 5:]),
+        Mistake("these are rows of V; take rows of Vᵀ.", lambda A: np.linalg.svd(A)[2].T[5:]),
         Mistake(
-            "the four vectors are not orthonormal.",
-            "rows of Vᵀ from np.linalg.svd are.",
-            lambda A: 2.0 * np.linalg.svd(A)[2][5:],
-            when=lambda basis, A: np.abs(basis @ basis.T - np.eye(4)).max() > 1e-9,
+            "A times the basis is not 0; full_matrices=True, the default, gives all nine rows of Vᵀ.",
+            when=lambda basis, A: np.abs(A @ basis.T).max() > 1e-9,
         ),
         Mistake(
-            "A times the basis is not 0.",
-            "the last four rows of Vᵀ belong to no singular value; full_matrices=True gives all nine.",
-            lambda A: np.linalg.svd(A)[2][:4],
-            when=lambda basis, A: np.abs(A @ basis.T).max() > 1e-9,
+            "the four vectors are not orthonormal.",
+            when=lambda basis, A: np.abs(basis @ basis.T - np.eye(4)).max() > 1e-9,
         ),
     ),
 )
@@ -196,28 +207,24 @@ essential_constraints = Exercise(
     essentials,
     also=(lambda E: ten(E, times=2.0),),
     form=lambda values: np.sort(np.abs(values)),
-    task="A function E (3, 3) -> ten numbers that are all zero just for essential matrices.",
+    task="A function E (3, 3) -> ten numbers that are all zero if and only if E is an essential matrix.",
     praise="ten cubics in the entries of E; `cubic_constraints` writes them in x, y, z, w.",
-    hint="nine entries of E Eᵀ E - ½ trace(E Eᵀ) E, and det E.",
+    hint="a matrix equation has nine entries, and the determinant is the tenth.",
+    line="np.append((E @ E.T @ E - 0.5 * np.trace(E @ E.T) * E).ravel(), np.linalg.det(E))",
     mistakes=(
         Mistake(
-            "for a true E the first nine numbers are not all 0.",
-            "E Eᵀ E - ½ trace(E Eᵀ) E.",
-            lambda E: ten(E, half=1.0),
+            "the factor before the trace is not right: put E with the singular values (1, 1, 0) in.",
+            *(lambda E, half=half: ten(E, half=half) for half in (0.25, 1.0, 2.0, -0.5)),
+        ),
+        Mistake(
+            "for a true E the first nine numbers are not all 0: look at the transposes, and at what has the trace.",
             when=lambda got, E: singular(E) and np.abs(got[:9]).max() > 1e-9,
         ),
         Mistake(
-            "for a true E the tenth number is {got[9]:.3g}, not 0.",
-            "the tenth is det E; is the order nine matrix entries, then det?",
-            lambda E: np.append(ten(E)[:9], np.trace(E)),
+            "for a true E the tenth number is {got[9]:.3g}, not 0; which number of a matrix of rank 2 is 0?",
             when=lambda got, E: singular(E) and abs(got[9]) > 1e-9,
         ),
-        Mistake(
-            "they vanish for true E, but not only for them.",
-            "nine entries of the matrix equation, and det E.",
-            lambda E: np.full(10, np.linalg.det(E)),
-            when=lambda got, E: not singular(E),
-        ),
+        Mistake("they vanish for true E, but not only for them.", when=lambda got, E: not singular(E)),
     ),
 )
 
@@ -227,41 +234,45 @@ solve_five = Exercise(
     form=in_line,
     atol=1e-4,
     task="A function (x_p, x_c), (5, 2) each -> all essential matrices through the five matches, (M, 3, 3).",
-    praise=(
-        "the same solutions as the library's, in any order, of any length and sign. Yours solves one set "
-        "at a time, the library's hundreds at once."
-    ),
-    hint="are all real roots used, and does each give x and y from the null vector of C(z)?",
+    praise="the same solutions as the library's, in any order, of any length and sign. Yours solves one set "
+    "at a time, the library's hundreds at once.",
+    hint="as many as the polynomial has real roots. Go through the steps above one by one: print C(z) at a root.",
+    line="v = np.linalg.svd(C(z))[2][-1]; E = np.tensordot([v[3] / v[5], v[4] / v[5], z, 1], basis, axes=1)",
     library=("five_point", "findEssentialMat", "real_roots", "eliminate", "determinant", "back_substitute"),
     mistakes=(
         Mistake(
-            "this is one of several solutions.",
-            "give back all real ones: chapter 3 chooses.",
+            "this is one of several solutions; give back all real ones, chapter 3 chooses.",
             lambda x_p, x_c: solutions(x_p, x_c)[:1],
             lambda x_p, x_c: solutions(x_p, x_c)[-1:],
             lambda x_p, x_c: solutions(x_p, x_c)[0],
         ),
         Mistake(
-            "these are the transposes.",
-            "vec(E) runs row by row: reshape(4, 3, 3), and the rows hold x_c[i] times x_p[j].",
+            "these are the transposes: vec(E) runs row by row, and a row of A has x_c first.",
             lambda x_p, x_c: solutions(x_p, x_c).swapaxes(1, 2),
             lambda x_p, x_c: solutions(x_c, x_p),
+        ),
+        Mistake("these are vectors; make each a 3×3 matrix.", lambda *x: solutions(*x).reshape(-1, 9)),
+        Mistake("x and y are exchanged; C's columns are those of x², y², xy, x, y, 1.", swapped),
+        Mistake(
+            "every z is right, x and y are not: the null vector is in proportion to (x², y², xy, x, y, 1), so "
+            "that its last entry has to become 1.",
+            when=only_z_is_right,
         ),
     ),
 )
 
 most_frequent_count = Exercise(
-    most_frequent,
+    lambda: np.argmax(np.bincount(counts())),
     task="The number of real solutions that sets of general motion have most often.",
     praise="{right} real solutions are the most frequent of 0, 2, 4, 6, 8 and 10.",
-    hint="np.bincount(found.set_index) counts the solutions of each set.",
+    hint="first count the solutions of each set, then how many sets have 0, 1, 2 … of them.",
+    line="np.argmax(np.bincount(np.bincount(found.set_index)))",
     mistakes=(
-        Mistake(
-            "odd numbers hardly ever occur.",
-            "complex roots come in pairs, and the degree is 10.",
-            3,
-            when=lambda got: got % 2 != 0,
-        ),
+        Mistake("this is the mean number; the most frequent is wanted.", lambda: counts().mean()),
+        Mistake("this is the number of a set, the one with most solutions.", lambda: np.argmax(counts())),
+        Mistake("this is the largest number of solutions that a set has.", lambda: counts().max()),
+        Mistake("this is how many sets have it.", lambda: np.bincount(counts()).max()),
+        Mistake("odd numbers hardly ever occur: complex roots come in pairs.", when=lambda got: got % 2 != 0),
     ),
 )
 
@@ -270,41 +281,37 @@ noise_factor = Exercise(
     rtol=0.25,
     task="By what factor the median error of a set grows when the noise grows from 0.1 to 0.4 px.",
     praise="{right:.1f}: the error grows with the noise, nearly in proportion. Sub-pixel matches pay.",
-    hint="median_error(0.4) / median_error(0.1) with the function given above.",
-    mistakes=(Mistake("this is the inverse.", "the larger noise goes on top.", lambda: 1.0 / growth()),),
+    hint="ask for the median error at both noises, and compare.",
+    line="ch02.median_error(0.4) / ch02.median_error(0.1)",
+    mistakes=(
+        Mistake(
+            "a factor is the larger error divided by the smaller, not the inverse and not the difference.",
+            lambda: 1.0 / growth(),
+            lambda: median_error(0.4) - median_error(0.1),
+        ),
+        Mistake("this is the error at one noise.", lambda: median_error(0.4), lambda: median_error(0.1)),
+    ),
 )
 
 far_off = Exercise(
     {"rotation error of solution 1": 2.5, "solution": 1.0, "noise added": 0.0},
     task="The panel shows five noise-free matches whose best solution, number 1, is more than 2° wrong.",
-    praise=(
-        "{rotation error of solution 1:.1f}° from five real matches. Only the vote of all other matches "
-        "unmasks such a set."
-    ),
-    hint="",
+    praise="{rotation error of solution 1:.1f}° from five real matches. Only the vote of all other matches "
+    "unmasks such a set.",
     mistakes=(
         Mistake(
-            "there are {noise added:.2f} px of noise on the matches.",
-            "noise 0: the five themselves shall be to blame.",
-            {"noise added": 0.5},
+            "there are {noise added:.2f} px of noise on the matches; the five themselves should be to blame.",
             when=lambda facts: facts["noise added"] != 0,
         ),
         Mistake(
-            (
-                "solution {solution:.0f} is {rotation error of this solution:.1f}° wrong, but solution 1 "
-                "of the same five only {rotation error of solution 1:.2f}°."
-            ),
+            "solution {solution:.0f} is {rotation error of this solution:.1f}° wrong, but solution 1 "
+            "of the same five only {rotation error of solution 1:.2f}°.",
             "moving `solution` shows worse answers of the same five. Look for other five matches.",
-            {"rotation error of solution 1": 0.1, "rotation error of this solution": 9.0, "solution": 2.0},
             when=lambda facts: facts["solution"] != 1 and not facts["rotation error of solution 1"] > 2.0,
         ),
         Mistake(
-            (
-                "the best solution of these five is {rotation error of solution 1:.2f}° wrong; wanted: "
-                "more than 2°."
-            ),
-            ("press for other sets or type numbers: points close together, or on a moving car, tell little."),
-            {"rotation error of solution 1": 0.1},
+            "the best solution of these five is {rotation error of solution 1:.2f}° wrong; wanted: more than 2°.",
+            "draw other sets, or type numbers: points close together, or on a moving car, tell little.",
             when=lambda facts: not facts["rotation error of solution 1"] > 2.0,
         ),
     ),

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import decompose_essential, rotation_angle
 from vo_lib.core.real_roots import DEGREE, real_roots
-from vo_lib.core.types import Array, Image
+from vo_lib.core.types import Array, Image, Mask
 from vo_lib.method.five_point import (
     EXPONENTS,
     cubic_constraints,
@@ -27,12 +27,10 @@ from ..drawing import (
     BAD,
     CYCLE,
     DARK,
-    FONT_SIZE,
     FOURTH,
     GOOD,
     PALE,
     bgr,
-    caption,
     figure,
     finish,
     log_axis,
@@ -86,16 +84,23 @@ def draw_flow(picture: Image, start: Array, end: Array, colours: Sequence[str], 
         cv2.circle(picture, b, round(16 * radius), paint[colour], -1, cv2.LINE_AA, shift=4)
 
 
-def epipolar_picture(
-    image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, shown: list[int]
+def pixels(x: Array, camera: StereoCamera) -> Array:
+    """Normalised points (…, 2) as pixels of the left image."""
+    return np.asarray(x * camera.f + (camera.cx, camera.cy))
+
+
+def lines_picture(
+    image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, names: Sequence[int]
 ) -> Image:
-    """The current image with a few matches and the epipolar lines that E gives for them."""
+    """The current image with M matches (M, 2), named, each with its epipolar line under its own E (M, 3, 3)."""
     picture = photo(image, image.shape[1])
-    for number, index in enumerate(shown):
-        colour = CYCLE[number % len(CYCLE)]
-        draw_line(picture, epipolar_line(E, x_p[index], camera), colour)
-        draw_dot(picture, x_c[index] * camera.f + (camera.cx, camera.cy), colour, 5, str(index))
-    return picture
+    colours = [CYCLE[number % len(CYCLE)] for number in range(len(E))]
+    for each, point, colour in zip(E, x_p, colours, strict=True):
+        draw_line(picture, epipolar_line(each, point, camera), colour, 2)
+    one = len(set(names)) == 1
+    for uv, colour, name in zip(pixels(x_c, camera), colours, names, strict=True):
+        draw_dot(picture, uv, "#FFFFFF" if one else colour, 6, str(name))
+    return photo(picture)
 
 
 class Polynomial(NamedTuple):
@@ -147,17 +152,15 @@ def errors_chart(axis: Axes, errors: Array, winner: float) -> None:
 
 
 class TwoViewMotion(NamedTuple):
-    """One of the four (R, ±t) of E, with depths (N,) of the points along both rays in units of |t|."""
+    """One of the four (R, ±t) of E, with depths (N,) of the points along previous rays in units of |t|.
+
+    front : (N,) bool, which of them lie in front of both cameras.
+    """
 
     R: Array
     t: Array
     depth_p: Array
-    depth_c: Array
-
-    @property
-    def in_front(self) -> float:
-        """Share of the points that lie in front of both cameras."""
-        return float(np.mean((self.depth_p > 0) & (self.depth_c > 0)))
+    front: Mask
 
 
 def four_motions(E: Array, x_p: Array, x_c: Array) -> list[TwoViewMotion]:
@@ -176,7 +179,7 @@ def four_motions(E: Array, x_p: Array, x_c: Array) -> list[TwoViewMotion]:
             squared = np.maximum(np.sum(normal**2, axis=1), 1e-18)
             depth_p = -np.sum(normal * np.cross(c, direction), axis=1) / squared
             depth_c = -np.sum(normal * np.cross(q, direction), axis=1) / squared
-            motions.append(TwoViewMotion(R, direction, depth_p, depth_c))
+            motions.append(TwoViewMotion(R, direction, depth_p, (depth_p > 0) & (depth_c > 0)))
     return motions
 
 
@@ -185,8 +188,7 @@ def four_motions_figure(motions: list[TwoViewMotion], x_p: Array, height: int = 
     made, axes = figure(height, 4)
     for axis, motion in zip(axes, motions, strict=True):
         x, z = motion.depth_p * x_p[:, 0], motion.depth_p
-        front = (motion.depth_p > 0) & (motion.depth_c > 0)
-        for chosen, colour in ((front, GOOD), (~front, BAD)):
+        for chosen, colour in ((motion.front, GOOD), (~motion.front, BAD)):
             axis.plot(x[chosen], z[chosen], ".", color=colour, markersize=3)
         reach = room(1.1 * float(np.percentile(np.abs(z), 90)), least=2.0)
         axis.set(xlim=(-0.6 * reach, 0.6 * reach), ylim=(-reach, reach))
@@ -198,21 +200,9 @@ def four_motions_figure(motions: list[TwoViewMotion], x_p: Array, height: int = 
             end = place + share * reach * ahead
             axis.annotate("", end[[0, 2]].tolist(), place[[0, 2]].tolist(), arrowprops=arrow)
         turn = float(np.degrees(rotation_angle(motion.R)))
-        words = f"{turn:.0f}°, {'forward' if place_c[2] > 0 else 'backward'}"
-        finish(axis, f"{words}: {100 * motion.in_front:.0f} % in front", "x / |t|", "z / |t|")
-        axis.title.set_fontsize(FONT_SIZE)
+        words = f"{turn:.0f}°, {'forward' if place_c[2] > 0 else 'backward'}: {np.mean(motion.front):.0%}"
+        finish(axis, words, "x / |t|", "z / |t|")
     return made
-
-
-def candidates_picture(
-    image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, match: int
-) -> Image:
-    """The current image with one match and its epipolar line under every candidate E (M, 3, 3)."""
-    picture = photo(image, image.shape[1])
-    for number, each in enumerate(E):
-        draw_line(picture, epipolar_line(each, x_p[match], camera), CYCLE[number % len(CYCLE)], 2)
-    draw_dot(picture, x_c[match] * camera.f + (camera.cx, camera.cy), "#FFFFFF", 7, str(match))
-    return caption(photo(picture), f"epipolar lines of match {match} under all {len(E)} candidates of a set")
 
 
 POWERS = [["", name, f"{name}²", f"{name}³"] for name in "xyzw"]

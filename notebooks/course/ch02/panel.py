@@ -7,22 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_lib.beyond.refinement import refine
 from vo_lib.beyond.selection import sample_sets
-from vo_lib.core.camera import StereoCamera
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import decompose_essential, essential_from_motion, rotation_angle
-from vo_lib.core.sampson import match_terms
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Array, Image
 from vo_lib.data.sequence import Sequence
 from vo_lib.method.five_point import Candidates, five_point
-from vo_lib.method.selection import resolve_by_depth, truncated_errors
+from vo_lib.method.selection import truncated_errors
 
 from ..controls import Control
 from ..drawing import BAD, CYCLE, PALE, THIRD, WIDTH, caption, figure, photo, stack
 from ..facts import Fact
-from ..frames import Memory, Points, frame_points, key_of, stereo
+from ..frames import Memory, Points, consensus_rotation, frame_points, key_of, stereo
 from ..panel import Drawing, Panel, State
 from .figures import (
     draw_dot,
@@ -30,6 +27,7 @@ from .figures import (
     draw_line,
     epipolar_line,
     errors_chart,
+    pixels,
     polynomial_chart,
     polynomial_of,
 )
@@ -53,16 +51,8 @@ class FivePointView(Checked):
     sets: int = setting(200, "five-point sets in the histogram", low=10, high=2000)
 
 
-@dataclass(frozen=True)
-class SetErrors:
-    """Rotation error, degrees, of each set's best candidate by image error (S,), and of the best of all."""
-
-    errors: Array
-    winner: float
-
-
 _rotations: Memory[Array] = Memory(16)
-_errors: Memory[SetErrors] = Memory(16)
+_errors: Memory[tuple[Array, float]] = Memory(16)
 
 
 def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
@@ -71,12 +61,9 @@ def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
         return np.asarray(points.T_cp[:3, :3])
 
     def estimate() -> Array:
-        sets = sample_sets(np.random.default_rng(0), len(points.x_p), 300)
-        E = five_point(points.x_p[sets], points.x_c[sets]).E
-        threshold = THRESHOLD / sequence.camera.f
-        best = E[np.argmin(truncated_errors(E, points.x_p, points.x_c, threshold))]
-        R, t = resolve_by_depth(best, points.x_p, points.x_c, points.X_p)
-        return refine(R, t, match_terms(points.x_p, points.x_c), threshold / 2)[0]
+        return consensus_rotation(
+            points.x_p, points.x_c, points.X_p, np.random.default_rng(0), sequence.camera.f
+        )
 
     return _rotations.get((*key_of(sequence, frame), len(points.x_p)), estimate)
 
@@ -104,14 +91,14 @@ def best_of_each_set(found: Candidates, errors: Array) -> NDArray[np.intp]:
     return np.asarray(order[first])
 
 
-def set_errors(points: Points, R_true: Array, sets: int, focal: float) -> SetErrors:
-    """Rotation errors of many random sets: what a single set is worth at this noise."""
+def set_errors(points: Points, R_true: Array, sets: int, focal: float) -> tuple[Array, float]:
+    """Rotation error, degrees, of each set's best candidate by image error (S,), and of the best of all."""
     chosen = sample_sets(np.random.default_rng(2), len(points.x_p), sets)
     found = five_point(points.x_p[chosen], points.x_c[chosen])
     image_errors = truncated_errors(found.E, points.x_p, points.x_c, THRESHOLD / focal)
     best = best_of_each_set(found, image_errors)
     errors = rotation_errors(found.E[best], R_true)
-    return SetErrors(errors, float(errors[np.argmin(image_errors[best])]))
+    return errors, float(errors[np.argmin(image_errors[best])])
 
 
 class FivePointPanel(Panel):
@@ -143,14 +130,16 @@ class FivePointPanel(Panel):
         order = np.argsort(image_errors)
         shown = order[min(view.candidate, len(order)) - 1]
         key = (*key_of(sequence, frame), view.noise)
-        spread = _errors.get((*key, view.sets), lambda: set_errors(points, R_true, view.sets, camera.f))
+        spread, winner = _errors.get(
+            (*key, view.sets), lambda: set_errors(points, R_true, view.sets, camera.f)
+        )
         match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
         picture = self._picture(state, points, chosen, match, E[shown])
         charts, (left, right) = figure(CHART_HEIGHT, 2)
         polynomial_chart(left, polynomial_of(x_p, x_c))
-        errors_chart(right, spread.errors, spread.winner)
+        errors_chart(right, spread, winner)
         line = epipolar_line(E[shown], points.x_p[match], camera)
-        distance = abs(float(line @ [*_pixel(points.x_c[match], camera), 1.0]))
+        distance = abs(float(line @ [*pixels(points.x_c[match], camera), 1.0]))
         error, best_error = rotation_errors(E[[shown, order[0]]], R_true).tolist()
         known = "the truth" if clean.T_cp is not None else "the best estimate (there is no truth)"
         sentence = (
@@ -164,8 +153,8 @@ class FivePointPanel(Panel):
             Fact("rotation error of solution 1", best_error, "°", 3),
             Fact("its image error", float(image_errors[shown]), "", 3),
             Fact("chosen match to its line", distance, "px", 2),
-            Fact("median error of a set", float(np.median(spread.errors)), "°", 3),
-            Fact("error of the consensus winner", spread.winner, "°", 3),
+            Fact("median error of a set", float(np.median(spread)), "°", 3),
+            Fact("error of the consensus winner", winner, "°", 3),
             Fact("solution", min(view.candidate, len(order))),
             Fact("noise added", view.noise, "px", 2),
         )
@@ -182,19 +171,14 @@ class FivePointPanel(Panel):
     def _picture(self, state: State, points: Points, chosen: NDArray[np.intp], match: int, E: Array) -> Image:
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
-        starts, ends = (x * camera.f + (camera.cx, camera.cy) for x in (points.x_p, points.x_c))
+        starts, ends = pixels(points.x_p, camera), pixels(points.x_c, camera)
         draw_flow(picture, starts, ends, [PALE] * len(starts), 2)
         if points.T_cp is not None:
             E_true = essential_from_motion(points.T_cp[:3, :3], points.T_cp[:3, 3])
             if np.any(E_true):
                 draw_line(picture, epipolar_line(E_true, points.x_p[match], camera), THIRD, 1)
         draw_line(picture, epipolar_line(E, points.x_p[match], camera), BAD, 2)
-        draw_dot(picture, np.array(_pixel(points.x_c[match], camera)), BAD, 6, str(match))
-        for number, index in enumerate(chosen):
-            draw_dot(picture, np.array(_pixel(points.x_c[index], camera)), FIVE[number], 6, str(index))
+        for index, colour in zip([match, *chosen], (BAD, *FIVE), strict=True):
+            draw_dot(picture, ends[index], colour, 6, str(index))
         words = f"left image, frame {state.frame}: five matches, and the epipolar line of match {match}"
         return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words + " (orange; green: true)")
-
-
-def _pixel(x: Array, camera: StereoCamera) -> tuple[float, float]:
-    return float(x[0] * camera.f + camera.cx), float(x[1] * camera.f + camera.cy)
