@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from vo_lib.beyond.selection import sample_sets
 from vo_lib.core.geometry import essential_vector
-from vo_lib.core.types import Array
+from vo_lib.core.types import Array, Mask
 from vo_lib.data.problems import random_problems
 from vo_lib.method.five_point import five_point
 from vo_lib.method.selection import nearest_to_prior, truncated_errors
 
-from ..checker import Case, Exercise, Mistake
+from ..checker import Case, Exercise, Mistake, times
+
+SETS = 40  # of a frame
 
 
 def vectors() -> list[Case]:
@@ -23,20 +26,20 @@ def vectors() -> list[Case]:
     return [(e[0], e[1]), (e[0], -e[1]), (unit, unit.copy())]
 
 
-def cosine(e1: Array, e2: Array) -> float:
-    """|e1ᵀ e2|, at most 1."""
-    return min(abs(float(e1 @ e2)), 1.0)
+def arc(e1: Array, e2: Array) -> float:
+    """The angle of two essential vectors, radians."""
+    return float(np.arccos(min(abs(float(e1 @ e2)), 1.0)))
 
 
 def candidates() -> list[Case]:
-    """Candidates of any length and sign, a prior and k = 1, 2, 3, for every set with four or more."""
+    """Candidates of any length and sign, a prior and k = 2, 3, 1, for every set with four or more."""
     rng = np.random.default_rng(2)
     given = random_problems(rng, 60, motion="forward")
     found = five_point(given.x_p, given.x_c)
     E = found.E * rng.uniform(0.5, 2.0, (len(found.E), 1, 1)) * rng.choice([-1, 1], (len(found.E), 1, 1))
     sets = [(s, E[found.set_index == s]) for s in range(60)]
     return [
-        (E, essential_vector(given.E[(s + 1) % 60]), k) for s, E in sets if len(E) >= 4 for k in (1, 2, 3)
+        (E, essential_vector(given.E[(s + 1) % 60]), k) for s, E in sets if len(E) >= 4 for k in (2, 3, 1)
     ]
 
 
@@ -45,31 +48,55 @@ def angles(E: Array, e_prev: Array) -> Array:
     return np.asarray(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1.0)))
 
 
+def first_by(measure: Callable[[Array, Array], Array]) -> Callable[..., Any]:
+    """The k candidates that come first by a measure of (E, e_prev)."""
+    return lambda E, e_prev, k: np.argsort(measure(E, e_prev), kind="stable")[:k]
+
+
 def frames() -> list[Case]:
-    """Candidates of frames with half of the matches wrong, their image errors and a rough prior, k = 1, 2."""
+    """Candidates of frames with half of the matches wrong, their image errors and a rough prior, k = 1, 2.
+
+    The winner is in the first set or in the last one, frame by frame.
+    """
     cases: list[Case] = []
     for seed in range(8):
         rng = np.random.default_rng(seed)
         given = random_problems(rng, 1, 120, "forward", noise_px=0.5)
         x_p, x_c = given.x_p[0], given.x_c[0]
         x_c[:60] += rng.normal(0.0, 0.02, (60, 2))
-        sets = sample_sets(rng, 120, 40)
-        found = five_point(x_p[sets], x_c[sets])
+        sets = sample_sets(rng, 120, SETS)
+        E, set_index = five_point(x_p[sets], x_c[sets])
         e_prev = essential_vector(given.E[0] + 0.2 * rng.normal(size=(3, 3)))
-        errors = truncated_errors(found.E, x_p, x_c, 1.0 / 718.856)
-        cases += [(found.E, found.set_index, errors, e_prev, k) for k in (1, 2)]
+        errors = truncated_errors(E, x_p, x_c, 1.0 / 718.856)
+        for k in (1, 2):
+            won = set_index[selected(E, set_index, errors, e_prev, k)]
+            turned = (set_index - won - seed % 2) % SETS
+            order = np.argsort(turned, kind="stable")
+            cases.append((E[order], turned[order], errors[order], e_prev, k))
     return cases
+
+
+def least(values: Array, allowed: Mask) -> int:
+    """Index of the smallest value that is allowed."""
+    return int(np.argmin(np.where(allowed, values, np.inf)))
+
+
+def first_of_sets(values: Array, set_index: Any, count: int) -> Mask:
+    """Which (M,) are among the `count` smallest values of their set."""
+    order = np.lexsort((values, set_index))
+    rank = np.arange(len(order)) - np.searchsorted(set_index[order], set_index[order])
+    return np.isin(np.arange(len(order)), order[rank < count])
 
 
 def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Solution selection: of the k nearest of each set the one with the smallest image error."""
-    return int(np.argmin(np.where(nearest_to_prior(E, set_index, e_prev, k), errors, np.inf)))
+    return least(errors, nearest_to_prior(E, set_index, e_prev, k))
 
 
-def overall(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
-    """The best of the k nearest of all sets together."""
-    nearest = np.argsort(angles(E, e_prev))[:k]
-    return int(nearest[np.argmin(errors[nearest])])
+def of_winners(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
+    """Of the right winners of the sets the one nearest to e_prev."""
+    competing = np.where(nearest_to_prior(E, set_index, e_prev, k), errors, np.inf)
+    return least(angles(E, e_prev), first_of_sets(competing, set_index, 1))
 
 
 def sets_for(good: float) -> float:
@@ -78,18 +105,14 @@ def sets_for(good: float) -> float:
 
 
 angle = Exercise(
-    lambda e1, e2: np.arccos(cosine(e1, e2)),
+    arc,
     vectors,
     task="A function (e1, e2) -> acos|e1ᵀ e2| in radians, for unit vectors of nine numbers.",
     praise="sign-free, and safe for equal vectors.",
-    hint="np.arccos of the absolute dot product.",
+    hint="the formula above: the dot product, its absolute value, the arc cosine.",
     library=("essential_angle",),
     mistakes=(
-        Mistake(
-            "this is in degrees.",
-            "inside the code angles are radians.",
-            lambda e1, e2: np.degrees(np.arccos(cosine(e1, e2))),
-        ),
+        Mistake("this is in degrees.", "inside the code angles are radians.", times(arc, 180 / np.pi)),
         Mistake(
             "e and -e are the same essential matrix, but the angle differs.",
             "take |e1ᵀ e2|.",
@@ -97,54 +120,64 @@ angle = Exercise(
         ),
         Mistake(
             "equal vectors give NaN.",
-            "rounding makes the product 1 + 1e-16: np.minimum(…, 1.0).",
+            "rounding makes the product 1 + 1e-16, and acos knows nothing above 1.",
             lambda e1, e2: np.arccos(abs(e1 @ e2)),
         ),
     ),
 )
 
 nearest = Exercise(
-    lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k],
+    first_by(angles),
     candidates,
     task="A function (E, e_prev, k): one set's candidates (m, 3, 3) -> indices of the k nearest, in order.",
     praise="as the library's `nearest_to_prior` has it, set by set.",
-    hint="np.argsort of the angles acos|eᵀ e_prev|, then the first k.",
+    hint="one angle for each candidate; the order of the angles is the order of the candidates.",
     library=("nearest_to_prior", "essential_angle"),
     mistakes=(
         Mistake(
             "these are the farthest.",
             "acos falls where |eᵀ e_prev| rises: sort the angles.",
-            lambda E, e_prev, k: np.argsort(-angles(E, e_prev))[:k],
+            first_by(lambda E, e: -angles(E, e)),
             lambda E, e_prev, k: np.argsort(angles(E, e_prev))[-k:],
         ),
         Mistake(
+            "indices are asked for, not angles and not a mask.",
+            "`np.argsort` gives the indices that sort the angles; the first k of them are wanted.",
+            lambda E, e_prev, k: np.sort(angles(E, e_prev))[:k],
+            lambda E, e_prev, k: angles(E, e_prev),
+            when=lambda got, *case: got.dtype.kind == "f",
+        ),
+        Mistake(
+            "these are all candidates in the right order.",
+            "only the first k are wanted.",
+            lambda E, e_prev, k: np.argsort(angles(E, e_prev)),
+        ),
+        Mistake(
             "the right ones, but not the nearest first.",
-            "np.argsort(angles)[:k].",
+            "the nearest has the smallest angle, and np.argsort begins with it.",
             lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k][::-1],
             when=lambda got, E, e_prev, k: sorted(got) == sorted(np.argsort(angles(E, e_prev))[:k]),
         ),
         Mistake(
             "a candidate is taken for far because its sign differs: E and -E are the same.",
             "the angle is acos|eᵀ e_prev|, with the absolute value.",
-            lambda E, e_prev, k: np.argsort(-(essential_vector(E) @ e_prev))[:k],
+            first_by(lambda E, e: -(essential_vector(E) @ e)),
         ),
         Mistake(
             "long candidates are taken for near: E has no fixed length.",
             "`essential_vector(E)` makes nine numbers of norm 1 of each.",
-            lambda E, e_prev, k: np.argsort(-np.abs(E.reshape(-1, 9) @ e_prev))[:k],
-            lambda E, e_prev, k: np.argsort(
-                np.arccos(np.clip(np.abs(E.reshape(-1, 9) @ e_prev), 0, 1)), kind="stable"
-            )[:k],
+            first_by(lambda E, e: -np.abs(E.reshape(-1, 9) @ e)),
+            first_by(lambda E, e: np.arccos(np.clip(np.abs(E.reshape(-1, 9) @ e), 0, 1))),
         ),
     ),
 )
 
 truncated_error = Exercise(
     lambda d, threshold: np.mean(np.minimum((d / threshold) ** 2, 1.0)),
-    lambda: [(t * np.array([0.0, 0.5, -0.5, 1.0, -3.0, 50.0]), t) for t in (1.0, 2.0)],
+    lambda: [(t * np.array([0.0, 0.5, -0.5, 0.9, -3.0, 50.0]), t) for t in (1.0, 2.0)],
     task="A function (d, threshold): distances (N,) -> mean of min(d² / threshold², 1).",
     praise="a match never costs more than 1, however wrong it is.",
-    hint="np.mean(np.minimum((d / threshold) ** 2, 1.0)).",
+    hint="each match has a cost of its own, from 0 to 1; the error is their mean.",
     library=("truncated_errors",),
     mistakes=(
         Mistake(
@@ -158,19 +191,23 @@ truncated_error = Exercise(
             lambda d, threshold: np.mean((d / threshold) ** 2),
         ),
         Mistake(
-            "this only counts outliers; inliers say more or less, too.",
+            "wrong matches are left out here; they should cost 1 each.",
+            "an outlier costs as much as a match at the threshold.",
+            lambda d, threshold: np.mean((d[np.abs(d) <= threshold] / threshold) ** 2),
+            lambda d, threshold: np.mean((d / threshold * (np.abs(d) <= threshold)) ** 2),
+        ),
+        Mistake(
+            "this only counts outliers; among the inliers there are better and worse ones as well.",
             "d² / threshold² below 1.",
             lambda d, threshold: np.mean(np.abs(d) > threshold),
         ),
         Mistake(
-            "these are distances, not squares.",
-            "square d first.",
+            "the terms are not d² / threshold².",
+            "how many thresholds is a match away? Square d over the threshold, and only then take the minimum.",
             lambda d, threshold: np.mean(np.minimum(np.abs(d / threshold), 1.0)),
-        ),
-        Mistake(
-            "the threshold is not used.",
-            "divide d by it.",
             lambda d, threshold: np.mean(np.minimum(d**2, 1.0)),
+            lambda d, threshold: np.mean(np.minimum(d**2, threshold**2)),
+            lambda d, threshold: np.mean(np.minimum(d**2 / threshold, 1.0)),
         ),
         Mistake(
             "the mean is truncated, not the terms.",
@@ -185,27 +222,45 @@ select = Exercise(
     frames,
     task="A function (E, set_index, errors, e_prev, k) -> index of the winner by solution selection.",
     praise="the paper's section 2.2: k of each set by angle, then the smallest image error of all kept.",
-    hint="is the index one into all candidates?",
+    hint="set by set: which candidates are its members, and which k of these are nearest to e_prev?",
     library=("nearest_to_prior", "choose"),
     mistakes=(
         Mistake(
-            "this counts among the kept candidates.",
-            "an index into all: kept[np.argmin(errors[kept])].",
-            lambda E, set_index, errors, e_prev, k: np.argmin(
-                errors[nearest_to_prior(E, set_index, e_prev, k)]
-            ),
+            "this counts among the kept candidates, or within a set.",
+            "the index is one into all candidates: kept[np.argmin(errors[kept])].",
+            lambda E, s, errors, e, k: np.argmin(errors[nearest_to_prior(E, s, e, k)]),
+            lambda E, s, *case: (i := selected(E, s, *case)) - np.searchsorted(s, s[i]),
         ),
         Mistake(
             "this is the candidate nearest to e_prev.",
             "the image error has the last word.",
-            lambda E, set_index, errors, e_prev, k: np.argmin(angles(E, e_prev)),
+            lambda E, s, errors, e, k: np.argmin(angles(E, e)),
         ),
         Mistake(
             "this is consensus: the prior was not asked.",
             "only the k nearest of each set compete.",
-            lambda E, set_index, errors, e_prev, k: np.argmin(errors),
+            lambda E, s, errors, e, k: np.argmin(errors),
         ),
-        Mistake("only k candidates of all sets competed.", "keep the k nearest of each set.", overall),
+        Mistake(
+            "prior and image error have changed places.",
+            "the angle decides who may compete, the error who wins.",
+            lambda E, s, errors, e, k: least(angles(E, e), first_of_sets(errors, s, k)),
+        ),
+        Mistake(
+            "each set has the right winner, but among the winners the nearest was taken.",
+            "the image error decides there as well.",
+            of_winners,
+        ),
+        Mistake(
+            "the last set is left out.",
+            "range(n) ends with n - 1. `np.unique(set_index)` names every set.",
+            lambda E, s, errors, e, k: least(errors, nearest_to_prior(E, s, e, k) & (s < s.max())),
+        ),
+        Mistake(
+            "only k candidates of all sets competed.",
+            "keep the k nearest of each set.",
+            lambda E, s, errors, e, k: least(errors, first_of_sets(angles(E, e), 0 * s, k)),
+        ),
     ),
 )
 
@@ -215,27 +270,22 @@ sets_needed = Exercise(
     atol=0.02,
     task="Sets to draw so that with 99 % one has only right matches, when 30 % of the matches are wrong.",
     praise="(1 - 0.7⁵)ⁿ = 0.01 gives n = 25.03, so 26 sets. n = 200 is for accuracy, not for safety alone.",
-    hint="(1 - 0.7⁵)ⁿ = 0.01, solved for n, and rounded up.",
+    hint="how probable is it that one set is good, that it is not, and that n sets in a row are not?",
     mistakes=(
         Mistake("25 sets give 98.995 %, a hair less than wanted.", "round up.", 25),
         Mistake(
             "this is for 30 % right matches.",
             "a match is right with probability 0.7.",
-            lambda *_: sets_for(0.3**5),
-            lambda *_: np.ceil(sets_for(0.3**5)),
+            sets_for(0.3**5),
+            np.ceil(sets_for(0.3**5)),
         ),
-        Mistake(
-            "one match is not enough.",
-            "all five must be right: 0.7⁵.",
-            lambda *_: sets_for(0.7),
-            lambda *_: np.ceil(sets_for(0.7)),
-        ),
+        Mistake("one match is not enough.", "all five must be right.", sets_for(0.7), np.ceil(sets_for(0.7))),
         Mistake(
             "this is as if the sets shared their luck.",
             "all n sets fail with probability (1 - 0.7⁵)ⁿ.",
             0.99 / 0.7**5,
             1 / 0.7**5,
-            lambda *_: np.ceil(1 / 0.7**5),
+            np.ceil(1 / 0.7**5),
         ),
     ),
 )
@@ -251,10 +301,7 @@ consensus_fooled = Exercise(
     mistakes=(
         Mistake(
             "consensus is still only {error by consensus:.3f}° wrong.",
-            (
-                "raise the moving share: things that move together agree among themselves, wrong matches "
-                "do not."
-            ),
+            "which matches agree among themselves: wrong ones, or those on one thing that moves?",
             {"error by consensus": 0.01},
             when=lambda facts: not facts["error by consensus"] > 0.5,
         ),
