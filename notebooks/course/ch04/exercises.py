@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import rotation_from_vector
+from vo_lib.core.geometry import rigid, rotation_from_vector
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
 from vo_lib.method.translation import feature_rows as library_rows
 
 from ..checker import Case, Exercise, Mistake, times
+from .weightings import seen, spread_points
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
 R_CP = rotation_from_vector(np.array([0.01, 0.05, -0.02]))
@@ -21,12 +25,8 @@ NO_T = np.array([1, 1, 1, 0, 0, 0])  # keeps the columns of Q
 
 def exact_matches(count: int, seed: int, noise: float = 0.0) -> StereoMatches:
     """Matches (count,) of random points 5 to 40 m ahead under R_CP, T_CP, with noise in pixels."""
-    rng = np.random.default_rng(seed)
-    z = rng.uniform(5.0, 40.0, count)
-    Q = np.stack([rng.uniform(-0.7, 0.7, count) * z, rng.uniform(-0.2, 0.2, count) * z, z], axis=1)
-    places = np.stack([*CAMERA.project(Q), *CAMERA.project(Q @ R_CP.T + T_CP)])
-    a, b, c, d = places + rng.normal(0.0, noise, places.shape)
-    return StereoMatches(a, b, c, d, np.ones(count, np.int64), np.ones(count), np.arange(count))
+    T = rigid(R_CP, T_CP)
+    return seen(CAMERA, spread_points(count, seed, 5.0, 40.0), T, noise, seed)
 
 
 def one_match() -> list[Case]:
@@ -54,8 +54,7 @@ def solve(M: Array, c: Array) -> Array:
 
 def noisy_rows(count: int, seed: int, noise: float) -> tuple[Array, Array, Array]:
     """A (N, 8, 3), B (N, 8, 3) and c (N, 8) of noisy matches."""
-    A, B, c = library_rows(CAMERA, exact_matches(count, seed, noise), R_CP)
-    return A, B, c
+    return library_rows(CAMERA, exact_matches(count, seed, noise), R_CP)
 
 
 def stacked(A: Array, B: Array, c: Array) -> Array:
@@ -69,6 +68,13 @@ def alone(A: Array, B: Array, c: Array) -> Array:
     return np.array([solve(np.hstack(rows[:2]), rows[2])[3:] for rows in zip(A, B, c, strict=True)])
 
 
+def half_eliminated(A: Array, B: Array, c: Array) -> Array:
+    """The t of normal equations whose right side has no projection."""
+    N = np.eye(8) - A @ np.linalg.pinv(A)
+    H = (B.swapaxes(1, 2) @ N @ B).sum(axis=0)
+    return np.asarray(np.linalg.solve(H, np.einsum("nij,ni->j", B, c)))
+
+
 def cauchy(r: Array, s: float) -> Array:
     """Cauchy weights of residuals."""
     return np.asarray(1.0 / (1.0 + (r / s) ** 2))
@@ -80,10 +86,25 @@ def drawn_answers() -> list[Case]:
     return [(0.97 * T_CP + rng.normal(0.0, 0.01, (count, 3)), T_CP) for count in (5, 20)]
 
 
+def norm(vectors: Array) -> Array:
+    """Lengths of vectors (..., 3)."""
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
 def bias_and_scatter(answers: Array, t_true: Array) -> tuple[float, float]:
     """Mean and standard deviation of the error of the lengths, per cent."""
-    off = 100.0 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1.0)
+    off = 100.0 * (norm(answers) / norm(t_true) - 1.0)
     return float(off.mean()), float(off.std())
+
+
+def but_bias(wrong: Callable[[Array, Array], Any]) -> Callable[..., Any]:
+    """Another bias beside the right scatter."""
+    return lambda answers, t: (wrong(answers, t), bias_and_scatter(answers, t)[1])
+
+
+def one_residual(place: float) -> Callable[..., bool]:
+    """A test for the case of one residual of so many scales."""
+    return lambda w, r, s: len(r) == 1 and r[0] == place * s
 
 
 feature_rows = Exercise(
@@ -107,8 +128,19 @@ feature_rows = Exercise(
         ),
         Mistake(
             "the rotation is used the other way round.",
-            "row @ R_cp, not row @ R_cp.T.",
+            "the row stands on the left of R Q: row @ R_cp, not row @ R_cp.T.",
             lambda pl, pr, cl, cr, R_cp, b: eight_rows(pl, pr, cl, cr, R_cp.T, b),
+        ),
+        Mistake(
+            "the unknowns stand in another order.",
+            "columns are Q first, then t.",
+            lambda *case: (np.roll(eight_rows(*case)[0], 3, axis=1), eight_rows(*case)[1]),
+        ),
+        Mistake(
+            "these are the right rows in another order.",
+            "x and y of one image together, then the next image.",
+            lambda *case: [each[[0, 2, 4, 6, 1, 3, 5, 7]] for each in eight_rows(*case)],
+            when=lambda M, *case: np.allclose(np.sort(M, axis=0), np.sort(eight_rows(*case)[0], axis=0)),
         ),
         Mistake(
             "c has the wrong sign.",
@@ -128,7 +160,7 @@ feature_rows = Exercise(
         ),
         Mistake(
             "M is right, c is not.",
-            "-b in the x rows of the right images (1-based: rows 3 and 7).",
+            "in which four rows does a right image look at x, and what stands there?",
             times(eight_rows, 1.0, 2.0),
             when=lambda c, *case: c.shape == (8,),
         ),
@@ -140,18 +172,11 @@ one_feature = Exercise(
     lambda: [(np.hstack([A[0], B[0]]), c[0]) for A, B, c in [noisy_rows(1, 4, 0.3)]],
     atol=1e-6,
     task="A function (M (8, 6), c (8,)) -> t_cp (3,), metres, from one feature.",
-    praise=(
-        "t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, "
-        "-0.9)."
-    ),
-    hint="np.linalg.lstsq(M, c, rcond=None)[0].",
+    praise="t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, -0.9).",
+    hint="least squares of M times the six unknowns = c, and of these the last three.",
     mistakes=(
         Mistake("this is (Q, t), six numbers.", "t are the last three.", solve),
-        Mistake(
-            "these are the first three unknowns: the point Q.",
-            "t are the last three.",
-            lambda M, c: solve(M, c)[:3],
-        ),
+        Mistake("this is the point Q.", "t are the last three.", lambda M, c: solve(M, c)[:3]),
     ),
 )
 
@@ -159,12 +184,10 @@ rank_at_infinity = Exercise(
     4,
     task="The rank of the 8×6 matrix of a feature whose disparity is zero in both pairs.",
     praise="4: each pair keeps two of its four rows. Such a feature knows a direction, and no length.",
-    hint="x and x' are equal, y and y' too: each pair has two different rows left.",
+    hint="x and x' are equal, y and y' as well: how many different rows does each pair have left?",
     mistakes=(
         Mistake(
-            "with rank 6 such a feature would tell t.",
-            "without a disparity, which two rows of a pair are equal?",
-            6,
+            "then such a feature would tell t.", "without a disparity, which two rows of a pair are equal?", 6
         ),
         Mistake("a matrix of six columns has no rank 8.", "np.linalg.matrix_rank(M).", 8),
     ),
@@ -175,7 +198,7 @@ row_error = Exercise(
     rtol=0.01,
     task="How many times larger the error of a row is at 40 m than at 8 m, for the same error in pixels.",
     praise="Z: {right:g} times. So a row divided by Z has the same error, dx, at every depth.",
-    hint="d/dx of (x e3 - e1)ᵀ P is e3ᵀ P = Z.",
+    hint="by what does (x e3 - e1)ᵀ P change when x does?",
     mistakes=(
         Mistake(
             "this is how the depth error grows.",
@@ -197,23 +220,24 @@ stack = Exercise(
     atol=1e-6,
     task="A function (A (N, 8, 3), B (N, 8, 3), c (N, 8)) -> t (3,): the least-squares t of A Q_i + B t = c.",
     praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, as the library's `eliminate_points` has it.",
-    hint="with N = I - A_i pinv(A_i): add up H += B_iᵀ N B_i and g += B_iᵀ N c_i, then solve H t = g.",
+    hint="one N_i for each feature; two sums over all features, one (3, 3) and one (3,); one system at the end.",
     library=("eliminate_points", "solve_translation"),
     mistakes=(
         Mistake(
-            "this is the mean of the features' own answers: a far one counts as much as a near one.",
+            "this is the mean or the median of the features' own answers: a far one counts like a near one.",
             "one t for all rows at once; only Q differs from feature to feature.",
             lambda A, B, c: alone(A, B, c).mean(axis=0),
-        ),
-        Mistake(
-            "this is the median of the features' own answers.",
-            "one t for all rows at once.",
             lambda A, B, c: np.median(alone(A, B, c), axis=0),
         ),
         Mistake(
             "the points Q are left out.",
             "eliminate each Q: N = I - A_i pinv(A_i), then N B_i, N c_i.",
             lambda A, B, c: solve(B.reshape(-1, 3), c.ravel()),
+        ),
+        Mistake(
+            "the right side is not projected.",
+            "N_i stands on both sides: B_iᵀ N_i B_i and B_iᵀ N_i c_i.",
+            half_eliminated,
         ),
     ),
 )
@@ -223,10 +247,7 @@ bias = Exercise(
     drawn_answers,
     parts=("bias", "scatter"),
     atol=1e-6,
-    task=(
-        "A function (answers (S, 3), t_true (3,)) -> bias and scatter of their lengths, in per cent of the "
-        "true one."
-    ),
+    task="A function (answers (S, 3), t_true (3,)) -> bias and scatter of their lengths, in % of the true one.",
     praise=(
         "bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: the first stays when more draws are averaged, the "
         "second does not."
@@ -240,35 +261,31 @@ bias = Exercise(
             times(bias_and_scatter, -1.0, 1.0),
         ),
         Mistake(
-            "this is the mean distance from the true translation: it grows with the scatter, too.",
+            "bias and scatter have changed places.",
+            "the bias comes first.",
+            lambda *c: bias_and_scatter(*c)[::-1],
+        ),
+        Mistake(
+            "this is the mean distance from the true translation: scatter to the sides adds to it.",
             "compare lengths, not vectors.",
-            lambda answers, t: (
-                100 * np.mean(np.linalg.norm(answers - t, axis=1)) / np.linalg.norm(t),
-                bias_and_scatter(answers, t)[1],
-            ),
+            but_bias(lambda answers, t: 100 * norm(answers - t).mean() / norm(t)),
         ),
         Mistake(
             "this is the length of the mean answer; each answer's own length is wanted.",
-            "np.linalg.norm(answers, axis=1), and then the mean.",
-            lambda answers, t: (
-                100 * (np.linalg.norm(answers.mean(axis=0)) / np.linalg.norm(t) - 1),
-                bias_and_scatter(answers, t)[1],
-            ),
+            "lengths first, and then the mean.",
+            but_bias(lambda answers, t: 100 * (norm(answers.mean(axis=0)) / norm(t) - 1)),
         ),
         Mistake(
             "the bias is in metres, not in per cent of the true length.",
             "divide by the true length, times 100.",
-            lambda answers, t: (
-                np.linalg.norm(answers, axis=1).mean() - np.linalg.norm(t),
-                np.linalg.norm(answers, axis=1).std(),
-            ),
+            lambda answers, t: (norm(answers).mean() - norm(t), norm(answers).std()),
         ),
         Mistake(
             "the bias is right; the scatter divides by S - 1.",
             "np.std as it is, without ddof.",
             lambda answers, t: (
                 bias_and_scatter(answers, t)[0],
-                bias_and_scatter(answers, t)[1] * (len(answers) / (len(answers) - 1)) ** 0.5,
+                100 * np.std(norm(answers), ddof=1) / norm(t),
             ),
         ),
     ),
@@ -279,36 +296,36 @@ robust_weight = Exercise(
     lambda: [(np.array(r), 0.5) for r in ([0.0], [0.5], [-0.5], [0.0, 0.25, 0.5, -0.5, 2.0, 100.0])],
     task="A function (r (N,), s) -> Cauchy weights (N,) of residuals.",
     praise="1 for a perfect feature, ½ at the scale s, and next to nothing for a mismatch.",
-    hint="w = 1 / (1 + (r / s)²).",
+    hint="r counts in units of s; the formula stands above.",
     mistakes=(
-        Mistake("r / s is not squared.", "1 / (1 + (r / s)²).", lambda r, s: 1.0 / (1.0 + np.abs(r) / s)),
+        Mistake("r / s is not squared.", "it stands squared above.", lambda r, s: 1 / (1 + np.abs(r) / s)),
         Mistake(
             "these are the weights of Huber, not of Cauchy.",
-            "1 / (1 + (r / s)²).",
+            "Huber leaves small residuals their full weight; here it falls from the start.",
             lambda r, s: np.minimum(1.0, s / np.maximum(np.abs(r), 1e-12)),
         ),
         Mistake(
             "this is all or nothing.",
-            "the Cauchy weight falls smoothly: 1 / (1 + (r / s)²).",
+            "the Cauchy weight falls smoothly: there is no threshold in it.",
             lambda r, s: np.abs(r) <= s,
         ),
         Mistake(
             "a feature without residual has weight {got:.3g}, not 1.",
-            "w = 1 / (1 + (r / s)²).",
-            lambda r, s: np.log1p(r**2),
-            when=lambda w, r, s: not r.any(),
+            "is this the cost in place of the weight, or its inverse?",
+            lambda r, s: np.log1p((r / s) ** 2),
+            when=one_residual(0.0),
         ),
         Mistake(
             "at r = s the weight is {got:.3g}, not ½.",
-            "is r divided by s, and squared?",
+            "is r divided by s, and only the quotient squared?",
             lambda r, s: 1.0 / (1.0 + r**2),
-            when=lambda w, r, s: len(r) == 1 and r[0] == s,
+            when=one_residual(1.0),
         ),
         Mistake(
             "r and -r have different weights.",
             "square the residual.",
             lambda r, s: np.where(r < 0, 0.4, cauchy(r, s)),
-            when=lambda w, r, s: len(r) == 1 and r[0] == -s,
+            when=one_residual(-1.0),
         ),
     ),
 )
@@ -316,14 +333,8 @@ robust_weight = Exercise(
 turned_sideways = Exercise(
     {"error in x": -27.0, "error in z": -11.0}
     | {"rotation error": 0.1, "wrong share": 0.0, "noise added": 0.1},
-    task=(
-        "The panel shows an error of more than 20 mm in x, at most half of that in z, by a wrong rotation "
-        "alone."
-    ),
-    praise=(
-        "{error in x:.0f} mm in x against {error in z:.0f} mm in z: what turns too far seems to slip "
-        "sideways."
-    ),
+    task="The panel shows an error above 20 mm in x, at most half of it in z, by a wrong rotation alone.",
+    praise="{error in x:.0f} mm in x, {error in z:.0f} mm in z: what turns too far seems to slip sideways.",
     hint="",
     mistakes=(
         Mistake(
@@ -333,11 +344,8 @@ turned_sideways = Exercise(
             when=lambda facts: facts["rotation error"] == 0 or np.isnan(facts["rotation error"]),
         ),
         Mistake(
-            (
-                "{wrong share:.0f} % of the matches are wrong as well, and there are {noise added:.2f} px "
-                "of noise: who is to blame?"
-            ),
-            "`wrong share` 0, `noise` at most 0.1, weighting `stacked`: only the rotation is to blame.",
+            "{wrong share:.0f} % of the matches are wrong, and {noise added:.2f} px of noise is added.",
+            "only the rotation is to blame: set `wrong share` to 0 and `noise added` to 0.1 at most.",
             {"wrong share": 30.0},
             when=lambda facts: facts["wrong share"] > 0 or facts["noise added"] > 0.1,
         ),
@@ -348,8 +356,8 @@ turned_sideways = Exercise(
             when=lambda facts: not abs(facts["error in x"]) > 20.0,
         ),
         Mistake(
-            "{error in x:.0f} mm in x, but {error in z:.0f} mm in z, too.",
-            "less wrong matches, less noise, weighting `stacked`: only the rotation is to blame.",
+            "{error in x:.0f} mm in x, but {error in z:.0f} mm in z as well.",
+            "take a weighting that bears what disturbs z: the first of the list.",
             {"error in z": -40.0},
             when=lambda facts: not abs(facts["error in x"]) > 2.0 * abs(facts["error in z"]),
         ),
