@@ -82,9 +82,10 @@ def errors_figure(
     x: Array | range | None = None,
     title: str = "rotation error",
     x_name: str = "frame",
+    unit: str = "deg",
     height: int = 230,
 ) -> Figure:
-    """Rotation errors (N,) by way of choosing, degrees: of frames 1, 2, …, with their medians, or over x (N,).
+    """Errors (N,) by name: of frames 1, 2, …, or a range of them, with their medians, or over x (N,).
 
     Curves that lie on one another are drawn once, with all their names.
     """
@@ -93,9 +94,11 @@ def errors_figure(
         same = [names for names, drawn in curves if np.allclose(values, drawn, rtol=ALIKE)]
         same[0].append(name) if same else curves.append(([name], values))
     made, (axis,) = figure(height)
-    for (names, values), colour, style in zip(curves, (DARK, GOOD, BAD), ("-o", "--s", "-^"), strict=False):
+    for (names, values), colour, style in zip(
+        curves, (DARK, GOOD, BAD, PALE), ("-o", "--s", "-^", "-v"), strict=False
+    ):
         over_frames = x is None or isinstance(x, range)
-        words = f": median {np.median(values):.3f}°" if over_frames else ""
+        words = f": median {np.median(values):.3f}" if over_frames else ""
         axis.plot(
             np.arange(1, len(values) + 1) if x is None else x,
             np.clip(values, LEAST, MOST),
@@ -106,7 +109,7 @@ def errors_figure(
     low, high = axis.get_ylim()
     log_axis(axis.yaxis, min(low, 0.01), max(high, 0.1))
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    finish(axis, title, x_name, "error [deg]", "above")
+    finish(axis, title, x_name, f"error [{unit}]", "above")
     return made
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Callable
+
 import numpy as np
 
 from vo_lib.core.boxes import overlap
@@ -31,9 +34,18 @@ def in_image(xyxy: Array, scale: float, left: int, top: int, width: int, height:
     return Letterbox(*NET, scale, left, top).to_image(xyxy, width, height)
 
 
-def uncut(xyxy: Array, scale: float, left: int, top: int, *size: int) -> Array:
-    """The same boxes as they hang over the edges."""
-    return np.asarray((xyxy - (left, top) * 2) / scale - 0.5)
+def endings(back: Callable[..., Array]) -> list[Callable[..., Array]]:
+    """A way (xyxy, scale, left, top) back into the image: as it is, half a pixel less, and cut at the edges first."""
+    return [
+        lambda xyxy, s, x, y, w, h: back(xyxy, s, x, y),
+        lambda xyxy, s, x, y, w, h: back(xyxy, s, x, y) - 0.5,
+        lambda xyxy, s, x, y, w, h: np.clip(back(xyxy, s, x, y), 0, (w, h) * 2) - 0.5,
+    ]
+
+
+def outer(xyxy: Array, scale: float, left: int, top: int) -> Array:
+    """The right way back, counted from the outer edge and not cut."""
+    return np.asarray((xyxy - (left, top) * 2) / scale)
 
 
 def common(a: Array, b: Array, least: float = 0.0) -> float:
@@ -57,20 +69,31 @@ def pairs() -> list[Case]:
     return [(a, b), (a, far), (np.array([0.0, 0, 10, 10]), np.array([20.0, 20, 30, 30])), (a, a.copy())]
 
 
-def suppressed(corners: Array, scores: Array, most: float, against_kept: bool = True) -> list[int]:
-    """Indices that greedy suppression keeps, best first; or those free of all better boxes, kept or not."""
+def suppressed(
+    corners: Array,
+    scores: Array,
+    most: float,
+    rivals: slice | None = slice(None),
+    goes: Callable[[float, float], bool] = operator.gt,
+) -> list[int]:
+    """Indices that greedy suppression keeps, best first.
+
+    A box is compared with those kept before that `rivals` chooses, or with all better ones where it is None.
+    """
     order = np.argsort(-scores, kind="stable").tolist()
     shares = overlap(corners, corners)
     kept: list[int] = []
     for place, k in enumerate(order):
-        if all(shares[k, better] <= most for better in (kept if against_kept else order[:place])):
+        better = order[:place] if rivals is None else kept[rivals]
+        if not any(goes(float(shares[k, other]), most) for other in better):
             kept.append(k)
     return kept
 
 
 def heaps() -> list[Case]:
-    """Five boxes, and twenty random heaps with thresholds of their own."""
-    cases: list[Case] = [(CORNERS, SCORES, 0.5)]
+    """Five boxes; two that share as much as is allowed; twenty random heaps with thresholds of their own."""
+    half = np.array([[0.0, 0, 10, 10], [0.0, 0, 10, 5]])
+    cases: list[Case] = [(CORNERS, SCORES, 0.5), (half, np.array([0.8, 0.9]), 0.5)]
     for seed in range(20):
         rng = np.random.default_rng(seed)
         corner = rng.uniform(0, 100, (15, 2))
@@ -111,12 +134,13 @@ to_image = Exercise(
         Mistake(
             "the last box still hangs over the edge of the image.",
             "cut to 0 … width and 0 … height with np.clip, before the half pixel is taken off.",
-            uncut,
+            endings(outer)[1],
         ),
         Mistake(
             "the cut is half a pixel too early: the image's outer edge is width - 0.5.",
             "np.clip to 0 … width first, then - 0.5.",
-            lambda xyxy, s, x, y, w, h: np.clip(uncut(xyxy, s, x, y), 0, (w - 1, h - 1) * 2),
+            lambda xyxy, s, x, y, w, h: np.clip(outer(xyxy, s, x, y) - 0.5, 0, (w - 1, h - 1) * 2),
+            lambda xyxy, s, x, y, w, h: np.clip(outer(xyxy, s, x, y) - 0.5, 0, (w, h) * 2),
         ),
         Mistake(
             "everything is half a pixel too far to the right and down.",
@@ -131,35 +155,27 @@ to_image = Exercise(
         Mistake(
             "the border is forgotten.",
             "take left from the x and top from the y before dividing.",
-            lambda xyxy, s, x, y, w, h: xyxy / s,
-            lambda xyxy, s, x, y, w, h: xyxy / s - 0.5,
-            lambda xyxy, s, x, y, w, h: np.clip(xyxy / s, 0, (w, h) * 2) - 0.5,
+            *endings(lambda xyxy, s, x, y: xyxy / s),
         ),
         Mistake(
             "first the scale and then the border is the wrong order.",
             "the border was added last, in the network's pixels, so it goes first.",
-            lambda xyxy, s, x, y, w, h: xyxy / s - (x, y) * 2,
-            lambda xyxy, s, x, y, w, h: xyxy / s - (x, y) * 2 - 0.5,
-            lambda xyxy, s, x, y, w, h: np.clip(xyxy / s - (x, y) * 2, 0, (w, h) * 2) - 0.5,
+            *endings(lambda xyxy, s, x, y: xyxy / s - (x, y) * 2),
         ),
         Mistake(
             "left and top are exchanged.",
             "columns are x, y, x, y: subtract left, top, left, top.",
-            lambda xyxy, s, x, y, w, h: (xyxy - (y, x) * 2) / s,
-            lambda xyxy, s, x, y, w, h: (xyxy - (y, x) * 2) / s - 0.5,
-            lambda xyxy, s, x, y, w, h: np.clip((xyxy - (y, x) * 2) / s, 0, (w, h) * 2) - 0.5,
+            *endings(lambda xyxy, s, x, y: (xyxy - (y, x) * 2) / s),
         ),
         Mistake(
             "multiplied by the scale: this makes boxes smaller still.",
             "divide by it.",
-            lambda xyxy, s, x, y, w, h: (xyxy - (x, y) * 2) * s,
-            lambda xyxy, s, x, y, w, h: (xyxy - (x, y) * 2) * s - 0.5,
-            lambda xyxy, s, x, y, w, h: np.clip((xyxy - (x, y) * 2) * s, 0, (w, h) * 2) - 0.5,
+            *endings(lambda xyxy, s, x, y: (xyxy - (x, y) * 2) * s),
         ),
         Mistake(
             "boxes inside are right, one over the edge is not.",
-            "np.clip to 0 … width and height.",
-            lambda xyxy, s, x, y, w, h: np.minimum(uncut(xyxy, s, x, y), w + 9),
+            "cut off what lies beyond the image, on all four sides: np.clip to 0 … width and 0 … height.",
+            lambda xyxy, s, x, y, w, h: np.minimum(outer(xyxy, s, x, y) - 0.5, w + 9),
             when=lambda got, xyxy, *case: len(xyxy) == 1,
         ),
     ),
@@ -188,29 +204,24 @@ iou = Exercise(
     pairs,
     task="A function (a (4,), b (4,)) -> intersection over union of two boxes x0, y0, x1, y1.",
     praise="{got:.3f} for two boxes 10 px apart; 1 with itself; 0 where nothing is shared.",
-    hint="common from max of the left and upper sides to min of the right and lower ones.",
+    hint="where does the common part begin, and where does it end? Then the three areas.",
     library=("overlap",),
     mistakes=(
         Mistake(
             "this is the common area, in pixels.", "divide by the area that both cover together.", common
         ),
         Mistake(
-            "the common part is counted twice below the line.",
-            "union = area a + area b - common.",
+            "this is not divided by the union.",
+            "what both cover together is area a + area b, less what was counted twice.",
             lambda a, b: common(a, b) / (area(a) + area(b)),
-        ),
-        Mistake(
-            "divided by the area of one box.",
-            "union = area a + area b - common.",
             lambda a, b: common(a, b) / area(a),
             lambda a, b: common(a, b) / area(b),
+            lambda a, b: common(a, b) / min(area(a), area(b)),
+            lambda a, b: common(a, b) / max(area(a), area(b)),
         ),
         Mistake(
             "two boxes that do not touch have {got:.2f}, not 0.",
-            (
-                "a negative width or height of the common part counts as 0; two of them multiply to more "
-                "than 0."
-            ),
+            "a negative width or height of the common part counts as 0; two of them multiply to more than 0.",
             lambda a, b: shared(a, b, -1e9),
             when=lambda got, a, b: common(a, b) == 0,
         ),
@@ -239,15 +250,20 @@ suppress = Exercise(
         ),
         Mistake(
             "the worse of two boxes on one car stays.",
-            "np.argsort(-scores): the best comes first.",
+            "in which order do you go through them? The best comes first.",
             lambda corners, scores, most: suppressed(corners, -scores, most),
             when=lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got,
         ),
         Mistake(
-            "boxes that overlap only a little go, too.",
+            "boxes that overlap only a little go as well.",
             "a box goes when its IoU is above `most`, not above 0.",
             lambda corners, scores, most: suppressed(corners, scores, 0.0),
             when=lambda got, corners, *case: len(corners) == 5 and not {2, 4} <= set(got.ravel()),
+        ),
+        Mistake(
+            "a box whose IoU is exactly `most` goes here.",
+            "only what is *above* `most` goes.",
+            lambda corners, scores, most: suppressed(corners, scores, most, goes=operator.ge),
         ),
         Mistake(
             "right for five boxes, wrong for another threshold.",
@@ -255,9 +271,15 @@ suppress = Exercise(
             lambda corners, scores, most: suppressed(corners, scores, 0.5),
         ),
         Mistake(
-            "right for five boxes, wrong for other boxes.",
-            "compare with the boxes kept, not with all better ones.",
-            lambda corners, scores, most: suppressed(corners, scores, most, against_kept=False),
+            "right for five boxes, wrong for other boxes: it was compared with all better ones.",
+            "a box that has gone itself drops no others.",
+            lambda corners, scores, most: suppressed(corners, scores, most, None),
+        ),
+        Mistake(
+            "right for some boxes, wrong for others: it was compared with one kept box only.",
+            "a box has to be free of all that stay, not of the last or the best of them.",
+            lambda corners, scores, most: suppressed(corners, scores, most, slice(-1, None)),
+            lambda corners, scores, most: suppressed(corners, scores, most, slice(1)),
         ),
         Mistake(
             "the right boxes in another order.",
@@ -277,11 +299,9 @@ suppress = Exercise(
 keep_outside = Exercise(
     outside,
     features,
-    task=(
-        "A function (uv_p (N, 2), uv_c (N, 2), boxes_p (K, 4), boxes_c (L, 4)) -> matches to keep, (N,) bool."
-    ),
+    task="A function (uv_p (N, 2), uv_c (N, 2), boxes_p (K, 4), boxes_c (L, 4)) -> matches to keep, (N,) bool.",
     praise="the same matches as `static_matches` keeps.",
-    hint="inside: x0 <= u <= x1 and y0 <= v <= y1 of any one box.",
+    hint="when is a point in one box? When in any? And a match has two points.",
     library=("inside", "in_boxes", "on_vehicles", "static_matches"),
     mistakes=(
         Mistake(
@@ -290,13 +310,15 @@ keep_outside = Exercise(
             lambda *case: ~outside(*case),
         ),
         Mistake(
-            "the current image is not asked.",
-            "a match goes when either of its two points is in a box.",
-            lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p),
+            "these are indices.",
+            "return a mask, one True or False for each match.",
+            lambda *case: np.flatnonzero(outside(*case)),
+            lambda *case: np.flatnonzero(~outside(*case)),
         ),
         Mistake(
-            "the previous image is not asked.",
+            "one of the two images is not asked.",
             "a match goes when either of its two points is in a box.",
+            lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p),
             lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_c, boxes_c),
         ),
         Mistake(
@@ -305,27 +327,29 @@ keep_outside = Exercise(
             lambda uv_p, uv_c, boxes_p, boxes_c: ~(inside(uv_p, boxes_p) & inside(uv_c, boxes_c)),
         ),
         Mistake(
-            "the boxes of the two images are exchanged.",
-            "uv_p with boxes_p, uv_c with boxes_c.",
+            "the boxes of the two images are exchanged, or mixed.",
+            "uv_p belongs to boxes_p alone, uv_c to boxes_c.",
             lambda uv_p, uv_c, boxes_p, boxes_c: outside(uv_p, uv_c, boxes_c, boxes_p),
+            lambda uv_p, uv_c, *both: outside(uv_p, uv_c, np.concatenate(both), np.concatenate(both)),
+        ),
+        Mistake(
+            "u and v are exchanged.",
+            "points are (u, v), and boxes begin with their u: x0, y0, x1, y1.",
+            lambda uv_p, uv_c, *both: outside(uv_p[:, ::-1], uv_c[:, ::-1], *both),
         ),
         Mistake(
             "without any box some matches go.",
-            "with no box nothing lies in one: .any(axis=1).",
+            "with no box nothing lies in one: any() of nothing is False.",
             lambda uv_p, uv_c, boxes_p, boxes_c: outside(uv_p, uv_c, boxes_p, boxes_c) & bool(len(boxes_p)),
             when=lambda got, uv_p, uv_c, boxes_p, boxes_c: not len(boxes_p),
         ),
     ),
 )
 
-
 sparing_rule = Exercise(
     {"removed": 40.0, KEPT: 1.0, LOST: 15.0},
     task="The panel removes most features on moving things, and few on standing ones.",
-    praise=(
-        "{on moving things, kept:.0f} on moving things stay, {on standing things, removed:.0f} on standing "
-        "things go."
-    ),
+    praise=f"{{{KEPT}:.0f}} on moving things stay, {{{LOST}:.0f}} on standing things go.",
     hint="",
     mistakes=(
         Mistake(
@@ -341,13 +365,19 @@ sparing_rule = Exercise(
             when=lambda facts: not facts["removed"] > 0,
         ),
         Mistake(
-            "{on moving things, kept:.0f} features on moving things stay.",
+            "nothing that moves stays and nothing that stands goes: this is the rule `truth`.",
+            "it reads the answer from the drawn scene. Find a rule that a car on a real road could use.",
+            {KEPT: 0.0, LOST: 0.0},
+            when=lambda facts: facts[KEPT] == facts[LOST] == 0,
+        ),
+        Mistake(
+            f"{{{KEPT}:.0f}} features on moving things stay.",
             "lower the score, or let the boxes grow a little: which of them is too tight?",
             {KEPT: 4.0},
             when=lambda facts: facts[KEPT] > 2,
         ),
         Mistake(
-            "{on standing things, removed:.0f} features on standing things go.",
+            f"{{{LOST}:.0f}} features on standing things go.",
             "houses in a box's corner and parked cars need not go: which rule looks at motion?",
             {LOST: 50.0},
             when=lambda facts: facts[LOST] > 20,

@@ -15,19 +15,20 @@ from vo_lib.core.frame import FrameResult
 from vo_lib.core.geometry import rotation_angle
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Array, Image, Progress
-from vo_lib.data.sequence import Sequence
+from vo_lib.data.sequence import SYNTHETIC, Sequence, available, open_sequence
 from vo_lib.detection.yolo import Candidates, YoloDetector, find_model
 from vo_lib.detection.yolo_layout import STRIDES, Float32
 from vo_lib.method.boxes import vehicles
 from vo_lib.runs.runner import make_odometry
 
+from ..ch03.figures import errors_figure
 from ..ch04.figures import MILLI
 from ..controls import Control
 from ..drawing import WIDTH, caption, figure, photo, raster, stack
 from ..facts import Fact
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
 from ..panel import Drawing, Panel, State
-from .figures import candidates_picture, errors_chart, filter_picture, rules_figure
+from .figures import candidates_picture, errors_chart, filter_picture
 
 PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
 HISTORY = 4  # frames before the one shown from which the rule `moving` knows its boxes
@@ -78,6 +79,12 @@ def as_yolox(found: Candidates) -> Float32:
     anything = np.sqrt(found.scores.max(axis=1, keepdims=True))
     classes = found.scores / np.maximum(anything, 1e-9)
     return np.hstack([centre, np.log((last - first) / stride), anything, classes]).astype(np.float32)
+
+
+def labelled_drive() -> Sequence | None:
+    """The first real drive found that has a label folder, or None."""
+    real = (open_sequence(name) for name in available() if not name.startswith(SYNTHETIC))
+    return next((each for each in real if each.labels is not None), None)
 
 
 def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: float) -> Boxes:
@@ -140,7 +147,7 @@ def compare_rules(
     view: FilteringView | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Array]:
-    """Error of each frame's translation by rule, (F,) metres; needs true poses."""
+    """Error of each frame's translation by rule, (F,) millimetres; needs true poses."""
     config, view = config or preset("mesvo_f"), view or FilteringView()
     errors: dict[str, list[float]] = {rule: [] for rule in rules}
     for done, frame in enumerate(frames, start=1):
@@ -151,7 +158,7 @@ def compare_rules(
             chosen = replace(config, filter=replace(config.filter, rule=rule))
             keep = filtered_frame(sequence, frame, chosen, view)[0].keep
             t = motion_from(sequence, frame, keep, config).T_cp[:3, 3]
-            errors[rule].append(float(np.linalg.norm(t - T_true[:3, 3])))
+            errors[rule].append(MILLI * float(np.linalg.norm(t - T_true[:3, 3])))
         if progress:
             progress(done, len(frames))
     return {rule: np.array(values) for rule, values in errors.items()}
@@ -237,18 +244,16 @@ class FilteringPanel(Panel):
 
     def work(self, state: State, progress: Progress) -> Drawing:
         """The errors by rule over the next frames."""
-        last = min(state.frame + FRAMES, len(state.sequence))
         rules = (*RULES, "truth") if truth(state.sequence) is not None else RULES
-        frames = range(state.frame, last)
+        frames = range(state.frame, len(state.sequence))[:FRAMES]
         progress(0, len(frames))
         errors = compare_rules(state.sequence, frames, rules, state.config, state.view, progress)
-        in_mm = {rule: MILLI * values for rule, values in errors.items()}
-        chart = rules_figure(in_mm, state.frame, self.height)
+        chart = errors_figure(errors, frames, "error of the translation", unit="mm", height=self.height)
         sentence = (
-            f"Error of the translation in frames {state.frame} to {last - 1}, each from its two pairs alone; "
+            f"Error of the translation in frames {frames[0]} to {frames[-1]}, each from its two pairs alone; "
             "move a control to come back."
         )
-        facts = tuple(Fact(f"median, {rule}", float(np.median(v)), "mm", 2) for rule, v in in_mm.items())
+        facts = tuple(Fact(f"median, {rule}", float(np.median(v)), "mm", 2) for rule, v in errors.items())
         return Drawing(stack([chart], self.height), sentence, facts)
 
     def _network(self, state: State, boxes: Boxes) -> tuple[Image, int]:
