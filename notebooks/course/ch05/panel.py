@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,10 +82,9 @@ def as_yolox(found: Candidates) -> Float32:
     return np.hstack([centre, np.log((last - first) / stride), anything, classes]).astype(np.float32)
 
 
-def labelled_drive() -> Sequence | None:
-    """The first real drive found that has a label folder, or None."""
-    real = (open_sequence(name) for name in available() if not name.startswith(SYNTHETIC))
-    return next((each for each in real if each.labels is not None), None)
+def real_drives() -> Iterator[Sequence]:
+    """The real drives found on this machine, one after the other."""
+    return (open_sequence(name) for name in available() if not name.startswith(SYNTHETIC))
 
 
 def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: float) -> Boxes:

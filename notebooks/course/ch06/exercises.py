@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,20 +38,49 @@ def judged_pair() -> tuple[Array, Array]:
 
 
 def stretches() -> list[Case]:
-    """Two sub-sequences of the pair: first and last frame, length."""
-    return [(*judged_pair(), 20, 171, 150.0), (*judged_pair(), 150, 352, 200.0)]
+    """Two sub-sequences of the pair: first and last frame, length; and one that is right but for rounding.
+
+    A rotation in a printed file has few digits: the trace of the last error comes out above 3.
+    """
+    truth, estimate = judged_pair()
+    rounded = truth.copy()
+    rounded[100, :3, :3] *= 1.0 - 1e-9
+    return [
+        (truth, estimate, 20, 171, 150.0),
+        (truth, estimate, 150, 352, 200.0),
+        (truth, rounded, 0, 100, 99.0),
+    ]
 
 
-def errors(truth: Array, estimate: Array, first: int, last: int, length: float) -> Array:
-    """TE in % and RE in deg/100 m of a sub-sequence, (2,)."""
-    motion, true_motion = (np.linalg.inv(T[first]) @ T[last] for T in (estimate, truth))
-    return measured(np.linalg.inv(motion) @ true_motion, length)
-
-
-def measured(error: Array, length: float) -> Array:
-    """TE and RE (2,) of an error of motion."""
-    angle = np.arccos(np.clip((np.trace(error[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
+def measured(error: Array, length: float, cosine: Callable[[Array], float] | None = None) -> Array:
+    """TE in % and RE in deg/100 m (2,) of an error of motion (4, 4); `cosine` of its angle, where another."""
+    rotation = (np.trace(error[:3, :3]) - 1.0) / 2.0
+    angle = np.arccos(np.clip(rotation, -1.0, 1.0) if cosine is None else cosine(error))
     return np.array([np.linalg.norm(error[:3, 3]), np.degrees(angle)]) * 100.0 / length
+
+
+def between(T: Array, first: int, last: int) -> Array:
+    """The motion (4, 4) from a frame to another."""
+    return np.asarray(np.linalg.inv(T[first]) @ T[last])
+
+
+def in_the_world(T: Array, first: int, last: int) -> Array:
+    """The same with the two poses in the wrong order."""
+    return np.asarray(T[last] @ np.linalg.inv(T[first]))
+
+
+def errors(
+    truth: Array,
+    estimate: Array,
+    first: int,
+    last: int,
+    length: float,
+    motion: Callable[[Array, int, int], Array] = between,
+    cosine: Callable[[Array], float] | None = None,
+) -> Array:
+    """TE in % and RE in deg/100 m of a sub-sequence, (2,)."""
+    error = np.linalg.inv(motion(estimate, first, last)) @ motion(truth, first, last)
+    return measured(error, length, cosine)
 
 
 def te_re(mean: Callable[[Array, Array], Any], every: int | None = None) -> Callable[..., Any]:
@@ -83,9 +113,7 @@ end_frame = Exercise(
         Mistake(
             "frame {got:.0f} is counted from the first one.",
             "add `first`: frames are counted from the start of the path.",
-            lambda path, first, length: (
-                None if end(path, first, length) is None else end(path, first, length) - first
-            ),
+            lambda path, first, length: (i := end(path, first, length)) and i - first,
         ),
         Mistake(
             "frame {got:.0f} has reached the length, not exceeded it.",
@@ -94,7 +122,7 @@ end_frame = Exercise(
         ),
         Mistake(
             "the length is counted from frame 0.",
-            "path[first] + length.",
+            "where is the car at frame `first`? Count from there.",
             lambda path, first, length: np.argmax(path > length),
         ),
         Mistake(
@@ -117,10 +145,7 @@ part_errors = Exercise(
     atol=1e-6,
     task="A function (truth, estimate, first, last, length) -> TE in %, RE in deg/100 m of one sub-sequence.",
     praise="the error of one sub-sequence, as the devkit takes it.",
-    hint=(
-        "te: the norm of error[:3, 3] / length, times 100; re: the angle of a rotation is acos((trace - 1) "
-        "/ 2), in deg/100 m."
-    ),
+    hint="two motions first, then what is between them; its length is TE's, its angle, acos((trace - 1) / 2), RE's.",
     library=("kitti_errors",),
     mistakes=(
         Mistake("TE is a fraction, not %.", "times 100.", times(errors, 0.01, 1.0)),
@@ -135,9 +160,11 @@ part_errors = Exercise(
             lambda truth, estimate, first, last, length: measured(
                 np.linalg.inv(estimate[last]) @ truth[last], length
             ),
-            lambda truth, estimate, first, last, length: measured(
-                np.linalg.inv(estimate[last]) @ truth[last], length
-            ),
+        ),
+        Mistake(
+            "these are motions in the world, not seen from the first frame.",
+            "the order counts: the inverse of the first pose stands on the left.",
+            partial(errors, motion=in_the_world),
         ),
         Mistake("TE is right, RE is in radians.", "np.degrees.", times(errors, 1.0, np.pi / 180.0)),
         Mistake("TE is right, RE is per metre.", "deg/100 m: times 100.", times(errors, 1.0, 0.01)),
@@ -145,6 +172,17 @@ part_errors = Exercise(
             "TE is right, RE is in degrees.",
             "divide by the length, times 100.",
             lambda *case: errors(*case) * [1.0, case[4] / 100.0],
+        ),
+        Mistake(
+            "TE is right; the trace is that of all four rows.",
+            "a rotation has three: error[:3, :3].",
+            partial(errors, cosine=lambda error: (np.trace(error) - 1) / 2),
+            partial(errors, cosine=lambda error: min((np.trace(error) - 1) / 2, 1)),
+        ),
+        Mistake(
+            "a right estimate, printed with nine digits, gives NaN.",
+            "rounding makes the argument of acos a little larger than 1: cut it there.",
+            partial(errors, cosine=lambda error: (np.trace(error[:3, :3]) - 1) / 2),
         ),
     ),
 )
@@ -195,6 +233,11 @@ all_errors = Exercise(
     library=("kitti_errors",),
     mistakes=(
         Mistake(
+            "TE and RE have changed places.",
+            "TE first, as `part_errors` gives them.",
+            lambda *case: te_re(lambda each, length: each.mean())(*case)[::-1],
+        ),
+        Mistake(
             "this is the root of the mean square.",
             "KITTI takes the plain mean.",
             te_re(lambda each, length: np.sqrt(np.mean(each**2))),
@@ -203,6 +246,12 @@ all_errors = Exercise(
             "this is the mean of the means of each length.",
             "one mean over all sub-sequences: short ones are more frequent and count more.",
             te_re(lambda each, length: np.mean([each[length == L].mean() for L in np.unique(length)])),
+        ),
+        Mistake(
+            "this is the sum, or the median.",
+            "TE and RE are means.",
+            te_re(lambda each, length: each.sum()),
+            te_re(lambda each, length: np.median(each)),
         ),
         Mistake(
             "this starts at every frame.",
@@ -226,9 +275,7 @@ averages = Exercise(
             lambda errors: (plain(errors), plain(errors)),
             lambda errors: (pooled(errors), pooled(errors)),
         ),
-        Mistake(
-            "the two have changed places.", "pooled first.", lambda errors: (plain(errors), pooled(errors))
-        ),
+        Mistake("the two have changed places.", "pooled first.", lambda each: (plain(each), pooled(each))),
         Mistake(
             "an empty sequence counts as zero.",
             "it has no error: leave it out.",
