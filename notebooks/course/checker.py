@@ -7,6 +7,7 @@ import inspect
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,14 +22,17 @@ LONGEST = 80  # characters of an input that a message tells
 
 
 class Mistake:
-    """A known mistake: its words, and answers that make it, each a function of a case's inputs or a value.
+    """A known mistake: what is wrong, and answers that make it, each a function of a case's inputs or a value.
 
-    With `when`, a test of (the first wrong result, *inputs), it is told by that, too. Where a panel is read
-    `when` is a test of its facts, and the answers are facts that differ from the right ones.
+    A text before the answers is a hint. With `when`, a test of (the first wrong result, *inputs), the mistake
+    is told by that, too; where a panel is read, `when` is a test of its facts.
     """
 
-    def __init__(self, says: str, hint: str, *answers: Any, when: Callable[..., Any] | None = None):
-        self.says, self.hint, self.answers, self.when = says, hint, answers, when
+    def __init__(self, says: str, *answers: Any, when: Callable[..., Any] | None = None):
+        self.says, self.when = says, when
+        self.hint, self.answers = (
+            (answers[0], answers[1:]) if answers and isinstance(answers[0], str) else ("", answers)
+        )
 
 
 def times(right: Callable[..., Any], *factors: Any) -> Callable[..., Any]:
@@ -48,6 +52,7 @@ class Exercise:
 
     An answer is right when its results are those of `right` in every case. If not, it is compared with the
     known mistakes: the one that gives the same results beyond the first wrong one, and for longest, is named.
+    A first failure is told the idea (the mistake or the `hint`), a second one in a row the `line` of code.
 
     Parameters
     ----------
@@ -56,6 +61,7 @@ class Exercise:
     also : other answers that are right.
     task, praise, hint : what is to be done; what is said of a right answer, and of one that is wrong in a way
         not known. Of `got` and `right`, results of the first case, or of facts, by their names.
+    line : what is to be written, told from the second failure on; the hint where there is none.
     library : the library's functions that an answer must not call.
     parts : names of the results, where there are several; they are judged in this order.
     form : what of a result is compared: `any_order`, say.
@@ -69,7 +75,8 @@ class Exercise:
         *,
         task: str,
         praise: str,
-        hint: str,
+        hint: str = "",
+        line: str = "",
         library: tuple[str, ...] = (),
         mistakes: tuple[Mistake, ...] = (),
         also: tuple[Any, ...] = (),
@@ -80,39 +87,41 @@ class Exercise:
     ):
         self.right, self.cases, self.also, self.parts, self.form = right, cases, also, parts, form
         self.praise, self.hint, self.library, self.mistakes = praise, hint, library, mistakes
+        self.more = f"In code: `{line}`." if line else hint
         self.atol, self.rtol = atol, rtol
+        self.failures = 0  # in a row
         self.__doc__ = task
 
     def __call__(self, answer: Any, *given: Any) -> Verdict:
         if any(each is None or each is ... for each in (answer, *given)):
             return Verdict(False, "there is no answer, replace the dots.")
         try:
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")
-                if isinstance(self.right, Mapping):
-                    return self._judge_facts(answer)
-                if self.cases is None:
-                    return self._judge(lambda *_: answer, [given])
-                if not callable(answer):
-                    return Verdict(False, f"expected a function, got {type(answer).__name__}.")
-                if name := handed_back(answer, self.library):
-                    return Verdict(
-                        False,
-                        f"this hands the work to `{name}`.",
-                        "writing it yourself is the point here; compare the two once yours passes.",
-                    )
-                verdict = self._judge(answer, self.cases())
-                return (
-                    Verdict(True, verdict.message + keep(answer, self.judge)) if verdict.passed else verdict
+            if self.cases and not callable(answer):
+                return Verdict(False, f"expected a function, got {type(answer).__name__}.")
+            if self.cases and (name := handed_back(answer, self.library)):
+                return Verdict(
+                    False,
+                    f"this hands the work to `{name}`.",
+                    "writing it yourself is the point here; compare the two once yours passes.",
                 )
+            verdict = self.judge(answer, *given)
         except Exception as error:
             return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
+        self.failures = 0 if verdict.passed else self.failures + 1
+        if verdict.passed:
+            return Verdict(True, verdict.message + keep(answer, self.judge)) if self.cases else verdict
+        told_again = self.failures > 1 and self.more != verdict.hint
+        return replace(verdict, hint=f"{verdict.hint} {self.more}".strip()) if told_again else verdict
 
-    def judge(self, answer: Callable[..., Any]) -> Verdict:
-        """The verdict on a function; nothing is kept."""
+    def judge(self, answer: Any, *given: Any) -> Verdict:
+        """The verdict on an answer; no failure is counted, and nothing is kept."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            return self._judge(answer, self.cases() if self.cases else [])
+            if isinstance(self.right, Mapping):
+                return self._judge_facts(answer)
+            if self.cases is None:
+                return self._judge(lambda *_: answer, [given])
+            return self._judge(answer, self.cases())
 
     def _judge_facts(self, answer: Any) -> Verdict:
         """The first mistake that the facts of a panel show; an unknown fact is NaN."""

@@ -48,10 +48,21 @@ def test_a_function_is_run_over_all_cases(table: Callable[..., Exercise]) -> Non
     assert repr(x(square)) == "right: well done, 0.0."
     # 2 x is right for 0 and 2, x³ for 0 only: what agrees for longest is told.
     assert repr(x(lambda x: 2.0 * x)) == "not yet: twice: 6. Hint: once."
-    assert repr(x(lambda x: x**3)) == "not yet: odd."
+    assert x(lambda x: x**3).message == "odd."
     assert repr(x(lambda x: x + 2.0)) == "not yet: the result is 2, expected 0 for x = 0. Hint: try."
     assert x(lambda x: x * x * (1 + 1e-12)).passed
     assert "expected a function, got float" in x(4.0).message
+
+
+def test_a_second_failure_in_a_row_is_told_the_line(table: Callable[..., Exercise]) -> None:
+    x = table(square, numbers, twice=lambda x: 2.0 * x, line="x**2")
+    for told in ("once.", "once. In code: `x**2`."):
+        assert x(...).hint == ""  # no answer is no failure
+        assert x.judge(lambda x: 2.0 * x).hint == "once."  # nor is one that only the file asks about
+        assert x(lambda x: 2.0 * x).hint == told
+    assert x(lambda x: 1.0).hint == "try. In code: `x**2`."
+    assert x(square).passed
+    assert x(lambda x: 2.0 * x).hint == "once."
 
 
 def test_a_value_is_compared_with_what_stands_beside_it(table: Callable[..., Exercise]) -> None:
