@@ -61,6 +61,7 @@ GIVEN: dict[str, tuple[Any, ...]] = {
 def judge(name: str, told: Any) -> Verdict:
     """The verdict on an answer of a table, handed in as a student would: a function, a value or facts."""
     exercise, given = TABLES[name], GIVEN.get(name, ())
+    exercise.failures = 0
     if isinstance(told, dict):
         told = exercise.right | told
     elif callable(told) and exercise.cases is None:
@@ -82,6 +83,17 @@ def test_a_known_mistake_is_told_by_its_own_words(name: str, mistake: int, numbe
     start = known.says.split("{")[0]
     assert not verdict.passed
     assert (verdict.message[: len(start)], verdict.hint) == (start, known.hint)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_the_second_time_the_line_of_code_is_told(name: str) -> None:
+    exercise = TABLES[name]
+    wrong_one: Any = {} if isinstance(exercise.right, dict) else 12345.6
+    answer = (lambda *case: wrong_one) if exercise.cases else wrong_one
+    judge(name, exercise.right)
+    first, second = (exercise(answer, *GIVEN.get(name, ())).hint for _ in range(2))
+    assert exercise.more in second
+    assert "In code" not in first
 
 
 BANK = Path(__file__).with_name("wrong_answers.txt").read_text(encoding="utf-8").split("\n# ")[1:]

@@ -16,8 +16,6 @@ from vo_lib.method.selection import nearest_to_prior, truncated_errors
 
 from ..checker import Case, Exercise, Mistake, times
 
-SETS = 40  # of a frame
-
 
 def vectors() -> list[Case]:
     """Two essential vectors, one with its sign changed, and a vector whose square is 1 + 1e-16."""
@@ -64,13 +62,13 @@ def frames() -> list[Case]:
         given = random_problems(rng, 1, 120, "forward", noise_px=0.5)
         x_p, x_c = given.x_p[0], given.x_c[0]
         x_c[:60] += rng.normal(0.0, 0.02, (60, 2))
-        sets = sample_sets(rng, 120, SETS)
+        sets = sample_sets(rng, 120, 40)
         E, set_index = five_point(x_p[sets], x_c[sets])
         e_prev = essential_vector(given.E[0] + 0.2 * rng.normal(size=(3, 3)))
         errors = truncated_errors(E, x_p, x_c, 1.0 / 718.856)
         for k in (1, 2):
             won = set_index[selected(E, set_index, errors, e_prev, k)]
-            turned = (set_index - won - seed % 2) % SETS
+            turned = (set_index - won - seed % 2) % 40
             order = np.argsort(turned, kind="stable")
             cases.append((E[order], turned[order], errors[order], e_prev, k))
     return cases
@@ -104,23 +102,30 @@ def sets_for(good: float) -> float:
     return float(np.log(0.01) / np.log(1.0 - good))
 
 
+def truncated(
+    cost: Callable[[Array, float], Any] = lambda d, tau: np.minimum((d / tau) ** 2, 1.0),
+    mean: Callable[..., Any] = np.mean,
+) -> Callable[[Array, float], Any]:
+    """The mean of a cost of (distances, threshold)."""
+    return lambda d, threshold: mean(cost(d, threshold))
+
+
 angle = Exercise(
     arc,
     vectors,
     task="A function (e1, e2) -> acos|e1ᵀ e2| in radians, for unit vectors of nine numbers.",
     praise="sign-free, and safe for equal vectors.",
     hint="the formula above: the dot product, its absolute value, the arc cosine.",
+    line="np.arccos(min(abs(e1 @ e2), 1))",
     library=("essential_angle",),
     mistakes=(
-        Mistake("this is in degrees.", "inside the code angles are radians.", times(arc, 180 / np.pi)),
+        Mistake("this is in degrees; inside the code angles are radians.", times(arc, 180 / np.pi)),
         Mistake(
             "e and -e are the same essential matrix, but the angle differs.",
-            "take |e1ᵀ e2|.",
             lambda e1, e2: np.arccos(np.clip(e1 @ e2, -1.0, 1.0)),
         ),
         Mistake(
-            "equal vectors give NaN.",
-            "rounding makes the product 1 + 1e-16, and acos knows nothing above 1.",
+            "equal vectors give NaN: rounding makes the product 1 + 1e-16, and acos ends at 1.",
             lambda e1, e2: np.arccos(abs(e1 @ e2)),
         ),
     ),
@@ -132,40 +137,35 @@ nearest = Exercise(
     task="A function (E, e_prev, k): one set's candidates (m, 3, 3) -> indices of the k nearest, in order.",
     praise="as the library's `nearest_to_prior` has it, set by set.",
     hint="one angle for each candidate; the order of the angles is the order of the candidates.",
+    line="np.argsort(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1)))[:k]",
     library=("nearest_to_prior", "essential_angle"),
     mistakes=(
         Mistake(
-            "these are the farthest.",
-            "acos falls where |eᵀ e_prev| rises: sort the angles.",
+            "these are the farthest: acos falls where |eᵀ e_prev| rises.",
             first_by(lambda E, e: -angles(E, e)),
             lambda E, e_prev, k: np.argsort(angles(E, e_prev))[-k:],
         ),
         Mistake(
-            "indices are asked for, not angles and not a mask.",
-            "`np.argsort` gives the indices that sort the angles; the first k of them are wanted.",
+            "indices are asked for, not angles and not a mask: which candidate comes first in the order?",
             lambda E, e_prev, k: np.sort(angles(E, e_prev))[:k],
             lambda E, e_prev, k: angles(E, e_prev),
             when=lambda got, *case: got.dtype.kind == "f",
         ),
         Mistake(
-            "these are all candidates in the right order.",
-            "only the first k are wanted.",
+            "these are all candidates in the right order; only the first k are wanted.",
             lambda E, e_prev, k: np.argsort(angles(E, e_prev)),
         ),
         Mistake(
             "the right ones, but not the nearest first.",
-            "the nearest has the smallest angle, and np.argsort begins with it.",
             lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k][::-1],
             when=lambda got, E, e_prev, k: sorted(got) == sorted(np.argsort(angles(E, e_prev))[:k]),
         ),
         Mistake(
             "a candidate is taken for far because its sign differs: E and -E are the same.",
-            "the angle is acos|eᵀ e_prev|, with the absolute value.",
             first_by(lambda E, e: -(essential_vector(E) @ e)),
         ),
         Mistake(
-            "long candidates are taken for near: E has no fixed length.",
-            "`essential_vector(E)` makes nine numbers of norm 1 of each.",
+            "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.",
             first_by(lambda E, e: -np.abs(E.reshape(-1, 9) @ e)),
             first_by(lambda E, e: np.arccos(np.clip(np.abs(E.reshape(-1, 9) @ e), 0, 1))),
         ),
@@ -173,46 +173,38 @@ nearest = Exercise(
 )
 
 truncated_error = Exercise(
-    lambda d, threshold: np.mean(np.minimum((d / threshold) ** 2, 1.0)),
+    truncated(),
     lambda: [(t * np.array([0.0, 0.5, -0.5, 0.9, -3.0, 50.0]), t) for t in (1.0, 2.0)],
     task="A function (d, threshold): distances (N,) -> mean of min(d² / threshold², 1).",
     praise="a match never costs more than 1, however wrong it is.",
     hint="each match has a cost of its own, from 0 to 1; the error is their mean.",
+    line="np.mean(np.minimum((d / threshold) ** 2, 1))",
     library=("truncated_errors",),
     mistakes=(
+        Mistake("this is the sum, which grows with the number of matches.", truncated(mean=np.sum)),
         Mistake(
-            "this is the sum.",
-            "the mean: otherwise the error grows with the number of matches.",
-            lambda d, threshold: np.sum(np.minimum((d / threshold) ** 2, 1.0)),
-        ),
-        Mistake(
-            "one wrong match decides everything.",
-            "truncate each term at 1: np.minimum.",
-            lambda d, threshold: np.mean((d / threshold) ** 2),
+            "one wrong match decides everything: no term may be larger than 1.",
+            truncated(lambda d, tau: (d / tau) ** 2),
         ),
         Mistake(
             "wrong matches are left out here; they should cost 1 each.",
-            "an outlier costs as much as a match at the threshold.",
-            lambda d, threshold: np.mean((d[np.abs(d) <= threshold] / threshold) ** 2),
-            lambda d, threshold: np.mean((d / threshold * (np.abs(d) <= threshold)) ** 2),
+            truncated(lambda d, tau: (d[np.abs(d) <= tau] / tau) ** 2),
+            truncated(lambda d, tau: (d / tau * (np.abs(d) <= tau)) ** 2),
         ),
         Mistake(
             "this only counts outliers; among the inliers there are better and worse ones as well.",
-            "d² / threshold² below 1.",
-            lambda d, threshold: np.mean(np.abs(d) > threshold),
+            truncated(lambda d, tau: np.abs(d) > tau),
         ),
         Mistake(
-            "the terms are not d² / threshold².",
-            "how many thresholds is a match away? Square d over the threshold, and only then take the minimum.",
-            lambda d, threshold: np.mean(np.minimum(np.abs(d / threshold), 1.0)),
-            lambda d, threshold: np.mean(np.minimum(d**2, 1.0)),
-            lambda d, threshold: np.mean(np.minimum(d**2, threshold**2)),
-            lambda d, threshold: np.mean(np.minimum(d**2 / threshold, 1.0)),
+            "the terms are not d² / threshold²: how many thresholds is a match away, and that squared?",
+            truncated(lambda d, tau: np.minimum(np.abs(d / tau), 1.0)),
+            truncated(lambda d, tau: np.minimum(d**2, 1.0)),
+            truncated(lambda d, tau: np.minimum(d**2, tau**2)),
+            truncated(lambda d, tau: np.minimum(d**2 / tau, 1.0)),
         ),
         Mistake(
-            "the mean is truncated, not the terms.",
-            "the minimum of each term, before the mean.",
-            lambda d, threshold: min(np.mean((d / threshold) ** 2), 1.0),
+            "the mean is truncated here, not each of its terms.",
+            lambda d, tau: min(np.mean((d / tau) ** 2), 1.0),
         ),
     ),
 )
@@ -223,42 +215,36 @@ select = Exercise(
     task="A function (E, set_index, errors, e_prev, k) -> index of the winner by solution selection.",
     praise="the paper's section 2.2: k of each set by angle, then the smallest image error of all kept.",
     hint="set by set: which candidates are its members, and which k of these are nearest to e_prev?",
+    line="members = np.flatnonzero(set_index == s); kept += [*members[nearest(E[members], e_prev, k)]]",
     library=("nearest_to_prior", "choose"),
     mistakes=(
         Mistake(
-            "this counts among the kept candidates, or within a set.",
-            "the index is one into all candidates: kept[np.argmin(errors[kept])].",
+            "this counts among the kept candidates, or within a set; the index is one into all candidates.",
             lambda E, s, errors, e, k: np.argmin(errors[nearest_to_prior(E, s, e, k)]),
             lambda E, s, *case: (i := selected(E, s, *case)) - np.searchsorted(s, s[i]),
         ),
         Mistake(
-            "this is the candidate nearest to e_prev.",
-            "the image error has the last word.",
+            "this is the candidate nearest to e_prev; the image error has the last word.",
             lambda E, s, errors, e, k: np.argmin(angles(E, e)),
         ),
         Mistake(
-            "this is consensus: the prior was not asked.",
-            "only the k nearest of each set compete.",
+            "this is consensus: the prior was not asked who may compete.",
             lambda E, s, errors, e, k: np.argmin(errors),
         ),
         Mistake(
-            "prior and image error have changed places.",
-            "the angle decides who may compete, the error who wins.",
+            "prior and image error have changed places: the angle decides who may compete, the error who wins.",
             lambda E, s, errors, e, k: least(angles(E, e), first_of_sets(errors, s, k)),
         ),
         Mistake(
-            "each set has the right winner, but among the winners the nearest was taken.",
-            "the image error decides there as well.",
+            "among the right winners of the sets the nearest was taken; the image error decides there as well.",
             of_winners,
         ),
         Mistake(
-            "the last set is left out.",
-            "range(n) ends with n - 1. `np.unique(set_index)` names every set.",
+            "the last set is left out: range(n) ends with n - 1.",
             lambda E, s, errors, e, k: least(errors, nearest_to_prior(E, s, e, k) & (s < s.max())),
         ),
         Mistake(
-            "only k candidates of all sets competed.",
-            "keep the k nearest of each set.",
+            "only k candidates of all sets competed; k of each set may.",
             lambda E, s, errors, e, k: least(errors, first_of_sets(angles(E, e), 0 * s, k)),
         ),
     ),
@@ -271,18 +257,13 @@ sets_needed = Exercise(
     task="Sets to draw so that with 99 % one has only right matches, when 30 % of the matches are wrong.",
     praise="(1 - 0.7⁵)ⁿ = 0.01 gives n = 25.03, so 26 sets. n = 200 is for accuracy, not for safety alone.",
     hint="how probable is it that one set is good, that it is not, and that n sets in a row are not?",
+    line="np.log(0.01) / np.log(1 - 0.7**5)",
     mistakes=(
-        Mistake("25 sets give 98.995 %, a hair less than wanted.", "round up.", 25),
+        Mistake("25 sets give 98.995 %, a hair less than wanted.", 25),
+        Mistake("this is for 30 % right matches.", sets_for(0.3**5), np.ceil(sets_for(0.3**5))),
+        Mistake("one match is not enough: all five must be right.", sets_for(0.7), np.ceil(sets_for(0.7))),
         Mistake(
-            "this is for 30 % right matches.",
-            "a match is right with probability 0.7.",
-            sets_for(0.3**5),
-            np.ceil(sets_for(0.3**5)),
-        ),
-        Mistake("one match is not enough.", "all five must be right.", sets_for(0.7), np.ceil(sets_for(0.7))),
-        Mistake(
-            "this is as if the sets shared their luck.",
-            "all n sets fail with probability (1 - 0.7⁵)ⁿ.",
+            "this is as if the sets shared their luck: they fail, each by itself, all n of them.",
             0.99 / 0.7**5,
             1 / 0.7**5,
             np.ceil(1 / 0.7**5),
@@ -293,16 +274,12 @@ sets_needed = Exercise(
 consensus_fooled = Exercise(
     {"error by consensus": 2.0, "error by selection": 2.0},
     task="The panel shows a winner by consensus that is more than 0.5° wrong.",
-    praise=(
-        "consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. What moves "
-        "together votes as one. That is why chapter 5 takes it out before the vote."
-    ),
-    hint="",
+    praise="consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. What moves "
+    "together votes as one. That is why chapter 5 takes it out before the vote.",
     mistakes=(
         Mistake(
             "consensus is still only {error by consensus:.3f}° wrong.",
             "which matches agree among themselves: wrong ones, or those on one thing that moves?",
-            {"error by consensus": 0.01},
             when=lambda facts: not facts["error by consensus"] > 0.5,
         ),
     ),

@@ -25,8 +25,7 @@ NO_T = np.array([1, 1, 1, 0, 0, 0])  # keeps the columns of Q
 
 def exact_matches(count: int, seed: int, noise: float = 0.0) -> StereoMatches:
     """Matches (count,) of random points 5 to 40 m ahead under R_CP, T_CP, with noise in pixels."""
-    T = rigid(R_CP, T_CP)
-    return seen(CAMERA, spread_points(count, seed, 5.0, 40.0), T, noise, seed)
+    return seen(CAMERA, spread_points(count, seed, 5.0, 40.0), rigid(R_CP, T_CP), noise, seed)
 
 
 def one_match() -> list[Case]:
@@ -107,6 +106,11 @@ def one_residual(place: float) -> Callable[..., bool]:
     return lambda w, r, s: len(r) == 1 and r[0] == place * s
 
 
+def with_rotation(other: Callable[[Array], Array]) -> Callable[..., tuple[Array, Array]]:
+    """The eight rows with another matrix in the place of R."""
+    return lambda pl, pr, cl, cr, R_cp, b: eight_rows(pl, pr, cl, cr, other(R_cp), b)
+
+
 feature_rows = Exercise(
     eight_rows,
     one_match,
@@ -114,53 +118,39 @@ feature_rows = Exercise(
     task="A function (x_pl, x_pr, x_cl, x_cr, R_cp, b) -> M (8, 6), c (8,) of equation (3) for one feature.",
     praise="the library's rows, for one feature: M (Q, t) = c.",
     hint="order: x and y in previous left, previous right, current left, current right.",
+    line="row = x[0] * e3 - e1; M.append(np.concatenate([row @ R_cp, row])), in the current pair",
     library=("feature_rows",),
     mistakes=(
+        Mistake("every row has the other sign: (x e3 - e1)ᵀ P.", times(eight_rows, -1.0, 1.0)),
         Mistake(
-            "every row has the other sign.",
-            "as above: (x e3 - e1)ᵀ P, not (e1 - x e3)ᵀ P.",
-            times(eight_rows, -1.0, 1.0),
+            "the rotation is missing: in the current pair P = R Q + t.", with_rotation(lambda R: np.eye(3))
         ),
         Mistake(
-            "the rotation is missing.",
-            "in the current pair P = R Q + t: the row times R.",
-            lambda pl, pr, cl, cr, R_cp, b: eight_rows(pl, pr, cl, cr, np.eye(3), b),
+            "the rotation is used the other way round: the row stands on the left of R Q.",
+            with_rotation(lambda R: R.T),
         ),
         Mistake(
-            "the rotation is used the other way round.",
-            "the row stands on the left of R Q: row @ R_cp, not row @ R_cp.T.",
-            lambda pl, pr, cl, cr, R_cp, b: eight_rows(pl, pr, cl, cr, R_cp.T, b),
-        ),
-        Mistake(
-            "the unknowns stand in another order.",
-            "columns are Q first, then t.",
+            "the unknowns stand in another order: columns are Q first, then t.",
             lambda *case: (np.roll(eight_rows(*case)[0], 3, axis=1), eight_rows(*case)[1]),
         ),
         Mistake(
-            "these are the right rows in another order.",
-            "x and y of one image together, then the next image.",
-            lambda *case: [each[[0, 2, 4, 6, 1, 3, 5, 7]] for each in eight_rows(*case)],
+            "these are the right rows in another order: x and y of one image together, then the next image.",
             when=lambda M, *case: np.allclose(np.sort(M, axis=0), np.sort(eight_rows(*case)[0], axis=0)),
         ),
         Mistake(
-            "c has the wrong sign.",
-            "in a right image x (e3ᵀ P) = e1ᵀ P - b, so the row gives -b.",
-            times(eight_rows, 1.0, -1.0),
+            "c has the wrong sign: in a right image x (e3ᵀ P) = e1ᵀ P - b.", times(eight_rows, 1.0, -1.0)
         ),
         Mistake(
-            "c is zero: then the point has no size.",
-            "the right images carry the baseline.",
+            "c is zero, and the point has no size: the right images carry the baseline.",
             times(eight_rows, 1.0, 0.0),
         ),
         Mistake(
-            "the columns of Q are right, those of t are not.",
-            "t enters in the current pair only, with the row (x e3 - e1)ᵀ itself.",
+            "the columns of Q are right, those of t are not: t enters in the current pair only, and not turned.",
             times(eight_rows, NO_T, 1.0),
             when=lambda M, *case: np.allclose(M[:, :3], eight_rows(*case)[0][:, :3]),
         ),
         Mistake(
-            "M is right, c is not.",
-            "in which four rows does a right image look at x, and what stands there?",
+            "M is right, c is not: in which of its rows does a right image look at x, and what stands there?",
             times(eight_rows, 1.0, 2.0),
             when=lambda c, *case: c.shape == (8,),
         ),
@@ -174,9 +164,10 @@ one_feature = Exercise(
     task="A function (M (8, 6), c (8,)) -> t_cp (3,), metres, from one feature.",
     praise="t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, -0.9).",
     hint="least squares of M times the six unknowns = c, and of these the last three.",
+    line="np.linalg.lstsq(M, c, rcond=None)[0][3:]",
     mistakes=(
-        Mistake("this is (Q, t), six numbers.", "t are the last three.", solve),
-        Mistake("this is the point Q.", "t are the last three.", lambda M, c: solve(M, c)[:3]),
+        Mistake("this is (Q, t), six numbers; t are the last three.", solve),
+        Mistake("this is the point Q; t are the last three.", lambda M, c: solve(M, c)[:3]),
     ),
 )
 
@@ -185,11 +176,10 @@ rank_at_infinity = Exercise(
     task="The rank of the 8×6 matrix of a feature whose disparity is zero in both pairs.",
     praise="4: each pair keeps two of its four rows. Such a feature knows a direction, and no length.",
     hint="x and x' are equal, y and y' as well: how many different rows does each pair have left?",
+    line="np.linalg.matrix_rank(rows_of_one(x, x, x, x, np.eye(3), 0.5)[0])",
     mistakes=(
-        Mistake(
-            "then such a feature would tell t.", "without a disparity, which two rows of a pair are equal?", 6
-        ),
-        Mistake("a matrix of six columns has no rank 8.", "np.linalg.matrix_rank(M).", 8),
+        Mistake("then it would tell t; without a disparity, which two rows of a pair are equal?", 6),
+        Mistake("a matrix of six columns has no rank 8.", 8),
     ),
 )
 
@@ -199,18 +189,10 @@ row_error = Exercise(
     task="How many times larger the error of a row is at 40 m than at 8 m, for the same error in pixels.",
     praise="Z: {right:g} times. So a row divided by Z has the same error, dx, at every depth.",
     hint="by what does (x e3 - e1)ᵀ P change when x does?",
+    line="40 / 8",
     mistakes=(
-        Mistake(
-            "this is how the depth error grows.",
-            "a row is (x e3 - e1)ᵀ P: an error dx changes it by dx · Z.",
-            (FAR / NEAR) ** 2,
-        ),
-        Mistake(
-            "far rows are not better, and not equal.",
-            "which factor stands beside x in a row?",
-            NEAR / FAR,
-            1.0,
-        ),
+        Mistake("this is how the depth error grows; a row changes by dx · P₃.", (FAR / NEAR) ** 2),
+        Mistake("far rows are not better, and not equal: which factor stands beside x?", NEAR / FAR, 1.0),
     ),
 )
 
@@ -221,24 +203,19 @@ stack = Exercise(
     task="A function (A (N, 8, 3), B (N, 8, 3), c (N, 8)) -> t (3,): the least-squares t of A Q_i + B t = c.",
     praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, as the library's `eliminate_points` has it.",
     hint="one N_i for each feature; two sums over all features, one (3, 3) and one (3,); one system at the end.",
+    line="N = np.eye(8) - A_i @ np.linalg.pinv(A_i); H += B_i.T @ N @ B_i; g += B_i.T @ N @ c_i",
     library=("eliminate_points", "solve_translation"),
     mistakes=(
         Mistake(
-            "this is the mean or the median of the features' own answers: a far one counts like a near one.",
-            "one t for all rows at once; only Q differs from feature to feature.",
+            "this is the mean or the median of the features' own answers; one t has to suit all rows at once.",
             lambda A, B, c: alone(A, B, c).mean(axis=0),
             lambda A, B, c: np.median(alone(A, B, c), axis=0),
         ),
         Mistake(
-            "the points Q are left out.",
-            "eliminate each Q: N = I - A_i pinv(A_i), then N B_i, N c_i.",
+            "the points Q are left out; they have to be eliminated first.",
             lambda A, B, c: solve(B.reshape(-1, 3), c.ravel()),
         ),
-        Mistake(
-            "the right side is not projected.",
-            "N_i stands on both sides: B_iᵀ N_i B_i and B_iᵀ N_i c_i.",
-            half_eliminated,
-        ),
+        Mistake("the right side is not projected; N_i stands on both sides.", half_eliminated),
     ),
 )
 
@@ -248,41 +225,31 @@ bias = Exercise(
     parts=("bias", "scatter"),
     atol=1e-6,
     task="A function (answers (S, 3), t_true (3,)) -> bias and scatter of their lengths, in % of the true one.",
-    praise=(
-        "bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: the first stays when more draws are averaged, the "
-        "second does not."
-    ),
+    praise="bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: the first stays when more draws are averaged, the "
+    "second does not.",
     hint="take the length of every answer first, then compare with the true length.",
+    line="off = 100 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1); off.mean(), off.std()",
     mistakes=(
-        Mistake("these are shares, not per cent.", "times 100.", times(bias_and_scatter, 0.01, 0.01)),
+        Mistake("these are shares, not per cent.", times(bias_and_scatter, 0.01, 0.01)),
         Mistake(
             "the bias has the other sign: steps that are too short have a negative one.",
-            "length / true length - 1.",
             times(bias_and_scatter, -1.0, 1.0),
         ),
+        Mistake("bias and scatter have changed places.", lambda *case: bias_and_scatter(*case)[::-1]),
         Mistake(
-            "bias and scatter have changed places.",
-            "the bias comes first.",
-            lambda *c: bias_and_scatter(*c)[::-1],
-        ),
-        Mistake(
-            "this is the mean distance from the true translation: scatter to the sides adds to it.",
-            "compare lengths, not vectors.",
+            "this is the mean distance from the true translation; scatter to the sides adds to it.",
             but_bias(lambda answers, t: 100 * norm(answers - t).mean() / norm(t)),
         ),
         Mistake(
             "this is the length of the mean answer; each answer's own length is wanted.",
-            "lengths first, and then the mean.",
             but_bias(lambda answers, t: 100 * (norm(answers.mean(axis=0)) / norm(t) - 1)),
         ),
         Mistake(
             "the bias is in metres, not in per cent of the true length.",
-            "divide by the true length, times 100.",
             lambda answers, t: (norm(answers).mean() - norm(t), norm(answers).std()),
         ),
         Mistake(
-            "the bias is right; the scatter divides by S - 1.",
-            "np.std as it is, without ddof.",
+            "the bias is right; the scatter divides by S - 1, np.std by S.",
             lambda answers, t: (
                 bias_and_scatter(answers, t)[0],
                 100 * np.std(norm(answers), ddof=1) / norm(t),
@@ -297,36 +264,25 @@ robust_weight = Exercise(
     task="A function (r (N,), s) -> Cauchy weights (N,) of residuals.",
     praise="1 for a perfect feature, ½ at the scale s, and next to nothing for a mismatch.",
     hint="r counts in units of s; the formula stands above.",
+    line="1 / (1 + (r / s) ** 2)",
     mistakes=(
-        Mistake("r / s is not squared.", "it stands squared above.", lambda r, s: 1 / (1 + np.abs(r) / s)),
+        Mistake("r / s is not squared.", lambda r, s: 1 / (1 + np.abs(r) / s)),
         Mistake(
-            "these are the weights of Huber, not of Cauchy.",
-            "Huber leaves small residuals their full weight; here it falls from the start.",
+            "these are the weights of Huber, which leave small residuals at 1; Cauchy's fall from the start.",
             lambda r, s: np.minimum(1.0, s / np.maximum(np.abs(r), 1e-12)),
         ),
+        Mistake("this is all or nothing; the Cauchy weight falls smoothly.", lambda r, s: np.abs(r) <= s),
         Mistake(
-            "this is all or nothing.",
-            "the Cauchy weight falls smoothly: there is no threshold in it.",
-            lambda r, s: np.abs(r) <= s,
-        ),
-        Mistake(
-            "a feature without residual has weight {got:.3g}, not 1.",
-            "is this the cost in place of the weight, or its inverse?",
+            "a feature without residual has weight {got:.3g}, not 1: is this the cost, or the inverse?",
             lambda r, s: np.log1p((r / s) ** 2),
             when=one_residual(0.0),
         ),
         Mistake(
-            "at r = s the weight is {got:.3g}, not ½.",
-            "is r divided by s, and only the quotient squared?",
+            "at r = s the weight is {got:.3g}, not ½: is r divided by s, and only the quotient squared?",
             lambda r, s: 1.0 / (1.0 + r**2),
             when=one_residual(1.0),
         ),
-        Mistake(
-            "r and -r have different weights.",
-            "square the residual.",
-            lambda r, s: np.where(r < 0, 0.4, cauchy(r, s)),
-            when=one_residual(-1.0),
-        ),
+        Mistake("r and -r have different weights.", when=one_residual(-1.0)),
     ),
 )
 
@@ -335,30 +291,23 @@ turned_sideways = Exercise(
     | {"rotation error": 0.1, "wrong share": 0.0, "noise added": 0.1},
     task="The panel shows an error above 20 mm in x, at most half of it in z, by a wrong rotation alone.",
     praise="{error in x:.0f} mm in x, {error in z:.0f} mm in z: what turns too far seems to slip sideways.",
-    hint="",
     mistakes=(
         Mistake(
-            "the rotation is right here, so this error has another cause.",
-            "move `rotation error`, and set `wrong share` back to 0.",
-            {"rotation error": 0.0},
+            "the rotation is right here, so this error has another cause: move `rotation error`.",
             when=lambda facts: facts["rotation error"] == 0 or np.isnan(facts["rotation error"]),
         ),
         Mistake(
             "{wrong share:.0f} % of the matches are wrong, and {noise added:.2f} px of noise is added.",
             "only the rotation is to blame: set `wrong share` to 0 and `noise added` to 0.1 at most.",
-            {"wrong share": 30.0},
             when=lambda facts: facts["wrong share"] > 0 or facts["noise added"] > 0.1,
         ),
         Mistake(
-            "the error in x is only {error in x:.1f} mm.",
-            "turn the rotation a little; leave the rest as it is.",
-            {"error in x": 2.0},
+            "the error in x is only {error in x:.1f} mm; turn the rotation a little, and leave the rest.",
             when=lambda facts: not abs(facts["error in x"]) > 20.0,
         ),
         Mistake(
             "{error in x:.0f} mm in x, but {error in z:.0f} mm in z as well.",
             "take a weighting that bears what disturbs z: the first of the list.",
-            {"error in z": -40.0},
             when=lambda facts: not abs(facts["error in x"]) > 2.0 * abs(facts["error in z"]),
         ),
     ),
