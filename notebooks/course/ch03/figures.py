@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from vo_lib.core.geometry import essential_angle, essential_from_motion, essential_vector, rotation_angle
 from vo_lib.core.types import Array
 
 from ..drawing import BAD, DARK, GOOD, PALE, figure, finish, log_axis
@@ -55,17 +54,15 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
             (~field.kept, PALE, "left out"),
             (field.kept, GOOD, "every solution" if field.kept.all() else "nearest k of a set"),
         ):
-            (dots,) = axis.plot(x[chosen], field.image_error[chosen], ".", color=colour, markersize=4.5)
-            dots.set_label(words if axis is by_error else "")  # one legend is enough
+            label = words if axis is by_error else ""  # one legend is enough
+            axis.plot(x[chosen], field.image_error[chosen], ".", color=colour, markersize=4.5, label=label)
         for at, colour, size, words in (
             (field.consensus, DARK, 9, "winner, consensus"),
             (field.selected, BAD, 5.5, "winner, selection"),
         ):
-            # A winner at the edge is shown whole.
-            (dot,) = axis.plot(
-                x[at], field.image_error[at], "o", color=colour, markersize=size, clip_on=False
-            )
-            dot.set_label(words if axis is by_error else "")
+            label = words if axis is by_error else ""
+            (dot,) = axis.plot(x[at], field.image_error[at], "o", color=colour, markersize=size, label=label)
+            dot.set_clip_on(False)  # a winner at the edge is shown whole
         axis.set_ylim(-0.02, 1.02)
     by_angle.set_xlim(0, 90)
     log_axis(by_error.xaxis, LEAST, MOST)
@@ -113,29 +110,22 @@ def errors_figure(
     return made
 
 
-def changes(poses: Array, standstill: float = 0.02) -> tuple[Array, Array, Array]:
-    """Of poses (N, 4, 4): how the motion changes, what it turns, how long it is, by frame.
-
-    Angle (N - 2,) from each essential vector to the next, degrees, NaN where a step is shorter than
-    `standstill`, metres, for there is none; turn (N - 1,) of each step, degrees; its length (N - 1,), metres.
-    """
-    T = np.linalg.inv(poses[1:]) @ poses[:-1]
-    length, turn = np.linalg.norm(T[:, :3, 3], axis=1), np.degrees(rotation_angle(T[:, :3, :3]))
-    e = essential_vector(np.array([essential_from_motion(each[:3, :3], each[:3, 3]) for each in T]))
-    moves = np.minimum(length[1:], length[:-1]) > standstill
-    return np.where(moves, np.degrees(essential_angle(e[1:], e[:-1])), np.nan), turn, length
-
-
 def turns_figure(angle: Array, turn: Array, length: Array, height: int = 220) -> Figure:
-    """What `changes` gives: how the motion changes and what it turns, and the length of the steps."""
+    """How the motion changes along a path, and the length of its steps.
+
+    Parameters
+    ----------
+    angle : (N - 2,) from each essential vector to the next, degrees; NaN where one step has none.
+    turn, length : (N - 1,) of each step, degrees and metres.
+    """
     made, (left, right) = figure(height, 2)
-    left.plot(1 + np.arange(len(turn)), turn, color=PALE, linewidth=1, label="the turn of a step")
-    left.plot(2 + np.arange(len(angle)), angle, color=GOOD, label="from one essential vector to the next")
+    left.plot(1 + np.arange(len(turn)), turn, color=PALE, linewidth=1, label="turn of a step")
+    left.plot(2 + np.arange(len(angle)), angle, color=GOOD, label="change of e")
     right.plot(1 + np.arange(len(length)), length, color=DARK)
     for axis in (left, right):
         whole = axis.get_xaxis_transform()  # from the bottom of the axis to its top
         frames = 2 + np.arange(len(angle))
         axis.fill_between(frames, 0, 1, where=np.isnan(angle), color=PALE, alpha=0.5, transform=whole)
-    finish(left, "how the motion changes", "frame", "angle [deg]", "above")
+    finish(left, "turn, and change of motion", "frame", "angle [deg]", "above")
     finish(right, "length of the step (grey: standing, no E)", "frame", "step [m]")
     return made

@@ -21,7 +21,6 @@ from ..drawing import (
     GOOD,
     PALE,
     WIDTH,
-    Place,
     caption,
     figure,
     finish,
@@ -97,28 +96,14 @@ def mark_reference(axis: Axes, name: str) -> None:
     axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=name)
 
 
-CORNERS: dict[Place, tuple[float, float]] = {
-    "upper left": (-1.0, 1.0),
-    "upper right": (1.0, 1.0),
-    "lower left": (-1.0, -1.0),
-    "lower right": (1.0, -1.0),
-}
-
-
-def millimetres_from_above(axis: Axes, half: float, title: str, dots: Array | None = None) -> None:
-    """Limits, ticks, names and a boxed legend for errors of a translation in the x-z plane.
-
-    The legend stands in the corner that is farthest from `dots` (N, 2), millimetres; else below right.
-    """
-    place: Place = "lower right"
-    if dots is not None:
-        place = max(CORNERS, key=lambda at: np.linalg.norm(dots / half - CORNERS[at], axis=1).min())
+def millimetres_from_above(axis: Axes, half: float, title: str) -> None:
+    """Limits, ticks, names and a boxed legend for errors of a translation in the x-z plane."""
     ticks = [-half, -half / 2, 0, half / 2, half]
     words = [f"{tick:g}".replace("-", "−") for tick in ticks]
     axis.set_xticks(ticks, words)
     axis.set_yticks(ticks, words)
     axis.set(xlim=(-half, half), ylim=(-half, half))
-    finish(axis, title, "x, right [mm]", "z, forward [mm]", place, boxed=True)
+    finish(axis, title, "x, right [mm]", "z, forward [mm]", boxed=True)
 
 
 def spread_figure(depth: Array, error: Array, height: int = 260) -> Figure:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array, Image
+from vo_lib.core.types import Array, Image, Mask
 from vo_lib.detection.yolo import Candidates
 from vo_lib.detection.yolo_layout import STRIDES, Letterbox, place
 from vo_lib.tables.plots import match_image
@@ -98,7 +98,7 @@ def cells_picture(image: Image, plan: Letterbox, corners: Array, scores: Array) 
 def filter_picture(
     image: Image,
     matches: StereoMatches,
-    keep: NDArray[np.bool_],
+    keep: Mask,
     boxes: Boxes,
     state: NDArray[np.int64] | None,
     words: str,
@@ -120,5 +120,4 @@ def errors_chart(axis: Axes, errors: dict[str, Array], reference: str, title: st
     for (name, error), (colour, size) in zip(errors.items(), DOTS, strict=True):
         axis.plot(*error[[0, 2]], "o", color=colour, markeredgecolor=DARK, markersize=size, label=name)
     largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
-    dots = np.array([(0.0, 0.0), *(error[[0, 2]] for error in errors.values())])
-    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title, dots)
+    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title)

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vo_lib.beyond.box_filter import BoxFilter, Filtered
 from vo_lib.config import CalibrationConfig, Config, DetectorConfig, FilterConfig, preset
@@ -15,7 +14,7 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.frame import FrameResult
 from vo_lib.core.geometry import rotation_angle
 from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Image, Progress
+from vo_lib.core.types import Array, Image, Mask, Progress
 from vo_lib.data.sequence import SYNTHETIC, Sequence, available, open_sequence
 from vo_lib.detection.yolo import Candidates, YoloDetector, find_model
 from vo_lib.detection.yolo_layout import STRIDES, Float32
@@ -53,7 +52,6 @@ class FilteringView(Checked):
 _detectors: Memory[YoloDetector] = Memory(3)
 _candidates: Memory[Candidates] = Memory(48)
 _motions: Memory[FrameResult] = Memory(48)
-_moving: Memory[NDArray[np.bool_]] = Memory(24)
 
 
 def detector_of(model: str) -> YoloDetector:
@@ -111,18 +109,12 @@ def filtered_frame(
     for index in range(first, frame + 1):
         matches = frame_matches(sequence, index, config)
         boxes = frame_boxes(sequence, index, view.model, rule.score, view.nms)
-        known = on_moving(sequence, index, config) if rule.rule == "truth" else None
+        known = sequence.on_moving(index, matches) if rule.rule == "truth" else None
         result = judge.step(matches, boxes, known)
     return result, boxes
 
 
-def on_moving(sequence: Sequence, frame: int, config: Config) -> NDArray[np.bool_]:
-    """Which matches (N,) of a drawn frame are on things that move."""
-    key = (*key_of(sequence, frame), config.features, config.matching)
-    return _moving.get(key, lambda: sequence.on_moving(frame, frame_matches(sequence, frame, config)))
-
-
-def motion_from(sequence: Sequence, frame: int, keep: NDArray[np.bool_], config: Config) -> FrameResult:
+def motion_from(sequence: Sequence, frame: int, keep: Mask, config: Config) -> FrameResult:
     """The frame's motion from the matches that `keep` (N,) leaves, of two images alone.
 
     No previous vector and no calibration: so nothing but the choice of features differs.
@@ -232,7 +224,7 @@ class FilteringPanel(Panel):
             Fact("rotation error, kept", np.nan if T_true is None else _degrees(kept, T_true), "°", 3),
         ]
         if truth(sequence) is not None:
-            moving = on_moving(sequence, frame, state.config)
+            moving = sequence.on_moving(frame, matches)
             facts += [
                 Fact("on moving things, kept", int(np.count_nonzero(moving & result.keep))),
                 Fact("on standing things, removed", int(np.count_nonzero(~moving & ~result.keep))),

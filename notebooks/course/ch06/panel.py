@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from vo_lib.runs.runner import run_methods
 from ..controls import Control
 from ..drawing import figure, say, stack
 from ..facts import Fact
-from ..frames import Memory
+from ..frames import key_of
 from ..made_up import made_up
 from ..panel import Drawing, Panel, State
 from .figures import PER_100_M, PER_CENT, drift_chart, length_chart, paths_chart
@@ -31,7 +32,7 @@ PATH_HEIGHT, CHART_HEIGHT = 330, 220
 MILLI = 1e3
 TUM_COLUMNS = 8
 
-_runs: Memory[Array] = Memory(24)
+_runs: dict[Hashable, Array] = {}
 
 
 @dataclass(frozen=True)
@@ -61,23 +62,18 @@ class EvaluationView(Checked):
 
 def known_run(sequence: Sequence, method: str) -> Array | None:
     """Poses of a method that `method_poses` has run here, or None."""
-    key = _key(sequence, method)
-    return _runs.get(key, lambda: np.zeros(0)) if key in _runs else None
+    return _runs.get((*key_of(sequence, len(sequence)), method))
 
 
 def method_poses(sequence: Sequence, method: str, progress: Progress | None = None) -> Array:
     """Poses (N, 4, 4) of a method over a whole sequence; the matches are kept on disk, the poses here."""
-
-    def run() -> Array:
+    poses = known_run(sequence, method)
+    if poses is None:
         config = preset(method)
         matches = CachedMatches(sequence, config.features, config.matching)
-        return run_methods(sequence, {method: config}, progress, matches)[method].poses
-
-    return _runs.get(_key(sequence, method), run)
-
-
-def _key(sequence: Sequence, method: str) -> tuple[object, ...]:
-    return sequence.folder, sequence.frames[0], len(sequence), method
+        poses = run_methods(sequence, {method: config}, progress, matches)[method].poses
+        _runs[*key_of(sequence, len(sequence)), method] = poses
+    return poses
 
 
 def read_own(path: str, truth: Array) -> Array:
