@@ -51,18 +51,12 @@ class TranslationView(Checked):
 def disturbed(matches: StereoMatches, view: TranslationView) -> StereoMatches:
     """The matches with noise, and some of them 4 to 40 px from their place in the current pair."""
     rng, count = np.random.default_rng([6, view.draw]), len(matches)
-    noise = rng.normal(0.0, view.noise, (4, count, 2))
+    shifts = rng.normal(0.0, view.noise, (4, count, 2))
     lying = rng.permutation(count)[: round(view.wrong * count)]
     angle, length = rng.uniform(0.0, 2.0 * np.pi, len(lying)), rng.uniform(4.0, 40.0, len(lying))
-    away = np.zeros((count, 2))
-    away[lying] = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return replace(
-        matches,
-        prev_left=matches.prev_left + noise[0],
-        prev_right=matches.prev_right + noise[1],
-        cur_left=matches.cur_left + away + noise[2],
-        cur_right=matches.cur_right + away + noise[3],
-    )
+    shifts[2:, lying] += length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    views = ("prev_left", "prev_right", "cur_left", "cur_right")
+    return replace(matches, **{v: getattr(matches, v) + by for v, by in zip(views, shifts, strict=True)})
 
 
 def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
