@@ -120,6 +120,7 @@ angle = Exercise(
     library=("essential_angle",),
     mistakes=(
         Mistake("this is in degrees; inside the code angles are radians.", times(arc, 180 / np.pi)),
+        Mistake("this is the cosine, not yet the angle.", lambda e1, e2: abs(e1 @ e2)),
         Mistake(
             "e and -e are the same essential matrix, but the angle differs.",
             lambda e1, e2: np.arccos(np.clip(e1 @ e2, -1.0, 1.0)),
@@ -230,6 +231,11 @@ select = Exercise(
         Mistake(
             "this is consensus: the prior was not asked who may compete.",
             lambda E, s, errors, e, k: np.argmin(errors),
+        ),
+        Mistake(
+            "`k` is not used: it is not always 2.",
+            lambda E, s, errors, e, k: selected(E, s, errors, e, 2),
+            lambda E, s, errors, e, k: selected(E, s, errors, e, 1),
         ),
         Mistake(
             "prior and image error have changed places: the angle decides who may compete, the error who wins.",
