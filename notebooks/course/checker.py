@@ -144,17 +144,15 @@ class Exercise:
         wrong, expected = got[first], right[first]
         if isinstance(expected, Unusable):
             return expected
-        agreed = [
-            (
-                max((self._agreed(got, self._results(each, cases)) for each in mistake.answers), default=0),
-                mistake,
-            )
-            for mistake in self.mistakes
+        lengths = [
+            max((self._agreed(got, self._results(each, cases)) for each in known.answers), default=0)
+            for known in self.mistakes
         ]
         part, case = divmod(first, len(cases))
         what = self.parts[part] if self.parts else "the result"
-        length, named = max(agreed, key=lambda pair: pair[0], default=(0, None))
-        if length <= first:
+        longest = max(lengths, default=0)
+        named = self.mistakes[lengths.index(longest)] if longest > first else None
+        if named is None:
             # A function that may give back None can do so in the wrong case.
             missing = wrong is None and any(each is None for each in right)
             if not missing and (reason := unusable(wrong, expected, what, self.hint)):
@@ -218,7 +216,7 @@ class Exercise:
         """What was got and what was expected, for the inputs of a case as far as they are short."""
         if self.cases is None:
             return f"{shown(got)} is not it."
-        if is_list(expected) and expected.size > SHORT:
+        if is_list(expected) and (expected.size > SHORT or not shown(got)):
             others = np.setdiff1d(got, expected)
             named = f" ({others[0]:g} for one)" if len(others) else ""
             strangers = f"{len(others)} of them do not belong there{named}"

@@ -159,7 +159,7 @@ feature_rows = Exercise(
 
 one_feature = Exercise(
     lambda M, c: solve(M, c)[3:],
-    lambda: [(np.hstack([A[0], B[0]]), c[0]) for A, B, c in [noisy_rows(1, 4, 0.3)]],
+    lambda: [(np.hstack([A[0], B[0]]), c[0]) for A, B, c in [noisy_rows(1, 3, 0.3)]],
     atol=1e-6,
     task="A function (M (8, 6), c (8,)) -> t_cp (3,), metres, from one feature.",
     praise="t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, -0.9).",

@@ -179,7 +179,7 @@ class FilteringPanel(Panel):
         result, boxes = filtered_frame(sequence, frame, state.config, state.view)
         judged = result.judgement
         shown = vehicles(boxes, rule) if judged is None else judged.boxes
-        removed = int(np.count_nonzero(~result.keep))
+        removed = int(np.sum(~result.keep))
         picture = filter_picture(
             stereo(sequence, frame)[0],
             matches,
@@ -197,16 +197,17 @@ class FilteringPanel(Panel):
         errors = {name: MILLI * (T[:3, 3] - reference[:3, 3]) for name, T in (("all", every), ("kept", kept))}
         network, candidates = self._network(state, boxes)
         change = MILLI * float(np.linalg.norm(kept[:3, 3] - every[:3, 3]))
+        turned = (
+            np.nan if T_true is None else float(np.degrees(rotation_angle(kept[:3, :3].T @ T_true[:3, :3])))
+        )
         sizes = [np.nan if T_true is None else float(np.linalg.norm(error)) for error in errors.values()]
         sentence = f"With {len(shown)} boxes here and those of the image before, "
         sentence += f"the rule removes {removed} of {len(matches)} features. "
         if T_true is None:
             sentence += f"That moves the translation by {change:.1f} mm; the truth is not known here."
         else:
-            sentence += (
-                f"The translation is {sizes[0]:.1f} mm from the truth with all features, "
-                f"{sizes[1]:.1f} mm with those kept."
-            )
+            sentence += f"The translation is {sizes[0]:.1f} mm from the truth with all features, "
+            sentence += f"{sizes[1]:.1f} mm with those kept."
         if judged is not None and removed:
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
         if state.view.model.strip() == "street" and truth(sequence) is None:
@@ -221,14 +222,12 @@ class FilteringPanel(Panel):
             Fact("error, all", sizes[0], "mm", 1),
             Fact("error, kept", sizes[1], "mm", 1),
             Fact("change of t", change, "mm", 1),
-            Fact("rotation error, kept", np.nan if T_true is None else _degrees(kept, T_true), "°", 3),
+            Fact("rotation error, kept", turned, "°", 3),
         ]
         if truth(sequence) is not None:
             moving = sequence.on_moving(frame, matches)
-            facts += [
-                Fact("on moving things, kept", int(np.count_nonzero(moving & result.keep))),
-                Fact("on standing things, removed", int(np.count_nonzero(~moving & ~result.keep))),
-            ]
+            facts.append(Fact("on moving things, kept", int(np.sum(moving & result.keep))))
+            facts.append(Fact("on standing things, removed", int(np.sum(~moving & ~result.keep))))
         chart, (axis,) = figure(CHART_HEIGHT, width=WIDTH - NET_WIDTH)
         errors_chart(axis, errors, words, title)
         below = np.hstack([network, raster(chart)])
@@ -260,7 +259,3 @@ class FilteringPanel(Panel):
         count = int(np.count_nonzero(found.scores.max(axis=1) >= rule.score))
         words = f"network's image: {count} candidates orange, {len(boxes)} boxes left blue"
         return candidates_picture(image, found, rule.score, corners, words, NET_WIDTH, CHART_HEIGHT), count
-
-
-def _degrees(T: Array, reference: Array) -> float:
-    return float(np.degrees(rotation_angle(T[:3, :3].T @ reference[:3, :3])))
