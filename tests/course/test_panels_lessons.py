@@ -11,7 +11,8 @@ import pytest
 from course.ch01.figures import four_images, walk
 from course.ch01.panel import MatchingView, with_view
 from course.ch01.trace import KEPT, REASONS, trace
-from course.ch04.panel import alone, covariance
+from course.ch04.panel import covariance
+from course.ch04.weightings import alone
 from course.ch05.figures import cells_picture
 from course.ch05.panel import as_yolox
 from course.ch06.panel import EvaluationPanel, read_own
@@ -23,6 +24,7 @@ from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.poses import write_kitti_poses, write_tum
 from vo_lib.detection.yolo import Candidates
 from vo_lib.detection.yolo_layout import letterbox, read_yolox, yolox_cells
+from vo_lib.method.translation import feature_rows
 
 LONG = 300.0  # seconds; a safeguard
 FEATURES = FeatureConfig(cell=10)
@@ -59,7 +61,7 @@ def test_a_walk_round_the_loop_of_an_exact_scene_comes_back(bands: Path) -> None
 def test_the_scatter_of_exact_matches_is_small(bands: Path) -> None:
     sequence = open_sequence(bands)
     kept = trace(sequence, 3, FEATURES, MatchingConfig()).kept
-    each = alone(sequence.camera, kept, np.eye(3))
+    each = alone(*feature_rows(sequence.camera, kept, np.eye(3)))
     np.testing.assert_allclose(np.median(each, axis=0), (-0.5, 0.0, 0.0), atol=0.02)
     C = covariance(sequence.camera, kept, np.eye(3), TranslationConfig())
     assert (np.linalg.eigvalsh(C) >= 0).all()

@@ -11,10 +11,11 @@ from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rigid, rotation_from_vector
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
+from vo_lib.method.translation import eliminate_points
 from vo_lib.method.translation import feature_rows as library_rows
 
 from ..checker import Case, Exercise, Mistake, times
-from .weightings import seen, spread_points
+from .weightings import alone, seen, solve_all, spread_points
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
 R_CP = rotation_from_vector(np.array([0.01, 0.05, -0.02]))
@@ -58,20 +59,13 @@ def noisy_rows(count: int, seed: int, noise: float) -> tuple[Array, Array, Array
 
 def stacked(A: Array, B: Array, c: Array) -> Array:
     """The least-squares t of all features: what each point Q can explain is projected out."""
-    N = np.eye(8) - A @ np.linalg.pinv(A)
-    return solve((N @ B).reshape(-1, 3), (N @ c[..., None]).ravel())
-
-
-def alone(A: Array, B: Array, c: Array) -> Array:
-    """The t (N, 3) of each feature by itself."""
-    return np.array([solve(np.hstack(rows[:2]), rows[2])[3:] for rows in zip(A, B, c, strict=True)])
+    return solve_all(*eliminate_points(A, B, c), np.ones(len(A)))
 
 
 def half_eliminated(A: Array, B: Array, c: Array) -> Array:
     """The t of normal equations whose right side has no projection."""
-    N = np.eye(8) - A @ np.linalg.pinv(A)
-    H = (B.swapaxes(1, 2) @ N @ B).sum(axis=0)
-    return np.asarray(np.linalg.solve(H, np.einsum("nij,ni->j", B, c)))
+    M = eliminate_points(A, B, c)[0]
+    return np.asarray(np.linalg.solve(np.einsum("nij,nik->jk", M, M), np.einsum("nij,ni->j", B, c)))
 
 
 def cauchy(r: Array, s: float) -> Array:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vo_lib.beyond.stereo_points import stereo_points
 from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import TranslationConfig
 from vo_lib.core.camera import StereoCamera
@@ -16,6 +15,7 @@ from vo_lib.core.matches import StereoMatches
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
+from vo_lib.method.translation import feature_rows
 
 from ..ch02.panel import reference_rotation
 from ..controls import Control
@@ -24,7 +24,7 @@ from ..facts import Fact
 from ..frames import Points, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
 from .figures import MILLI, ellipse_chart, features_picture, residuals_chart
-from .weightings import ROBUST, WEIGHTINGS, solve_by
+from .weightings import ROBUST, WEIGHTINGS, alone, solve_by
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 GROUPS = 10  # of features that are solved apart, to see how the answers scatter
@@ -66,12 +66,6 @@ def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
     """
     known = points if truth(sequence) is not None else replace(points, T_cp=None)
     return reference_rotation(sequence, frame, known)
-
-
-def alone(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> Array:
-    """What each feature says of t_cp alone, (N, 3) metres: the solution of its own eight rows."""
-    before = stereo_points(camera, matches.prev_left, matches.prev_right).rotated(R_cp)
-    return np.asarray((stereo_points(camera, matches.cur_left, matches.cur_right).X - before.X).T)
 
 
 def covariance(
@@ -125,7 +119,7 @@ class TranslationPanel(Panel):
         C = covariance(camera, matches, R, config, weighting)
         chart, (left, right) = figure(CHART_HEIGHT, 2, (1.7, 1.0))
         residuals_chart(left, points.X_p[:, 2], residual, config.scale, weighting == ROBUST)
-        ellipse_chart(right, alone(camera, matches, R), weight, t, C, reference, words)
+        ellipse_chart(right, alone(*feature_rows(camera, matches, R)), weight, t, C, reference, words)
         picture = features_picture(
             stereo(sequence, frame)[0],
             matches,

@@ -38,6 +38,12 @@ def seen(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, seed: int)
     return StereoMatches(a, b, c, d, np.zeros(len(a), np.int64), np.ones(len(a)), np.arange(len(a)))
 
 
+def alone(A: Array, B: Array, c: Array) -> Array:
+    """What each feature says of t alone, (N, 3) metres: the solution of its own eight rows A, B (N, 8, 3), c (N, 8)."""
+    M, d = paper.eliminate_points(A, B, c)
+    return np.asarray((np.linalg.pinv(M) @ d[..., None])[..., 0])
+
+
 def solve_all(M: Array, d: Array, weight: Array) -> Array:
     """Least-squares t (3,) of all rows M (N, 8, 3) and d (N, 8), each feature's times its weight (N,)."""
     rows = (weight[:, None, None] * M).reshape(-1, 3), (weight[:, None] * d).ravel()
@@ -62,7 +68,8 @@ def solve_by(
     used = np.flatnonzero(depth <= config.max_depth)
     if len(used) == 0:
         return None
-    M, d = paper.eliminate_points(*paper.feature_rows(camera, matches[used], R_cp))
+    rows = paper.feature_rows(camera, matches[used], R_cp)
+    M, d = paper.eliminate_points(*rows)
     weight = np.ones(len(used))
     if weighting == PUBLISHED:
         settings = preset("solution_selection", variant="published").translation
@@ -71,8 +78,7 @@ def solve_by(
             return None
         t, weight = found[0], found[1].astype(np.float64)
     elif weighting in (MEDIAN, MEAN):
-        each = (np.linalg.pinv(M) @ d[..., None])[..., 0]
-        t = (np.median if weighting == MEDIAN else np.mean)(each, axis=0)
+        t = (np.median if weighting == MEDIAN else np.mean)(alone(*rows), axis=0)
     else:
         t = solve_all(M, d, np.ones(len(used)) if weighting == METRES else 1 / depth[used])
     residuals, weights = np.full((2, len(matches)), ((np.inf,), (np.nan,)))

@@ -59,23 +59,13 @@ def measured(error: Array, length: float, cosine: Callable[[Array], float] | Non
     return np.array([np.linalg.norm(error[:3, 3]), np.degrees(angle)]) * 100.0 / length
 
 
-def between(T: Array, first: int, last: int) -> Array:
-    """The motion (4, 4) from a frame to another."""
-    return np.asarray(np.linalg.inv(T[first]) @ T[last])
-
-
-def in_the_world(T: Array, first: int, last: int) -> Array:
-    """The same with the two poses in the wrong order."""
-    return np.asarray(T[last] @ np.linalg.inv(T[first]))
-
-
 def errors(
     truth: Array,
     estimate: Array,
     first: int,
     last: int,
     length: float,
-    motion: Callable[[Array, int, int], Array] = between,
+    motion: Callable[[Array, int, int], Array] = lambda T, i, j: np.linalg.inv(T[i]) @ T[j],
     cosine: Callable[[Array], float] | None = None,
 ) -> Array:
     """TE in % and RE in deg/100 m of a sub-sequence, (2,)."""
@@ -156,7 +146,7 @@ part_errors = Exercise(
         ),
         Mistake(
             "these are motions in the world: the inverse of the first pose stands on the left.",
-            partial(errors, motion=in_the_world),
+            partial(errors, motion=lambda T, i, j: T[j] @ np.linalg.inv(T[i])),
         ),
         Mistake("TE is right, RE is in radians.", times(errors, 1.0, np.pi / 180.0)),
         Mistake("TE is right, RE is per metre.", times(errors, 1.0, 0.01)),
