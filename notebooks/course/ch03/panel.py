@@ -111,11 +111,9 @@ def previous_vector(sequence: Sequence, frame: int, config: Config) -> Array | N
 
     def estimate() -> Array:
         points, focal = frame_points(sequence, frame - 1, config), sequence.camera.f
-        E, _ = _solve(points, 200, 0)
-        winner = E[
-            np.argmin(truncated_errors(E, points.x_p, points.x_c, SelectionConfig().threshold / focal))
-        ]
-        return judged(winner, points, np.eye(3), SelectionConfig(), focal)[1]
+        E, usual = _solve(points, 200, 0).E, SelectionConfig()
+        errors = truncated_errors(E, points.x_p, points.x_c, usual.threshold / focal)
+        return judged(E[np.argmin(errors)], points, np.eye(3), usual, focal)[1]
 
     key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets)
     return _priors.get(key, estimate)
