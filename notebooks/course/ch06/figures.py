@@ -21,23 +21,15 @@ def paths_chart(
     axis: Axes, truth: Array, estimate: Array | None, title: str, part: tuple[int, int] | None = None
 ) -> None:
     """Truth and estimate from above; `part`, first and last frame, is marked on the truth."""
-    paths = {"truth": (truth, DARK, 2.5)}
+    lines = [("truth", truth, DARK, 2.5, 1.0)]
     if part is not None:
-        paths["sub-sequence"] = (truth[part[0] : part[1] + 1], FIFTH, 5.0)
+        lines.append(("sub-sequence", truth[part[0] : part[1] + 1], FIFTH, 5.0, 0.7))
     if estimate is not None:
-        paths["estimate"] = (estimate, GOOD, 1.5)
-    places = [poses[:, [0, 2], 3] for poses, _, _ in paths.values()]
-    for (name, (_, colour, width)), place in zip(paths.items(), places, strict=True):
-        alpha = 0.7 if name == "sub-sequence" else 1.0
-        axis.plot(*place.T, color=colour, linewidth=width, alpha=alpha, label=name)
-    axis.plot(*places[0][0], "o", color=DARK, markersize=5)
-    middle = (places[0].min(axis=0) + places[0].max(axis=0)) / 2
-    reach = np.abs(np.concatenate(places) - middle).max(axis=0)
-    box = axis.get_window_extent()
-    size = np.array([box.width, box.height])
-    half = size * max(room(1.08 * far, least=1.0) / wide for far, wide in zip(reach, size, strict=True))
-    (x, z), (half_x, half_z) = middle, half  # the same scale along both
-    axis.set(xlim=(x - half_x, x + half_x), ylim=(z - half_z, z + half_z))
+        lines.append(("estimate", estimate, GOOD, 1.5, 1.0))
+    for name, poses, colour, width, alpha in lines:
+        axis.plot(*poses[:, [0, 2], 3].T, color=colour, linewidth=width, alpha=alpha, label=name)
+    axis.plot(*truth[0, [0, 2], 3], "o", color=DARK, markersize=5)
+    axis.set_aspect("equal", adjustable="datalim")
     finish(axis, title, "x, right [m]", "z, forward [m]")
 
 
