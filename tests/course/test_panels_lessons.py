@@ -15,7 +15,8 @@ from course.ch01.panel import MatchingPanel, MatchingView, with_view
 from course.ch01.trace import KEPT, REASONS, trace
 from course.ch02.figures import epipolar_line, pixels
 from course.ch02.panel import FivePointPanel, rotation_errors
-from course.ch04.panel import alone, covariance
+from course.ch04.panel import covariance
+from course.ch04.weightings import alone
 from course.ch05.figures import cells_picture
 from course.ch05.panel import as_yolox
 from course.ch06.panel import EvaluationPanel, read_own
@@ -30,6 +31,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.detection.yolo import Candidates
 from vo_lib.detection.yolo_layout import letterbox, read_yolox, yolox_cells
 from vo_lib.method.five_point import five_point
+from vo_lib.method.translation import feature_rows
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 LONG = 300.0  # seconds; a safeguard
@@ -67,7 +69,7 @@ def test_a_walk_round_the_loop_of_an_exact_scene_comes_back(bands: Path) -> None
 def test_the_scatter_of_exact_matches_is_small(bands: Path) -> None:
     sequence = open_sequence(bands)
     kept = trace(sequence, 3, FEATURES, MatchingConfig()).kept
-    each = alone(sequence.camera, kept, np.eye(3))
+    each = alone(*feature_rows(sequence.camera, kept, np.eye(3)))
     np.testing.assert_allclose(np.median(each, axis=0), (-0.5, 0.0, 0.0), atol=0.02)
     C = covariance(sequence.camera, kept, np.eye(3), TranslationConfig())
     assert (np.linalg.eigvalsh(C) >= 0).all()

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from vo_lib.beyond.selection import sample_sets
 from vo_lib.core.geometry import essential_vector
-from vo_lib.core.types import Array
+from vo_lib.core.types import Array, Mask
 from vo_lib.data.problems import random_problems
 from vo_lib.method.five_point import five_point
 from vo_lib.method.selection import nearest_to_prior, truncated_errors
 
-from ..checker import Case, Exercise, Mistake
+from ..checker import Case, Exercise, Mistake, times
 
 
 def vectors() -> list[Case]:
@@ -23,20 +24,20 @@ def vectors() -> list[Case]:
     return [(e[0], e[1]), (e[0], -e[1]), (unit, unit.copy())]
 
 
-def cosine(e1: Array, e2: Array) -> float:
-    """|e1ᵀ e2|, at most 1."""
-    return min(abs(float(e1 @ e2)), 1.0)
+def arc(e1: Array, e2: Array) -> float:
+    """The angle of two essential vectors, radians."""
+    return float(np.arccos(min(abs(float(e1 @ e2)), 1.0)))
 
 
 def candidates() -> list[Case]:
-    """Candidates of any length and sign, a prior and k = 1, 2, 3, for every set with four or more."""
+    """Candidates of any length and sign, a prior and k = 2, 3, 1, for every set with four or more."""
     rng = np.random.default_rng(2)
     given = random_problems(rng, 60, motion="forward")
     found = five_point(given.x_p, given.x_c)
     E = found.E * rng.uniform(0.5, 2.0, (len(found.E), 1, 1)) * rng.choice([-1, 1], (len(found.E), 1, 1))
     sets = [(s, E[found.set_index == s]) for s in range(60)]
     return [
-        (E, essential_vector(given.E[(s + 1) % 60]), k) for s, E in sets if len(E) >= 4 for k in (1, 2, 3)
+        (E, essential_vector(given.E[(s + 1) % 60]), k) for s, E in sets if len(E) >= 4 for k in (2, 3, 1)
     ]
 
 
@@ -45,8 +46,16 @@ def angles(E: Array, e_prev: Array) -> Array:
     return np.asarray(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1.0)))
 
 
+def first_by(measure: Callable[[Array, Array], Array]) -> Callable[..., Any]:
+    """The k candidates that come first by a measure of (E, e_prev)."""
+    return lambda E, e_prev, k: np.argsort(measure(E, e_prev), kind="stable")[:k]
+
+
 def frames() -> list[Case]:
-    """Candidates of frames with half of the matches wrong, their image errors and a rough prior, k = 1, 2."""
+    """Candidates of frames with half of the matches wrong, their image errors and a rough prior, k = 1, 2.
+
+    The winner is in the first set or in the last one, frame by frame.
+    """
     cases: list[Case] = []
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -54,22 +63,38 @@ def frames() -> list[Case]:
         x_p, x_c = given.x_p[0], given.x_c[0]
         x_c[:60] += rng.normal(0.0, 0.02, (60, 2))
         sets = sample_sets(rng, 120, 40)
-        found = five_point(x_p[sets], x_c[sets])
+        E, set_index = five_point(x_p[sets], x_c[sets])
         e_prev = essential_vector(given.E[0] + 0.2 * rng.normal(size=(3, 3)))
-        errors = truncated_errors(found.E, x_p, x_c, 1.0 / 718.856)
-        cases += [(found.E, found.set_index, errors, e_prev, k) for k in (1, 2)]
+        errors = truncated_errors(E, x_p, x_c, 1.0 / 718.856)
+        for k in (1, 2):
+            won = set_index[selected(E, set_index, errors, e_prev, k)]
+            turned = (set_index - won - seed % 2) % 40
+            order = np.argsort(turned, kind="stable")
+            cases.append((E[order], turned[order], errors[order], e_prev, k))
     return cases
+
+
+def least(values: Array, allowed: Mask) -> int:
+    """Index of the smallest value that is allowed."""
+    return int(np.argmin(np.where(allowed, values, np.inf)))
+
+
+def first_of_sets(values: Array, set_index: Any, count: int) -> Mask:
+    """Which (M,) are among the `count` smallest values of their set."""
+    order = np.lexsort((values, set_index))
+    rank = np.arange(len(order)) - np.searchsorted(set_index[order], set_index[order])
+    return np.isin(np.arange(len(order)), order[rank < count])
 
 
 def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Solution selection: of the k nearest of each set the one with the smallest image error."""
-    return int(np.argmin(np.where(nearest_to_prior(E, set_index, e_prev, k), errors, np.inf)))
+    return least(errors, nearest_to_prior(E, set_index, e_prev, k))
 
 
-def overall(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
-    """The best of the k nearest of all sets together."""
-    nearest = np.argsort(angles(E, e_prev))[:k]
-    return int(nearest[np.argmin(errors[nearest])])
+def of_winners(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
+    """Of the right winners of the sets the one nearest to e_prev."""
+    competing = np.where(nearest_to_prior(E, set_index, e_prev, k), errors, np.inf)
+    return least(angles(E, e_prev), first_of_sets(competing, set_index, 1))
 
 
 def sets_for(good: float) -> float:
@@ -77,105 +102,110 @@ def sets_for(good: float) -> float:
     return float(np.log(0.01) / np.log(1.0 - good))
 
 
+def truncated(
+    cost: Callable[[Array, float], Any] = lambda d, tau: np.minimum((d / tau) ** 2, 1.0),
+    mean: Callable[..., Any] = np.mean,
+) -> Callable[[Array, float], Any]:
+    """The mean of a cost of (distances, threshold)."""
+    return lambda d, threshold: mean(cost(d, threshold))
+
+
 angle = Exercise(
-    lambda e1, e2: np.arccos(cosine(e1, e2)),
+    arc,
     vectors,
     task="A function (e1, e2) -> acos|e1ᵀ e2| in radians, for unit vectors of nine numbers.",
     praise="sign-free, and safe for equal vectors.",
-    hint="np.arccos of the absolute dot product.",
+    hint="the formula above: the dot product, its absolute value, the arc cosine.",
+    line="np.arccos(min(abs(e1 @ e2), 1))",
     library=("essential_angle",),
     mistakes=(
-        Mistake(
-            "this is in degrees.",
-            "inside the code angles are radians.",
-            lambda e1, e2: np.degrees(np.arccos(cosine(e1, e2))),
-        ),
+        Mistake("this is in degrees; inside the code angles are radians.", times(arc, 180 / np.pi)),
+        Mistake("this is the cosine, not yet the angle.", lambda e1, e2: abs(e1 @ e2)),
         Mistake(
             "e and -e are the same essential matrix, but the angle differs.",
-            "take |e1ᵀ e2|.",
             lambda e1, e2: np.arccos(np.clip(e1 @ e2, -1.0, 1.0)),
         ),
         Mistake(
-            "equal vectors give NaN.",
-            "rounding makes the product 1 + 1e-16: np.minimum(…, 1.0).",
+            "equal vectors give NaN: rounding makes the product 1 + 1e-16, and acos ends at 1.",
             lambda e1, e2: np.arccos(abs(e1 @ e2)),
         ),
     ),
 )
 
 nearest = Exercise(
-    lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k],
+    first_by(angles),
     candidates,
     task="A function (E, e_prev, k): one set's candidates (m, 3, 3) -> indices of the k nearest, in order.",
     praise="as the library's `nearest_to_prior` has it, set by set.",
-    hint="np.argsort of the angles acos|eᵀ e_prev|, then the first k.",
+    hint="one angle for each candidate; the order of the angles is the order of the candidates.",
+    line="np.argsort(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1)))[:k]",
     library=("nearest_to_prior", "essential_angle"),
     mistakes=(
         Mistake(
-            "these are the farthest.",
-            "acos falls where |eᵀ e_prev| rises: sort the angles.",
-            lambda E, e_prev, k: np.argsort(-angles(E, e_prev))[:k],
+            "these are the farthest: acos falls where |eᵀ e_prev| rises.",
+            first_by(lambda E, e: -angles(E, e)),
             lambda E, e_prev, k: np.argsort(angles(E, e_prev))[-k:],
         ),
         Mistake(
+            "indices are asked for, not angles and not a mask: which candidate comes first in the order?",
+            lambda E, e_prev, k: np.sort(angles(E, e_prev))[:k],
+            lambda E, e_prev, k: angles(E, e_prev),
+            when=lambda got, *case: got.dtype.kind == "f",
+        ),
+        Mistake(
+            "these are all candidates in the right order; only the first k are wanted.",
+            lambda E, e_prev, k: np.argsort(angles(E, e_prev)),
+        ),
+        Mistake(
             "the right ones, but not the nearest first.",
-            "np.argsort(angles)[:k].",
             lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k][::-1],
             when=lambda got, E, e_prev, k: sorted(got) == sorted(np.argsort(angles(E, e_prev))[:k]),
         ),
         Mistake(
             "a candidate is taken for far because its sign differs: E and -E are the same.",
-            "the angle is acos|eᵀ e_prev|, with the absolute value.",
-            lambda E, e_prev, k: np.argsort(-(essential_vector(E) @ e_prev))[:k],
+            first_by(lambda E, e: -(essential_vector(E) @ e)),
         ),
         Mistake(
-            "long candidates are taken for near: E has no fixed length.",
-            "`essential_vector(E)` makes nine numbers of norm 1 of each.",
-            lambda E, e_prev, k: np.argsort(-np.abs(E.reshape(-1, 9) @ e_prev))[:k],
-            lambda E, e_prev, k: np.argsort(
-                np.arccos(np.clip(np.abs(E.reshape(-1, 9) @ e_prev), 0, 1)), kind="stable"
-            )[:k],
+            "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.",
+            first_by(lambda E, e: -np.abs(E.reshape(-1, 9) @ e)),
+            first_by(lambda E, e: np.arccos(np.clip(np.abs(E.reshape(-1, 9) @ e), 0, 1))),
         ),
     ),
 )
 
 truncated_error = Exercise(
-    lambda d, threshold: np.mean(np.minimum((d / threshold) ** 2, 1.0)),
-    lambda: [(t * np.array([0.0, 0.5, -0.5, 1.0, -3.0, 50.0]), t) for t in (1.0, 2.0)],
+    truncated(),
+    lambda: [(t * np.array([0.0, 0.5, -0.5, 0.9, -3.0, 50.0]), t) for t in (1.0, 2.0)],
     task="A function (d, threshold): distances (N,) -> mean of min(d² / threshold², 1).",
     praise="a match never costs more than 1, however wrong it is.",
-    hint="np.mean(np.minimum((d / threshold) ** 2, 1.0)).",
+    hint="each match has a cost of its own, from 0 to 1; the error is their mean.",
+    line="np.mean(np.minimum((d / threshold) ** 2, 1))",
     library=("truncated_errors",),
     mistakes=(
+        Mistake("this is the sum, which grows with the number of matches.", truncated(mean=np.sum)),
         Mistake(
-            "this is the sum.",
-            "the mean: otherwise the error grows with the number of matches.",
-            lambda d, threshold: np.sum(np.minimum((d / threshold) ** 2, 1.0)),
+            "one wrong match decides everything: no term may be larger than 1.",
+            truncated(lambda d, tau: (d / tau) ** 2),
         ),
         Mistake(
-            "one wrong match decides everything.",
-            "truncate each term at 1: np.minimum.",
-            lambda d, threshold: np.mean((d / threshold) ** 2),
+            "wrong matches are left out here; they should cost 1 each.",
+            truncated(lambda d, tau: (d[np.abs(d) <= tau] / tau) ** 2),
+            truncated(lambda d, tau: (d / tau * (np.abs(d) <= tau)) ** 2),
         ),
         Mistake(
-            "this only counts outliers; inliers say more or less, too.",
-            "d² / threshold² below 1.",
-            lambda d, threshold: np.mean(np.abs(d) > threshold),
+            "this only counts outliers; among the inliers there are better and worse ones as well.",
+            truncated(lambda d, tau: np.abs(d) > tau),
         ),
         Mistake(
-            "these are distances, not squares.",
-            "square d first.",
-            lambda d, threshold: np.mean(np.minimum(np.abs(d / threshold), 1.0)),
+            "the terms are not d² / threshold²: how many thresholds is a match away, and that squared?",
+            truncated(lambda d, tau: np.minimum(np.abs(d / tau), 1.0)),
+            truncated(lambda d, tau: np.minimum(d**2, 1.0)),
+            truncated(lambda d, tau: np.minimum(d**2, tau**2)),
+            truncated(lambda d, tau: np.minimum(d**2 / tau, 1.0)),
         ),
         Mistake(
-            "the threshold is not used.",
-            "divide d by it.",
-            lambda d, threshold: np.mean(np.minimum(d**2, 1.0)),
-        ),
-        Mistake(
-            "the mean is truncated, not the terms.",
-            "the minimum of each term, before the mean.",
-            lambda d, threshold: min(np.mean((d / threshold) ** 2), 1.0),
+            "the mean is truncated here, not each of its terms.",
+            lambda d, tau: min(np.mean((d / tau) ** 2), 1.0),
         ),
     ),
 )
@@ -185,27 +215,44 @@ select = Exercise(
     frames,
     task="A function (E, set_index, errors, e_prev, k) -> index of the winner by solution selection.",
     praise="the paper's section 2.2: k of each set by angle, then the smallest image error of all kept.",
-    hint="is the index one into all candidates?",
+    hint="set by set: which candidates are its members, and which k of these are nearest to e_prev?",
+    line="members = np.flatnonzero(set_index == s); kept += [*members[nearest(E[members], e_prev, k)]]",
     library=("nearest_to_prior", "choose"),
     mistakes=(
         Mistake(
-            "this counts among the kept candidates.",
-            "an index into all: kept[np.argmin(errors[kept])].",
-            lambda E, set_index, errors, e_prev, k: np.argmin(
-                errors[nearest_to_prior(E, set_index, e_prev, k)]
-            ),
+            "this counts among the kept candidates, or within a set; the index is one into all candidates.",
+            lambda E, s, errors, e, k: np.argmin(errors[nearest_to_prior(E, s, e, k)]),
+            lambda E, s, *case: (i := selected(E, s, *case)) - np.searchsorted(s, s[i]),
         ),
         Mistake(
-            "this is the candidate nearest to e_prev.",
-            "the image error has the last word.",
-            lambda E, set_index, errors, e_prev, k: np.argmin(angles(E, e_prev)),
+            "this is the candidate nearest to e_prev; the image error has the last word.",
+            lambda E, s, errors, e, k: np.argmin(angles(E, e)),
         ),
         Mistake(
-            "this is consensus: the prior was not asked.",
-            "only the k nearest of each set compete.",
-            lambda E, set_index, errors, e_prev, k: np.argmin(errors),
+            "this is consensus: the prior was not asked who may compete.",
+            lambda E, s, errors, e, k: np.argmin(errors),
         ),
-        Mistake("only k candidates of all sets competed.", "keep the k nearest of each set.", overall),
+        Mistake(
+            "`k` is not used: it is not always 2.",
+            lambda E, s, errors, e, k: selected(E, s, errors, e, 2),
+            lambda E, s, errors, e, k: selected(E, s, errors, e, 1),
+        ),
+        Mistake(
+            "prior and image error have changed places: the angle decides who may compete, the error who wins.",
+            lambda E, s, errors, e, k: least(angles(E, e), first_of_sets(errors, s, k)),
+        ),
+        Mistake(
+            "among the right winners of the sets the nearest was taken; the image error decides there as well.",
+            of_winners,
+        ),
+        Mistake(
+            "the last set is left out: range(n) ends with n - 1.",
+            lambda E, s, errors, e, k: least(errors, nearest_to_prior(E, s, e, k) & (s < s.max())),
+        ),
+        Mistake(
+            "only k candidates of all sets competed; k of each set may.",
+            lambda E, s, errors, e, k: least(errors, first_of_sets(angles(E, e), 0 * s, k)),
+        ),
     ),
 )
 
@@ -215,27 +262,17 @@ sets_needed = Exercise(
     atol=0.02,
     task="Sets to draw so that with 99 % one has only right matches, when 30 % of the matches are wrong.",
     praise="(1 - 0.7⁵)ⁿ = 0.01 gives n = 25.03, so 26 sets. n = 200 is for accuracy, not for safety alone.",
-    hint="(1 - 0.7⁵)ⁿ = 0.01, solved for n, and rounded up.",
+    hint="how probable is it that one set is good, that it is not, and that n sets in a row are not?",
+    line="np.log(0.01) / np.log(1 - 0.7**5)",
     mistakes=(
-        Mistake("25 sets give 98.995 %, a hair less than wanted.", "round up.", 25),
+        Mistake("25 sets give 98.995 %, a hair less than wanted.", 25),
+        Mistake("this is for 30 % right matches.", sets_for(0.3**5), np.ceil(sets_for(0.3**5))),
+        Mistake("one match is not enough: all five must be right.", sets_for(0.7), np.ceil(sets_for(0.7))),
         Mistake(
-            "this is for 30 % right matches.",
-            "a match is right with probability 0.7.",
-            lambda *_: sets_for(0.3**5),
-            lambda *_: np.ceil(sets_for(0.3**5)),
-        ),
-        Mistake(
-            "one match is not enough.",
-            "all five must be right: 0.7⁵.",
-            lambda *_: sets_for(0.7),
-            lambda *_: np.ceil(sets_for(0.7)),
-        ),
-        Mistake(
-            "this is as if the sets shared their luck.",
-            "all n sets fail with probability (1 - 0.7⁵)ⁿ.",
+            "this is as if the sets shared their luck: they fail, each by itself, all n of them.",
             0.99 / 0.7**5,
             1 / 0.7**5,
-            lambda *_: np.ceil(1 / 0.7**5),
+            np.ceil(1 / 0.7**5),
         ),
     ),
 )
@@ -243,19 +280,12 @@ sets_needed = Exercise(
 consensus_fooled = Exercise(
     {"error by consensus": 2.0, "error by selection": 2.0},
     task="The panel shows a winner by consensus that is more than 0.5° wrong.",
-    praise=(
-        "consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. What moves "
-        "together votes as one. That is why chapter 5 takes it out before the vote."
-    ),
-    hint="",
+    praise="consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. What moves "
+    "together votes as one. That is why chapter 5 takes it out before the vote.",
     mistakes=(
         Mistake(
             "consensus is still only {error by consensus:.3f}° wrong.",
-            (
-                "raise the moving share: things that move together agree among themselves, wrong matches "
-                "do not."
-            ),
-            {"error by consensus": 0.01},
+            "which matches agree among themselves: wrong ones, or those on one thing that moves?",
             when=lambda facts: not facts["error by consensus"] > 0.5,
         ),
     ),

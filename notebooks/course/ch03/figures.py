@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from vo_lib.core.geometry import essential_angle, essential_from_motion, essential_vector
 from vo_lib.core.types import Array
 
 from ..drawing import BAD, DARK, GOOD, PALE, figure, finish, log_axis
 
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
+ALIKE = 0.02  # curves that nowhere differ by a larger share cannot be told apart
 
 
 @dataclass(frozen=True)
@@ -54,17 +54,15 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
             (~field.kept, PALE, "left out"),
             (field.kept, GOOD, "every solution" if field.kept.all() else "nearest k of a set"),
         ):
-            (dots,) = axis.plot(x[chosen], field.image_error[chosen], ".", color=colour, markersize=4.5)
-            dots.set_label(words if axis is by_error else "")  # one legend is enough
+            label = words if axis is by_error else ""  # one legend is enough
+            axis.plot(x[chosen], field.image_error[chosen], ".", color=colour, markersize=4.5, label=label)
         for at, colour, size, words in (
             (field.consensus, DARK, 9, "winner, consensus"),
             (field.selected, BAD, 5.5, "winner, selection"),
         ):
-            # A winner at the edge is shown whole.
-            (dot,) = axis.plot(
-                x[at], field.image_error[at], "o", color=colour, markersize=size, clip_on=False
-            )
-            dot.set_label(words if axis is by_error else "")
+            label = words if axis is by_error else ""
+            (dot,) = axis.plot(x[at], field.image_error[at], "o", color=colour, markersize=size, label=label)
+            dot.set_clip_on(False)  # a winner at the edge is shown whole
         axis.set_ylim(-0.02, 1.02)
     by_angle.set_xlim(0, 90)
     log_axis(by_error.xaxis, LEAST, MOST)
@@ -76,56 +74,58 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
     return made
 
 
-def errors_figure(errors: dict[str, Array], first: int = 1, height: int = 230) -> Figure:
-    """Rotation error of each frame, degrees, for several ways of choosing."""
-    made, (axis,) = figure(height)
-    named = {f"{name}: median {np.median(values):.3f}°": values for name, values in errors.items()}
-    frames = first + np.arange(max(map(len, errors.values())))
-    _plot_errors(axis, frames, named, ("-", "--", "-", "-"))
-    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    finish(axis, "rotation error", "frame", "error [deg]", "above")
-    return made
-
-
-def turns_figure(poses: Array, standstill: float = 0.02, height: int = 220) -> Figure:
-    """Angle between successive true essential vectors along poses (N, 4, 4), and the speed below it.
-
-    Where a step is shorter than `standstill`, metres, there is no essential matrix: grey.
-    """
-    T = np.linalg.inv(poses[1:]) @ poses[:-1]
-    length = np.linalg.norm(T[:, :3, 3], axis=1)
-    e = essential_vector(np.array([essential_from_motion(each[:3, :3], each[:3, 3]) for each in T]))
-    angle = np.degrees(essential_angle(e[1:], e[:-1]))
-    frames, moves = np.arange(2, len(poses)), (length[1:] > standstill) & (length[:-1] > standstill)
-    made, (left, right) = figure(height, 2)
-    left.plot(frames, np.where(moves, angle, np.nan), color=GOOD)
-    right.plot(np.arange(1, len(poses)), length, color=DARK)
-    for axis in (left, right):
-        whole = axis.get_xaxis_transform()  # from the bottom of the axis to its top
-        axis.fill_between(frames, 0, 1, where=~moves, color=PALE, alpha=0.5, transform=whole)
-    finish(left, "angle from each true essential vector to the next", "frame", "angle [deg]")
-    finish(right, "length of the step (grey: standing, no E)", "frame", "step [m]")
-    return made
-
-
-def shares_figure(
-    shares: list[float], medians: dict[str, list[float]], kind: str, height: int = 230
+def errors_figure(
+    errors: Mapping[str, Array],
+    x: Array | range | None = None,
+    title: str = "rotation error",
+    x_name: str = "frame",
+    unit: str = "deg",
+    height: int = 230,
 ) -> Figure:
-    """Median rotation error over the share of bad matches, for several ways of choosing."""
+    """Errors (N,) by name: of frames 1, 2, …, or a range of them, with their medians, or over x (N,).
+
+    Curves that lie on one another are drawn once, with all their names.
+    """
+    curves: list[tuple[list[str], Array]] = []
+    for name, values in errors.items():
+        same = [names for names, drawn in curves if np.allclose(values, drawn, rtol=ALIKE)]
+        same[0].append(name) if same else curves.append(([name], values))
     made, (axis,) = figure(height)
-    named = {name: np.array(values) for name, values in medians.items()}
-    _plot_errors(axis, 100 * np.array(shares), named, ("-o", "--s", "-^", "-v"))
-    finish(axis, f"median rotation error as {kind} matches grow", f"{kind} matches [%]", "error [deg]")
-    return made
-
-
-def _plot_errors(
-    axis: Axes, x: Array | NDArray[np.int64], errors: dict[str, Array], styles: tuple[str, ...]
-) -> None:
-    """Curves by name, degrees, on a logarithmic axis in plain numbers."""
-    for (name, values), colour, style in zip(errors.items(), (DARK, GOOD, BAD, PALE), styles, strict=False):
-        shown = np.clip(values, LEAST, MOST)
-        axis.plot(x, shown, style, color=colour, markersize=5, linewidth=1.5, label=name)
+    for (names, values), colour, style in zip(
+        curves, (DARK, GOOD, BAD, PALE), ("-o", "--s", "-^", "-v"), strict=False
+    ):
+        over_frames = x is None or isinstance(x, range)
+        words = f": median {np.median(values):.3f}" if over_frames else ""
+        axis.plot(
+            np.arange(1, len(values) + 1) if x is None else x,
+            np.clip(values, LEAST, MOST),
+            style[:-1] if over_frames else style,
+            color=colour, markersize=5, linewidth=1.5, label=", ".join(names) + words,
+        )  # fmt: skip
     axis.set_yscale("log")
     low, high = axis.get_ylim()
     log_axis(axis.yaxis, min(low, 0.01), max(high, 0.1))
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    finish(axis, title, x_name, f"error [{unit}]", "above")
+    return made
+
+
+def turns_figure(angle: Array, turn: Array, length: Array, height: int = 220) -> Figure:
+    """How the motion changes along a path, and the length of its steps.
+
+    Parameters
+    ----------
+    angle : (N - 2,) from each essential vector to the next, degrees; NaN where one step has none.
+    turn, length : (N - 1,) of each step, degrees and metres.
+    """
+    made, (left, right) = figure(height, 2)
+    left.plot(1 + np.arange(len(turn)), turn, color=PALE, linewidth=1, label="turn of a step")
+    left.plot(2 + np.arange(len(angle)), angle, color=GOOD, label="change of e")
+    right.plot(1 + np.arange(len(length)), length, color=DARK)
+    for axis in (left, right):
+        whole = axis.get_xaxis_transform()  # from the bottom of the axis to its top
+        frames = 2 + np.arange(len(angle))
+        axis.fill_between(frames, 0, 1, where=np.isnan(angle), color=PALE, alpha=0.5, transform=whole)
+    finish(left, "turn, and change of motion", "frame", "angle [deg]", "above")
+    finish(right, "length of the step (grey: standing, no E)", "frame", "step [m]")
+    return made

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import Config, SelectionConfig
@@ -21,7 +20,7 @@ from vo_lib.core.geometry import (
     transform,
 )
 from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Image, Progress
+from vo_lib.core.types import Array, Image, Mask, Progress
 from vo_lib.data.sequence import Sequence
 from vo_lib.method.five_point import Candidates, five_point
 from vo_lib.method.selection import nearest_to_prior, truncated_errors
@@ -56,9 +55,7 @@ _candidates: Memory[Candidates] = Memory(12)
 _priors: Memory[Array] = Memory(24)
 
 
-def disturbed(
-    points: Points, T_cp: Array, camera: StereoCamera, view: SelectionView
-) -> tuple[Points, NDArray[np.bool_]]:
+def disturbed(points: Points, T_cp: Array, camera: StereoCamera, view: SelectionView) -> tuple[Points, Mask]:
     """The points with some matches moving together and some wrong, and which ones, (N,).
 
     The moving ones are those furthest left and turn about their middle; a wrong one ends 4 to 40 px away.
@@ -92,14 +89,19 @@ def _view(X: Array) -> Array:
     return np.asarray(X[:, :2] / np.maximum(X[:, 2:], 0.5))
 
 
-def motion_or_guess(sequence: Sequence, frame: int, points: Points) -> Array:
-    """The true motion; without truth the reference rotation and the median change of the points."""
-    if points.T_cp is not None:
-        return points.T_cp
-    R = reference_rotation(sequence, frame, points)
-    X_c = sequence.camera.triangulate(points.matches.cur_left, points.matches.cur_right)
-    t = np.nanmedian(X_c - points.X_p @ R.T, axis=0)
-    return rigid(R, t)
+def disturbed_frame(
+    sequence: Sequence, frame: int, config: Config, view: SelectionView
+) -> tuple[Points, Mask, Array]:
+    """A frame's disturbed points, which were touched, and the rotation (3, 3) that they are judged by.
+
+    Without truth the matches' own rotation and the median change of the points stand for the true motion.
+    """
+    points = frame_points(sequence, frame, config)
+    R_true, T_cp = reference_rotation(sequence, frame, points), points.T_cp
+    if T_cp is None:
+        X_c = sequence.camera.triangulate(points.matches.cur_left, points.matches.cur_right)
+        T_cp = rigid(R_true, np.nanmedian(X_c - points.X_p @ R_true.T, axis=0))
+    return *disturbed(points, T_cp, sequence.camera, view), R_true
 
 
 def previous_vector(sequence: Sequence, frame: int, config: Config) -> Array | None:
@@ -108,14 +110,10 @@ def previous_vector(sequence: Sequence, frame: int, config: Config) -> Array | N
         return None
 
     def estimate() -> Array:
-        points = frame_points(sequence, frame - 1, config)
-        found = _solve(points, 200, 0)
-        chosen = SelectionConfig(prior=False)
-        winner, _ = choose(found.E, found.set_index, points.x_p, points.x_c, None, chosen, sequence.camera.f)
-        best = motion_of_winner(
-            found.E[winner], points.x_p, points.x_c, points.X_p, chosen, sequence.camera.f
-        )[2]
-        return essential_vector(best)
+        points, focal = frame_points(sequence, frame - 1, config), sequence.camera.f
+        E, usual = _solve(points, 200, 0).E, SelectionConfig()
+        errors = truncated_errors(E, points.x_p, points.x_c, usual.threshold / focal)
+        return judged(E[np.argmin(errors)], points, np.eye(3), usual, focal)[1]
 
     key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets)
     return _priors.get(key, estimate)
@@ -144,10 +142,17 @@ def field_of(
     if e_prev is not None and config.prior:
         kept = nearest_to_prior(found.E, found.set_index, e_prev, config.keep)
     errors = truncated_errors(found.E, points.x_p, points.x_c, config.threshold / focal)
-    given = (found.E, found.set_index, points.x_p, points.x_c)
-    consensus, _ = choose(*given, None, config, focal)
-    selected, dropped = choose(*given, e_prev, config, focal)
+    consensus, _ = choose(*found, points.x_p, points.x_c, None, config, focal)
+    selected, dropped = choose(*found, points.x_p, points.x_c, e_prev, config, focal)
     return Field(angle, errors, rotation_errors(found.E, R_true), kept, consensus, selected, dropped)
+
+
+def judged(
+    E: Array, points: Points, R_true: Array, config: SelectionConfig, focal: float
+) -> tuple[float, Array, Mask]:
+    """Of a winner E (3, 3): its rotation's error, degrees, the essential vector it leaves, its inliers (N,)."""
+    R, _, best, inliers = motion_of_winner(E, points.x_p, points.x_c, points.X_p, config, focal)
+    return float(np.degrees(rotation_angle(R.T @ R_true))), essential_vector(best), inliers
 
 
 class SelectionPanel(Panel):
@@ -170,34 +175,26 @@ class SelectionPanel(Panel):
     )
 
     def draw(self, state: State) -> Drawing:
-        sequence, frame, selection = state.sequence, state.frame, state.config.selection
-        clean = frame_points(sequence, frame, state.config)
-        R_true = reference_rotation(sequence, frame, clean)
-        points, touched = disturbed(
-            clean, motion_or_guess(sequence, frame, clean), sequence.camera, state.view
-        )
-        key = (*key_of(sequence, frame), selection.sets, state.view)
-        found = _candidates.get(key, lambda: _solve(points, selection.sets, state.view.draw))
-        e_prev = previous_vector(sequence, frame, state.config)
-        field = field_of(found, points, e_prev, R_true, selection, sequence.camera.f)
-        errors, inliers = [], touched
-        for winner in (field.consensus, field.selected):
-            R, _, _, inliers = motion_of_winner(
-                found.E[winner], points.x_p, points.x_c, points.X_p, selection, sequence.camera.f
-            )
-            errors.append(float(np.degrees(rotation_angle(R.T @ R_true))))
-        chart = field_figure(field, errors[1], CHART_HEIGHT)
+        selection, view, focal = state.config.selection, state.view, state.sequence.camera.f
+        points, touched, R_true = disturbed_frame(state.sequence, state.frame, state.config, view)
+        key = (*key_of(state.sequence, state.frame), selection.sets, view)
+        found = _candidates.get(key, lambda: _solve(points, selection.sets, view.draw))
+        e_prev = previous_vector(state.sequence, state.frame, state.config)
+        field = field_of(found, points, e_prev, R_true, selection, focal)
+        by_consensus, _, _ = judged(found.E[field.consensus], points, R_true, selection, focal)
+        error, _, inliers = judged(found.E[field.selected], points, R_true, selection, focal)
+        chart = field_figure(field, error, CHART_HEIGHT)
         picture = stack([self._picture(state, points, inliers, touched), chart], self.height)
         same = "the same as" if field.selected == field.consensus else "another than"
         sentence = (
             f"Of {len(found.E)} solutions of {selection.sets} sets {np.count_nonzero(field.kept)} may "
-            f"compete. The winner, {same} that of consensus, gives a rotation that is {errors[1]:.3f}° wrong "
+            f"compete. The winner, {same} that of consensus, gives a rotation that is {error:.3f}° wrong "
             f"({selection.mode}; thin line)."
             + (" The prior was dropped: its best solution scored clearly worse." if field.dropped else "")
         )
         facts = (
-            Fact("error by selection", errors[1], "°", 3),
-            Fact("error by consensus", errors[0], "°", 3),
+            Fact("error by selection", error, "°", 3),
+            Fact("error by consensus", by_consensus, "°", 3),
             Fact("angle to the previous vector", float(field.angle[field.selected]), "°", 2),
             Fact("solutions kept", int(np.count_nonzero(field.kept))),
             Fact("inliers", int(np.count_nonzero(inliers))),
@@ -208,41 +205,29 @@ class SelectionPanel(Panel):
 
     def work(self, state: State, progress: Progress) -> Drawing:
         """Both ways over the next frames, each with its own previous vector."""
-        sequence, selection = state.sequence, state.config.selection
-        last = min(state.frame + FRAMES, len(sequence))
-        frames = range(state.frame, last)
+        selection, frames = state.config.selection, range(state.frame, len(state.sequence))[:FRAMES]
+        prior, focal = replace(selection, prior=True), state.sequence.camera.f
         ways = {
             "consensus": replace(selection, prior=False),
-            f"selection, k = {selection.keep}": replace(selection, prior=True),
-            "k = 1, prior never dropped": replace(
-                selection, prior=True, keep=1, prior_rejection_ratio=1000.0
-            ),
+            f"selection, k = {selection.keep}": prior,
+            "k = 1, prior never dropped": replace(prior, keep=1, prior_rejection_ratio=1000.0),
         }
         e_prev: dict[str, Array | None] = dict.fromkeys(ways)
-        errors: dict[str, list[float]] = {name: [] for name in ways}
-        progress(0, len(frames))
-        for frame in frames:
-            clean = frame_points(sequence, frame, state.config)
-            R_true = reference_rotation(sequence, frame, clean)
+        errors = {name: np.zeros(len(frames)) for name in ways}
+        for done, frame in enumerate(frames):
+            progress(done, len(frames))
             view = replace(state.view, draw=(state.view.draw + frame) % 1000)
-            points, _ = disturbed(clean, motion_or_guess(sequence, frame, clean), sequence.camera, view)
+            points, _, R_true = disturbed_frame(state.sequence, frame, state.config, view)
             found = _solve(points, selection.sets, view.draw)
-            given = (points.x_p, points.x_c)
             for name, way in ways.items():
-                winner, _ = choose(found.E, found.set_index, *given, e_prev[name], way, sequence.camera.f)
-                R, _, best, _ = motion_of_winner(found.E[winner], *given, points.X_p, way, sequence.camera.f)
-                e_prev[name] = essential_vector(best)
-                errors[name].append(float(np.degrees(rotation_angle(R.T @ R_true))))
-            progress(frame - state.frame + 1, len(frames))
-        arrays = {name: np.array(values) for name, values in errors.items()}
-        chart = errors_figure(arrays, state.frame, self.height)
-        sentence = f"Rotation error of frames {state.frame} to {last - 1}; move a control to come back."
-        facts = tuple(Fact(f"median, {name}", float(np.median(v)), "°", 3) for name, v in arrays.items())
+                winner, _ = choose(*found, points.x_p, points.x_c, e_prev[name], way, focal)
+                errors[name][done], e_prev[name], _ = judged(found.E[winner], points, R_true, way, focal)
+        sentence = f"Rotation error of frames {frames[0]} to {frames[-1]}; move a control to come back."
+        facts = tuple(Fact(f"median, {name}", float(np.median(v)), "°", 3) for name, v in errors.items())
+        chart = errors_figure(errors, frames, height=self.height)
         return Drawing(stack([chart], self.height), sentence, facts)
 
-    def _picture(
-        self, state: State, points: Points, inliers: NDArray[np.bool_], touched: NDArray[np.bool_]
-    ) -> Image:
+    def _picture(self, state: State, points: Points, inliers: Mask, touched: Mask) -> Image:
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
         centre = np.array([camera.cx, camera.cy])

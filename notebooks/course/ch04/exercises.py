@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import rotation_from_vector
+from vo_lib.core.geometry import rigid, rotation_from_vector
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
+from vo_lib.method.translation import eliminate_points
 from vo_lib.method.translation import feature_rows as library_rows
 
 from ..checker import Case, Exercise, Mistake, times
+from .weightings import alone, seen, solve_all, spread_points
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
 R_CP = rotation_from_vector(np.array([0.01, 0.05, -0.02]))
@@ -21,12 +26,7 @@ NO_T = np.array([1, 1, 1, 0, 0, 0])  # keeps the columns of Q
 
 def exact_matches(count: int, seed: int, noise: float = 0.0) -> StereoMatches:
     """Matches (count,) of random points 5 to 40 m ahead under R_CP, T_CP, with noise in pixels."""
-    rng = np.random.default_rng(seed)
-    z = rng.uniform(5.0, 40.0, count)
-    Q = np.stack([rng.uniform(-0.7, 0.7, count) * z, rng.uniform(-0.2, 0.2, count) * z, z], axis=1)
-    places = np.stack([*CAMERA.project(Q), *CAMERA.project(Q @ R_CP.T + T_CP)])
-    a, b, c, d = places + rng.normal(0.0, noise, places.shape)
-    return StereoMatches(a, b, c, d, np.ones(count, np.int64), np.ones(count), np.arange(count))
+    return seen(CAMERA, spread_points(count, seed, 5.0, 40.0), rigid(R_CP, T_CP), noise, seed)
 
 
 def one_match() -> list[Case]:
@@ -54,19 +54,18 @@ def solve(M: Array, c: Array) -> Array:
 
 def noisy_rows(count: int, seed: int, noise: float) -> tuple[Array, Array, Array]:
     """A (N, 8, 3), B (N, 8, 3) and c (N, 8) of noisy matches."""
-    A, B, c = library_rows(CAMERA, exact_matches(count, seed, noise), R_CP)
-    return A, B, c
+    return library_rows(CAMERA, exact_matches(count, seed, noise), R_CP)
 
 
 def stacked(A: Array, B: Array, c: Array) -> Array:
     """The least-squares t of all features: what each point Q can explain is projected out."""
-    N = np.eye(8) - A @ np.linalg.pinv(A)
-    return solve((N @ B).reshape(-1, 3), (N @ c[..., None]).ravel())
+    return solve_all(*eliminate_points(A, B, c), np.ones(len(A)))
 
 
-def alone(A: Array, B: Array, c: Array) -> Array:
-    """The t (N, 3) of each feature by itself."""
-    return np.array([solve(np.hstack(rows[:2]), rows[2])[3:] for rows in zip(A, B, c, strict=True)])
+def half_eliminated(A: Array, B: Array, c: Array) -> Array:
+    """The t of normal equations whose right side has no projection."""
+    M = eliminate_points(A, B, c)[0]
+    return np.asarray(np.linalg.solve(np.einsum("nij,nik->jk", M, M), np.einsum("nij,ni->j", B, c)))
 
 
 def cauchy(r: Array, s: float) -> Array:
@@ -80,10 +79,30 @@ def drawn_answers() -> list[Case]:
     return [(0.97 * T_CP + rng.normal(0.0, 0.01, (count, 3)), T_CP) for count in (5, 20)]
 
 
+def norm(vectors: Array) -> Array:
+    """Lengths of vectors (..., 3)."""
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
 def bias_and_scatter(answers: Array, t_true: Array) -> tuple[float, float]:
     """Mean and standard deviation of the error of the lengths, per cent."""
-    off = 100.0 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1.0)
+    off = 100.0 * (norm(answers) / norm(t_true) - 1.0)
     return float(off.mean()), float(off.std())
+
+
+def but_bias(wrong: Callable[[Array, Array], Any]) -> Callable[..., Any]:
+    """Another bias beside the right scatter."""
+    return lambda answers, t: (wrong(answers, t), bias_and_scatter(answers, t)[1])
+
+
+def one_residual(place: float) -> Callable[..., bool]:
+    """A test for the case of one residual of so many scales."""
+    return lambda w, r, s: len(r) == 1 and r[0] == place * s
+
+
+def with_rotation(other: Callable[[Array], Array]) -> Callable[..., tuple[Array, Array]]:
+    """The eight rows with another matrix in the place of R."""
+    return lambda pl, pr, cl, cr, R_cp, b: eight_rows(pl, pr, cl, cr, other(R_cp), b)
 
 
 feature_rows = Exercise(
@@ -93,42 +112,39 @@ feature_rows = Exercise(
     task="A function (x_pl, x_pr, x_cl, x_cr, R_cp, b) -> M (8, 6), c (8,) of equation (3) for one feature.",
     praise="the library's rows, for one feature: M (Q, t) = c.",
     hint="order: x and y in previous left, previous right, current left, current right.",
+    line="row = x[0] * e3 - e1; M.append(np.concatenate([row @ R_cp, row])), in the current pair",
     library=("feature_rows",),
     mistakes=(
+        Mistake("every row has the other sign: (x e3 - e1)ᵀ P.", times(eight_rows, -1.0, 1.0)),
         Mistake(
-            "every row has the other sign.",
-            "as above: (x e3 - e1)ᵀ P, not (e1 - x e3)ᵀ P.",
-            times(eight_rows, -1.0, 1.0),
+            "the rotation is missing: in the current pair P = R Q + t.", with_rotation(lambda R: np.eye(3))
         ),
         Mistake(
-            "the rotation is missing.",
-            "in the current pair P = R Q + t: the row times R.",
-            lambda pl, pr, cl, cr, R_cp, b: eight_rows(pl, pr, cl, cr, np.eye(3), b),
+            "the rotation is used the other way round: the row stands on the left of R Q.",
+            with_rotation(lambda R: R.T),
         ),
         Mistake(
-            "the rotation is used the other way round.",
-            "row @ R_cp, not row @ R_cp.T.",
-            lambda pl, pr, cl, cr, R_cp, b: eight_rows(pl, pr, cl, cr, R_cp.T, b),
+            "the unknowns stand in another order: columns are Q first, then t.",
+            lambda *case: (np.roll(eight_rows(*case)[0], 3, axis=1), eight_rows(*case)[1]),
         ),
         Mistake(
-            "c has the wrong sign.",
-            "in a right image x (e3ᵀ P) = e1ᵀ P - b, so the row gives -b.",
-            times(eight_rows, 1.0, -1.0),
+            "these are the right rows in another order: x and y of one image together, then the next image.",
+            when=lambda M, *case: np.allclose(np.sort(M, axis=0), np.sort(eight_rows(*case)[0], axis=0)),
         ),
         Mistake(
-            "c is zero: then the point has no size.",
-            "the right images carry the baseline.",
+            "c has the wrong sign: in a right image x (e3ᵀ P) = e1ᵀ P - b.", times(eight_rows, 1.0, -1.0)
+        ),
+        Mistake(
+            "c is zero, and the point has no size: the right images carry the baseline.",
             times(eight_rows, 1.0, 0.0),
         ),
         Mistake(
-            "the columns of Q are right, those of t are not.",
-            "t enters in the current pair only, with the row (x e3 - e1)ᵀ itself.",
+            "the columns of Q are right, those of t are not: t enters in the current pair only, and not turned.",
             times(eight_rows, NO_T, 1.0),
             when=lambda M, *case: np.allclose(M[:, :3], eight_rows(*case)[0][:, :3]),
         ),
         Mistake(
-            "M is right, c is not.",
-            "-b in the x rows of the right images (1-based: rows 3 and 7).",
+            "M is right, c is not: in which of its rows does a right image look at x, and what stands there?",
             times(eight_rows, 1.0, 2.0),
             when=lambda c, *case: c.shape == (8,),
         ),
@@ -137,21 +153,15 @@ feature_rows = Exercise(
 
 one_feature = Exercise(
     lambda M, c: solve(M, c)[3:],
-    lambda: [(np.hstack([A[0], B[0]]), c[0]) for A, B, c in [noisy_rows(1, 4, 0.3)]],
+    lambda: [(np.hstack([A[0], B[0]]), c[0]) for A, B, c in [noisy_rows(1, 3, 0.3)]],
     atol=1e-6,
     task="A function (M (8, 6), c (8,)) -> t_cp (3,), metres, from one feature.",
-    praise=(
-        "t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, "
-        "-0.9)."
-    ),
-    hint="np.linalg.lstsq(M, c, rcond=None)[0].",
+    praise="t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, -0.9).",
+    hint="least squares of M times the six unknowns = c, and of these the last three.",
+    line="np.linalg.lstsq(M, c, rcond=None)[0][3:]",
     mistakes=(
-        Mistake("this is (Q, t), six numbers.", "t are the last three.", solve),
-        Mistake(
-            "these are the first three unknowns: the point Q.",
-            "t are the last three.",
-            lambda M, c: solve(M, c)[:3],
-        ),
+        Mistake("this is (Q, t), six numbers; t are the last three.", solve),
+        Mistake("this is the point Q; t are the last three.", lambda M, c: solve(M, c)[:3]),
     ),
 )
 
@@ -159,14 +169,11 @@ rank_at_infinity = Exercise(
     4,
     task="The rank of the 8×6 matrix of a feature whose disparity is zero in both pairs.",
     praise="4: each pair keeps two of its four rows. Such a feature knows a direction, and no length.",
-    hint="x and x' are equal, y and y' too: each pair has two different rows left.",
+    hint="x and x' are equal, y and y' as well: how many different rows does each pair have left?",
+    line="np.linalg.matrix_rank(rows_of_one(x, x, x, x, np.eye(3), 0.5)[0])",
     mistakes=(
-        Mistake(
-            "with rank 6 such a feature would tell t.",
-            "without a disparity, which two rows of a pair are equal?",
-            6,
-        ),
-        Mistake("a matrix of six columns has no rank 8.", "np.linalg.matrix_rank(M).", 8),
+        Mistake("then it would tell t; without a disparity, which two rows of a pair are equal?", 6),
+        Mistake("a matrix of six columns has no rank 8.", 8),
     ),
 )
 
@@ -175,19 +182,11 @@ row_error = Exercise(
     rtol=0.01,
     task="How many times larger the error of a row is at 40 m than at 8 m, for the same error in pixels.",
     praise="Z: {right:g} times. So a row divided by Z has the same error, dx, at every depth.",
-    hint="d/dx of (x e3 - e1)ᵀ P is e3ᵀ P = Z.",
+    hint="by what does (x e3 - e1)ᵀ P change when x does?",
+    line="40 / 8",
     mistakes=(
-        Mistake(
-            "this is how the depth error grows.",
-            "a row is (x e3 - e1)ᵀ P: an error dx changes it by dx · Z.",
-            (FAR / NEAR) ** 2,
-        ),
-        Mistake(
-            "far rows are not better, and not equal.",
-            "which factor stands beside x in a row?",
-            NEAR / FAR,
-            1.0,
-        ),
+        Mistake("this is how the depth error grows; a row changes by dx · P₃.", (FAR / NEAR) ** 2),
+        Mistake("far rows are not better, and not equal: which factor stands beside x?", NEAR / FAR, 1.0),
     ),
 )
 
@@ -197,24 +196,20 @@ stack = Exercise(
     atol=1e-6,
     task="A function (A (N, 8, 3), B (N, 8, 3), c (N, 8)) -> t (3,): the least-squares t of A Q_i + B t = c.",
     praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, as the library's `eliminate_points` has it.",
-    hint="with N = I - A_i pinv(A_i): add up H += B_iᵀ N B_i and g += B_iᵀ N c_i, then solve H t = g.",
+    hint="one N_i for each feature; two sums over all features, one (3, 3) and one (3,); one system at the end.",
+    line="N = np.eye(8) - A_i @ np.linalg.pinv(A_i); H += B_i.T @ N @ B_i; g += B_i.T @ N @ c_i",
     library=("eliminate_points", "solve_translation"),
     mistakes=(
         Mistake(
-            "this is the mean of the features' own answers: a far one counts as much as a near one.",
-            "one t for all rows at once; only Q differs from feature to feature.",
+            "this is the mean or the median of the features' own answers; one t has to suit all rows at once.",
             lambda A, B, c: alone(A, B, c).mean(axis=0),
-        ),
-        Mistake(
-            "this is the median of the features' own answers.",
-            "one t for all rows at once.",
             lambda A, B, c: np.median(alone(A, B, c), axis=0),
         ),
         Mistake(
-            "the points Q are left out.",
-            "eliminate each Q: N = I - A_i pinv(A_i), then N B_i, N c_i.",
+            "the points Q are left out; they have to be eliminated first.",
             lambda A, B, c: solve(B.reshape(-1, 3), c.ravel()),
         ),
+        Mistake("the right side is not projected; N_i stands on both sides.", half_eliminated),
     ),
 )
 
@@ -223,52 +218,35 @@ bias = Exercise(
     drawn_answers,
     parts=("bias", "scatter"),
     atol=1e-6,
-    task=(
-        "A function (answers (S, 3), t_true (3,)) -> bias and scatter of their lengths, in per cent of the "
-        "true one."
-    ),
-    praise=(
-        "bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: the first stays when more draws are averaged, the "
-        "second does not."
-    ),
+    task="A function (answers (S, 3), t_true (3,)) -> bias and scatter of their lengths, in % of the true one.",
+    praise="bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: the first stays when more draws are averaged, the "
+    "second does not.",
     hint="take the length of every answer first, then compare with the true length.",
+    line="off = 100 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1); off.mean(), off.std()",
     mistakes=(
-        Mistake("these are shares, not per cent.", "times 100.", times(bias_and_scatter, 0.01, 0.01)),
+        Mistake("these are shares, not per cent.", times(bias_and_scatter, 0.01, 0.01)),
         Mistake(
             "the bias has the other sign: steps that are too short have a negative one.",
-            "length / true length - 1.",
             times(bias_and_scatter, -1.0, 1.0),
         ),
+        Mistake("bias and scatter have changed places.", lambda *case: bias_and_scatter(*case)[::-1]),
         Mistake(
-            "this is the mean distance from the true translation: it grows with the scatter, too.",
-            "compare lengths, not vectors.",
-            lambda answers, t: (
-                100 * np.mean(np.linalg.norm(answers - t, axis=1)) / np.linalg.norm(t),
-                bias_and_scatter(answers, t)[1],
-            ),
+            "this is the mean distance from the true translation; scatter to the sides adds to it.",
+            but_bias(lambda answers, t: 100 * norm(answers - t).mean() / norm(t)),
         ),
         Mistake(
             "this is the length of the mean answer; each answer's own length is wanted.",
-            "np.linalg.norm(answers, axis=1), and then the mean.",
-            lambda answers, t: (
-                100 * (np.linalg.norm(answers.mean(axis=0)) / np.linalg.norm(t) - 1),
-                bias_and_scatter(answers, t)[1],
-            ),
+            but_bias(lambda answers, t: 100 * (norm(answers.mean(axis=0)) / norm(t) - 1)),
         ),
         Mistake(
             "the bias is in metres, not in per cent of the true length.",
-            "divide by the true length, times 100.",
-            lambda answers, t: (
-                np.linalg.norm(answers, axis=1).mean() - np.linalg.norm(t),
-                np.linalg.norm(answers, axis=1).std(),
-            ),
+            lambda answers, t: (norm(answers).mean() - norm(t), norm(answers).std()),
         ),
         Mistake(
-            "the bias is right; the scatter divides by S - 1.",
-            "np.std as it is, without ddof.",
+            "the bias is right; the scatter divides by S - 1, np.std by S.",
             lambda answers, t: (
                 bias_and_scatter(answers, t)[0],
-                bias_and_scatter(answers, t)[1] * (len(answers) / (len(answers) - 1)) ** 0.5,
+                100 * np.std(norm(answers), ddof=1) / norm(t),
             ),
         ),
     ),
@@ -279,78 +257,51 @@ robust_weight = Exercise(
     lambda: [(np.array(r), 0.5) for r in ([0.0], [0.5], [-0.5], [0.0, 0.25, 0.5, -0.5, 2.0, 100.0])],
     task="A function (r (N,), s) -> Cauchy weights (N,) of residuals.",
     praise="1 for a perfect feature, ½ at the scale s, and next to nothing for a mismatch.",
-    hint="w = 1 / (1 + (r / s)²).",
+    hint="r counts in units of s; the formula stands above.",
+    line="1 / (1 + (r / s) ** 2)",
     mistakes=(
-        Mistake("r / s is not squared.", "1 / (1 + (r / s)²).", lambda r, s: 1.0 / (1.0 + np.abs(r) / s)),
+        Mistake("r / s is not squared.", lambda r, s: 1 / (1 + np.abs(r) / s)),
         Mistake(
-            "these are the weights of Huber, not of Cauchy.",
-            "1 / (1 + (r / s)²).",
+            "these are the weights of Huber, which leave small residuals at 1; Cauchy's fall from the start.",
             lambda r, s: np.minimum(1.0, s / np.maximum(np.abs(r), 1e-12)),
         ),
+        Mistake("this is all or nothing; the Cauchy weight falls smoothly.", lambda r, s: np.abs(r) <= s),
         Mistake(
-            "this is all or nothing.",
-            "the Cauchy weight falls smoothly: 1 / (1 + (r / s)²).",
-            lambda r, s: np.abs(r) <= s,
+            "a feature without residual has weight {got:.3g}, not 1: is this the cost, or the inverse?",
+            lambda r, s: np.log1p((r / s) ** 2),
+            when=one_residual(0.0),
         ),
         Mistake(
-            "a feature without residual has weight {got:.3g}, not 1.",
-            "w = 1 / (1 + (r / s)²).",
-            lambda r, s: np.log1p(r**2),
-            when=lambda w, r, s: not r.any(),
-        ),
-        Mistake(
-            "at r = s the weight is {got:.3g}, not ½.",
-            "is r divided by s, and squared?",
+            "at r = s the weight is {got:.3g}, not ½: is r divided by s, and only the quotient squared?",
             lambda r, s: 1.0 / (1.0 + r**2),
-            when=lambda w, r, s: len(r) == 1 and r[0] == s,
+            when=one_residual(1.0),
         ),
-        Mistake(
-            "r and -r have different weights.",
-            "square the residual.",
-            lambda r, s: np.where(r < 0, 0.4, cauchy(r, s)),
-            when=lambda w, r, s: len(r) == 1 and r[0] == -s,
-        ),
+        Mistake("r and -r have different weights.", when=one_residual(-1.0)),
     ),
 )
 
 turned_sideways = Exercise(
     {"error in x": -27.0, "error in z": -11.0}
     | {"rotation error": 0.1, "wrong share": 0.0, "noise added": 0.1},
-    task=(
-        "The panel shows an error of more than 20 mm in x, at most half of that in z, by a wrong rotation "
-        "alone."
-    ),
-    praise=(
-        "{error in x:.0f} mm in x against {error in z:.0f} mm in z: what turns too far seems to slip "
-        "sideways."
-    ),
-    hint="",
+    task="The panel shows an error above 20 mm in x, at most half of it in z, by a wrong rotation alone.",
+    praise="{error in x:.0f} mm in x, {error in z:.0f} mm in z: what turns too far seems to slip sideways.",
     mistakes=(
         Mistake(
-            "the rotation is right here, so this error has another cause.",
-            "move `rotation error`, and set `wrong share` back to 0.",
-            {"rotation error": 0.0},
+            "the rotation is right here, so this error has another cause: move `rotation error`.",
             when=lambda facts: facts["rotation error"] == 0 or np.isnan(facts["rotation error"]),
         ),
         Mistake(
-            (
-                "{wrong share:.0f} % of the matches are wrong as well, and there are {noise added:.2f} px "
-                "of noise: who is to blame?"
-            ),
-            "`wrong share` 0, `noise` at most 0.1, weighting `stacked`: only the rotation is to blame.",
-            {"wrong share": 30.0},
+            "{wrong share:.0f} % of the matches are wrong, and {noise added:.2f} px of noise is added.",
+            "only the rotation is to blame: set `wrong share` to 0 and `noise added` to 0.1 at most.",
             when=lambda facts: facts["wrong share"] > 0 or facts["noise added"] > 0.1,
         ),
         Mistake(
-            "the error in x is only {error in x:.1f} mm.",
-            "turn the rotation a little; leave the rest as it is.",
-            {"error in x": 2.0},
+            "the error in x is only {error in x:.1f} mm; turn the rotation a little, and leave the rest.",
             when=lambda facts: not abs(facts["error in x"]) > 20.0,
         ),
         Mistake(
-            "{error in x:.0f} mm in x, but {error in z:.0f} mm in z, too.",
-            "less wrong matches, less noise, weighting `stacked`: only the rotation is to blame.",
-            {"error in z": -40.0},
+            "{error in x:.0f} mm in x, but {error in z:.0f} mm in z as well.",
+            "take a weighting that bears what disturbs z: the first of the list.",
             when=lambda facts: not abs(facts["error in x"]) > 2.0 * abs(facts["error in z"]),
         ),
     ),

@@ -21,7 +21,6 @@ from ..drawing import (
     GOOD,
     PALE,
     WIDTH,
-    Place,
     caption,
     figure,
     finish,
@@ -97,28 +96,11 @@ def mark_reference(axis: Axes, name: str) -> None:
     axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=name)
 
 
-CORNERS: dict[Place, tuple[float, float]] = {
-    "upper left": (-1.0, 1.0),
-    "upper right": (1.0, 1.0),
-    "lower left": (-1.0, -1.0),
-    "lower right": (1.0, -1.0),
-}
-
-
-def millimetres_from_above(axis: Axes, half: float, title: str, dots: Array | None = None) -> None:
-    """Limits, ticks, names and a boxed legend for errors of a translation in the x-z plane.
-
-    The legend stands in the corner that is farthest from `dots` (N, 2), millimetres; else below right.
-    """
-    place: Place = "lower right"
-    if dots is not None:
-        place = max(CORNERS, key=lambda at: np.linalg.norm(dots / half - CORNERS[at], axis=1).min())
+def millimetres_from_above(axis: Axes, half: float, title: str) -> None:
+    """Limits, names and a boxed legend for errors of a translation in the x-z plane."""
     ticks = [-half, -half / 2, 0, half / 2, half]
-    words = [f"{tick:g}".replace("-", "−") for tick in ticks]
-    axis.set_xticks(ticks, words)
-    axis.set_yticks(ticks, words)
-    axis.set(xlim=(-half, half), ylim=(-half, half))
-    finish(axis, title, "x, right [mm]", "z, forward [mm]", place, boxed=True)
+    axis.set(xlim=(-half, half), ylim=(-half, half), xticks=ticks, yticks=ticks)
+    finish(axis, title, "x, right [mm]", "z, forward [mm]", boxed=True)
 
 
 def spread_figure(depth: Array, error: Array, height: int = 260) -> Figure:
@@ -154,7 +136,7 @@ def variants_figure(tables: dict[str, dict[str, Array]], height: int = 290) -> F
             spread = np.linspace(-0.1, 0.2, len(values))
             axis.plot(values, row + 0.1 + spread, ".", color=GOOD, markersize=4)
             axis.plot(np.median(values), row + 0.15, "|", color=BAD, markersize=18, markeredgewidth=3)
-            words = f"{name.replace('_', ' ')}: {np.median(values):.1f} mm"
+            words = f"{name}: {np.median(values):.1f} mm"
             axis.text(0.01, row - 0.22, words, fontsize=FONT_SIZE - 1, transform=axis.get_yaxis_transform())
         axis.set_xscale("log")
         log_axis(axis.xaxis, *axis.get_xlim())
@@ -209,7 +191,5 @@ def lengths_figure(lengths: dict[str, Array], height: int = 200) -> Figure:
     axis.axhline(1.0, color=DARK, linewidth=1, linestyle=":")
     for (name, values), colour in zip(lengths.items(), (BAD, GOOD, FIFTH), strict=False):
         axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=1.5, label=name)
-    half = room(float(np.nanmax(np.abs(np.concatenate([*lengths.values()]) - 1.0), initial=0.0)), least=0.01)
-    axis.set_ylim(1.0 - half, 1.0 + half)
     finish(axis, "length of the step, as a share of the true one", "frame")
     return made

@@ -6,17 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vo_lib.beyond.stereo_points import stereo_points
 from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import TranslationConfig
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.errors import DataError
-from vo_lib.core.geometry import rotation_from_vector, transform
+from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
-from vo_lib.method.translation import eliminate_points, feature_rows
+from vo_lib.method.translation import feature_rows
 
 from ..ch02.panel import reference_rotation
 from ..controls import Control
@@ -25,7 +24,7 @@ from ..facts import Fact
 from ..frames import Points, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
 from .figures import MILLI, ellipse_chart, features_picture, residuals_chart
-from .weightings import ROBUST, WEIGHTINGS, solve_by
+from .weightings import ROBUST, WEIGHTINGS, alone, solve_by
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 GROUPS = 10  # of features that are solved apart, to see how the answers scatter
@@ -52,18 +51,12 @@ class TranslationView(Checked):
 def disturbed(matches: StereoMatches, view: TranslationView) -> StereoMatches:
     """The matches with noise, and some of them 4 to 40 px from their place in the current pair."""
     rng, count = np.random.default_rng([6, view.draw]), len(matches)
-    noise = rng.normal(0.0, view.noise, (4, count, 2))
+    shifts = rng.normal(0.0, view.noise, (4, count, 2))
     lying = rng.permutation(count)[: round(view.wrong * count)]
     angle, length = rng.uniform(0.0, 2.0 * np.pi, len(lying)), rng.uniform(4.0, 40.0, len(lying))
-    away = np.zeros((count, 2))
-    away[lying] = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return replace(
-        matches,
-        prev_left=matches.prev_left + noise[0],
-        prev_right=matches.prev_right + noise[1],
-        cur_left=matches.cur_left + away + noise[2],
-        cur_right=matches.cur_right + away + noise[3],
-    )
+    shifts[2:, lying] += length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    views = ("prev_left", "prev_right", "cur_left", "cur_right")
+    return replace(matches, **{v: getattr(matches, v) + by for v, by in zip(views, shifts, strict=True)})
 
 
 def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
@@ -73,54 +66,6 @@ def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
     """
     known = points if truth(sequence) is not None else replace(points, T_cp=None)
     return reference_rotation(sequence, frame, known)
-
-
-def made_up_points(count: int = 300) -> Array:
-    """Points (N, 3) from 6 to 60 m ahead, metres, all over the image."""
-    rng = np.random.default_rng(0)
-    z = rng.uniform(6.0, 60.0, count)
-    return np.stack([rng.uniform(-0.7, 0.7, count) * z, rng.uniform(-0.2, 0.2, count) * z, z], axis=1)
-
-
-def seen_points(points: Points) -> Array:
-    """A frame's points (N, 3), metres, that are nearer than 100 m."""
-    X_p = points.X_p
-    return np.asarray(X_p[(X_p[:, 2] > 2.0) & (X_p[:, 2] < 100.0)])
-
-
-def noisy_rows(
-    camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, seed: int
-) -> tuple[Array, Array, Array]:
-    """Rows M (N, 8, 3) and d (N, 8) in metres of points seen with noise, pixels, and their depths (N,)."""
-    places = np.array([*camera.project(X_p), *camera.project(transform(T_cp, X_p))])
-    places += np.random.default_rng(seed).normal(0.0, noise, places.shape)
-    a, b, c, d = places[:, (places[0] - places[1])[:, 0] > 0.5]
-    matches = StereoMatches(a, b, c, d, np.zeros(len(a), np.int64), np.ones(len(a)), np.arange(len(a)))
-    rows = eliminate_points(*feature_rows(camera, matches, T_cp[:3, :3]))
-    return *rows, camera.triangulate(a, b)[:, 2]
-
-
-def answers(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, seeds: int) -> dict[str, Array]:
-    """Least-squares t (S, 3), metres, of points seen with noise, pixels: by rows in metres and in pixels."""
-    found: dict[str, list[Array]] = {"rows in metres": [], "rows in pixels": []}
-    for seed in range(seeds):
-        M, d, depth = noisy_rows(camera, X_p, T_cp, noise, seed)
-        for (_, each), w in zip(found.items(), (np.ones_like(depth), 1.0 / depth), strict=True):
-            rows = (w[:, None, None] * M).reshape(-1, 3), (w[:, None] * d).ravel()
-            each.append(np.asarray(np.linalg.lstsq(*rows)[0], np.float64))
-    return {name: np.array(each) for name, each in found.items()}
-
-
-def residuals(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float) -> Array:
-    """Norms (N,) of what the rows of points seen with noise leave under the true t, all in pixels."""
-    M, d, depth = noisy_rows(camera, X_p, T_cp, noise, seed=0)
-    return np.asarray(camera.f * np.linalg.norm(d - M @ T_cp[:3, 3], axis=1) / depth)
-
-
-def alone(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> Array:
-    """What each feature says of t_cp alone, (N, 3) metres: the solution of its own eight rows."""
-    before = stereo_points(camera, matches.prev_left, matches.prev_right).rotated(R_cp)
-    return np.asarray((stereo_points(camera, matches.cur_left, matches.cur_right).X - before.X).T)
 
 
 def covariance(
@@ -174,7 +119,7 @@ class TranslationPanel(Panel):
         C = covariance(camera, matches, R, config, weighting)
         chart, (left, right) = figure(CHART_HEIGHT, 2, (1.7, 1.0))
         residuals_chart(left, points.X_p[:, 2], residual, config.scale, weighting == ROBUST)
-        ellipse_chart(right, alone(camera, matches, R), weight, t, C, reference, words)
+        ellipse_chart(right, alone(*feature_rows(camera, matches, R)), weight, t, C, reference, words)
         picture = features_picture(
             stereo(sequence, frame)[0],
             matches,

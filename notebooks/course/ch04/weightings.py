@@ -7,6 +7,7 @@ import numpy as np
 from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import TranslationConfig, preset
 from vo_lib.core.camera import StereoCamera
+from vo_lib.core.geometry import transform
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array
 from vo_lib.data.tracks import TrackConfig
@@ -17,6 +18,36 @@ from ..lessons import CAMERA, drive, estimated_rotations
 ROBUST, PUBLISHED, PIXELS, METRES = "robust", "published", "rows in pixels", "rows in metres"
 MEDIAN, MEAN = "median of features", "mean of features"
 WEIGHTINGS = (ROBUST, PUBLISHED, PIXELS, METRES, MEDIAN, MEAN)
+
+
+def spread_points(count: int, seed: int, nearest: float, farthest: float) -> Array:
+    """Points (count, 3) all over the image, metres, between two depths."""
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(nearest, farthest, count)
+    return np.stack([rng.uniform(-0.7, 0.7, count) * z, rng.uniform(-0.2, 0.2, count) * z, z], axis=1)
+
+
+def seen(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, seed: int) -> StereoMatches:
+    """Matches of points X_p (N, 3), metres, seen before and after T_cp with Gaussian noise in pixels.
+
+    A point that noise puts behind the cameras, or nearly at infinity, is left out.
+    """
+    places = np.array([*camera.project(X_p), *camera.project(transform(T_cp, X_p))])
+    places += np.random.default_rng(seed).normal(0.0, noise, places.shape)
+    a, b, c, d = places[:, (places[0] - places[1])[:, 0] > 0.5]
+    return StereoMatches(a, b, c, d, np.zeros(len(a), np.int64), np.ones(len(a)), np.arange(len(a)))
+
+
+def alone(A: Array, B: Array, c: Array) -> Array:
+    """What each feature says of t alone, (N, 3) metres: the solution of its own eight rows A, B (N, 8, 3), c (N, 8)."""
+    M, d = paper.eliminate_points(A, B, c)
+    return np.asarray((np.linalg.pinv(M) @ d[..., None])[..., 0])
+
+
+def solve_all(M: Array, d: Array, weight: Array) -> Array:
+    """Least-squares t (3,) of all rows M (N, 8, 3) and d (N, 8), each feature's times its weight (N,)."""
+    rows = (weight[:, None, None] * M).reshape(-1, 3), (weight[:, None] * d).ravel()
+    return np.asarray(np.linalg.lstsq(*rows)[0], np.float64)
 
 
 def solve_by(
@@ -37,7 +68,8 @@ def solve_by(
     used = np.flatnonzero(depth <= config.max_depth)
     if len(used) == 0:
         return None
-    M, d = paper.eliminate_points(*paper.feature_rows(camera, matches[used], R_cp))
+    rows = paper.feature_rows(camera, matches[used], R_cp)
+    M, d = paper.eliminate_points(*rows)
     weight = np.ones(len(used))
     if weighting == PUBLISHED:
         settings = preset("solution_selection", variant="published").translation
@@ -46,14 +78,9 @@ def solve_by(
             return None
         t, weight = found[0], found[1].astype(np.float64)
     elif weighting in (MEDIAN, MEAN):
-        each = (np.linalg.pinv(M) @ d[..., None])[..., 0]
-        t = (np.median if weighting == MEDIAN else np.mean)(each, axis=0)
+        t = (np.median if weighting == MEDIAN else np.mean)(alone(*rows), axis=0)
     else:
-        row = np.ones(len(used)) if weighting == METRES else 1 / depth[used]
-        t = np.asarray(
-            np.linalg.lstsq((row[:, None, None] * M).reshape(-1, 3), (row[:, None] * d).ravel())[0],
-            np.float64,
-        )
+        t = solve_all(M, d, np.ones(len(used)) if weighting == METRES else 1 / depth[used])
     residuals, weights = np.full((2, len(matches)), ((np.inf,), (np.nan,)))
     residuals[used] = camera.f * np.linalg.norm(d - M @ t, axis=1) / depth[used]
     weights[used] = weight

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,14 +31,32 @@ def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
     return np.degrees(found.rotation), 1e3 * found.translation
 
 
-def claim_lines(sequence: Sequence, runs: Mapping[str, Array]) -> str:
-    """A line for each run: mean errors of a step, and how far from its true place the car ends."""
-    lines = []
-    for name, poses in runs.items():
-        turn, step = (errors.mean() for errors in step_errors(sequence, poses))
-        off = 100 * np.linalg.norm(poses[-1, :3, 3] - true_path(sequence)[-1])
-        lines.append(f"{name:14}: a step {turn:.4f}° and {step:4.1f} mm wrong; {off:5.1f} cm off at the end")
+def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
+    """A line for each run: mean errors of a step, and how far from its true place the car ends.
+
+    Of several seeds the mean, and behind it how far the seeds lie apart (standard deviation).
+    """
+    lines, end = [], true_path(sequence)[-1]
+    for name in seeds[0]:
+        rows = []
+        for runs in seeds:
+            turn, step = (errors.mean() for errors in step_errors(sequence, runs[name]))
+            rows.append((turn, step, 100 * np.linalg.norm(runs[name][-1, :3, 3] - end)))
+        turn, step, off = np.mean(rows, axis=0)
+        lines.append(f"{name:13}: a step {turn:.4f}° and {step:5.2f} mm wrong; {off:5.2f} cm off at the end")
+        if len(seeds) > 1:
+            lines[-1] += "; seeds ± {:.4f}°, {:.2f} mm, {:.2f} cm".format(*np.std(rows, axis=0))
     return "\n".join(lines)
+
+
+def whole_scene(row: str) -> dict[str, str]:
+    """A row of the table of box rules in `results.md`: TE and RE of whole sequences, by rule."""
+    page = (Path(__file__).parents[2] / "results.md").read_text(encoding="utf-8")
+    table = [
+        line.strip("| ").split(" | ") for line in page.split("## Box rules")[1].splitlines() if "|" in line
+    ]
+    cells = next(line for line in table if line[0] == row)
+    return {rule: cell.split("<br>")[0] for rule, cell in zip(table[0][1:], cells[1:], strict=True)}
 
 
 def claim_figure(sequence: Sequence, runs: Mapping[str, Array], height: int = 250) -> Figure:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Callable
+
 import numpy as np
 
 from vo_lib.core.boxes import overlap
@@ -31,9 +34,18 @@ def in_image(xyxy: Array, scale: float, left: int, top: int, width: int, height:
     return Letterbox(*NET, scale, left, top).to_image(xyxy, width, height)
 
 
-def uncut(xyxy: Array, scale: float, left: int, top: int, *size: int) -> Array:
-    """The same boxes as they hang over the edges."""
-    return np.asarray((xyxy - (left, top) * 2) / scale - 0.5)
+def endings(back: Callable[..., Array]) -> list[Callable[..., Array]]:
+    """A way (xyxy, scale, left, top) back into the image: as it is, half a pixel less, and cut at the edges first."""
+    return [
+        lambda xyxy, s, x, y, w, h: back(xyxy, s, x, y),
+        lambda xyxy, s, x, y, w, h: back(xyxy, s, x, y) - 0.5,
+        lambda xyxy, s, x, y, w, h: np.clip(back(xyxy, s, x, y), 0, (w, h) * 2) - 0.5,
+    ]
+
+
+def outer(xyxy: Array, scale: float, left: int, top: int) -> Array:
+    """The right way back, counted from the outer edge and not cut."""
+    return np.asarray((xyxy - (left, top) * 2) / scale)
 
 
 def common(a: Array, b: Array, least: float = 0.0) -> float:
@@ -57,20 +69,31 @@ def pairs() -> list[Case]:
     return [(a, b), (a, far), (np.array([0.0, 0, 10, 10]), np.array([20.0, 20, 30, 30])), (a, a.copy())]
 
 
-def suppressed(corners: Array, scores: Array, most: float, against_kept: bool = True) -> list[int]:
-    """Indices that greedy suppression keeps, best first; or those free of all better boxes, kept or not."""
+def suppressed(
+    corners: Array,
+    scores: Array,
+    most: float,
+    rivals: slice | None = slice(None),
+    goes: Callable[[float, float], bool] = operator.gt,
+) -> list[int]:
+    """Indices that greedy suppression keeps, best first.
+
+    A box is compared with those kept before that `rivals` chooses, or with all better ones where it is None.
+    """
     order = np.argsort(-scores, kind="stable").tolist()
     shares = overlap(corners, corners)
     kept: list[int] = []
     for place, k in enumerate(order):
-        if all(shares[k, better] <= most for better in (kept if against_kept else order[:place])):
+        better = order[:place] if rivals is None else kept[rivals]
+        if not any(goes(float(shares[k, other]), most) for other in better):
             kept.append(k)
     return kept
 
 
 def heaps() -> list[Case]:
-    """Five boxes, and twenty random heaps with thresholds of their own."""
-    cases: list[Case] = [(CORNERS, SCORES, 0.5)]
+    """Five boxes; two that share as much as is allowed; twenty random heaps with thresholds of their own."""
+    half = np.array([[0.0, 0, 10, 10], [0.0, 0, 10, 5]])
+    cases: list[Case] = [(CORNERS, SCORES, 0.5), (half, np.array([0.8, 0.9]), 0.5)]
     for seed in range(20):
         rng = np.random.default_rng(seed)
         corner = rng.uniform(0, 100, (15, 2))
@@ -105,61 +128,39 @@ to_image = Exercise(
     atol=1e-6,
     task="A function (xyxy (K, 4), scale, left, top, width, height) -> boxes (K, 4) in the image, pixels.",
     praise="the library's `Letterbox.to_image`: network and image name the same places again.",
-    hint="solve u_net = scale (u + 0.5) + left for u.",
+    hint="solve u_net = s (u + ½) + left for u, step by step, from the outside.",
+    line="np.clip((xyxy - (left, top) * 2) / scale, 0, (width, height) * 2) - 0.5",
     library=("to_image",),
     mistakes=(
         Mistake(
-            "the last box still hangs over the edge of the image.",
-            "cut to 0 … width and 0 … height with np.clip, before the half pixel is taken off.",
-            uncut,
+            "the last box still hangs over the edge of the image: cut it before the half pixel is taken off.",
+            endings(outer)[1],
         ),
         Mistake(
-            "the cut is half a pixel too early: the image's outer edge is width - 0.5.",
-            "np.clip to 0 … width first, then - 0.5.",
-            lambda xyxy, s, x, y, w, h: np.clip(uncut(xyxy, s, x, y), 0, (w - 1, h - 1) * 2),
+            "the cut comes half a pixel too late: counted from pixel centres, the edge is at width - 0.5.",
+            lambda xyxy, s, x, y, w, h: np.clip(outer(xyxy, s, x, y) - 0.5, 0, (w - 1, h - 1) * 2),
+            lambda xyxy, s, x, y, w, h: np.clip(outer(xyxy, s, x, y) - 0.5, 0, (w, h) * 2),
         ),
         Mistake(
-            "everything is half a pixel too far to the right and down.",
-            "the network counts from a pixel's outer edge, the kit from its centre: - 0.5.",
+            "all is half a pixel too far right and down: the kit counts from a pixel's centre.",
             lambda *case: in_image(*case) + 0.5,
         ),
+        Mistake("the half pixel goes the other way.", lambda *case: in_image(*case) + 1.0),
+        Mistake("the border is forgotten: left and top.", *endings(lambda xyxy, s, x, y: xyxy / s)),
         Mistake(
-            "the half pixel goes the other way.",
-            "u = (…) / scale - 0.5.",
-            lambda *case: in_image(*case) + 1.0,
+            "first the scale and then the border is the wrong order: the border was added last.",
+            *endings(lambda xyxy, s, x, y: xyxy / s - (x, y) * 2),
         ),
         Mistake(
-            "the border is forgotten.",
-            "take left from the x and top from the y before dividing.",
-            lambda xyxy, s, x, y, w, h: xyxy / s,
-            lambda xyxy, s, x, y, w, h: xyxy / s - 0.5,
-            lambda xyxy, s, x, y, w, h: np.clip(xyxy / s, 0, (w, h) * 2) - 0.5,
-        ),
-        Mistake(
-            "first the scale and then the border is the wrong order.",
-            "the border was added last, in the network's pixels, so it goes first.",
-            lambda xyxy, s, x, y, w, h: xyxy / s - (x, y) * 2,
-            lambda xyxy, s, x, y, w, h: xyxy / s - (x, y) * 2 - 0.5,
-            lambda xyxy, s, x, y, w, h: np.clip(xyxy / s - (x, y) * 2, 0, (w, h) * 2) - 0.5,
-        ),
-        Mistake(
-            "left and top are exchanged.",
-            "columns are x, y, x, y: subtract left, top, left, top.",
-            lambda xyxy, s, x, y, w, h: (xyxy - (y, x) * 2) / s,
-            lambda xyxy, s, x, y, w, h: (xyxy - (y, x) * 2) / s - 0.5,
-            lambda xyxy, s, x, y, w, h: np.clip((xyxy - (y, x) * 2) / s, 0, (w, h) * 2) - 0.5,
+            "left and top are exchanged: columns are x, y, x, y.",
+            *endings(lambda xyxy, s, x, y: (xyxy - (y, x) * 2) / s),
         ),
         Mistake(
             "multiplied by the scale: this makes boxes smaller still.",
-            "divide by it.",
-            lambda xyxy, s, x, y, w, h: (xyxy - (x, y) * 2) * s,
-            lambda xyxy, s, x, y, w, h: (xyxy - (x, y) * 2) * s - 0.5,
-            lambda xyxy, s, x, y, w, h: np.clip((xyxy - (x, y) * 2) * s, 0, (w, h) * 2) - 0.5,
+            *endings(lambda xyxy, s, x, y: (xyxy - (x, y) * 2) * s),
         ),
         Mistake(
-            "boxes inside are right, one over the edge is not.",
-            "np.clip to 0 … width and height.",
-            lambda xyxy, s, x, y, w, h: np.minimum(uncut(xyxy, s, x, y), w + 9),
+            "boxes inside are right, one over the edge is not: cut it on all four sides.",
             when=lambda got, xyxy, *case: len(xyxy) == 1,
         ),
     ),
@@ -169,17 +170,12 @@ cells = Exercise(
     yolox_cells(WIDTH, HEIGHT),
     task="How many cells a network with strides 8, 16, 32 has for 800 × 256 px.",
     praise="{right} candidates, for an image with a dozen vehicles: most cells must say no.",
-    hint="(800 / 8) · (256 / 8), and the same with 16 and with 32.",
+    hint="columns times rows of each grid, and all three grids together.",
+    line="sum((800 // stride) * (256 // stride) for stride in (8, 16, 32))",
     mistakes=(
-        Mistake(
-            "these are the cells of stride 8 alone.", "add those of strides 16 and 32.", WIDTH * HEIGHT // 64
-        ),
-        Mistake(
-            "this is one row of each grid.",
-            "columns times rows: (800 / 8) · (256 / 8) + …",
-            WIDTH // 8 + WIDTH // 16 + WIDTH // 32,
-        ),
-        Mistake("these are the pixels.", "a cell of stride 8 covers 8 × 8 of them.", WIDTH * HEIGHT),
+        Mistake("these are the cells of stride 8 alone.", WIDTH * HEIGHT // 64),
+        Mistake("this is one row of each grid.", WIDTH // 8 + WIDTH // 16 + WIDTH // 32),
+        Mistake("these are the pixels; a cell of stride 8 covers 8 × 8 of them.", WIDTH * HEIGHT),
     ),
 )
 
@@ -188,38 +184,25 @@ iou = Exercise(
     pairs,
     task="A function (a (4,), b (4,)) -> intersection over union of two boxes x0, y0, x1, y1.",
     praise="{got:.3f} for two boxes 10 px apart; 1 with itself; 0 where nothing is shared.",
-    hint="common from max of the left and upper sides to min of the right and lower ones.",
+    hint="where does the common part begin, and where does it end? Then the three areas.",
+    line="sides = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0)",
     library=("overlap",),
     mistakes=(
+        Mistake("this is the common area in pixels, not yet divided.", common),
         Mistake(
-            "this is the common area, in pixels.", "divide by the area that both cover together.", common
-        ),
-        Mistake(
-            "the common part is counted twice below the line.",
-            "union = area a + area b - common.",
+            "this is not divided by the union: both areas, less what was counted twice.",
             lambda a, b: common(a, b) / (area(a) + area(b)),
-        ),
-        Mistake(
-            "divided by the area of one box.",
-            "union = area a + area b - common.",
             lambda a, b: common(a, b) / area(a),
             lambda a, b: common(a, b) / area(b),
+            lambda a, b: common(a, b) / min(area(a), area(b)),
+            lambda a, b: common(a, b) / max(area(a), area(b)),
         ),
         Mistake(
-            "two boxes that do not touch have {got:.2f}, not 0.",
-            (
-                "a negative width or height of the common part counts as 0; two of them multiply to more "
-                "than 0."
-            ),
+            "two boxes that do not touch have {got:.2f}, not 0: a negative side of the common part counts as 0.",
             lambda a, b: shared(a, b, -1e9),
             when=lambda got, a, b: common(a, b) == 0,
         ),
-        Mistake(
-            "a box with itself has {got:.3f}, not 1.",
-            "intersection and union are then the same.",
-            lambda a, b: 0.0 if (a == b).all() else shared(a, b),
-            when=lambda got, a, b: (a == b).all(),
-        ),
+        Mistake("a box with itself has {got:.3f}, not 1.", when=lambda got, a, b: (a == b).all()),
     ),
 )
 
@@ -229,45 +212,47 @@ suppress = Exercise(
     task="A function (corners (N, 4), scores (N,), most) -> indices kept by suppression, best first.",
     praise="best first, for these five boxes and also in 20 random heaps.",
     hint="take the best, drop what overlaps it by more than `most`, repeat.",
+    line="for k in np.argsort(-scores): if all(shared[k, other] <= most for other in kept): kept.append(k)",
     library=("best_boxes", "NMSBoxes"),
     mistakes=(
         Mistake(
-            "these are boxes.",
-            "return their indices.",
+            "indices are asked for, not boxes, scores or a mask.",
             lambda corners, scores, most: corners[suppressed(corners, scores, most)],
-            when=lambda got, *case: got.ndim == 2,
+            when=lambda got, *case: got.ndim == 2 or got.dtype.kind == "f",
         ),
         Mistake(
-            "the worse of two boxes on one car stays.",
-            "np.argsort(-scores): the best comes first.",
+            "the worse of two boxes on one car stays: go through them with the best first.",
             lambda corners, scores, most: suppressed(corners, -scores, most),
             when=lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got,
         ),
         Mistake(
-            "boxes that overlap only a little go, too.",
-            "a box goes when its IoU is above `most`, not above 0.",
+            "boxes that overlap only a little go as well: compare with `most`, not with 0.",
             lambda corners, scores, most: suppressed(corners, scores, 0.0),
             when=lambda got, corners, *case: len(corners) == 5 and not {2, 4} <= set(got.ravel()),
         ),
         Mistake(
-            "right for five boxes, wrong for another threshold.",
-            "use `most`, not 0.5.",
+            "a box whose IoU is exactly `most` goes here; only what is above goes.",
+            lambda corners, scores, most: suppressed(corners, scores, most, goes=operator.ge),
+        ),
+        Mistake(
+            "right for five boxes, wrong for another threshold: use `most`, not 0.5.",
             lambda corners, scores, most: suppressed(corners, scores, 0.5),
         ),
         Mistake(
-            "right for five boxes, wrong for other boxes.",
-            "compare with the boxes kept, not with all better ones.",
-            lambda corners, scores, most: suppressed(corners, scores, most, against_kept=False),
+            "compared with all better boxes: one that has gone itself drops no others.",
+            lambda corners, scores, most: suppressed(corners, scores, most, None),
         ),
         Mistake(
-            "the right boxes in another order.",
-            "go through them by descending score.",
-            lambda *case: sorted(suppressed(*case)),
+            "compared with one kept box only: a box has to be free of all that stay.",
+            lambda corners, scores, most: suppressed(corners, scores, most, slice(-1, None)),
+            lambda corners, scores, most: suppressed(corners, scores, most, slice(1)),
+        ),
+        Mistake(
+            "the right boxes in another order; the best comes first.",
             when=lambda got, *case: sorted(got) == sorted(suppressed(*case)),
         ),
         Mistake(
             "nothing is suppressed.",
-            "drop what overlaps a kept box by more than `most`.",
             lambda corners, scores, most: np.argsort(-scores),
             when=lambda got, corners, *case: len(got) == len(corners),
         ),
@@ -277,79 +262,69 @@ suppress = Exercise(
 keep_outside = Exercise(
     outside,
     features,
-    task=(
-        "A function (uv_p (N, 2), uv_c (N, 2), boxes_p (K, 4), boxes_c (L, 4)) -> matches to keep, (N,) bool."
-    ),
+    task="A function (uv_p (N, 2), uv_c (N, 2), boxes_p (K, 4), boxes_c (L, 4)) -> matches to keep, (N,) bool.",
     praise="the same matches as `static_matches` keeps.",
-    hint="inside: x0 <= u <= x1 and y0 <= v <= y1 of any one box.",
+    hint="when is a point in one box? When in any? And a match has two points.",
+    line="((uv[:, None] >= boxes[:, :2]) & (uv[:, None] <= boxes[:, 2:])).all(axis=2).any(axis=1)",
     library=("inside", "in_boxes", "on_vehicles", "static_matches"),
     mistakes=(
+        Mistake("the mask is upside down: it marks those to be removed.", lambda *case: ~outside(*case)),
         Mistake(
-            "the mask is upside down: it marks those to be removed.",
-            "return ~removed.",
-            lambda *case: ~outside(*case),
+            "these are indices; return a mask, one True or False for each match.",
+            lambda *case: np.flatnonzero(outside(*case)),
+            lambda *case: np.flatnonzero(~outside(*case)),
         ),
         Mistake(
-            "the current image is not asked.",
-            "a match goes when either of its two points is in a box.",
+            "one of the two images is not asked; either point may be in a box.",
             lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p),
-        ),
-        Mistake(
-            "the previous image is not asked.",
-            "a match goes when either of its two points is in a box.",
             lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_c, boxes_c),
         ),
         Mistake(
-            "a match goes only when both points are in a box.",
-            "either image counts, so `|`.",
+            "a match goes only when both points are in a box; one is enough.",
             lambda uv_p, uv_c, boxes_p, boxes_c: ~(inside(uv_p, boxes_p) & inside(uv_c, boxes_c)),
         ),
         Mistake(
-            "the boxes of the two images are exchanged.",
-            "uv_p with boxes_p, uv_c with boxes_c.",
+            "the boxes of the two images are exchanged, or mixed: uv_p belongs to boxes_p alone.",
             lambda uv_p, uv_c, boxes_p, boxes_c: outside(uv_p, uv_c, boxes_c, boxes_p),
+            lambda uv_p, uv_c, *both: outside(uv_p, uv_c, np.concatenate(both), np.concatenate(both)),
         ),
         Mistake(
-            "without any box some matches go.",
-            "with no box nothing lies in one: .any(axis=1).",
-            lambda uv_p, uv_c, boxes_p, boxes_c: outside(uv_p, uv_c, boxes_p, boxes_c) & bool(len(boxes_p)),
+            "u and v are exchanged: boxes begin with their u.",
+            lambda uv_p, uv_c, *both: outside(uv_p[:, ::-1], uv_c[:, ::-1], *both),
+        ),
+        Mistake(
+            "without any box some matches go: with no box nothing lies in one.",
             when=lambda got, uv_p, uv_c, boxes_p, boxes_c: not len(boxes_p),
         ),
     ),
 )
 
-
 sparing_rule = Exercise(
     {"removed": 40.0, KEPT: 1.0, LOST: 15.0},
     task="The panel removes most features on moving things, and few on standing ones.",
-    praise=(
-        "{on moving things, kept:.0f} on moving things stay, {on standing things, removed:.0f} on standing "
-        "things go."
-    ),
-    hint="",
+    praise=f"{{{KEPT}:.0f}} on moving things stay, {{{LOST}:.0f}} on standing things go.",
     mistakes=(
         Mistake(
-            "in this sequence nobody knows what moves.",
-            "choose a drawn scene: synthetic/traffic.",
-            {KEPT: np.nan},
+            "in this sequence nobody knows what moves; choose synthetic/traffic.",
             when=lambda facts: not np.isfinite(facts[KEPT] + facts[LOST]),
         ),
         Mistake(
-            "nothing is removed.",
-            "choose another rule than `none`, and a score below 1.",
-            {"removed": 0.0},
+            "nothing is removed: choose another rule than `none`, and a score below 1.",
             when=lambda facts: not facts["removed"] > 0,
         ),
         Mistake(
-            "{on moving things, kept:.0f} features on moving things stay.",
+            "nothing that moves stays and nothing that stands goes: this is the rule `truth`.",
+            "it reads the answer from the drawn scene. Find a rule that a car on a real road could use.",
+            when=lambda facts: facts[KEPT] == facts[LOST] == 0,
+        ),
+        Mistake(
+            f"{{{KEPT}:.0f}} features on moving things stay.",
             "lower the score, or let the boxes grow a little: which of them is too tight?",
-            {KEPT: 4.0},
             when=lambda facts: facts[KEPT] > 2,
         ),
         Mistake(
-            "{on standing things, removed:.0f} features on standing things go.",
+            f"{{{LOST}:.0f}} features on standing things go.",
             "houses in a box's corner and parked cars need not go: which rule looks at motion?",
-            {LOST: 50.0},
             when=lambda facts: facts[LOST] > 20,
         ),
     ),

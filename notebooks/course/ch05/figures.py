@@ -5,13 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array, Image
+from vo_lib.core.types import Array, Image, Mask
 from vo_lib.detection.yolo import Candidates
 from vo_lib.detection.yolo_layout import STRIDES, Letterbox, place
 from vo_lib.tables.plots import match_image
@@ -21,7 +19,6 @@ from ..ch04.figures import mark_reference, millimetres_from_above
 from ..drawing import (
     BAD,
     COARSE,
-    CYCLE,
     DARK,
     FIFTH,
     GOOD,
@@ -30,15 +27,11 @@ from ..drawing import (
     WIDTH,
     bgr,
     caption,
-    figure,
-    finish,
-    log_axis,
     photo,
     room,
 )
 
 MOST_DRAWN = 400  # candidates; more would hide the picture
-LEAST = 0.05  # mm shown of an error
 LEAST_LABELLED = 44  # pixels of a box, for its score above it
 DOTS = (PALE, 9.0), (GOOD, 6.0)  # with all features, with those kept: colour, size in points
 
@@ -105,7 +98,7 @@ def cells_picture(image: Image, plan: Letterbox, corners: Array, scores: Array) 
 def filter_picture(
     image: Image,
     matches: StereoMatches,
-    keep: NDArray[np.bool_],
+    keep: Mask,
     boxes: Boxes,
     state: NDArray[np.int64] | None,
     words: str,
@@ -127,24 +120,4 @@ def errors_chart(axis: Axes, errors: dict[str, Array], reference: str, title: st
     for (name, error), (colour, size) in zip(errors.items(), DOTS, strict=True):
         axis.plot(*error[[0, 2]], "o", color=colour, markeredgecolor=DARK, markersize=size, label=name)
     largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
-    dots = np.array([(0.0, 0.0), *(error[[0, 2]] for error in errors.values())])
-    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title, dots)
-
-
-def rules_figure(errors: dict[str, Array], first: int, height: int = 290) -> Figure:
-    """Error of t in each frame by rule (F,), millimetres; left by frame, right sorted by size."""
-    made, (left, right) = figure(height, 2, (1.7, 1.0))
-    for (name, values), colour in zip(errors.items(), CYCLE, strict=False):
-        shown, frames = np.clip(values, LEAST, None), first + np.arange(len(values))
-        left.plot(frames, shown, ".-", color=colour, linewidth=1, markersize=4, label=name)
-        share = (np.arange(len(shown)) + 1) / len(shown)
-        words = f"{name}: median {np.median(values):.1f}"
-        right.plot(np.sort(shown), share, color=colour, linewidth=1.5, label=words)
-    every = np.clip(np.concatenate(list(errors.values())), LEAST, None)
-    low, high = float(every.min()) / 1.2, float(every.max()) * 1.2
-    log_axis(left.yaxis, low, high, COARSE)
-    log_axis(right.xaxis, low, high, COARSE)
-    left.xaxis.set_major_locator(MaxNLocator(integer=True))
-    finish(left, "error of the translation by frame", "frame", "error of t [mm]")
-    finish(right, "frames with a smaller error", "error of t [mm]", "share of the frames")
-    return made
+    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title)

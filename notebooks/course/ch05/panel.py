@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vo_lib.beyond.box_filter import BoxFilter, Filtered
 from vo_lib.config import CalibrationConfig, Config, DetectorConfig, FilterConfig, preset
@@ -14,20 +14,21 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.frame import FrameResult
 from vo_lib.core.geometry import rotation_angle
 from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Image, Progress
-from vo_lib.data.sequence import Sequence
+from vo_lib.core.types import Array, Image, Mask, Progress
+from vo_lib.data.sequence import SYNTHETIC, Sequence, available, open_sequence
 from vo_lib.detection.yolo import Candidates, YoloDetector, find_model
 from vo_lib.detection.yolo_layout import STRIDES, Float32
 from vo_lib.method.boxes import vehicles
 from vo_lib.runs.runner import make_odometry
 
+from ..ch03.figures import errors_figure
 from ..ch04.figures import MILLI
 from ..controls import Control
 from ..drawing import WIDTH, caption, figure, photo, raster, stack
 from ..facts import Fact
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
 from ..panel import Drawing, Panel, State
-from .figures import candidates_picture, errors_chart, filter_picture, rules_figure
+from .figures import candidates_picture, errors_chart, filter_picture
 
 PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
 HISTORY = 4  # frames before the one shown from which the rule `moving` knows its boxes
@@ -51,7 +52,6 @@ class FilteringView(Checked):
 _detectors: Memory[YoloDetector] = Memory(3)
 _candidates: Memory[Candidates] = Memory(48)
 _motions: Memory[FrameResult] = Memory(48)
-_moving: Memory[NDArray[np.bool_]] = Memory(24)
 
 
 def detector_of(model: str) -> YoloDetector:
@@ -80,6 +80,11 @@ def as_yolox(found: Candidates) -> Float32:
     return np.hstack([centre, np.log((last - first) / stride), anything, classes]).astype(np.float32)
 
 
+def real_drives() -> Iterator[Sequence]:
+    """The real drives found on this machine, one after the other."""
+    return (open_sequence(name) for name in available() if not name.startswith(SYNTHETIC))
+
+
 def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: float) -> Boxes:
     """Boxes of a frame's left image by a model, or those of the sequence's own labels."""
     if model.strip() == LABELS:
@@ -104,18 +109,12 @@ def filtered_frame(
     for index in range(first, frame + 1):
         matches = frame_matches(sequence, index, config)
         boxes = frame_boxes(sequence, index, view.model, rule.score, view.nms)
-        known = on_moving(sequence, index, config) if rule.rule == "truth" else None
+        known = sequence.on_moving(index, matches) if rule.rule == "truth" else None
         result = judge.step(matches, boxes, known)
     return result, boxes
 
 
-def on_moving(sequence: Sequence, frame: int, config: Config) -> NDArray[np.bool_]:
-    """Which matches (N,) of a drawn frame are on things that move."""
-    key = (*key_of(sequence, frame), config.features, config.matching)
-    return _moving.get(key, lambda: sequence.on_moving(frame, frame_matches(sequence, frame, config)))
-
-
-def motion_from(sequence: Sequence, frame: int, keep: NDArray[np.bool_], config: Config) -> FrameResult:
+def motion_from(sequence: Sequence, frame: int, keep: Mask, config: Config) -> FrameResult:
     """The frame's motion from the matches that `keep` (N,) leaves, of two images alone.
 
     No previous vector and no calibration: so nothing but the choice of features differs.
@@ -140,7 +139,7 @@ def compare_rules(
     view: FilteringView | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Array]:
-    """Error of each frame's translation by rule, (F,) metres; needs true poses."""
+    """Error of each frame's translation by rule, (F,) millimetres; needs true poses."""
     config, view = config or preset("mesvo_f"), view or FilteringView()
     errors: dict[str, list[float]] = {rule: [] for rule in rules}
     for done, frame in enumerate(frames, start=1):
@@ -151,7 +150,7 @@ def compare_rules(
             chosen = replace(config, filter=replace(config.filter, rule=rule))
             keep = filtered_frame(sequence, frame, chosen, view)[0].keep
             t = motion_from(sequence, frame, keep, config).T_cp[:3, 3]
-            errors[rule].append(float(np.linalg.norm(t - T_true[:3, 3])))
+            errors[rule].append(MILLI * float(np.linalg.norm(t - T_true[:3, 3])))
         if progress:
             progress(done, len(frames))
     return {rule: np.array(values) for rule, values in errors.items()}
@@ -180,7 +179,7 @@ class FilteringPanel(Panel):
         result, boxes = filtered_frame(sequence, frame, state.config, state.view)
         judged = result.judgement
         shown = vehicles(boxes, rule) if judged is None else judged.boxes
-        removed = int(np.count_nonzero(~result.keep))
+        removed = int(np.sum(~result.keep))
         picture = filter_picture(
             stereo(sequence, frame)[0],
             matches,
@@ -198,16 +197,17 @@ class FilteringPanel(Panel):
         errors = {name: MILLI * (T[:3, 3] - reference[:3, 3]) for name, T in (("all", every), ("kept", kept))}
         network, candidates = self._network(state, boxes)
         change = MILLI * float(np.linalg.norm(kept[:3, 3] - every[:3, 3]))
+        turned = (
+            np.nan if T_true is None else float(np.degrees(rotation_angle(kept[:3, :3].T @ T_true[:3, :3])))
+        )
         sizes = [np.nan if T_true is None else float(np.linalg.norm(error)) for error in errors.values()]
         sentence = f"With {len(shown)} boxes here and those of the image before, "
         sentence += f"the rule removes {removed} of {len(matches)} features. "
         if T_true is None:
             sentence += f"That moves the translation by {change:.1f} mm; the truth is not known here."
         else:
-            sentence += (
-                f"The translation is {sizes[0]:.1f} mm from the truth with all features, "
-                f"{sizes[1]:.1f} mm with those kept."
-            )
+            sentence += f"The translation is {sizes[0]:.1f} mm from the truth with all features, "
+            sentence += f"{sizes[1]:.1f} mm with those kept."
         if judged is not None and removed:
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
         if state.view.model.strip() == "street" and truth(sequence) is None:
@@ -222,14 +222,12 @@ class FilteringPanel(Panel):
             Fact("error, all", sizes[0], "mm", 1),
             Fact("error, kept", sizes[1], "mm", 1),
             Fact("change of t", change, "mm", 1),
-            Fact("rotation error, kept", np.nan if T_true is None else _degrees(kept, T_true), "°", 3),
+            Fact("rotation error, kept", turned, "°", 3),
         ]
         if truth(sequence) is not None:
-            moving = on_moving(sequence, frame, state.config)
-            facts += [
-                Fact("on moving things, kept", int(np.count_nonzero(moving & result.keep))),
-                Fact("on standing things, removed", int(np.count_nonzero(~moving & ~result.keep))),
-            ]
+            moving = sequence.on_moving(frame, matches)
+            facts.append(Fact("on moving things, kept", int(np.sum(moving & result.keep))))
+            facts.append(Fact("on standing things, removed", int(np.sum(~moving & ~result.keep))))
         chart, (axis,) = figure(CHART_HEIGHT, width=WIDTH - NET_WIDTH)
         errors_chart(axis, errors, words, title)
         below = np.hstack([network, raster(chart)])
@@ -237,18 +235,16 @@ class FilteringPanel(Panel):
 
     def work(self, state: State, progress: Progress) -> Drawing:
         """The errors by rule over the next frames."""
-        last = min(state.frame + FRAMES, len(state.sequence))
         rules = (*RULES, "truth") if truth(state.sequence) is not None else RULES
-        frames = range(state.frame, last)
+        frames = range(state.frame, len(state.sequence))[:FRAMES]
         progress(0, len(frames))
         errors = compare_rules(state.sequence, frames, rules, state.config, state.view, progress)
-        in_mm = {rule: MILLI * values for rule, values in errors.items()}
-        chart = rules_figure(in_mm, state.frame, self.height)
+        chart = errors_figure(errors, frames, "error of the translation", unit="mm", height=self.height)
         sentence = (
-            f"Error of the translation in frames {state.frame} to {last - 1}, each from its two pairs alone; "
+            f"Error of the translation in frames {frames[0]} to {frames[-1]}, each from its two pairs alone; "
             "move a control to come back."
         )
-        facts = tuple(Fact(f"median, {rule}", float(np.median(v)), "mm", 2) for rule, v in in_mm.items())
+        facts = tuple(Fact(f"median, {rule}", float(np.median(v)), "mm", 2) for rule, v in errors.items())
         return Drawing(stack([chart], self.height), sentence, facts)
 
     def _network(self, state: State, boxes: Boxes) -> tuple[Image, int]:
@@ -263,7 +259,3 @@ class FilteringPanel(Panel):
         count = int(np.count_nonzero(found.scores.max(axis=1) >= rule.score))
         words = f"network's image: {count} candidates orange, {len(boxes)} boxes left blue"
         return candidates_picture(image, found, rule.score, corners, words, NET_WIDTH, CHART_HEIGHT), count
-
-
-def _degrees(T: Array, reference: Array) -> float:
-    return float(np.degrees(rotation_angle(T[:3, :3].T @ reference[:3, :3])))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,20 +38,39 @@ def judged_pair() -> tuple[Array, Array]:
 
 
 def stretches() -> list[Case]:
-    """Two sub-sequences of the pair: first and last frame, length."""
-    return [(*judged_pair(), 20, 171, 150.0), (*judged_pair(), 150, 352, 200.0)]
+    """Two sub-sequences of the pair: first and last frame, length; and one that is right but for rounding.
+
+    A rotation in a printed file has few digits: the trace of the last error comes out above 3.
+    """
+    truth, estimate = judged_pair()
+    rounded = truth.copy()
+    rounded[100, :3, :3] *= 1.0 - 1e-9
+    return [
+        (truth, estimate, 20, 171, 150.0),
+        (truth, estimate, 150, 352, 200.0),
+        (truth, rounded, 0, 100, 99.0),
+    ]
 
 
-def errors(truth: Array, estimate: Array, first: int, last: int, length: float) -> Array:
-    """TE in % and RE in deg/100 m of a sub-sequence, (2,)."""
-    motion, true_motion = (np.linalg.inv(T[first]) @ T[last] for T in (estimate, truth))
-    return measured(np.linalg.inv(motion) @ true_motion, length)
-
-
-def measured(error: Array, length: float) -> Array:
-    """TE and RE (2,) of an error of motion."""
-    angle = np.arccos(np.clip((np.trace(error[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
+def measured(error: Array, length: float, cosine: Callable[[Array], float] | None = None) -> Array:
+    """TE in % and RE in deg/100 m (2,) of an error of motion (4, 4); `cosine` of its angle, where another."""
+    rotation = (np.trace(error[:3, :3]) - 1.0) / 2.0
+    angle = np.arccos(np.clip(rotation, -1.0, 1.0) if cosine is None else cosine(error))
     return np.array([np.linalg.norm(error[:3, 3]), np.degrees(angle)]) * 100.0 / length
+
+
+def errors(
+    truth: Array,
+    estimate: Array,
+    first: int,
+    last: int,
+    length: float,
+    motion: Callable[[Array, int, int], Array] = lambda T, i, j: np.linalg.inv(T[i]) @ T[j],
+    cosine: Callable[[Array], float] | None = None,
+) -> Array:
+    """TE in % and RE in deg/100 m of a sub-sequence, (2,)."""
+    error = np.linalg.inv(motion(estimate, first, last)) @ motion(truth, first, last)
+    return measured(error, length, cosine)
 
 
 def te_re(mean: Callable[[Array, Array], Any], every: int | None = None) -> Callable[..., Any]:
@@ -79,32 +99,26 @@ end_frame = Exercise(
     task="A function (path (N,), first, length) -> first frame beyond path[first] + length, or None.",
     praise="the first frame beyond the length, or none. Standing still (frames 3 and 4) does no harm.",
     hint="the path lengths are 0, 1, 2, 3, 3, 4.5, 6, 7.",
+    line="beyond = np.flatnonzero(path > path[first] + length)",
     mistakes=(
         Mistake(
-            "frame {got:.0f} is counted from the first one.",
-            "add `first`: frames are counted from the start of the path.",
-            lambda path, first, length: (
-                None if end(path, first, length) is None else end(path, first, length) - first
-            ),
+            "frame {got:.0f} is counted from the first one, not from the start of the path.",
+            lambda path, first, length: (i := end(path, first, length)) and i - first,
         ),
         Mistake(
-            "frame {got:.0f} has reached the length, not exceeded it.",
-            "KITTI asks for more than: >.",
+            "frame {got:.0f} has reached the length; KITTI asks for more.",
             lambda path, first, length: np.argmax(path >= path[first] + length),
         ),
         Mistake(
-            "the length is counted from frame 0.",
-            "path[first] + length.",
+            "the length is counted from frame 0: where is the car at frame `first`?",
             lambda path, first, length: np.argmax(path > length),
         ),
         Mistake(
-            "the path ends after 7 m, but the answer for 100 m is {got:.0f}.",
-            "np.argmax of nothing but False is 0: ask whether there is any.",
+            "the path ends after 7 m, but the answer for 100 m is {got:.0f}: argmax of nothing but False is 0.",
             lambda path, first, length: np.argmax(path > path[first] + length),
         ),
         Mistake(
-            "a path that is too short raises IndexError.",
-            "return None in that case.",
+            "a path that is too short raises IndexError; return None then.",
             lambda path, first, length: np.flatnonzero(path > path[first] + length)[0],
         ),
     ),
@@ -117,34 +131,37 @@ part_errors = Exercise(
     atol=1e-6,
     task="A function (truth, estimate, first, last, length) -> TE in %, RE in deg/100 m of one sub-sequence.",
     praise="the error of one sub-sequence, as the devkit takes it.",
-    hint=(
-        "te: the norm of error[:3, 3] / length, times 100; re: the angle of a rotation is acos((trace - 1) "
-        "/ 2), in deg/100 m."
-    ),
+    hint="two motions first, then what is between them: its length for TE, its angle acos((trace - 1) / 2) for RE.",
+    line="error = inv(inv(estimate[first]) @ estimate[last]) @ inv(truth[first]) @ truth[last]",
     library=("kitti_errors",),
     mistakes=(
-        Mistake("TE is a fraction, not %.", "times 100.", times(errors, 0.01, 1.0)),
+        Mistake("TE is a fraction, not %.", times(errors, 0.01, 1.0)),
         Mistake(
-            "the translation error is in metres.",
-            "divide by the nominal length, times 100 for %.",
+            "the translation error is in metres, not in % of the nominal length.",
             lambda *case: errors(*case) * [case[4] / 100.0, 1.0],
         ),
         Mistake(
             "this compares end positions without making the starts equal.",
-            "motions: inv(T[first]) @ T[last], once for the truth, once for the estimate.",
-            lambda truth, estimate, first, last, length: measured(
-                np.linalg.inv(estimate[last]) @ truth[last], length
-            ),
-            lambda truth, estimate, first, last, length: measured(
-                np.linalg.inv(estimate[last]) @ truth[last], length
-            ),
+            lambda T, S, first, last, length: measured(np.linalg.inv(S[last]) @ T[last], length),
         ),
-        Mistake("TE is right, RE is in radians.", "np.degrees.", times(errors, 1.0, np.pi / 180.0)),
-        Mistake("TE is right, RE is per metre.", "deg/100 m: times 100.", times(errors, 1.0, 0.01)),
         Mistake(
-            "TE is right, RE is in degrees.",
-            "divide by the length, times 100.",
+            "these are motions in the world: the inverse of the first pose stands on the left.",
+            partial(errors, motion=lambda T, i, j: T[j] @ np.linalg.inv(T[i])),
+        ),
+        Mistake("TE is right, RE is in radians.", times(errors, 1.0, np.pi / 180.0)),
+        Mistake("TE is right, RE is per metre.", times(errors, 1.0, 0.01)),
+        Mistake(
+            "TE is right, RE is in degrees, not by length.",
             lambda *case: errors(*case) * [1.0, case[4] / 100.0],
+        ),
+        Mistake(
+            "TE is right; the trace is that of all four rows, and a rotation has three.",
+            partial(errors, cosine=lambda error: (np.trace(error) - 1) / 2),
+            partial(errors, cosine=lambda error: min((np.trace(error) - 1) / 2, 1)),
+        ),
+        Mistake(
+            "a right estimate with few digits gives NaN: rounding takes the argument of acos above 1.",
+            partial(errors, cosine=lambda error: (np.trace(error[:3, :3]) - 1) / 2),
         ),
     ),
 )
@@ -154,16 +171,13 @@ yaw_on_a_straight = Exercise(
     rtol=0.03,
     task="TE, %, of a 400 m straight road when the estimate turns by 1 deg/100 m and is right otherwise.",
     praise="{right:.2f} %: ½ · 0.0698 · 400 m = 14 m to the side. For 100 m it would be 0.87 %.",
-    hint="the path is an arc: sideways error ½ · angle · length, with the angle at its end in radians.",
+    hint="the path is an arc; how far to the side does it end, with the angle at its end in radians?",
+    line="100 * 0.5 * np.radians(4)",
     mistakes=(
+        Mistake("the car has not been 4° off all the way: the angle grows from 0 to 4°.", 100.0 * ANGLE),
+        Mistake("{got:.3g} m is the error at the end; how much of the 400 m is that?", TE * LENGTH / 100.0),
         Mistake(
-            "the car has not been 4° off all the way.",
-            "the angle grows from 0 to 4°: take the mean angle.",
-            100.0 * ANGLE,
-        ),
-        Mistake("{got:.3g} m is the error at the end.", "in % of the 400 m?", TE * LENGTH / 100.0),
-        Mistake(
-            "this is right for 100 m.", "the error in metres grows with the square of the length.", TE / 4.0
+            "this is right for 100 m; the error in metres grows with the square of the length.", TE / 4.0
         ),
     ),
 )
@@ -174,11 +188,10 @@ once_round = Exercise(
     task="TE, %, of 800 m once round the block of 800 m, when every step is 1 % too long.",
     praise="nearly nothing: a larger block closes as well. TE sees the end of a sub-sequence, not its middle.",
     hint="draw the estimate: it is a slightly larger block.",
+    line="kitti_errors(tour, made_up(tour, scale=1.0), lengths=(800,)).te",
     mistakes=(
         Mistake(
-            "that would be so on a straight road.",
-            "where does the estimate end when the truth is back home?",
-            1.0,
+            "that would be so on a straight road; where does the estimate end when the truth is back home?",
             when=lambda te: abs(te - 1.0) < 0.2,
         ),
     ),
@@ -192,21 +205,28 @@ all_errors = Exercise(
     task="A function (truth, estimate, lengths, step) -> TE, RE: means over all sub-sequences.",
     praise="TE {got[0]:.3f} %, RE {got[1]:.3f} deg/100 m over all sub-sequences, as `kitti_errors` has it.",
     hint="sub-sequences that end beyond the path are left out; one mean over all the others.",
+    line="if (last := end_frame(path, first, length)) is not None: found.append(part_errors(…))",
     library=("kitti_errors",),
     mistakes=(
         Mistake(
-            "this is the root of the mean square.",
-            "KITTI takes the plain mean.",
+            "TE and RE have changed places.",
+            lambda *case: te_re(lambda each, length: each.mean())(*case)[::-1],
+        ),
+        Mistake(
+            "this is the root of the mean square; KITTI takes the plain mean.",
             te_re(lambda each, length: np.sqrt(np.mean(each**2))),
         ),
         Mistake(
-            "this is the mean of the means of each length.",
-            "one mean over all sub-sequences: short ones are more frequent and count more.",
+            "this is the mean of the means of each length; short ones are more frequent and count more.",
             te_re(lambda each, length: np.mean([each[length == L].mean() for L in np.unique(length)])),
         ),
         Mistake(
-            "this starts at every frame.",
-            "range(0, len(truth), step).",
+            "this is the sum or the median; TE and RE are means.",
+            te_re(lambda each, length: each.sum()),
+            te_re(lambda each, length: np.median(each)),
+        ),
+        Mistake(
+            "this starts at every frame, not at every `step`.",
             te_re(lambda each, length: each.mean(), every=1),
         ),
     ),
@@ -218,26 +238,21 @@ averages = Exercise(
     parts=("pooled", "plain"),
     task="A function (list of arrays, one a sequence) -> pooled mean, mean of the sequences' means.",
     praise="1.4 and 2.0 of the same errors. A table has to say which it means.",
-    hint="pooled: np.concatenate(errors).mean(); plain: the mean of each sequence, then their mean.",
+    hint="once over all errors, once over the sequences' own means.",
+    line="np.concatenate(errors).mean(), np.mean([each.mean() for each in errors if len(each)])",
     mistakes=(
         Mistake(
-            "both are the same mean.",
-            "pooled: one mean over all errors; plain: the mean of the sequences' means.",
+            "both are the same mean: once over all errors, once over the sequences' means.",
             lambda errors: (plain(errors), plain(errors)),
             lambda errors: (pooled(errors), pooled(errors)),
         ),
+        Mistake("the two have changed places.", lambda errors: (plain(errors), pooled(errors))),
         Mistake(
-            "the two have changed places.", "pooled first.", lambda errors: (plain(errors), pooled(errors))
-        ),
-        Mistake(
-            "an empty sequence counts as zero.",
-            "it has no error: leave it out.",
+            "an empty sequence counts as zero; it has no error, so leave it out.",
             lambda errors: (pooled(errors), np.mean([each.sum() / max(len(each), 1) for each in errors])),
         ),
         Mistake(
-            "a sequence without sub-sequences makes it NaN.",
-            "leave empty ones out of the plain mean.",
-            lambda errors: (pooled(errors), np.mean([each.mean() for each in errors])),
+            "a sequence without sub-sequences makes it NaN; leave empty ones out of the plain mean.",
             when=lambda got, errors: np.isnan(got),
         ),
     ),
@@ -246,22 +261,15 @@ averages = Exercise(
 blind_rpe = Exercise(
     {"RPE": 0.1, "TE": 3.0},
     task="The panel shows an estimate with RPE under 1 mm a frame, but TE above 2 %.",
-    praise=(
-        "TE {TE:.1f} %, RPE {RPE:.2f} mm: every step is as long as it should be, only its direction is "
-        "off. RPE has a second number for that, the rotation. Look at both, or at TE."
-    ),
-    hint="",
+    praise="TE {TE:.1f} %, RPE {RPE:.2f} mm: every step is as long as it should be, only its direction is "
+    "off. RPE has a second number for that, the rotation. Look at both, or at TE.",
     mistakes=(
         Mistake(
-            "TE is only {TE:.2f} %.",
-            "which made-up error grows from frame to frame?",
-            {"TE": 1.0},
+            "TE is only {TE:.2f} %: which made-up error grows from frame to frame?",
             when=lambda facts: not facts["TE"] > 2.0,
         ),
         Mistake(
-            "RPE is {RPE:.1f} mm a frame.",
-            "scale and noise are in every step: set both to 0. What is left that spoils the path?",
-            {"RPE": 20.0},
+            "RPE is {RPE:.1f} mm a frame: which made-up errors are in the length of every step?",
             when=lambda facts: not facts["RPE"] < 1.0,
         ),
     ),

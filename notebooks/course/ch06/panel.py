@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from vo_lib.runs.runner import run_methods
 from ..controls import Control
 from ..drawing import figure, say, stack
 from ..facts import Fact
-from ..frames import Memory
+from ..frames import key_of
 from ..made_up import made_up
 from ..panel import Drawing, Panel, State
 from .figures import PER_100_M, PER_CENT, drift_chart, length_chart, paths_chart
@@ -31,7 +32,7 @@ PATH_HEIGHT, CHART_HEIGHT = 330, 220
 MILLI = 1e3
 TUM_COLUMNS = 8
 
-_runs: Memory[Array] = Memory(24)
+_runs: dict[Hashable, Array] = {}
 
 
 @dataclass(frozen=True)
@@ -61,23 +62,18 @@ class EvaluationView(Checked):
 
 def known_run(sequence: Sequence, method: str) -> Array | None:
     """Poses of a method that `method_poses` has run here, or None."""
-    key = _key(sequence, method)
-    return _runs.get(key, lambda: np.zeros(0)) if key in _runs else None
+    return _runs.get((*key_of(sequence, len(sequence)), method))
 
 
 def method_poses(sequence: Sequence, method: str, progress: Progress | None = None) -> Array:
     """Poses (N, 4, 4) of a method over a whole sequence; the matches are kept on disk, the poses here."""
-
-    def run() -> Array:
+    poses = known_run(sequence, method)
+    if poses is None:
         config = preset(method)
         matches = CachedMatches(sequence, config.features, config.matching)
-        return run_methods(sequence, {method: config}, progress, matches)[method].poses
-
-    return _runs.get(_key(sequence, method), run)
-
-
-def _key(sequence: Sequence, method: str) -> tuple[object, ...]:
-    return sequence.folder, sequence.frames[0], len(sequence), method
+        poses = run_methods(sequence, {method: config}, progress, matches)[method].poses
+        _runs[*key_of(sequence, len(sequence)), method] = poses
+    return poses
 
 
 def read_own(path: str, truth: Array) -> Array:
@@ -114,7 +110,9 @@ class EvaluationPanel(Panel):
     )
 
     def draw(self, state: State) -> Drawing:
-        truth = _truth(state.sequence)
+        truth = state.sequence.truth
+        if truth is None:
+            raise DataError(f"{state.sequence.name} has no ground truth to compare with")
         estimate = self._estimate(state, truth)
         if estimate is None:
             path, (axis,) = figure(PATH_HEIGHT)
@@ -145,7 +143,7 @@ class EvaluationPanel(Panel):
         aligned, scale = align(truth, estimate, Alignment(view.alignment))
         ate = rmse(absolute_error(truth, estimate, Alignment(view.alignment)).distance)
         rpe = relative_error(truth, estimate)
-        shown = None if part is None else (int(part.first[0]), int(part.last[0]))
+        shown = (int(part.first[0]), int(part.last[0])) if len(part) else None
         paths, (whole, piece) = figure(PATH_HEIGHT, 2)
         paths_chart(whole, truth, aligned, f"{state.sequence.name}, alignment {view.alignment}", shown)
         if shown is None:
@@ -164,8 +162,8 @@ class EvaluationPanel(Panel):
             Fact("TE", _number(errors.te), "%", 3),
             Fact("RE", _number(errors.re), "deg/100 m", 3),
             Fact("sub-sequences", len(errors)),
-            Fact("TE here", float("nan") if part is None else _number(part.te), "%", 3),
-            Fact("RE here", float("nan") if part is None else _number(part.re), "deg/100 m", 3),
+            Fact("TE here", _number(part.te), "%", 3),
+            Fact("RE here", _number(part.re), "deg/100 m", 3),
             Fact("ATE", _number(ate), "m", 3),
             Fact("RPE", MILLI * _number(rmse(rpe.translation)), "mm", 2),
             Fact("scale", scale, "", 4),
@@ -173,17 +171,15 @@ class EvaluationPanel(Panel):
         return Drawing(stack([paths, by_length], self.height), _sentence(errors, part), facts)
 
 
-def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors | None:
-    """The longest sub-sequence of these lengths that starts at a frame; None where the path is too short."""
+def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors:
+    """The longest sub-sequence of these lengths that starts at a frame; empty where the path is too short."""
     errors = kitti_errors(truth[first:], estimate[first:], lengths, len(truth))
-    if len(errors) == 0:
-        return None
-    longest = errors[np.array([np.argmax(errors.length)])]
+    longest = errors[np.argsort(errors.length)[-1:]]
     return replace(longest, first=longest.first + first, last=longest.last + first)
 
 
-def _sentence(errors: KittiErrors, part: KittiErrors | None) -> str:
-    if part is None:
+def _sentence(errors: KittiErrors, part: KittiErrors) -> str:
+    if len(part) == 0:
         return "No sub-sequence of these lengths starts here: choose an earlier frame, or shorter lengths."
     metres = float(part.t_err[0] * part.length[0])
     degrees = float(np.degrees(part.r_err[0] * part.length[0]))
@@ -196,9 +192,3 @@ def _sentence(errors: KittiErrors, part: KittiErrors | None) -> str:
 
 def _number(value: float | None) -> float:
     return float("nan") if value is None else value
-
-
-def _truth(sequence: Sequence) -> Array:
-    if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no ground truth to compare with")
-    return sequence.truth
