@@ -1,4 +1,4 @@
-"""Exercises of chapter 7: the average, the paper's unit and its odd row, a gain and its spread, a sweep."""
+"""Exercises of chapter 7: the average, the paper's unit, a gain and its spread, a sweep."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from ..checker import Exercise, Mistake, times
 from ..lessons import CAMERA, drive
 
 USED, TRUE = 5555.6, 100.0 * 180.0 / np.pi  # factors from rad/m to deg/100 m
-PRINTED, OF_ROWS, ROWS = 2.43, 2.10, 10  # the paper's VISO2 average, the mean of its rows, how many
 FRAMES, LENGTHS, VALUES = 30, (20.0,), (8, 16, 100)
 MOST_SETS, WORSE = 20, 1.05
 
@@ -118,25 +117,6 @@ true_rotation_error = Exercise(
             TRUE / USED - 1.0,
             when=lambda got: abs(got - 0.0313) < 1e-3 or abs(got - 3.13) < 0.1,
         ),
-    ),
-)
-
-odd_row = Exercise(
-    ROWS * (PRINTED - OF_ROWS),
-    atol=0.02,
-    task="By how much one of ten rows must change for their mean to become what is printed, %.",
-    praise=(
-        "{right:.1f} %, more than the mean itself. So it is no misprint of one digit: another set of "
-        "sequences, or another run."
-    ),
-    hint="the sum of the ten rows changes by 10 times what the mean changes.",
-    mistakes=(
-        Mistake(
-            "this is how far the means are apart.",
-            "a row enters the mean with a weight of 1/10.",
-            PRINTED - OF_ROWS,
-        ),
-        Mistake("the sign: the printed mean is the larger one.", "2.43 - 2.10.", -ROWS * (PRINTED - OF_ROWS)),
     ),
 )
 
