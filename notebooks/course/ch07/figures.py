@@ -130,12 +130,15 @@ def without_boxes(entries: list[Entry]) -> list[str]:
 
 
 def row_table(sequence: str, errors: Mapping[str, Sequence[float]], notes: list[str]) -> ReportTable:
-    """(TE, RE) of systems on a sequence beside the paper's row: 00 for a sequence that has none."""
+    """(TE, RE) of systems on a sequence beside the paper's row: 00 for a sequence that has none.
+
+    Systems that are not the paper's stand beside its proposal.
+    """
     paper = read_paper_table()
     row = sequence.removeprefix(KITTI) if (sequence.removeprefix(KITTI), PROPOSAL) in paper.te else "00"
     rows = []
     for name, ours in errors.items():
-        theirs = paper.value(row, name)
+        theirs = paper.value(row, name if name in PRINTED_NAMES else PROPOSAL)
         less = [None if t is None else o - t for o, t in zip(ours, theirs, strict=True)]
         cells = [number(x, digits) for pair in (ours, theirs, less) for x, digits in zip(pair, DIGITS)]
         rows.append([PRINTED_NAMES.get(name, name), *cells])
