@@ -10,14 +10,10 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from vo_lib.beyond.calibration import in_words
-from vo_lib.beyond.lens import by_points, decentering_shapes
-from vo_lib.beyond.refinement import distances_and_derivatives
 from vo_lib.beyond.stereo_field import COLUMNS, FAULTS, ROWS, Shape, StereoField, field_at
 from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import CalibrationConfig, TranslationConfig
 from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import essential_from_motion
-from vo_lib.core.sampson import match_terms
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Array, Image
 from vo_lib.data.sequence import Sequence
@@ -89,27 +85,6 @@ def too_long(shares: Array) -> float:
     return 100.0 * float(np.mean(known) - 1.0) if len(known) else np.nan
 
 
-def lens_shapes(points: Array) -> Array:
-    """How p1, p2, k1 and the principal point along u and v move normalised points (N, 2): (5, 2, N)."""
-    x, one = points.T, np.ones(len(points))
-    others = np.array([x * np.sum(x * x, axis=0), [one, 0 * one], [0 * one, one]])
-    return np.concatenate([decentering_shapes(points), others])
-
-
-def lens_deviations(camera: StereoCamera, tracks: list[SimulatedFrame], noise: float) -> Array:
-    """How well epipolar lines tell `lens_shapes`, each alone, every motion free: deviations (5,), pixels."""
-    information = np.zeros(5)
-    for frame in tracks:
-        R_cp, t_cp = frame.T_cp[:3, :3], frame.T_cp[:3, 3] / np.linalg.norm(frame.T_cp[:3, 3])
-        x_p, x_c = (camera.normalise(uv) for uv in (frame.matches.prev_left, frame.matches.cur_left))
-        r, by_motion = distances_and_derivatives(R_cp, t_cp, match_terms(x_p, x_c))
-        by_p, by_c = by_points(essential_from_motion(R_cp, t_cp), x_p, x_c, r)
-        by_lens = np.sum(by_p * lens_shapes(x_p) + by_c * lens_shapes(x_c), axis=1)
-        explained = by_motion.T @ np.linalg.lstsq(by_motion.T, by_lens.T, rcond=None)[0]
-        information += np.sum((by_lens.T - explained) ** 2, axis=0)
-    return np.asarray(noise / np.sqrt(information))
-
-
 def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
     """Normalised positions (rows · columns, 2) all over the left image."""
     u, v = np.meshgrid(np.linspace(0, camera.width, columns), np.linspace(0, camera.height, rows))
@@ -150,6 +125,27 @@ def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], hei
         axis.set(xlim=(-1.1, 1.1), ylim=(0.46, -0.46), xticks=[], yticks=[], aspect="equal")
         axis.set_title(title, fontsize=8, loc="left")
     return made
+
+
+def faults_figure(camera: StereoCamera) -> Figure:
+    """Where the right image shows the points, away from their right places, under each fault with a shape."""
+    moved: dict[str, tuple[Array, ...]] = {}
+    for name, (columns, rows, _) in FAULTS.items():
+        if not name.startswith(("columns", "rows")):  # those are single terms
+            terms = [" ".join("−" * (c < 0) + term for term, c in shape.items()) for shape in (columns, rows)]
+            title = f"{name}\ndisparity: {terms[0] or 'none'}; row: {terms[1] or 'none'}"
+            moved[title] = (-field_at(rig({name: 1.0}), *image_grid(camera).T),)
+    return arrows_figure(camera, moved)
+
+
+def lens_figure(camera: StereoCamera) -> Figure:
+    """Where Brown's p1, p2 and k1 move the points; blue: across the epipolar lines of a drive straight ahead."""
+    points = image_grid(camera)
+    (x, y), r2 = points.T, np.sum(points**2, axis=1)
+    shapes = {"p1": [2 * x * y, r2 + 2 * y * y], "p2": [r2 + 2 * x * x, 2 * x * y], "k1": [r2 * x, r2 * y]}
+    across = points[:, ::-1].T * [[1], [-1]] / np.sqrt(np.maximum(r2, 1e-12))
+    arrows = {name: np.array(shape) for name, shape in shapes.items()}
+    return arrows_figure(camera, {n: (s, across * np.sum(across * s, axis=0)) for n, s in arrows.items()})
 
 
 @dataclass(frozen=True)
