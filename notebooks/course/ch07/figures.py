@@ -142,9 +142,9 @@ def row_table(sequence: str, errors: Mapping[str, Sequence[float]], notes: list[
         less = [None if t is None else o - t for o, t in zip(ours, theirs, strict=True)]
         cells = [number(x, digits) for pair in (ours, theirs, less) for x, digits in zip(pair, DIGITS)]
         rows.append([PRINTED_NAMES.get(name, name), *cells])
-    kinds = f"here, {sequence}", f"printed, {row}", "here less printed"
+    kinds = "here", "printed", "difference"
     columns = ["system", *(f"{unit}\n{kind}" for kind in kinds for unit in ("TE", "RE"))]
-    return ReportTable(f"A row of Table 1: {row}", columns, rows, notes)
+    return ReportTable(f"A row of Table 1: {sequence} here, {row} printed", columns, rows, notes)
 
 
 def table_html(table: ReportTable) -> str:
