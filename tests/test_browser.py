@@ -87,8 +87,8 @@ def lab(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     try:
         yield address
     finally:
-        request = urllib.request.Request(f"{address}/api/shutdown?token={TOKEN}", method="POST")
-        urllib.request.urlopen(request, timeout=30).close()
+        end = urllib.request.Request(f"{address}/api/shutdown?token={TOKEN}", method="POST")
+        urllib.request.urlopen(end, timeout=30).close()
         server.wait(60)
 
 

@@ -127,11 +127,11 @@ gain = Exercise(
     parts=("mean", "spread"),
     task="A function (before (S,), after (S,)) -> mean and standard deviation of the change, seed by seed.",
     praise="{got[0]:+.2f} ± {got[1]:.2f}, each alone ± 0.3: what chance does to both alike has cancelled.",
-    hint="np.mean(after - before), np.std(after - before).",
+    hint="one change for each seed; then the mean and the deviation of these changes.",
     mistakes=(
         Mistake(
             "the sign: an error that fell should give a negative change.",
-            "after - before.",
+            "subtract what was before from what is after.",
             times(change, -1.0, 1.0),
         ),
         Mistake(
@@ -147,10 +147,17 @@ gain = Exercise(
             lambda before, after: change(before, after, abs(after.std() - before.std())),
         ),
         Mistake(
-            "this is the variance.",
-            "its root: np.std.",
+            "this is another measure of the spread: the variance, or how well the mean is known.",
+            "the standard deviation of the changes themselves.",
             lambda before, after: change(before, after, np.var(after - before)),
+            lambda before, after: change(before, after, np.std(after - before) / np.sqrt(len(after))),
         ),
+        Mistake(
+            "this is the change as a share of what was before.",
+            "in %, as TE itself.",
+            lambda before, after: change(np.ones_like(before), after / before),
+        ),
+        Mistake("mean and spread are exchanged.", "the mean comes first.", lambda *two: change(*two)[::-1]),
     ),
 )
 

@@ -27,7 +27,7 @@ from ..drawing import CYCLE, DARK, FONT_SIZE, PALE, figure, finish, log_axis, ro
 
 CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
 UNITS = "TE [%]", "RE [deg/100 m]"
-LINE = "\n"
+CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 HALF = 0.36  # of the distance between two sequences: the methods stand side by side within it
 
 
@@ -149,15 +149,10 @@ def row_table(sequence: str, errors: Mapping[str, Sequence[float]], notes: list[
 
 def table_html(table: ReportTable) -> str:
     """A table with its notes, for a notebook."""
-    cell = 'style="padding:1px 10px;text-align:{}"'
 
     def row(words: list[str], tag: str) -> str:
-        sides = ["left", *["right"] * (len(words) - 1)]
-        cells = [
-            f"<{tag} {cell.format(side)}>{html.escape(word).replace(LINE, '<br>')}</{tag}>"
-            for side, word in zip(sides, words, strict=True)
-        ]
-        return f"<tr>{''.join(cells)}</tr>"
+        cells = [CELL.format(tag, ("left", "right")[k > 0], html.escape(w)) for k, w in enumerate(words)]
+        return f"<tr>{''.join(cells)}</tr>".replace("\n", "<br>")
 
     rows = row(table.columns, "th") + "".join(row(words, "td") for words in table.rows)
     head = "".join(f"<div>{html.escape(line)}</div>" for line in table.head)

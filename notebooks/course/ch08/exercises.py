@@ -66,7 +66,7 @@ drift = Exercise(
     rtol=0.01,
     task="How far the estimate ends from the truth, in % of the true path.",
     praise=(
-        "{right:.2f} % of the path. Over longer paths the share grows, for a wrong heading moves "
+        "{right:.2f} % of the path. Over longer paths the share grows, because a wrong heading moves "
         "everything after it."
     ),
     hint=(
@@ -87,6 +87,13 @@ drift = Exercise(
             "the path is the sum of its steps.",
             lambda poses, sequence: drift_of(poses, sequence) * way(sequence) / way(sequence, False),
         ),
+        Mistake(
+            "divided by the length of the estimate.",
+            "the estimate may be too long itself: take the true path.",
+            lambda poses, sequence: (
+                drift_of(poses, sequence) * way(sequence) / way(replace(sequence, truth=poses))
+            ),
+        ),
     ),
 )
 
@@ -96,7 +103,7 @@ te_and_re = Exercise(
     atol=5e-3,
     task="TE in % and RE in deg/100 m of the estimate over 20 m, a start every frame.",
     praise="TE {right[0]:.3f} %, RE {right[1]:.3f} deg/100 m.",
-    hint="mine.all_errors(truth, poses, (20,), 1).",
+    hint="your own `all_errors` does it: one length, and a step of one frame.",
     mistakes=(
         Mistake(
             "these start at every tenth frame.",
