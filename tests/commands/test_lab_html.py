@@ -41,7 +41,10 @@ def test_code_is_no_formula_and_a_bar_ends_no_cell_of_a_table() -> None:
 
 
 def test_a_page_has_its_panel_as_a_picture_and_needs_no_network() -> None:
-    lines = "import ipywidgets as w\nw.VBox([w.HTML('<b>told</b>'), w.Image(value=b'abc', format='jpeg')])"
+    lines = (
+        "import ipywidgets as w\nslider = w.VBox([w.IntSlider(), w.HTML('its caption')])\n"
+        "w.VBox([w.HTML('<b>told</b>'), w.HBox([slider]), w.Image(value=b'abc', format='jpeg')])"
+    )
     made = [
         nbformat.v4.new_markdown_cell("$x_c$ and [next](01_two.ipynb#part)"),  # type: ignore[no-untyped-call]
         nbformat.v4.new_code_cell(lines),  # type: ignore[no-untyped-call]
@@ -52,6 +55,7 @@ def test_a_page_has_its_panel_as_a_picture_and_needs_no_network() -> None:
     assert "<msub>" in written
     assert 'href="01_two.html#part"' in written
     assert "<b>told</b>" in written
+    assert "its caption" not in written.split('class="panel"')[1]
     assert 'src="data:image/jpeg;base64,YWJj' in written
     assert "<script" not in written
     namespace = 'xmlns="http://www.w3.org/1998/Math/MathML"'  # a name, not an address to fetch

@@ -18,6 +18,7 @@ VIEW = "application/vnd.jupyter.widget-view+json"
 LONGEST_CELL = 1200  # seconds
 SLIDES = "slides"  # folder of the chapters' pictures
 REFERENCE = "IPY_MODEL_"
+PARTS = ("HTMLModel", "ImageModel", "VBoxModel", "HBoxModel")  # of a panel, that a page can show
 FORMULA = re.compile(r"(```.*?```|`[^`\n]*`)|\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{style}
@@ -147,7 +148,7 @@ def with_mathml(markdown: str) -> str:
 
 
 def _shown(state: dict[str, Any], model: str) -> list[str]:
-    """Pictures and words of a widget and of all that it holds, as HTML."""
+    """Pictures and words of a widget and of all that it holds but controls, as HTML."""
     widget = state.get(model, {"state": {}})
     values, name = widget["state"], widget.get("model_name")
     if values.get("layout", "").startswith(REFERENCE):
@@ -159,5 +160,7 @@ def _shown(state: dict[str, Any], model: str) -> list[str]:
         return [f'<img alt="the panel" src="data:image/{values["format"]};base64,{data}">']
     if name == "HTMLModel":
         return [str(values.get("value", ""))]
-    children = values.get("children", [])
-    return [part for child in children for part in _shown(state, child.removeprefix(REFERENCE))]
+    children = [child.removeprefix(REFERENCE) for child in values.get("children", [])]
+    if children and state.get(children[0], {}).get("model_name") not in PARTS:
+        return []  # a control and its caption, which says nothing without it
+    return [part for child in children for part in _shown(state, child)]
