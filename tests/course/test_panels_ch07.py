@@ -15,11 +15,13 @@ from course.progress import Job
 from vo_lib import open_sequence
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.kitti import KITTI_MEASURE
 from vo_lib.tables.comparison import read_stored_run
 
 LONG = 300.0  # seconds that a job may take; a safeguard
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 CLIPS = SHARED / "kitti_clips"
+ON_CLIPS = pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_clips is not there")
 
 
 @pytest.fixture
@@ -96,7 +98,7 @@ def test_runs_can_be_stopped_and_gone_on_with(road: Path) -> None:
     assert panel.facts["TE viso2"] > 0
 
 
-@pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_clips is not there")
+@ON_CLIPS
 def test_a_part_of_00_begins_where_its_truth_can_be_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KITTI_ROOT", str(CLIPS))
     whole = open_sequence("kitti/00")
@@ -116,13 +118,17 @@ def test_a_part_of_00_begins_where_its_truth_can_be_believed(monkeypatch: pytest
     assert off[first:].max() < 0.06
 
 
-@pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_clips is not there")
+@ON_CLIPS
 def test_the_clip_of_the_row_has_the_boxes_of_a_detector(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("KITTI_ROOT", str(CLIPS))
-    assert clip(12).labels is None
+    whole = clip(150)
+    assert (whole.name, len(whole), whole.labels) == ("kitti/00", 150, None)
+    monkeypatch.setattr(
+        "course.ch07.runs.suitable_measure", lambda truth: KITTI_MEASURE
+    )  # of twelve frames too
     part = clip(12, str(SHARED / "models" / "yolov8n_int8.onnx"))
     assert (part.name, part.frames[0]) == ("kitti/00", "000016")
     assert sum(len(part.boxes(frame)) for frame in range(12)) > 12
@@ -131,10 +137,14 @@ def test_the_clip_of_the_row_has_the_boxes_of_a_detector(
     assert without_boxes(entries) == []
 
 
-def test_without_a_clip_the_row_is_of_the_drawn_street(
-    street: Sequence, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("clips", [False, pytest.param(True, marks=ON_CLIPS)], ids=["none", "too short"])
+def test_without_a_clip_of_100_m_the_row_is_of_the_drawn_street(
+    street: Sequence, monkeypatch: pytest.MonkeyPatch, clips: bool
 ) -> None:
-    monkeypatch.setattr("course.ch07.runs.available", lambda: {})
+    if clips:
+        monkeypatch.setenv("KITTI_ROOT", str(CLIPS))
+    else:
+        monkeypatch.setattr("course.ch07.runs.available", lambda: {})
     monkeypatch.setattr("course.ch07.runs.opened", lambda name, report: street)
     assert clip(12).folder == street.folder
 

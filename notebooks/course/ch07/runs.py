@@ -11,6 +11,7 @@ from vo_lib.data.drawn import cache_folder
 from vo_lib.data.sequence import KITTI, Sequence, available, open_sequence
 from vo_lib.detection.detectors import known
 from vo_lib.detection.label_cache import labelled_sequence
+from vo_lib.evaluation.kitti import KITTI_MEASURE, suitable_measure
 from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.runs.results import run_folder, write_run
 from vo_lib.runs.runner import run_methods
@@ -61,14 +62,14 @@ def part_of(sequence: Sequence, frames: int) -> Sequence:
 
 
 def clip(frames: int, detector: str = "", progress: Progress | None = None) -> Sequence:
-    """A part of the first KITTI sequence with truth that is here; of the drawn street where there is none.
+    """A part of the first KITTI sequence here with truth and 100 m; of the drawn street where there is none.
 
     Its boxes are the labels beside its images, else those of a detector, a name or the path of an ONNX file;
     by default of the first that was fetched. Without one there are none.
     """
-    here = (open_sequence(name) for name in available() if name.startswith(KITTI))
-    found = next((each for each in here if each.truth is not None), None)
-    sequence = part_of(found or opened(STREET, progress), frames)
+    parts = (part_of(open_sequence(name), frames) for name in available() if name.startswith(KITTI))
+    found = (p for p in parts if p.truth is not None and suitable_measure(p.truth) == KITTI_MEASURE)
+    sequence = next(found, None) or part_of(opened(STREET, progress), frames)
     detector = detector or next((name for name, (_, path) in known().items() if path), "")
     if sequence.labels is not None or not detector:
         return sequence

@@ -51,10 +51,7 @@ all_yours = Exercise(
     mistakes=(
         Mistake(
             "{borrowed:.0f} of the stages are still the library's.",
-            (
-                "the table above names the chapter of each: solve its exercise there, then run this "
-                "notebook again."
-            ),
+            "the table above names the exercise of each: solve it there, then run this notebook again.",
             {"borrowed": 3.0},
             when=lambda facts: facts["borrowed"] != 0,
         ),
