@@ -16,7 +16,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.ate_rpe import relative_error
 from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors
 from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.runner import TimedMatches, run_methods
+from vo_lib.runs.runner import run_methods
 from vo_lib.tables.entries import over_seeds
 from vo_lib.tables.table1 import VARIANT_WORDS
 
@@ -30,7 +30,6 @@ from .runs import part_of
 
 FRAMES = 30
 
-_matches: Memory[list[TimedMatches]] = Memory(4)
 _runs: Memory[Array] = Memory(400)
 
 
@@ -109,33 +108,19 @@ class ExplorePanel(Panel):
         def prepare(report: Progress) -> Sequence:
             sequence = part_of(opened(name, report), FRAMES)
             _truth(sequence)
-            matches_of(sequence, self.start, report)
+            for done, _ in enumerate(
+                CachedMatches(sequence, self.start.features, self.start.matching), start=1
+            ):
+                report(done, len(sequence))
             return sequence
 
         self.job.start(f"matching {FRAMES} frames of {name}", prepare, self._use, self._fail)
 
 
-def matches_of(
-    sequence: Sequence, config: PublishedConfig, progress: Progress | None = None
-) -> list[TimedMatches]:
-    """Matches of all frames, from the match cache on disk, kept here as well."""
-
-    def find() -> list[TimedMatches]:
-        found = []
-        for frame in CachedMatches(sequence, config.features, config.matching):
-            found.append(frame)
-            if progress is not None:
-                progress(len(found), len(sequence))
-        return found
-
-    key = sequence.folder, sequence.frames[0], len(sequence), config.features, config.matching
-    return _matches.get(key, find)
-
-
 def poses_of(sequence: Sequence, config: PublishedConfig) -> Array:
     """Poses (N, 4, 4) of a configuration on the kept matches: the back end alone."""
     key = sequence.folder, sequence.frames[0], len(sequence), sequence.labels, config
-    matches = matches_of(sequence, config)
+    matches = CachedMatches(sequence, config.features, config.matching)
     return _runs.get(key, lambda: run_methods(sequence, {"": config}, matches=matches)[""].poses)
 
 

@@ -9,66 +9,54 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vo_lib.core.poses import from_first
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import KITTI
 from vo_lib.evaluation.ate_rpe import RelativeError
-from vo_lib.evaluation.kitti import trajectory_distances
-from vo_lib.tables.entries import Entry, group_entries
-from vo_lib.tables.paper import PRINTED_NAMES, PROPOSAL, PaperTable, read_paper_table
+from vo_lib.evaluation.kitti import KITTI_MEASURE, trajectory_distances
+from vo_lib.tables.entries import Entry
+from vo_lib.tables.paper import PRINTED_NAMES, PROPOSAL, read_paper_table
 from vo_lib.tables.plots import METHOD_MARKERS, TRUTH_COLOUR, draw_drift, draw_trajectories, method_colour
 from vo_lib.tables.report import ReportTable, number
-from vo_lib.tables.table1 import DIGITS, layout_tables, method_table
+from vo_lib.tables.table1 import DIGITS, method_table
 
 from ..drawing import CYCLE, DARK, FONT_SIZE, PALE, figure, finish, log_axis, room, say
 
 CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
 UNITS = "TE [%]", "RE [deg/100 m]"
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
-HALF = 0.36  # of the distance between two sequences: the methods stand side by side within it
 
 
-def draw_dot(axis: Axes, x: float, values: Array, name: str, number: int) -> None:
-    """Mean over seeds as the method's marker, a bar from a standard deviation below to one above."""
-    if len(values) == 0 or not np.isfinite(values).all():
-        return
-    colour = method_colour(name, number)
-    mean, spread = float(values.mean()), float(values.std())
-    axis.plot([x, x], [mean - spread, mean + spread], color=colour, linewidth=2)
-    axis.plot(x, mean, METHOD_MARKERS.get(name, "o"), color=colour, markersize=7)
-
-
-def errors_figure(entries: list[Entry], height: int, paper: PaperTable | None = None) -> Figure:
-    """TE and RE of each sequence: a dot a method, a bar for one standard deviation, the paper's as a dash."""
+def errors_figure(entries: list[Entry], height: int) -> Figure:
+    """TE and RE of methods: a dot a method, a bar for one standard deviation, the paper's as a dash."""
     made, axes = figure(height, 2)
-    sequences = list(dict.fromkeys(entry.sequence for entry in entries))
-    methods = list(dict.fromkeys(entry.method for entry in entries))
-    places = np.linspace(-HALF, HALF, len(methods)) if len(methods) > 1 else np.zeros(1)
+    paper, beside = read_paper_table(), comparable(entries)
     for axis, rotation in zip(axes, (False, True), strict=True):
-        for entry in entries:
-            k = methods.index(entry.method)
-            x = sequences.index(entry.sequence) + places[k]
-            draw_dot(axis, x, entry.re if rotation else entry.te, entry.method, k)
-            row = entry.sequence.removeprefix(KITTI)
-            printed = None if paper is None else paper.value(row, entry.method)[rotation]
-            if printed is not None:
+        for x, entry in enumerate(entries):
+            values, colour = entry.re if rotation else entry.te, method_colour(entry.method, x)
+            mean, spread = float(values.mean()), float(values.std())
+            axis.plot([x, x], [mean - spread, mean + spread], color=colour, linewidth=2)
+            axis.plot(x, mean, METHOD_MARKERS.get(entry.method, "o"), color=colour, markersize=7)
+            printed = paper.value(entry.sequence.removeprefix(KITTI), entry.method)[rotation]
+            if printed is not None and beside:
                 axis.plot(x, printed, "_", color=DARK, markersize=14)
-        axis.set_xticks(range(len(sequences)), [name.removeprefix(KITTI) for name in sequences])
-        axis.set_xlim(-0.6, len(sequences) - 0.4)
+        names = [entry.method.replace("_selection", "\nselection") for entry in entries]
+        axis.set_xticks(range(len(names)), names)
+        axis.set_xlim(-0.6, len(names) - 0.4)
         axis.set_ylim(0, 1.08 * axis.get_ylim()[1])
-        finish(axis, "rotation error" if rotation else "translation error", "", UNITS[rotation])
+        kind = "rotation" if rotation else "translation"
+        finish(axis, f"{kind} error{', dashes: as printed' if beside else ''}", "", UNITS[rotation])
     return made
 
 
 def paths_figure(
     title: str,
-    truth: Array | None,
+    truth: Array,
     estimates: dict[str, Array],
     height: int = 340,
-    frame: int | None = None,
+    frame: int = 0,
     words: str = "",
 ) -> Figure:
     """Paths from above, as the paper's Figure 4, and beside them how far they are from the truth.
@@ -77,16 +65,14 @@ def paths_figure(
     """
     made, (paths, drift) = figure(height, 2)
     draw_trajectories(paths, "", truth, estimates)
-    if frame is not None and truth is not None:
-        paths.plot(
-            *from_first(truth)[frame, [0, 2], 3], "o", color=DARK, markersize=7, markerfacecolor="none"
-        )
-        drift.axvline(float(trajectory_distances(truth)[frame]), color=PALE, linewidth=1)
+    place = from_first(truth)[frame, [0, 2], 3]
+    paths.plot(*place, "o", color=DARK, markersize=7, markerfacecolor="none")
     finish(paths, title, "x, right [m]", "z, forward [m]")
-    if truth is None or words:
-        say(drift, words or "without truth nobody knows how far they stray")
+    if words:
+        say(drift, words)
         return made
     draw_drift(drift, truth, estimates)
+    drift.axvline(float(trajectory_distances(truth)[frame]), color=PALE, linewidth=1)
     finish(drift, "distance from the truth", "along the path [m]", "distance [m]")
     return made
 
@@ -110,17 +96,19 @@ def steps_figure(errors: Mapping[str, RelativeError], frame: int, method: str, h
     return made
 
 
-def table_tables(entries: list[Entry], paper: PaperTable | None = None) -> list[ReportTable]:
-    """One sequence's methods, a row each; several in the paper's layout, KITTI's with its numbers."""
-    paper = read_paper_table() if paper is None else paper
-    tables = []
-    for group in group_entries(entries):
-        if len(group.sequences) == 1:
-            table = method_table([*group.entries.values()])
-            tables.append(replace(table, notes=[*without_boxes(entries), *table.notes]))
-        if len(group.sequences) > 1 or group.kitti:
-            tables += layout_tables(group, paper)
+def table_tables(entries: list[Entry]) -> list[ReportTable]:
+    """The methods on one sequence, a row each; and beside the paper's row where the sub-sequences are KITTI's."""
+    table = method_table(entries)
+    tables = [replace(table, notes=[*without_boxes(entries), *table.notes])]
+    if comparable(entries):
+        errors = {entry.method: (float(entry.te.mean()), float(entry.re.mean())) for entry in entries}
+        tables.append(row_table(entries[0].sequence, errors, [f"{len(entries[0].truth)} frames."]))
     return tables
+
+
+def comparable(entries: list[Entry]) -> bool:
+    """Whether errors of a sequence may stand beside the paper's: KITTI's, over its sub-sequences."""
+    return entries[0].sequence.startswith(KITTI) and entries[0].measure == KITTI_MEASURE
 
 
 def without_boxes(entries: list[Entry]) -> list[str]:

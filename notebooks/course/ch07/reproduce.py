@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import ipywidgets as widgets
-import numpy as np
 
 from vo_lib.config import METHODS, PUBLISHED, VARIANTS, preset
 from vo_lib.core.errors import DataError
@@ -14,7 +13,6 @@ from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Progress
 from vo_lib.evaluation.kitti import suitable_measure
 from vo_lib.tables.entries import Entry
-from vo_lib.tables.paper import read_paper_table
 
 from ..controls import Control
 from ..drawing import photo, stack
@@ -65,6 +63,7 @@ class ReproducePanel(Panel):
     def draw(self, state: State) -> Drawing:
         plan = _plan(state)
         sequence, truth = plan.sequence, plan.sequence.truth
+        assert truth is not None
         frame = min(state.frame, len(sequence) - 1)
         title = f"{sequence.name}, frames {sequence.frames[0]} to {sequence.frames[-1]}"
         if not plan.is_run:
@@ -73,18 +72,14 @@ class ReproducePanel(Panel):
                 f"Not run yet, {plan.variant}:",
                 f"{len(plan.methods)} methods × {plan.seeds} seeds = {runs} runs",
                 f"of {len(sequence)} frames, judged over",
-                suitable_measure(np.asarray(truth)).words,
+                suitable_measure(truth).words,
             ]
             image = photo(stereo(sequence, frame)[0], height=IMAGE_HEIGHT)
             paths = paths_figure(title, truth, {}, self.height - IMAGE_HEIGHT, frame, "\n".join(words))
             return Drawing(stack([image, paths], self.height), "Press Run.", (Fact("runs", runs),))
         entries = run_plan(plan)
         poses = {entry.method: entry.poses for entry in entries}
-        paper = read_paper_table()
-        parts = [
-            paths_figure(title, truth, poses, PATHS_HEIGHT, frame),
-            errors_figure(entries, ERRORS_HEIGHT, paper),
-        ]
+        paths = paths_figure(title, truth, poses, PATHS_HEIGHT, frame)
         facts = [
             fact
             for entry in entries
@@ -94,8 +89,10 @@ class ReproducePanel(Panel):
             )
         ]
         sentence = f"{_gain(entries)} The run folders are in {plan.folder}."
-        tables = "".join(map(table_html, table_tables(entries, paper)))
-        return TableDrawing(stack(parts, self.height), sentence, tuple(facts), tables)
+        tables = "".join(map(table_html, table_tables(entries)))
+        return TableDrawing(
+            stack([paths, errors_figure(entries, ERRORS_HEIGHT)], self.height), sentence, tuple(facts), tables
+        )
 
     def work(self, state: State, progress: Progress) -> Drawing:
         run_plan(_plan(state), progress)
