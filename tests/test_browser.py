@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -13,13 +14,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import BROWSERS, find_browser
+from conftest import BROWSERS, CLIPS, find_browser
 from playwright.sync_api import BrowserContext, sync_playwright
 
 from course.panel import ERROR_CLASS
 from course.results import NOT_YET_CLASS, RIGHT_CLASS
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
+# The notebooks that open KITTI's sequences where they are found, once more with the clips.
+OPEN_KITTI = [path for path in NOTEBOOKS if re.search(r"available\(|clip\(|kitti/", path.read_text("utf-8"))]
+CASES = [("", path) for path in NOTEBOOKS] + [(str(CLIPS), path) for path in OPEN_KITTI if CLIPS.is_dir()]
 TOKEN = "notebooks-under-test"
 LONG = 180_000.0  # milliseconds that one step may take; a safeguard
 SELDOM = 200.0  # milliseconds between looks at a page; by default it is looked at, and drawn, at every tick
@@ -48,8 +52,8 @@ def free_port() -> int:
 
 
 @pytest.fixture(scope="module")
-def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a JupyterLab that `vo lab` started on a copy of the notebooks."""
+def lab(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a JupyterLab that `vo lab` started on a copy of the notebooks, KITTI in the folder named."""
     folder, port = tmp_path_factory.mktemp("lab"), free_port()
     for plugin, values in SETTINGS.items():
         path = folder / "settings" / f"{plugin}.jupyterlab-settings"
@@ -63,6 +67,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         "JUPYTERLAB_WORKSPACES_DIR": str(folder / "workspaces"),
         "JUPYTER_CONFIG_DIR": str(folder / "config"),
         "IPYTHONDIR": str(folder / "ipython"),
+        "KITTI_ROOT": request.param,
     }
     command = [sys.executable, "-c", "import sys; from vo_lib.commands.cli import main; sys.exit(main())"]
     options = ["--copy", str(folder / "work"), "--port", str(port), "--no-browser"]
@@ -82,8 +87,8 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     try:
         yield address
     finally:
-        request = urllib.request.Request(f"{address}/api/shutdown?token={TOKEN}", method="POST")
-        urllib.request.urlopen(request, timeout=30).close()
+        end = urllib.request.Request(f"{address}/api/shutdown?token={TOKEN}", method="POST")
+        urllib.request.urlopen(end, timeout=30).close()
         server.wait(60)
 
 
@@ -111,7 +116,7 @@ def browser() -> Iterator[BrowserContext]:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("street")
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(("lab", "path"), CASES, indirect=["lab"], ids=lambda each: Path(each).stem)
 def test_a_reader_runs_all_cells_and_moves_a_slider(path: Path, lab: str, browser: BrowserContext) -> None:
     page = browser.new_page()
     page.set_default_timeout(LONG)

@@ -1,11 +1,15 @@
-"""Numbers that the README quotes are those of `notebooks/results.md`, which a script writes."""
+"""Numbers in the README and the course's pages are those that scripts have written, or follow from others."""
 
 from __future__ import annotations
 
+import csv
+import math
 import re
 from pathlib import Path
 
 import pytest
+
+from vo_lib.detection.config import DetectorConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 NUMBER = r"\d+(?:\.\d+)?"
@@ -54,3 +58,61 @@ def test_the_readme_quotes_what_is_left_without_the_axes() -> None:
     for clip, number in zip(("00, 100 m", "01, 20 m"), quoted.groups(), strict=True):
         exact = re.findall(NUMBER, RESULTS[-1][f"kitti/{clip}, solution_selection"]["learnt, axes"])[0]
         assert abs(float(number) - float(exact)) <= 0.005 + 1e-9
+
+
+KITTI_FB = 386.1  # pixel metres, of 00
+
+
+def pages(name: str) -> str:
+    return " ".join((ROOT / "notebooks" / name).read_text(encoding="utf-8").split())
+
+
+def test_the_choice_of_rows_in_pixels_quotes_what_was_measured() -> None:
+    with (ROOT / "notebooks" / "choices.csv").open(encoding="utf-8", newline="") as lines:
+        rows = {(row["sequence"], row["alternative"]): row for row in csv.DictReader(lines)}
+
+    def number(sequence: str, column: str, alternative: str = "") -> float:
+        return float(rows[sequence, alternative][column])
+
+    plain, longer = (number("kitti/01", "length", each) for each in ("", "metres"))
+    worse = {
+        sequence: 100 * number(sequence, "te", "metres") / number(sequence, "te")
+        for sequence in ("kitti/01", "synthetic/jam")
+    }
+    says = f"the steps of the clip of 01 are {plain + longer:.1f} % too long and not {plain:.1f}, its TE is "
+    says += f"{worse['kitti/01']:.0f} % larger, and that of the drawn `jam` {worse['synthetic/jam']:.0f} %"
+    assert f"{says}, with the same RE." in pages("paper_and_code.md")
+    assert {row["re"] for (_, alternative), row in rows.items() if alternative == "metres"} <= {"0.0000", ""}
+
+
+DETECTOR = DetectorConfig()
+SETS = math.ceil(math.log(0.01) / math.log(1 - 0.7**5))  # one of them is right with 99 %
+FOLLOW = [
+    ("paper_and_code.md", r"160 px is a point (\S+) m away", [KITTI_FB / 160]),
+    ("paper_and_code.md", r"with 30 % wrong matches (\d+) would do", [SETS]),
+    ("paper_and_code.md", r"the thresholds; (\S+) and (\S+) \|", [DETECTOR.score, DETECTOR.nms]),
+    ("teaching.md", r": (\d+) cm and (\S+) m", [25 * 10**2 / KITTI_FB, 0.25 * 40**2 / KITTI_FB]),
+    ("teaching.md", r"angle times length: (\S+) % and (\d+) %", [math.radians(50), math.radians(8 * 50)]),
+]
+
+
+@pytest.mark.parametrize(("page", "text", "numbers"), FOLLOW)
+def test_numbers_in_prose_follow_from_others(page: str, text: str, numbers: list[float]) -> None:
+    found = re.search(text, pages(page))
+    assert found is not None
+    for quoted, exact in zip(found.groups(), numbers, strict=True):
+        decimals = len(quoted.partition(".")[2])
+        assert abs(float(quoted) - exact) <= 0.5 * 10**-decimals + 1e-9
+
+
+def test_each_run_sheet_has_ninety_minutes_and_exercises_that_there_are() -> None:
+    sheets = re.split(r"\n### \[", (ROOT / "notebooks" / "teaching.md").read_text(encoding="utf-8"))[1:]
+    assert len(sheets) == len(list((ROOT / "notebooks").glob("0*.ipynb")))
+    for chapter, sheet in enumerate(sheets):
+        rows = re.findall(r"^\| (\d+) \| (.*?) \|", sheet.split("\n## ")[0], re.MULTILINE)
+        assert sum(int(minutes) for minutes, _ in rows) == 90, chapter
+        notebook = next((ROOT / "notebooks").glob(f"0{chapter}_*.ipynb")).read_text(encoding="utf-8")
+        named = [number for _, section in rows for number in re.findall(r"\d\.\d", section)]
+        assert named
+        for number in named:
+            assert f"### Exercise {number} " in notebook, number

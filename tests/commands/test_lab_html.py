@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import nbformat
 import pytest
 
-from vo_lib.commands.lab_html import FORMULA, executed, page, portable, with_mathml, write_pages
+from vo_lib.commands.lab_html import FORMULA, SLIDES, executed, page, portable, with_mathml, write_pages
 from vo_lib.core.errors import DataError
 
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -41,20 +41,39 @@ def test_code_is_no_formula_and_a_bar_ends_no_cell_of_a_table() -> None:
 
 
 def test_a_page_has_its_panel_as_a_picture_and_needs_no_network() -> None:
-    lines = "import ipywidgets as w\nw.VBox([w.HTML('<b>told</b>'), w.Image(value=b'abc', format='jpeg')])"
+    lines = (
+        "import ipywidgets as w\nslider = w.VBox([w.IntSlider(), w.HTML('its caption')])\n"
+        "w.VBox([w.HTML('<b>told</b>'), w.HBox([slider]), w.Image(value=b'abc', format='jpeg')])"
+    )
     made = [
         nbformat.v4.new_markdown_cell("$x_c$ and [next](01_two.ipynb#part)"),  # type: ignore[no-untyped-call]
         nbformat.v4.new_code_cell(lines),  # type: ignore[no-untyped-call]
     ]
-    notebook = executed(nbformat.v4.new_notebook(cells=made), NOTEBOOKS)  # type: ignore[no-untyped-call]
+    notebook, slides = executed(nbformat.v4.new_notebook(cells=made), NOTEBOOKS)  # type: ignore[no-untyped-call]
+    assert slides == {}
     written = page(notebook, "one")
     assert "<msub>" in written
     assert 'href="01_two.html#part"' in written
     assert "<b>told</b>" in written
+    assert "its caption" not in written.split('class="panel"')[1]
     assert 'src="data:image/jpeg;base64,YWJj' in written
     assert "<script" not in written
     namespace = 'xmlns="http://www.w3.org/1998/Math/MathML"'  # a name, not an address to fetch
     assert "http" not in written.replace("http-equiv", "").replace(namespace, "")
+
+
+def test_what_a_chapter_shows_becomes_files_for_slides(tmp_path: Path) -> None:
+    lines = "from course import figure, show\nshow(figure(120)[0])"
+    cells = [nbformat.v4.new_code_cell(lines), nbformat.v4.new_markdown_cell("[on](00_start_here.ipynb)")]  # type: ignore[no-untyped-call]
+    source = tmp_path / "in"
+    (source / "solutions").mkdir(parents=True)
+    (source / "course").symlink_to(NOTEBOOKS / "course")
+    for place in ("00_start_here.ipynb", "solutions/00_start_here.ipynb"):
+        nbformat.write(nbformat.v4.new_notebook(cells=cells), source / place)  # type: ignore[no-untyped-call]
+    write_pages(source, tmp_path / "out")
+    files = sorted(path.name for path in (tmp_path / "out" / SLIDES).glob("[!.]*"))
+    assert files == ["00_start_here_01.png", "00_start_here_01a.svg"]
+    assert "data:image/png" in (tmp_path / "out" / "00_start_here.html").read_text(encoding="utf-8")
 
 
 def test_a_damaged_notebook_is_named_before_any_page_is_written(tmp_path: Path) -> None:

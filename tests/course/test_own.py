@@ -1,23 +1,31 @@
-"""The student's stages joined, the sketches, the source that is shown, and some frames of a drawn scene."""
+"""The student's stages joined, filmed, judged and marked; sketches, sources, slides, some drawn frames."""
 
 from __future__ import annotations
 
+import json
+import sys
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from conftest import write_bands
 
-from course import sketches
+import course
+from course import drawing, marks, sketches, slides
 from course.ch00 import exercises as ch00
 from course.ch03 import exercises as ch03
 from course.ch04 import exercises as ch04
+from course.ch08 import exercises as ch08
 from course.ch08 import own
 from course.checker import Exercise
-from course.drawing import raster, show_source
+from course.drawing import figure, raster, show_source
+from vo_lib import open_sequence, preset, run
 from vo_lib.core.errors import DataError
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.scenes import scene_config
-from vo_lib.data.sequence import open_sequence
+from vo_lib.data.sequence import Sequence
 from vo_lib.method.selection import nearest_to_prior
 from vo_lib.method.translation import feature_rows
 
@@ -36,12 +44,96 @@ def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
     assert mine.chain is ch00.chain.right
     assert mine.weights(0.5, 0.5) == 0.5
     assert mine.select is ch03.select.right
+    assert mine.name == "2 of 10 stages yours"
     assert "fails its check" in mine._repr_html_()
     with pytest.raises(AttributeError, match="no stage is called turn"):
         mine.turn  # noqa: B018
     (tmp_path / "my_vo.py").write_text("1 / 0\n")
     with pytest.raises(DataError, match="ZeroDivisionError"):
         own.join()
+
+
+def test_stages_are_numbered_as_in_the_notebooks() -> None:
+    asked = marks.asked()
+    assert {name: asked[name] for name in own.STAGES} == own.STAGES
+
+
+def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
+    part = street.part(0, 30)
+
+    def published(sequence: Any, matches: Any, seed: int) -> Any:
+        return PATHS[seed]
+
+    def peeks(sequence: Any, matches: Any, seed: int) -> Any:
+        return sequence.truth[:, :3]
+
+    def hands_over(sequence: Any, matches: Any, seed: int) -> Any:
+        return run(sequence, preset("feature_selection", seed=seed)).poses
+
+    PATHS = [
+        run(part, preset("feature_selection", variant="published", seed=seed)).poses for seed in ch08.SEEDS
+    ]
+    assert "expected your function" in ch08.better({"RE": 0.1, "RE published": 0.5}, part).message
+    assert "replace the dots" in ch08.better(..., part).message
+    assert "hands the work to `run`" in ch08.better(hands_over, part).message
+    assert "TypeError" in ch08.better(peeks, part).message
+    assert "gave back no path" in ch08.better(lambda *_, seed: PATHS[seed][1:], part).message
+    assert "not yet a quarter" in ch08.better(published, part).message
+
+
+def test_a_film_has_every_frame_of_ones_own_path(tmp_path: Path) -> None:
+    road = open_sequence(write_bands(tmp_path / "bands"))
+    assert road.truth is not None
+    last = own.film(tmp_path / "mine.mp4", road, road.truth)
+    film = cv2.VideoCapture(str(tmp_path / "mine.mp4"))
+    assert sum(film.read()[0] for _ in range(20)) == len(road) - 1
+    assert not np.array_equal(own.film(tmp_path / "other.mp4", road, np.array([np.eye(4)] * len(road))), last)
+
+
+def test_marks_say_of_each_function_whether_it_passes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [
+        "import numpy as np",
+        "from vo_lib.method.five_point import five_point",
+        "def weights(r, s): return 1 / (1 + (r / s) ** 2)",
+        "def chain(motions): return motions",
+        "def solve_five(x_p, x_c): return five_point(x_p, x_c)",
+    ]
+    (tmp_path / "anna.py").write_text("\n".join(lines), encoding="utf-8")
+    (tmp_path / "ben.py").write_text("1 / 0", encoding="utf-8")
+    words = ["marks", str(tmp_path / "anna.py"), str(tmp_path / "ben.py")]
+    monkeypatch.setattr(sys, "argv", words)
+    assert marks.main() == 2
+    told = capsys.readouterr()
+    assert f"1 of {len(marks.asked())} pass" in told.out
+    assert "4.7  weights              passes" in told.out
+    assert "3.5  select               not there" in told.out
+    assert "hands the work to `five_point`" in told.out
+    assert "ben.py: it cannot be run" in told.err
+    assert len(told.err.splitlines()) == 1
+    monkeypatch.setattr(sys, "argv", ["marks", "--json", words[1]])
+    assert marks.main() == 0
+    functions = json.loads(capsys.readouterr().out)[words[1]]["functions"]
+    assert functions["weights"] == {"exercise": "4.7", "passed": True, "says": ""}
+    assert not functions["chain"]["passed"]
+    assert functions["chain"]["says"]
+
+
+def test_what_is_shown_is_written_for_slides(tmp_path: Path) -> None:
+    written = []
+    for name in ("one", "two"):
+        with pytest.MonkeyPatch.context() as patch:
+            for place in (course, drawing):
+                patch.setattr(place, "show", place.show)  # both are put back
+            slides.export(tmp_path / name, "03")
+            made, (axis,) = figure(120)
+            axis.plot([0, 1], [0, 1])
+            shown = course.show(made, np.zeros((20, 30), np.uint8))
+        assert (tmp_path / name / "03_01.png").read_bytes() == shown.data
+        written.append((tmp_path / name / "03_01a.svg").read_text(encoding="utf-8"))
+    assert written[0] == written[1]
+    assert "<path" in written[0]
 
 
 def test_exact_rows_leave_nothing_under_the_true_translation() -> None:

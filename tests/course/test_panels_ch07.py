@@ -1,20 +1,27 @@
-"""Chapter 7's long jobs: Table 1 is run, written, read back; a threshold is tried on all methods."""
+"""Chapter 7's panels: Table 1 is run and written; a threshold is tried; jobs; the part that is run."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import write_bands
 
 from course.ch07 import ExplorePanel, ReproducePanel
-from course.ch07 import explore as ch07_explore
-from course.ch07.explore import changes, known_poses, with_changes
+from course.ch07.figures import without_boxes
+from course.ch07.runs import FIRST, Plan, clip, part_of, run_plan
 from course.progress import Job
-from vo_lib.config import METHODS, preset
-from vo_lib.tables.paper import shipped_table
+from vo_lib import open_sequence
+from vo_lib.config import preset
+from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.kitti import KITTI_MEASURE
+from vo_lib.tables.comparison import read_stored_run
 
 LONG = 300.0  # seconds that a job may take; a safeguard
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
+CLIPS = SHARED / "kitti_clips"
+ON_CLIPS = pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_clips is not there")
 
 
 @pytest.fixture
@@ -30,55 +37,41 @@ def panel_of(road: Path) -> ReproducePanel:
     return panel
 
 
-def test_table_1_is_run_written_and_read_back(road: Path, tmp_path: Path) -> None:
+def test_table_1_is_run_and_written(road: Path, tmp_path: Path) -> None:
     panel = panel_of(road)
     before = panel.picture.value
     panel.run()
     panel.wait(LONG)
     assert panel.error == ""
     assert panel.picture.value != before
-    ran = panel.facts
-    assert 0 < ran["TE viso2"] < 5
+    assert 0 < panel.facts["TE viso2"] < 5
     assert "viso2" in panel.tables.value
-    folders = sorted(path.parent for path in (tmp_path / "cache").rglob("metrics.json"))
-    assert len(folders) == 4
-    other = panel_of(road)
-    other.set(view__seeds=1)
-    assert "TE viso2" not in other.facts
-    other.knobs["view.folder"].widget.value = str(folders[0].parents[2])
-    other.wait(LONG)
-    assert other.error == ""
-    assert other.facts == pytest.approx(ran, rel=1e-4)
-    panel.knobs["view.folder"].widget.value = str(tmp_path / "nowhere")
-    panel.wait(LONG)
-    assert "no run folder" in panel.error
+    stored = [read_stored_run(path.parent) for path in (tmp_path / "cache").rglob("metrics.json")]
+    runs = {(run.method, run.variant, run.seed) for run in stored}
+    assert runs == {(method, "published", seed) for method in ("viso2", "mesvo_f") for seed in (0, 1)}
+    assert len(stored) == 4
+    ran = panel.facts
+    panel.set(view__seeds=1)
+    assert "TE viso2" not in panel.facts
+    panel.set(view__seeds=2)
+    assert panel.facts == ran
 
 
-def test_of_a_folder_with_both_variants_the_one_chosen_is_shown(road: Path, tmp_path: Path) -> None:
-    panel = panel_of(road)
-    ran = {}
-    for variant in ("kit", "published"):
-        panel.set(view__variant=variant, view__seeds=1)
-        panel.run()
-        panel.wait(LONG)
-        assert panel.error == ""
-        ran[variant] = panel.facts
-    assert ran["kit"]["TE mesvo_f"] != ran["published"]["TE mesvo_f"]
-    both = next((tmp_path / "cache").rglob("published")).parent
-    assert (both / "kit").is_dir()
-    panel.knobs["view.folder"].widget.value = str(both)
+def test_without_boxes_the_table_says_that_nothing_was_removed(road: Path) -> None:
+    panel = ReproducePanel(str(road), frame=1, view__seeds=1, view__frames=24)
     panel.wait(LONG)
-    for variant in ("kit", "published"):
-        panel.set(view__variant=variant)
-        panel.wait(LONG)
-        assert panel.facts == pytest.approx(ran[variant], rel=1e-4)
+    panel.run()
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert "No boxes: nothing was removed" in panel._text.value
+    assert "No boxes: nothing was removed" in panel.tables.value
 
 
 def test_the_explorer_refuses_what_is_the_kits_own_where_the_paper_is_chosen(road: Path) -> None:
     panel = ExplorePanel(str(road), frame=1)
     panel.wait(LONG)
+    assert panel.frame.max == 29
     panel.set(view__variant="published", selection__sets=50)
-    panel.wait(LONG)
     assert panel.error == ""
     assert panel.facts["TE"] != panel.facts["TE of the preset"]
     panel.set(selection__refine_scale=3.0)
@@ -105,44 +98,55 @@ def test_runs_can_be_stopped_and_gone_on_with(road: Path) -> None:
     assert panel.facts["TE viso2"] > 0
 
 
-def test_the_papers_numbers_can_be_given(road: Path, tmp_path: Path) -> None:
-    panel = panel_of(road)
-    panel.run()
-    panel.wait(LONG)
-    panel.knobs["view.paper"].widget.value = str(tmp_path / "nowhere.csv")
-    assert "nowhere.csv" in panel.error
-    panel.knobs["view.paper"].widget.value = str(shipped_table())
-    assert panel.error == ""
+@ON_CLIPS
+def test_a_part_of_00_begins_where_its_truth_can_be_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KITTI_ROOT", str(CLIPS))
+    whole = open_sequence("kitti/00")
+    part = part_of(whole, 50)
+    assert (part.frames[0], len(part)) == ("000016", 50)
+    assert part_of(whole, len(whole)) is whole
+    assert part_of(whole, len(whole) - 1).frames[0] == "000001"
+    assert part_of(open_sequence("kitti/01"), 50).frames[0] == "000000"
+    # The images say that the car speeds up evenly; the truth before that frame does not follow them.
+    matched = run_plan(Plan(whole.part(0, 60), ("solution_selection",), 1, "kit"))[0]
+    true, found = (
+        np.linalg.norm(np.diff(p[:, :3, 3], axis=0), axis=1) for p in (matched.truth, matched.poses)
+    )
+    off = np.abs(true - found)
+    first = FIRST["kitti/00"]
+    assert 0.17 < off[:first].max() < 0.19
+    assert off[first:].max() < 0.06
 
 
-def test_a_run_for_a_slider_can_be_stopped_and_the_next_one_goes_on(
-    road: Path, monkeypatch: pytest.MonkeyPatch
+@ON_CLIPS
+def test_the_clip_of_the_row_has_the_boxes_of_a_detector(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ch07_explore, "PATIENCE", 1e-9)
-    panel = ExplorePanel(str(road), frame=1)
-    panel.wait(LONG)
-    before, bar = panel.picture.value, panel.job.box.children[0]
-    shown: list[bool] = []
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("KITTI_ROOT", str(CLIPS))
+    whole = clip(150)
+    assert (whole.name, len(whole), whole.labels) == ("kitti/00", 150, None)
+    monkeypatch.setattr(
+        "course.ch07.runs.suitable_measure", lambda truth: KITTI_MEASURE
+    )  # of twelve frames too
+    part = clip(12, str(SHARED / "models" / "yolov8n_int8.onnx"))
+    assert (part.name, part.frames[0]) == ("kitti/00", "000016")
+    assert sum(len(part.boxes(frame)) for frame in range(12)) > 12
+    entries = run_plan(Plan(part, ("feature_selection",), 1, "published"))
+    assert entries[0].removed_share > 0
+    assert without_boxes(entries) == []
 
-    def stop(change: dict[str, int]) -> None:
-        shown.append(panel.job.box.layout.display == "")
-        if change["new"] > 5:
-            panel.job.stop()
 
-    bar.observe(stop, "value")
-    panel.set(selection__sets=30)
-    assert any(shown)
-    assert panel.job.box.layout.display == "none"
-    assert panel.error == ""
-    assert "Stopped" in panel._message.value
-    assert panel.picture.value == before
-    bar.unobserve_all()
-    panel.knobs["selection.sets"].widget.value = 1
-    panel.knobs["selection.mode"].widget.value = "literal"
-    panel.wait(LONG)
-    assert panel.error == panel._message.value == ""
-    assert panel.facts["five-point sets"] == 1
-    assert panel.picture.value != before
+@pytest.mark.parametrize("clips", [False, pytest.param(True, marks=ON_CLIPS)], ids=["none", "too short"])
+def test_without_a_clip_of_100_m_the_row_is_of_the_drawn_street(
+    street: Sequence, monkeypatch: pytest.MonkeyPatch, clips: bool
+) -> None:
+    if clips:
+        monkeypatch.setenv("KITTI_ROOT", str(CLIPS))
+    else:
+        monkeypatch.setattr("course.ch07.runs.available", lambda: {})
+    monkeypatch.setattr("course.ch07.runs.opened", lambda name, report: street)
+    assert clip(12).folder == street.folder
 
 
 def fail(error: Exception) -> None:
@@ -171,21 +175,3 @@ def test_one_waits_for_work_that_work_has_started() -> None:
     job.start("counting", lambda _: 1, go_on, fail)
     job.wait(LONG)
     assert done == [1, 2, 3]
-
-
-def test_all_methods_follow_a_changed_threshold(road: Path) -> None:
-    panel = ExplorePanel(str(road), frame=1)
-    panel.wait(LONG)
-    assert panel.frame.max == 39
-    panel.set(selection__sets=1, selection__mode="literal")
-    assert panel.error == ""
-    here = panel.state()
-    changed = changes(panel.start, here.config, tuple(panel.knobs))
-    assert changed == {"selection.sets": 1, "selection.mode": "literal"}
-    panel.run()
-    panel.wait(LONG)
-    assert panel.error == ""
-    for method in METHODS:
-        config = with_changes(preset(method, seed=2), changed)
-        assert known_poses(here.sequence, config) is not None
-        assert known_poses(here.sequence, preset(method, seed=2)) is not None

@@ -28,7 +28,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--port", default="8888", metavar="N", help="port of the server (default %(default)s)"
     )
     parser.add_argument(
-        "--html", metavar="DIR", help="write all notebooks, executed, as pages into DIR, and open nothing"
+        "--html",
+        metavar="DIR",
+        help="write all notebooks, executed, as pages into DIR, their pictures into DIR/slides; open nothing",
     )
     parser.add_argument("--no-browser", action="store_true", help="only start the server")
     parser.set_defaults(command=_lab)

@@ -1,4 +1,4 @@
-"""`vo lab --html`: the notebooks, executed, as pages that need neither Python nor a network."""
+"""`vo lab --html`: executed notebooks as pages that need neither Python nor a network, and their pictures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from .console import say
 WIDGETS = "application/vnd.jupyter.widget-state+json"
 VIEW = "application/vnd.jupyter.widget-view+json"
 LONGEST_CELL = 1200  # seconds
+SLIDES = "slides"  # folder of the chapters' pictures
 REFERENCE = "IPY_MODEL_"
+PARTS = ("HTMLModel", "ImageModel", "VBoxModel", "HBoxModel")  # of a panel, that a page can show
 FORMULA = re.compile(r"(```.*?```|`[^`\n]*`)|\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{style}
@@ -34,7 +36,10 @@ math[display="block"] {{ margin: 12px 0 }} .panel {{ border: 1px solid #bbb; pad
 
 
 def write_pages(source: Path, target: Path) -> None:
-    """Execute every notebook below `source`; write it, and the texts beside them, as pages into `target`."""
+    """Execute every notebook below `source`; write it, and the texts beside them, as pages into `target`.
+
+    What the chapters show is in `target / SLIDES` as well, as PNG and, of charts, SVG.
+    """
     import nbformat  # with JupyterLab; slow to import
 
     paths = sorted([*source.glob("*.ipynb"), *source.glob("solutions/*.ipynb"), *source.glob("*.md")])
@@ -49,7 +54,10 @@ def write_pages(source: Path, target: Path) -> None:
             text = nbformat.v4.new_markdown_cell(path.read_text(encoding="utf-8"))  # type: ignore[no-untyped-call]
             notebook = nbformat.v4.new_notebook(cells=[text])  # type: ignore[no-untyped-call]
         else:
-            notebook = executed(notebooks[path], source)
+            notebook, slides = executed(notebooks[path], source, path.stem if path.parent == source else "")
+            (target / SLIDES).mkdir(parents=True, exist_ok=True)
+            for file, data in slides.items():
+                write_result(target / SLIDES / file, data)
         place.parent.mkdir(parents=True, exist_ok=True)
         write_result(place, portable(page(notebook, path.stem), source.resolve().parent))
     for path, place in zip(pictures, copies, strict=True):
@@ -76,8 +84,11 @@ def portable(text: str, kit: Path) -> str:
     return text
 
 
-def executed(notebook: Any, beside: Path) -> Any:
-    """A notebook with its outputs and errors; it runs in an empty folder and imports what lies `beside`."""
+def executed(notebook: Any, beside: Path, slides: str = "") -> tuple[Any, dict[str, bytes]]:
+    """A notebook with its outputs and errors; it runs in an empty folder and imports what lies `beside`.
+
+    With a name for `slides`, also the files of its pictures, by name.
+    """
     import nbclient
 
     with tempfile.TemporaryDirectory() as folder:
@@ -86,9 +97,13 @@ def executed(notebook: Any, beside: Path) -> Any:
             notebook, timeout=LONGEST_CELL, kernel_name="python3", allow_errors=True, resources=about
         )
         client.extra_arguments = ["--log-level=ERROR"]  # the kernel's warnings say nothing to a reader
+        if slides:
+            line = f"from course.slides import export; export({SLIDES!r}, {slides!r})"
+            client.extra_arguments.append(f"--IPKernelApp.exec_lines={line}")
         paths = [str(beside), os.environ.get("PYTHONPATH", "")]
         client.execute(env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))})
-    return notebook
+        files = sorted(Path(folder).glob(f"{SLIDES}/*"))
+        return notebook, {path.name: path.read_bytes() for path in files}
 
 
 def page(notebook: Any, title: str) -> str:
@@ -122,9 +137,7 @@ def with_mathml(markdown: str) -> str:
             return str(code)
         try:
             made = convert(display or inline, display="block" if display else "inline")
-        except (
-            Exception
-        ):  # a reader's own formula with a slip: as it was typed; its errors share no other base
+        except Exception:  # a reader's own formula with a slip, as it was typed; they share no other base
             return found.group()
         # Bars that stand alone would grow with what follows; as a character they would end a table's cell.
         return re.sub(r"<mo>(&#x0(?:007C|2016);)</mo>", r'<mo stretchy="false">\1</mo>', made).replace(
@@ -135,7 +148,7 @@ def with_mathml(markdown: str) -> str:
 
 
 def _shown(state: dict[str, Any], model: str) -> list[str]:
-    """Pictures and words of a widget and of all that it holds, as HTML."""
+    """Pictures and words of a widget and of all that it holds but controls, as HTML."""
     widget = state.get(model, {"state": {}})
     values, name = widget["state"], widget.get("model_name")
     if values.get("layout", "").startswith(REFERENCE):
@@ -147,5 +160,7 @@ def _shown(state: dict[str, Any], model: str) -> list[str]:
         return [f'<img alt="the panel" src="data:image/{values["format"]};base64,{data}">']
     if name == "HTMLModel":
         return [str(values.get("value", ""))]
-    children = values.get("children", [])
-    return [part for child in children for part in _shown(state, child.removeprefix(REFERENCE))]
+    children = [child.removeprefix(REFERENCE) for child in values.get("children", [])]
+    if children and state.get(children[0], {}).get("model_name") not in PARTS:
+        return []  # a control and its caption, which says nothing without it
+    return [part for child in children for part in _shown(state, child)]

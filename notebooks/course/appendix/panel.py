@@ -10,9 +10,7 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from vo_lib.beyond.calibration import in_words
-from vo_lib.beyond.parallax import parallax_information
-from vo_lib.beyond.rig import COLUMNS, FAULTS, FIELD, ROWS, SIZE, Rig, Shape, field_at
-from vo_lib.beyond.rig import lens_shapes as shapes_of_lens
+from vo_lib.beyond.rig import COLUMNS, FAULTS, FIELD, LENS, ROWS, SIZE, Rig, Shape, field_at, lens_shapes
 from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import CalibrationConfig, TranslationConfig
 from vo_lib.core.camera import StereoCamera
@@ -85,32 +83,8 @@ def learn(
 
 def too_long(shares: Array) -> float:
     """By how much the last `LAST` steps are too long on average, %; NaN where the camera rests."""
-    known = shares[np.isfinite(shares)][-LAST:]
-    return 100.0 * float(np.mean(known) - 1.0) if len(known) else np.nan
-
-
-def lens_shapes(points: Array) -> Array:
-    """How p1, p2, k1 and the principal point along u and v move normalised points (N, 2): (5, 2, N)."""
-    one = np.ones(len(points))
-    return np.concatenate([shapes_of_lens(points.T), [[one, 0 * one], [0 * one, one]]])
-
-
-def lens_deviations(camera: StereoCamera, tracks: list[SimulatedFrame]) -> Array:
-    """How well epipolar lines tell `lens_shapes`, each alone, every motion free: deviations (5,), pixels.
-
-    Matches without noise count as known to a tenth of a pixel.
-    """
-
-    def effects(x: Array, disparity: Array) -> Array:
-        return np.concatenate([lens_shapes(x.T), np.zeros((5, 1, len(disparity)))], axis=1)
-
-    information = np.full(5, 1e-12)
-    for frame in tracks:
-        R_cp, t_cp = frame.T_cp[:3, :3], frame.T_cp[:3, 3]
-        found = parallax_information(camera, frame.matches, R_cp, t_cp, effects, 1.0, stereo=False)
-        if found is not None:
-            information += np.diag(found[0])
-    return np.asarray(1.0 / np.sqrt(information))
+    judged = shares[np.isfinite(shares)][-LAST:]
+    return 100.0 * float(np.mean(judged) - 1.0) if len(judged) else np.nan
 
 
 def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
@@ -120,7 +94,7 @@ def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
 
 
 def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> Image:
-    """Fields of errors (18,) over an image, side by side, disparities above rows; red is too large, blue too small."""
+    """Errors (18,) over an image, side by side, disparities above rows; red is too large, blue too small."""
     grid = image_grid(camera, 41, 13).T
     errors = {name: field_at(c, *grid).reshape(2, 13, 41) for name, c in fields.items()}
     limit = room(max(float(np.abs(error).max()) for error in errors.values()), least=0.1)
@@ -153,6 +127,25 @@ def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], hei
         axis.set(xlim=(-1.1, 1.1), ylim=(0.46, -0.46), xticks=[], yticks=[], aspect="equal")
         axis.set_title(title, fontsize=8, loc="left")
     return made
+
+
+def faults_figure(camera: StereoCamera) -> Figure:
+    """Where the right image shows the points, away from their right places, under each fault with a shape."""
+    moved: dict[str, tuple[Array, ...]] = {}
+    for name, (columns, rows, _) in FAULTS.items():
+        if not name.startswith(("columns", "rows")):  # those are single terms
+            terms = [" ".join("−" * (c < 0) + term for term, c in shape.items()) for shape in (columns, rows)]
+            title = f"{name}\ndisparity: {terms[0] or 'none'}; row: {terms[1] or 'none'}"
+            moved[title] = (-field_at(rig({name: 1.0}), *image_grid(camera).T),)
+    return arrows_figure(camera, moved)
+
+
+def lens_figure(camera: StereoCamera) -> Figure:
+    """Where Brown's p1, p2 and k1 move the points; blue: across the epipolar lines of a drive straight ahead."""
+    points = image_grid(camera).T
+    across = points[::-1] * [[1], [-1]] / np.maximum(np.linalg.norm(points, axis=0), 1e-6)
+    shapes = dict(zip(LENS, lens_shapes(points), strict=True))
+    return arrows_figure(camera, {n: (s, across * np.sum(across * s, axis=0)) for n, s in shapes.items()})
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Exercises of chapter 7: the average, the paper's unit and its odd row, a gain and its spread, a sweep."""
+"""Exercises of chapter 7: the average, the paper's unit, a gain and its spread, a sweep."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from ..checker import Exercise, Mistake, times
 from ..lessons import CAMERA, drive
 
 USED, TRUE = 5555.6, 100.0 * 180.0 / np.pi  # factors from rad/m to deg/100 m
-PRINTED, OF_ROWS, ROWS = 2.43, 2.10, 10  # the paper's VISO2 average, the mean of its rows, how many
 FRAMES, LENGTHS, VALUES = 30, (20.0,), (8, 16, 100)
 MOST_SETS, WORSE = 20, 1.05
 
@@ -121,25 +120,6 @@ true_rotation_error = Exercise(
     ),
 )
 
-odd_row = Exercise(
-    ROWS * (PRINTED - OF_ROWS),
-    atol=0.02,
-    task="By how much one of ten rows must change for their mean to become what is printed, %.",
-    praise=(
-        "{right:.1f} %, more than the mean itself. So it is no misprint of one digit: another set of "
-        "sequences, or another run."
-    ),
-    hint="the sum of the ten rows changes by 10 times what the mean changes.",
-    mistakes=(
-        Mistake(
-            "this is how far the means are apart.",
-            "a row enters the mean with a weight of 1/10.",
-            PRINTED - OF_ROWS,
-        ),
-        Mistake("the sign: the printed mean is the larger one.", "2.43 - 2.10.", -ROWS * (PRINTED - OF_ROWS)),
-    ),
-)
-
 gain = Exercise(
     change,
     lambda: [(np.array([1.0, 1.2, 1.4, 1.6, 1.9]), np.array([0.9, 1.05, 1.3, 1.5, 1.7]))],
@@ -147,11 +127,11 @@ gain = Exercise(
     parts=("mean", "spread"),
     task="A function (before (S,), after (S,)) -> mean and standard deviation of the change, seed by seed.",
     praise="{got[0]:+.2f} ± {got[1]:.2f}, each alone ± 0.3: what chance does to both alike has cancelled.",
-    hint="np.mean(after - before), np.std(after - before).",
+    hint="one change for each seed; then the mean and the deviation of these changes.",
     mistakes=(
         Mistake(
             "the sign: an error that fell should give a negative change.",
-            "after - before.",
+            "subtract what was before from what is after.",
             times(change, -1.0, 1.0),
         ),
         Mistake(
@@ -167,10 +147,17 @@ gain = Exercise(
             lambda before, after: change(before, after, abs(after.std() - before.std())),
         ),
         Mistake(
-            "this is the variance.",
-            "its root: np.std.",
+            "this is another measure of the spread: the variance, or how well the mean is known.",
+            "the standard deviation of the changes themselves.",
             lambda before, after: change(before, after, np.var(after - before)),
+            lambda before, after: change(before, after, np.std(after - before) / np.sqrt(len(after))),
         ),
+        Mistake(
+            "this is the change as a share of what was before.",
+            "in %, as TE itself.",
+            lambda before, after: change(np.ones_like(before), after / before),
+        ),
+        Mistake("mean and spread are exchanged.", "the mean comes first.", lambda *two: change(*two)[::-1]),
     ),
 )
 

@@ -1,45 +1,34 @@
-"""Chapter 7: runs of several methods and seeds, done here or read back from run folders."""
+"""Chapter 7: the part of a sequence that is run, and runs of several methods and seeds on it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from vo_lib.config import VARIANTS, PublishedConfig, preset
-from vo_lib.core.errors import DataError
+from vo_lib.config import preset
 from vo_lib.core.types import Progress
 from vo_lib.data.drawn import cache_folder
-from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import SHORT_MEASURE
+from vo_lib.data.sequence import KITTI, Sequence, available, open_sequence
+from vo_lib.detection.detectors import known
+from vo_lib.detection.label_cache import labelled_sequence
+from vo_lib.evaluation.kitti import KITTI_MEASURE, suitable_measure
 from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.results import read_run, run_folder, write_run
-from vo_lib.runs.runner import Run, run_methods
-from vo_lib.tables.comparison import StoredRun, read_stored_run
+from vo_lib.runs.results import run_folder, write_run
+from vo_lib.runs.runner import run_methods
 from vo_lib.tables.entries import Entry, measure_runs
 from vo_lib.tables.reproduce import job_folder
 
 from ..frames import Memory, opened
 
+STREET = "synthetic/traffic"
+FIRST = {"kitti/00": 16}  # where a part begins: the true steps before are wrong by up to 18 cm
 
-@dataclass(frozen=True)
-class Table:
-    """Errors of the same runs twice: over what `vo reproduce` takes, and over short pieces."""
-
-    suited: list[Entry]
-    short: list[Entry]
-
-
-LITERAL = "kit, literal"
-WAYS = (*VARIANTS, LITERAL)
-_tables: Memory[Table] = Memory(12)
+_entries: Memory[list[Entry]] = Memory(12)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What the Run button does: each method with the seeds 0 … seeds - 1 over a whole sequence or a part.
-
-    `variant` is one of `WAYS`.
-    """
+    """What the Run button does: each method with the seeds 0 … seeds - 1 over a sequence with truth."""
 
     sequence: Sequence
     methods: tuple[str, ...]
@@ -50,84 +39,58 @@ class Plan:
     def key(self) -> tuple[object, ...]:
         """What decides the result."""
         sequence = self.sequence
-        return sequence.folder, sequence.frames[0], len(sequence), self.methods, self.seeds, self.variant
+        place = sequence.folder, sequence.labels, sequence.frames[0], len(sequence)
+        return *place, self.methods, self.seeds, self.variant
 
     @property
     def folder(self) -> Path:
         """Where its run folders are written."""
         return cache_folder().parent / "runs" / "chapter7" / f"{len(self.sequence)}_frames"
 
-
-def way(method: str, variant: str, seed: int = 0) -> PublishedConfig:
-    """A method's configuration as `published`, the `kit`'s way, or that with its winner taken as it is."""
-    if variant == LITERAL:
-        return preset(method, mode="literal", seed=seed)
-    return preset(method, variant=variant, seed=seed)
+    @property
+    def is_run(self) -> bool:
+        """Whether `run_plan` has been called with it."""
+        return self.key in _entries
 
 
-def known(plan: Plan) -> Table | None:
-    """The errors of a plan that was run here, or None."""
-    return _tables.get(plan.key, lambda: Table([], [])) if plan.key in _tables else None
+def part_of(sequence: Sequence, frames: int) -> Sequence:
+    """So many frames of a sequence, the first ones whose truth can be believed; all where it has no more."""
+    if frames >= len(sequence):
+        return sequence
+    first = min(FIRST.get(sequence.name, 0), len(sequence) - frames)
+    return sequence.part(first, first + frames)
 
 
-def run_plan(plan: Plan, progress: Progress | None = None) -> Table:
-    """All runs of a plan on the same matches, written into run folders once the last frame is done."""
-    return _tables.get(plan.key, lambda: _run(plan, progress))
+def clip(frames: int, detector: str = "", progress: Progress | None = None) -> Sequence:
+    """A part of the first KITTI sequence here with truth and 100 m; of the drawn street where there is none.
+
+    Its boxes are the labels beside its images, else those of a detector, a name or the path of an ONNX file;
+    by default of the first that was fetched. Without one there are none.
+    """
+    parts = (part_of(open_sequence(name), frames) for name in available() if name.startswith(KITTI))
+    found = (p for p in parts if p.truth is not None and suitable_measure(p.truth) == KITTI_MEASURE)
+    sequence = next(found, None) or part_of(opened(STREET, progress), frames)
+    detector = detector or next((name for name, (_, path) in known().items() if path), "")
+    if sequence.labels is not None or not detector:
+        return sequence
+    return labelled_sequence(sequence, detector, progress=progress)
 
 
-def _run(plan: Plan, progress: Progress | None) -> Table:
+def run_plan(plan: Plan, progress: Progress | None = None) -> list[Entry]:
+    """Errors of each method, all run on the same matches; run folders are written once the last frame is done.
+
+    They are taken over KITTI's sub-sequences where the path holds one, else over shorter ones.
+    """
+    return _entries.get(plan.key, lambda: _run(plan, progress))
+
+
+def _run(plan: Plan, progress: Progress | None) -> list[Entry]:
     names = {(method, seed): f"{method} {seed}" for method in plan.methods for seed in range(plan.seeds)}
-    configs = {name: way(method, plan.variant, seed) for (method, seed), name in names.items()}
+    configs = {name: preset(m, variant=plan.variant, seed=seed) for (m, seed), name in names.items()}
     first = next(iter(configs.values()))
     matches = CachedMatches(plan.sequence, first.features, first.matching)
     runs = run_methods(plan.sequence, configs, progress, matches)
     for (method, seed), name in names.items():
         with run_folder(job_folder(plan.folder, plan.variant, plan.sequence.name, method, seed)) as folder:
             write_run(folder, runs[name], method)
-    by_method = {m: [runs[names[m, seed]] for seed in range(plan.seeds)] for m in plan.methods}
-    return _measured(list(by_method.items()))
-
-
-def _measured(runs: list[tuple[str, list[Run]]]) -> Table:
-    """Errors of (method, its runs over seeds)."""
-    return Table(
-        [measure_runs(method, some) for method, some in runs],
-        [measure_runs(method, some, SHORT_MEASURE) for method, some in runs],
-    )
-
-
-def load_folder(folder: str, here: Sequence | None, progress: Progress | None = None) -> Table:
-    """Errors of all finished runs below a folder, such as that of `vo reproduce`.
-
-    `here` is a sequence that is open; a folder of one's own is known by its name only.
-
-    Raises
-    ------
-    DataError : no run is there, two runs have sequence, method and seed in common, or a sequence is not here.
-    """
-    places = sorted(path.parent for path in Path(folder).expanduser().rglob("config.json"))
-    if not places:
-        raise DataError("no run folder is below it: expected config.json, as `vo run` writes it", folder)
-    together: dict[tuple[str, str, str], dict[int, Run]] = {}
-    for count, place in enumerate(places, start=1):
-        stored = read_stored_run(place)
-        runs = together.setdefault((stored.sequence, stored.variant, stored.method), {})
-        if stored.seed in runs:
-            twice = f"{stored.sequence}, {stored.method}, seed {stored.seed}"
-            raise DataError(f"a second run of {twice}: expected the runs of one table", place)
-        runs[stored.seed] = read_run(place, _part_of(stored, here))
-        if progress is not None:
-            progress(count, len(places))
-    return _measured(
-        [(method, [runs[seed] for seed in sorted(runs)]) for (*_, method), runs in together.items()]
-    )
-
-
-def _part_of(stored: StoredRun, here: Sequence | None) -> Sequence:
-    """The frames that were run."""
-    is_open = here is not None and here.name == stored.sequence
-    sequence = here if here is not None and is_open else opened(stored.sequence)
-    first, last = stored.frames
-    if not {first, last} <= set(sequence.frames):
-        raise DataError(f"{sequence.name} has no frames {first} to {last}", stored.folder)
-    return sequence.part(sequence.frames.index(first), sequence.frames.index(last) + 1)
+    return [measure_runs(m, [runs[names[m, seed]] for seed in range(plan.seeds)]) for m in plan.methods]

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from course.checker import Exercise
-from vo_lib.core.types import Array
+from vo_lib import preset
+from vo_lib.core.geometry import inverse
+from vo_lib.core.types import Array, Image
+from vo_lib.data.sequence import Sequence
+from vo_lib.runs.match_cache import CachedMatches
+from vo_lib.runs.runner import run_methods
+from vo_lib.tables.film import Film, shown_frames
 
 from ..ch00 import exercises as ch00
 from ..ch01 import exercises as ch01
@@ -20,20 +25,22 @@ from ..ch03 import exercises as ch03
 from ..ch04 import exercises as ch04
 from ..ch05 import exercises as ch05
 from ..ch06 import exercises as ch06
+from ..checker import Exercise
 from ..keep import NAME, load
+from ..marks import judged
 
-# Name of the function in the notebooks: its chapter and the exercise that checks it, in the order of the loop.
-STAGES: dict[str, tuple[int, Exercise]] = {
-    "keep_outside": (5, ch05.keep_outside),
-    "buckets": (1, ch01.buckets),
-    "solve_five": (2, ch02.solve_five),
-    "truncated_error": (3, ch03.truncated_error),
-    "select": (3, ch03.select),
-    "rows_of_one": (4, ch04.feature_rows),
-    "translation_of_all": (4, ch04.stack),
-    "weights": (4, ch04.robust_weight),
-    "chain": (0, ch00.chain),
-    "all_errors": (6, ch06.all_errors),
+# The exercise that checks each function, and its number, in the order of the loop.
+STAGES: dict[str, tuple[str, Exercise]] = {
+    "keep_outside": ("5.5", ch05.keep_outside),
+    "buckets": ("1.5", ch01.buckets),
+    "solve_five": ("2.8", ch02.solve_five),
+    "truncated_error": ("3.1", ch03.truncated_error),
+    "select": ("3.5", ch03.select),
+    "rows_of_one": ("4.1", ch04.feature_rows),
+    "translation_of_all": ("4.4", ch04.stack),
+    "weights": ("4.7", ch04.robust_weight),
+    "chain": ("0.5", ch00.chain),
+    "all_errors": ("6.5", ch06.all_errors),
 }
 
 
@@ -54,12 +61,18 @@ class Joined:
         """How many stages are borrowed, for the check."""
         return {"borrowed": float(sum(words != "yours" for words in self.whose.values()))}
 
+    @property
+    def name(self) -> str:
+        """What an odometry of these stages may be called: yours only where all of them are."""
+        own = len(STAGES) - int(self.facts["borrowed"])
+        return "yours" if own == len(STAGES) else f"{own} of {len(STAGES)} stages yours"
+
     def _repr_html_(self) -> str:
         rows = "".join(
             f"<tr><td>{STAGES[name][0]}</td><td><code>{name}</code></td><td>{html.escape(words)}</td></tr>"
             for name, words in self.whose.items()
         )
-        return f"<table><tr><th>chapter</th><th>stage</th><th>whose</th></tr>{rows}</table>"
+        return f"<table><tr><th>exercise</th><th>stage</th><th>whose</th></tr>{rows}</table>"
 
 
 def join(**given: Any) -> Joined:
@@ -68,7 +81,7 @@ def join(**given: Any) -> Joined:
     functions, whose = {}, {}
     for name, (_, exercise) in STAGES.items():
         own = written.get(name)
-        verdict = exercise.judge(own) if callable(own) else None
+        verdict = judged(own, exercise) if callable(own) else None
         passed = verdict is not None and verdict.passed
         functions[name] = own if passed else exercise.right
         why = f"yours fails its check: {verdict.message}" if verdict is not None else f"not in {NAME} yet"
@@ -81,3 +94,15 @@ def residuals(M: Array, c: Array, t: Array) -> Array:
     A, d = M[..., :3], c - M[..., 3:] @ t
     left = d[..., None] - A @ (np.linalg.pinv(A) @ d[..., None])
     return np.asarray(np.linalg.norm(left[..., 0], axis=1))
+
+
+def film(path: Path, sequence: Sequence, poses: Array) -> Image:
+    """Write a film of poses (N, 4, 4) over the kit's matches and what boxes leave of them; its last picture, BGR."""
+    config = preset("feature_selection")
+    matches = list(CachedMatches(sequence, config.features, config.matching))
+    run = replace(run_methods(sequence, {"": config}, matches=matches)[""], poses=poses)
+    with Film(path, run, "your path, the kit's matches") as made:
+        for shown in shown_frames(run, matches):
+            T_cp = inverse(poses[shown.index]) @ poses[shown.index - 1]
+            made.add(replace(shown, motion=replace(shown.motion, T_cp=T_cp)))
+    return made.picture(shown)

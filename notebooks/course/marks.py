@@ -1,0 +1,95 @@
+"""Marks of a class: which functions of each student's `my_vo.py` pass the checks of their exercises.
+
+    python -m course.marks my_vo.py
+    python -m course.marks --json class/*/my_vo.py
+
+Run it in the folder of the notebooks. It runs what the students have written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from vo_lib.core.errors import DataError
+
+from .checker import Exercise
+from .keep import handed_back, load
+from .results import Verdict
+
+NOTEBOOKS = Path(__file__).resolve().parents[1]
+HEADING = re.compile(r"^### Exercise (\d+\.\d+)", re.MULTILINE)
+CHECK = re.compile(r"^(ch\d\d)\.(\w+)\((\w+)\)$", re.MULTILINE)
+
+
+def asked() -> dict[str, tuple[str, Exercise]]:
+    """The functions that the notebooks ask for, by name: the number of the exercise, and its check."""
+    found, number = {}, ""
+    for path in sorted(NOTEBOOKS.glob("0*.ipynb")):
+        for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+            text = "".join(cell["source"])
+            number = (HEADING.findall(text) or [number])[-1]
+            for chapter, check, name in CHECK.findall(text):
+                if f"def {name}(" in text:
+                    exercises = importlib.import_module(f"course.{chapter}.exercises")
+                    found[name] = number, getattr(exercises, check)
+    return found
+
+
+def judged(function: Any, exercise: Exercise) -> Verdict:
+    """The verdict on a function of `my_vo.py`; nothing is kept."""
+    if name := handed_back(function, exercise.library):
+        return Verdict(False, f"this hands the work to `{name}`.")
+    try:
+        return exercise.judge(function)
+    except Exception as error:
+        return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
+
+
+def marks(path: Path) -> dict[str, Any]:
+    """How many functions of a file pass, and of each its exercise, whether it passes, and what is wrong.
+
+    Raises `DataError` where the file is missing or cannot be run.
+    """
+    if not path.is_file():
+        raise DataError("the file is missing: expected a student's my_vo.py", path)
+    written = load(path)
+    functions: dict[str, dict[str, Any]] = {}
+    for name, (number, exercise) in asked().items():
+        verdict = Verdict(False, "not there")
+        if callable(written.get(name)):
+            verdict = judged(written[name], exercise)
+        says = "" if verdict.passed else verdict.message
+        functions[name] = {"exercise": number, "passed": verdict.passed, "says": says}
+    passed = sum(each["passed"] for each in functions.values())
+    return {"passed": passed, "of": len(functions), "functions": functions}
+
+
+def main() -> int:
+    """Print the marks of the files named, as text or JSON; 2 where one of them could not be read."""
+    parser = argparse.ArgumentParser(prog="python -m course.marks", description=__doc__.splitlines()[0])
+    parser.add_argument("files", nargs="+", type=Path, metavar="my_vo.py")
+    parser.add_argument("--json", action="store_true", help="for a program, in place of lines to read")
+    options = parser.parse_args()
+    found: dict[str, Any] = {}
+    for path in options.files:
+        try:
+            found[str(path)] = marks(path)
+        except DataError as error:
+            print(f"error: {error}", file=sys.stderr)
+    if options.json:
+        print(json.dumps(found, indent=1))
+    for path, each in ({} if options.json else found).items():
+        print(f"{path}: {each['passed']} of {each['of']} pass")
+        for name, one in each["functions"].items():
+            print(f"  {one['exercise']:4} {name:20} {'passes' if one['passed'] else one['says']}")
+    return 0 if len(found) == len(options.files) else 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())
