@@ -172,6 +172,7 @@ path_length = Exercise(
     mistakes=(
         Mistake("{got:.1f} m is the straight way from start to end.", lambda s: way(s, every=False)),
         Mistake("this is every step by itself: add them.", lambda s: np.linalg.norm(steps(s), axis=1)),
+        Mistake("this is the number of poses.", lambda sequence: len(steps(sequence)) + 1),
         Mistake("this is the mean step, not the sum.", lambda s: np.linalg.norm(steps(s), axis=1).mean()),
         Mistake("one norm of all steps: take it of each, along axis 1.", lambda s: np.linalg.norm(steps(s))),
         Mistake("this adds |x|, |y| and |z| of a step: take its norm.", lambda s: np.abs(steps(s)).sum()),

@@ -171,7 +171,7 @@ is_stereo = Exercise(
         Mistake("the two limits are exchanged.", judged(limits=lambda most, least: (least, most))),
         Mistake("1 and 0.5 are hard-coded: use the limits given.", judged(limits=lambda *_: (1.0, 0.5))),
         Mistake(
-            "a match exactly at a limit is still good: *within*, *at least*.",
+            "a match exactly at a limit is still good: within, at least.",
             judged(limits=lambda most, least: (most - 1e-9, least + 1e-9)),
             judged(limits=lambda most, least: (most - 1e-9, least)),
             judged(limits=lambda most, least: (most, least + 1e-9)),
@@ -275,7 +275,7 @@ buckets = Exercise(
         Mistake("only `count` in all; so many in each square.", when=lambda got, *case: len(got) == case[4]),
         Mistake("a square has one more than `count`.", lambda *case: kept(*case[:4], case[4] + 1)),
         Mistake(
-            "strips, not squares: a square is a column *and* a row of the grid.",
+            "strips, not squares: a square is a column and a row of the grid.",
             lambda uv, *case: kept(uv * [1, 0], *case),
             lambda uv, *case: kept(uv * [0, 1], *case),
         ),

@@ -138,6 +138,7 @@ epipolar_distance = Exercise(
             "divided by a² + b², the square of what it should be divided by.",
             from_line(lambda value, line: abs(value) / (line[:2] @ line[:2])),
         ),
+        Mistake("this is the square of the distance.", lambda *case: distance(*case) ** 2),
         Mistake("a distance is not negative.", signed, lambda *case: -distance(*case)),
         Mistake(
             "this is x_cᵀ E x_p, not yet a distance: the line may be stretched by any factor.",
