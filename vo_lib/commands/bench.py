@@ -88,6 +88,7 @@ def measure(sequence: Sequence, config: Config, progress: Progress | None = None
     decoding by its processor time, in one thread.
     """
     count = len(sequence)
+    run_methods(sequence.part(0, 2), {"": config})  # what a process does once is no part of a frame
     wall, used = time.perf_counter(), time.process_time()
     advance = None if progress is None else lambda done, _: progress(done, 2 * count)
     result = run_methods(sequence, {"": config}, advance)[""]
