@@ -69,6 +69,6 @@ def run_script(script: ModuleType, words: Sequence[str] | None = None) -> int:
 
 def _filled(text: str) -> str:
     """A script's words at the terminal's width; a paragraph with indented lines, the examples, as it is."""
-    width = shutil.get_terminal_size().columns - 2
+    width = max(shutil.get_terminal_size().columns - 2, 20)
     parts = text.strip().split("\n\n")
     return "\n\n".join(part if "\n  " in part else textwrap.fill(part, width) for part in parts)
