@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ def test_the_exercises_know_right_from_wrong(name: str) -> None:
     assert exercise(exercise.right).passed
     for mistake in exercise.mistakes:
         for answer in mistake.answers:
-            verdict = exercise(answer)
+            verdict = copy.copy(exercise)(answer)
             assert (verdict.passed, verdict.message, verdict.hint) == (False, mistake.says, mistake.hint)
 
 
