@@ -25,7 +25,7 @@ from vo_lib.beyond.box_tracks import (
 )
 from vo_lib.beyond.moving import no_steps
 from vo_lib.config import FilterConfig, MovingConfig
-from vo_lib.core.boxes import Boxes, no_boxes, overlap
+from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.geometry import rigid, rotation_from_vector, skew, transform
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.sampson import sampson_distance
@@ -189,12 +189,6 @@ def test_a_higher_significance_makes_it_harder_to_move() -> None:
     assert judged(*drive(cars, 4))[-1].state.tolist() == [MOVING]
     cars = [Vehicle((1.0, 0.8, 25.0), (0.0, 0.0, 0.3))]
     assert judged(*drive(cars, 4), config)[-1].state.tolist() != [MOVING]
-
-
-def test_overlap_is_one_for_the_same_box_and_zero_apart() -> None:
-    a = np.array([[0.0, 0.0, 10.0, 10.0], [20.0, 0.0, 30.0, 10.0]])
-    np.testing.assert_allclose(overlap(a, a), np.eye(2))
-    np.testing.assert_allclose(overlap(a[:1], np.array([[5.0, 0.0, 15.0, 10.0]])), [[1 / 3]])
 
 
 @given(arrays(np.float64, (4, 3), elements=st.floats(0, 1)))

@@ -17,26 +17,11 @@ from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.matches import StereoMatches
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import open_truth
-from vo_lib.method.boxes import in_boxes
 from vo_lib.runs.runner import FoundMatches
 
 
 def box(*xyxy: float, class_id: int = 2, score: float = 1.0) -> Boxes:
     return Boxes(np.array([xyxy], float), np.array([class_id]), np.array([score]))
-
-
-def test_only_vehicle_boxes_of_enough_score_count() -> None:
-    uv = np.array([[15.0, 15.0], [50.0, 50.0]])
-    assert in_boxes(uv, box(10, 10, 20, 20), FilterConfig()).tolist() == [True, False]
-    assert not in_boxes(uv, box(10, 10, 20, 20, class_id=0), FilterConfig()).any()
-    assert not in_boxes(uv, box(10, 10, 20, 20, score=0.1), FilterConfig()).any()
-    assert not in_boxes(uv, no_boxes(), FilterConfig()).any()
-
-
-def test_the_margin_is_a_share_of_the_box() -> None:
-    uv = np.array([[21.5, 15.0]])
-    assert not in_boxes(uv, box(10, 10, 20, 20), FilterConfig(margin=0.1)).any()
-    assert in_boxes(uv, box(10, 10, 20, 20), FilterConfig(margin=0.2)).all()
 
 
 ALWAYS = FilterConfig(rule="all", min_matches=0, min_share=0.0)
