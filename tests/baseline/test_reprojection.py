@@ -10,13 +10,10 @@ import pytest
 
 from vo_lib import open_sequence, preset, run
 from vo_lib.baseline.viso2 import _triples, centre_weight, ransac_motion, refit_motion
-from vo_lib.beyond.odometry import Learning
 from vo_lib.config import ReprojectionConfig
-from vo_lib.core import settings
 from vo_lib.core.boxes import no_boxes
 from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import rigid, rotation_angle, rotation_from_vector, transform
-from vo_lib.core.reprojection import linearise
+from vo_lib.core.geometry import rigid, rotation_angle, rotation_from_vector
 from vo_lib.core.types import Array, Mask
 from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from vo_lib.evaluation.axes import fit_axes
@@ -51,24 +48,22 @@ def errors(frame: SimulatedFrame, R: Array, t: Array) -> tuple[float, float]:
     return float(np.degrees(rotation_angle(R.T @ T[:3, :3]))), float(np.linalg.norm(t - T[:3, 3]))
 
 
-def test_exact_matches_give_the_exact_motion_and_all_are_inliers() -> None:
-    for frame in frames(noise=0.0):
+BACK = rigid(np.eye(3), np.array([0.0, 0.0, -0.4]))
+ON_THE_SPOT = [rigid(rotation_from_vector(np.array([0.0, turn, 0.0])), np.zeros(3)) for turn in (0.05, -0.15)]
+
+
+@pytest.mark.parametrize(
+    ("step", "wrong"), [(STEP, 0.0), (STEP, 0.3), (BACK, 0.2), *((turn, 0.2) for turn in ON_THE_SPOT)]
+)
+def test_exact_matches_give_the_exact_motion_and_wrong_ones_are_found_out(step: Array, wrong: float) -> None:
+    for frame in frames(noise=0.0, wrong=wrong, step=step):
         R, t, inliers = estimate(frame)
         angle, distance = errors(frame, R, t)
         assert angle < 1e-6
-        assert distance < 1e-7
-        assert inliers.all()
-
-
-def test_thirty_percent_wrong_matches_are_found_out_and_cost_nothing() -> None:
-    for frame in frames(noise=0.0, wrong=0.3):
-        R, t, inliers = estimate(frame)
-        angle, distance = errors(frame, R, t)
-        assert angle < 1e-6
-        assert distance < 1e-7
-        # A wrong match may by chance be another place with the same picture of the motion; few are.
+        assert distance < (1e-7 if step is STEP else 1e-6)
         assert inliers[~frame.wrong].all()
-        assert np.count_nonzero(inliers & frame.wrong) == 0
+        # A wrong match may by chance be another place with the same picture of the motion; few are.
+        assert step is not STEP or not (inliers & frame.wrong).any()
 
 
 def test_noise_and_wrong_matches_leave_hundredths_of_a_degree_and_centimetres() -> None:
@@ -78,48 +73,12 @@ def test_noise_and_wrong_matches_leave_hundredths_of_a_degree_and_centimetres() 
     assert distance < 0.03
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.05, -0.15])
-def test_turning_on_the_spot_and_driving_backwards_are_motions_like_any_other(turn: float) -> None:
-    step = rigid(rotation_from_vector(np.array([0.0, turn, 0.0])), np.array([0.0, 0.0, -0.4 * (turn == 0)]))
-    for frame in frames(noise=0.0, wrong=0.2, step=step):
-        angle, distance = errors(frame, *estimate(frame)[:2])
-        assert angle < 1e-6
-        assert distance < 1e-6
-
-
 def test_a_camera_that_stands_still_does_not_move() -> None:
     for frame in frames(noise=0.1, step=np.eye(4)):
         R, t, _ = estimate(frame)
         angle, distance = errors(frame, R, t)
         assert angle < 0.02
         assert distance < 0.01
-
-
-def test_the_derivatives_are_those_of_differences() -> None:
-    rng = np.random.default_rng(1)
-    X_p = rng.uniform([-5, -2, 6], [5, 2, 30], (7, 3))
-    R, t = STEP[:3, :3], np.array([0.1, -0.2, 0.4])
-    measured = np.zeros((7, 4))
-    residual, jac, depth = linearise(CAMERA, X_p @ R.T, t, measured)
-    np.testing.assert_allclose(depth, transform(rigid(R, t), X_p)[:, 2])
-    left, right = CAMERA.project(transform(rigid(R, t), X_p))
-    centre = np.array([CAMERA.cx, CAMERA.cy])
-    np.testing.assert_allclose(-residual, np.concatenate([left - centre, right - centre], axis=1))
-    for k, nudge in enumerate(1e-6 * np.eye(6)):
-        turned = rotation_from_vector(nudge[:3]) @ R
-        other, _, _ = linearise(CAMERA, X_p @ turned.T, t + nudge[3:], measured)
-        np.testing.assert_allclose((residual - other) / 1e-6, jac[..., k], rtol=1e-4, atol=2e-3)
-
-
-def test_a_batch_of_motions_is_linearised_as_each_alone() -> None:
-    rng = np.random.default_rng(2)
-    rotated = rng.uniform([-5, -2, 6], [5, 2, 30], (3, 4, 3))
-    t, measured = rng.normal(size=(3, 1, 3)), rng.uniform(-300, 300, (3, 4, 4))
-    batch = linearise(CAMERA, rotated, t, measured)
-    for k in range(3):
-        single = linearise(CAMERA, rotated[k], t[k, 0], measured[k])
-        for a, b in zip(batch, single, strict=True):
-            np.testing.assert_array_equal(a[k], b)
 
 
 def test_the_middle_of_the_image_weighs_twenty_times_its_border() -> None:
@@ -231,27 +190,6 @@ def test_in_a_run_a_frame_without_motion_goes_on_with_the_last_one() -> None:
     lost = odometry.step(shuffled, no_boxes())
     assert lost.flags == ("no_motion",)
     np.testing.assert_array_equal(lost.T_cp, motion.T_cp)
-
-
-def test_a_run_finds_the_disparity_offset_and_steps_get_their_length() -> None:
-    shift = np.array([1.0, 0.0])
-    for on, expected in ((True, 1.0), (False, None)):
-        config = settings.replace(preset("viso2"), "calibration.estimate", on)
-        odometry = make_odometry(CAMERA, config)
-        assert isinstance(odometry, Learning)
-        odometry.start(no_boxes())
-        motions = []
-        for frame in frames(noise=0.1, n=12):
-            m = frame.matches
-            # All disparities a pixel too small.
-            biased = dataclasses.replace(m, prev_right=m.prev_right + shift, cur_right=m.cur_right + shift)
-            motions.append(odometry.step(biased, no_boxes()))
-        length = float(np.linalg.norm(motions[-1].T_cp[:3, 3]))
-        if expected is None:
-            assert length > 1.02
-        else:
-            assert length == pytest.approx(expected, abs=0.01)
-            assert odometry.rig.errors[0] == pytest.approx(-1.0, abs=0.15)
 
 
 # libviso2, with features of its own, has 1.44 / 1.17 over 100 m and 1.61 / 1.88 over 50 m on these frames.

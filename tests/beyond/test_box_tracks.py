@@ -25,8 +25,8 @@ from vo_lib.beyond.box_tracks import (
 )
 from vo_lib.beyond.moving import no_steps
 from vo_lib.config import FilterConfig, MovingConfig
-from vo_lib.core.boxes import Boxes, no_boxes, overlap
-from vo_lib.core.geometry import rotation_from_vector, skew
+from vo_lib.core.boxes import Boxes, no_boxes
+from vo_lib.core.geometry import rigid, rotation_from_vector, skew, transform
 from vo_lib.core.matches import StereoMatches
 from vo_lib.core.sampson import sampson_distance
 from vo_lib.core.types import Array
@@ -42,6 +42,12 @@ def judged(
     classifier = BoxMotionClassifier(CAMERA, config or FilterConfig())
     classifier.start(first)
     return [classifier.step(matches, boxes) for matches, boxes in frames]
+
+
+def box_round(X: Array) -> Boxes:
+    """The box of a car in the image, from points of it (N, 3)."""
+    uv = CAMERA.project(X)[0]
+    return Boxes(np.concatenate([uv.min(axis=0), uv.max(axis=0)])[None], np.array([2]), np.ones(1))
 
 
 def test_an_oncoming_car_moves_and_a_parked_one_does_not() -> None:
@@ -86,6 +92,7 @@ def test_evidence_turns_with_the_camera_fades_with_new_evidence_and_waits_withou
     )
     waited = with_evidence(track, no_steps(1), turn, MovingConfig())
     np.testing.assert_allclose(waited.information[0], turn @ information @ turn.T)
+    assert waited.state.tolist() == [UNKNOWN]  # half a metre, known to half a metre
     np.testing.assert_allclose(np.linalg.solve(waited.information[0], waited.vector[0]), turn @ step)
     new = dataclasses.replace(no_steps(1), information=np.eye(3)[None], step=np.ones((1, 3)))
     both, memory = with_evidence(track, new, turn, MovingConfig()), MovingConfig().memory
@@ -104,12 +111,10 @@ def test_the_evidence_of_a_turning_camera_is_that_of_the_step_seen_now(missed: i
         fixed, step = street_points(rng, 300), R @ step
         before, X = np.concatenate([fixed, X]), X @ R.T + t + step
         matches = match_points(before, np.concatenate([fixed @ R.T + t, X]))
-        uv = CAMERA.project(X)[0]
-        box = Boxes(np.concatenate([uv.min(axis=0), uv.max(axis=0)])[None], np.array([2]), np.ones(1))
         if frame == 0:
-            classifier.start(box)
+            classifier.start(box_round(X))
         else:
-            classifier.step(matches, no_boxes() if frame == missed else box)
+            classifier.step(matches, no_boxes() if frame == missed else box_round(X))
     tracks = classifier._tracks
     seen = np.linalg.solve(tracks.information[0], tracks.vector[0])
     np.testing.assert_allclose(seen, step, atol=0.03)
@@ -186,12 +191,6 @@ def test_a_higher_significance_makes_it_harder_to_move() -> None:
     assert judged(*drive(cars, 4), config)[-1].state.tolist() != [MOVING]
 
 
-def test_overlap_is_one_for_the_same_box_and_zero_apart() -> None:
-    a = np.array([[0.0, 0.0, 10.0, 10.0], [20.0, 0.0, 30.0, 10.0]])
-    np.testing.assert_allclose(overlap(a, a), np.eye(2))
-    np.testing.assert_allclose(overlap(a[:1], np.array([[5.0, 0.0, 15.0, 10.0]])), [[1 / 3]])
-
-
 @given(arrays(np.float64, (4, 3), elements=st.floats(0, 1)))
 def test_pairs_are_one_to_one_and_overlap_enough(iou: Array) -> None:
     row_of = pair_up(iou, 0.3)
@@ -201,6 +200,29 @@ def test_pairs_are_one_to_one_and_overlap_enough(iou: Array) -> None:
     # Nothing that could still be paired is left over.
     left = iou[np.setdiff1d(np.arange(4), used)][:, row_of < 0]
     assert not (left >= 0.3).any()
+
+
+@pytest.mark.parametrize("place", [(-4.0, 0.6, 14.0), (5.0, 0.6, 18.0), (-6.0, 0.6, 26.0)])
+@pytest.mark.parametrize("yaw", [3.0, -3.0])
+def test_a_parked_car_stays_parked_while_the_camera_turns(
+    place: tuple[float, float, float], yaw: float
+) -> None:
+    T_cp = rigid(rotation_from_vector(np.radians([0.0, yaw, yaw / 2])), np.array([0.05, 0.0, -0.8]))
+    half = np.array([0.9, 0.7, 1.5])
+    corners = place + np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+    points = place + np.random.default_rng(5).uniform(-1, 1, (40, 3)) * half
+    rng, states = np.random.default_rng(6), []
+    classifier = BoxMotionClassifier(CAMERA, FilterConfig())
+    classifier.start(box_round(corners))
+    for _ in range(5):
+        before = np.concatenate([street_points(rng, 200), points])
+        after = transform(T_cp, before)
+        points, corners = after[200:], transform(T_cp, corners)
+        judgement = classifier.step(match_points(before, after, 0.15, rng), box_round(corners))
+        assert not judgement.few_background
+        states += judgement.state.tolist()
+    assert MOVING not in states
+    assert states[-1] == PARKED
 
 
 def test_real_clip_drive_0005_the_van_moves_and_the_truck_beside_it_is_parked(clips: Path) -> None:

@@ -1,4 +1,4 @@
-"""Features in vehicle boxes go, before bucketing, unless too few would be left."""
+"""Features in vehicle boxes of their own image go, before bucketing, unless too few would be left."""
 
 from __future__ import annotations
 
@@ -9,44 +9,99 @@ import pytest
 from box_scenes import CAMERA, STEP, Vehicle, drive
 
 from vo_lib import DataError, open_sequence, preset, run
-from vo_lib.beyond.box_filter import BoxFilter, Filtered, static_matches
-from vo_lib.beyond.box_tracks import MOVING
+from vo_lib.beyond.box_filter import BoxFilter, Filtered, on_vehicles_that_move, static_matches
+from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN, Judgement
 from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core import settings
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.matches import StereoMatches
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import open_truth
-from vo_lib.method.boxes import in_boxes
 from vo_lib.runs.runner import FoundMatches
-
-
-def matches_at(prev: list[list[float]], cur: list[list[float]]) -> StereoMatches:
-    p, c = np.array(prev, float), np.array(cur, float)
-    whole = np.ones(len(p), np.int64)
-    return StereoMatches(p, p - [5, 0], c, c - [5, 0], whole, np.ones(len(p)), np.arange(len(p)))
 
 
 def box(*xyxy: float, class_id: int = 2, score: float = 1.0) -> Boxes:
     return Boxes(np.array([xyxy], float), np.array([class_id]), np.array([score]))
 
 
-def test_only_vehicle_boxes_of_enough_score_count() -> None:
-    uv = np.array([[15.0, 15.0], [50.0, 50.0]])
-    assert in_boxes(uv, box(10, 10, 20, 20), FilterConfig()).tolist() == [True, False]
-    assert not in_boxes(uv, box(10, 10, 20, 20, class_id=0), FilterConfig()).any()
-    assert not in_boxes(uv, box(10, 10, 20, 20, score=0.1), FilterConfig()).any()
-    assert not in_boxes(uv, no_boxes(), FilterConfig()).any()
+ALWAYS = FilterConfig(rule="all", min_matches=0, min_share=0.0)
+# A car's box goes 100 px to the right from frame to frame.
+LEFT, MIDDLE, RIGHT = (100.0, 100.0, 150.0, 150.0), (200.0, 100.0, 250.0, 150.0), (300.0, 100.0, 350.0, 150.0)
+IN_LEFT, IN_MIDDLE, IN_RIGHT, AWAY = (125.0, 125.0), (225.0, 125.0), (325.0, 125.0), (500.0, 125.0)
+Point = tuple[float, float]
 
 
-def test_the_margin_is_a_share_of_the_box() -> None:
-    uv = np.array([[21.5, 15.0]])
-    assert not in_boxes(uv, box(10, 10, 20, 20), FilterConfig(margin=0.1)).any()
-    assert in_boxes(uv, box(10, 10, 20, 20), FilterConfig(margin=0.2)).all()
+def going(*steps: tuple[Point, Point]) -> StereoMatches:
+    """Matches from one left point to another."""
+    p, c = (np.array(points) for points in zip(*steps, strict=True))
+    whole = np.ones(len(p), np.int64)
+    return StereoMatches(p, p - (20.0, 0.0), c, c - (20.0, 0.0), whole, np.ones(len(p)), np.arange(len(p)))
+
+
+# What a match from one place to another is when the box goes from LEFT to MIDDLE.
+STEPS = [
+    ((IN_LEFT, IN_MIDDLE), False),  # on the car
+    ((IN_LEFT, AWAY), False),  # on the car's old place: it was covered then
+    ((AWAY, IN_MIDDLE), False),  # on the car's new place: it is covered now
+    ((IN_MIDDLE, AWAY), True),  # where the car had not come yet
+    ((AWAY, IN_LEFT), True),  # where the car was and is no more
+    ((AWAY, AWAY), True),
+]
+
+
+def test_each_point_is_asked_with_the_boxes_of_its_own_image() -> None:
+    matches = going(*(step for step, _ in STEPS))
+    keep, off = static_matches(matches, box(*LEFT), box(*MIDDLE), ALWAYS)
+    assert keep.tolist() == [stays for _, stays in STEPS]
+    assert not off
+
+
+def test_the_filter_remembers_the_boxes_of_one_frame_only() -> None:
+    rule = BoxFilter(CAMERA, ALWAYS)
+    rule.start(box(*LEFT))
+    first = rule.step(going(*(step for step, _ in STEPS)), box(*MIDDLE))
+    assert first.keep.tolist() == [stays for _, stays in STEPS]
+    steps = going((IN_MIDDLE, AWAY), (AWAY, IN_RIGHT), (IN_LEFT, AWAY), (IN_RIGHT, AWAY), (AWAY, IN_MIDDLE))
+    assert rule.step(steps, box(*RIGHT)).keep.tolist() == [False, False, True, True, True]
+    assert rule.step(going((IN_RIGHT, AWAY), (AWAY, AWAY)), no_boxes()).keep.tolist() == [False, True]
+    assert rule.step(going((IN_RIGHT, IN_RIGHT), (AWAY, AWAY)), no_boxes()).keep.all()
+
+
+def judgement_of(state: int, state_before: int, agrees: list[bool]) -> Judgement:
+    """One box of this frame in the middle, one of the frame before to the left."""
+    return Judgement(
+        boxes=box(*MIDDLE),
+        state=np.array([state]),
+        step=np.zeros((1, 3)),
+        matches=np.array([5]),
+        before=np.array([LEFT]),
+        state_before=np.array([state_before]),
+        few_background=False,
+        agrees=np.array(agrees),
+    )
+
+
+@pytest.mark.parametrize("now", [PARKED, UNKNOWN, MOVING])
+@pytest.mark.parametrize("before", [PARKED, UNKNOWN, MOVING])
+@pytest.mark.parametrize("unknown", ["keep", "remove"])
+def test_what_moves_is_asked_with_the_boxes_of_its_own_image_too(now: int, before: int, unknown: str) -> None:
+    matches = going((IN_LEFT, AWAY), (AWAY, IN_MIDDLE), (IN_MIDDLE, AWAY), (AWAY, IN_LEFT))
+    config = FilterConfig(rule="moving", moving=MovingConfig(unknown=unknown))
+    gone = on_vehicles_that_move(matches, judgement_of(now, before, [True] * 4), config)
+    least = MOVING if unknown == "keep" else UNKNOWN
+    assert gone.tolist() == [before >= least, now >= least, False, False]
+
+
+def test_what_disagrees_with_the_background_goes_where_a_box_is_and_nowhere_else() -> None:
+    matches = going((IN_LEFT, AWAY), (AWAY, IN_MIDDLE), (IN_MIDDLE, AWAY), (AWAY, IN_LEFT))
+    gone = on_vehicles_that_move(
+        matches, judgement_of(PARKED, PARKED, [False] * 4), FilterConfig(rule="moving", moving=MovingConfig())
+    )
+    assert gone.tolist() == [True, True, False, False]
 
 
 def test_with_too_few_left_the_filter_is_off_and_says_so() -> None:
-    matches = matches_at([[15.0, 15.0]] * 9 + [[50.0, 50.0]], [[15.0, 15.0]] * 9 + [[50.0, 50.0]])
+    matches = going(*[((15.0, 15.0), (15.0, 15.0))] * 9, ((50.0, 50.0), (50.0, 50.0)))
     for config in (FilterConfig(min_matches=2, min_share=0.0), FilterConfig(min_matches=0, min_share=0.3)):
         keep, off = static_matches(matches, box(10, 10, 20, 20), box(10, 10, 20, 20), config)
         assert off
@@ -88,14 +143,6 @@ def test_features_of_parked_cars_have_to_agree_with_the_street() -> None:
         rule.start(first)
         found = [rule.step(*frame) for frame in frames]
         assert found[-1].keep[-1] == stays
-
-
-def test_boxes_of_which_too_little_is_known_go_or_stay_as_told() -> None:
-    for unknown, stays in (("keep", True), ("remove", False)):
-        first, frames = drive([Vehicle((2.0, 0.8, 70.0), points=4)], 1, noise=0.05)
-        rule = BoxFilter(CAMERA, FilterConfig(rule="moving", moving=MovingConfig(unknown=unknown)))
-        rule.start(first)
-        assert rule.step(*frames[0]).keep[200:].any() == stays
 
 
 def test_the_rule_truth_removes_what_it_is_told_and_asks_to_be_told() -> None:

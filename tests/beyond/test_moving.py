@@ -17,31 +17,45 @@ from vo_lib.beyond.moving import (
 )
 from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core.boxes import Boxes
-from vo_lib.core.geometry import rotation_angle, transform
+from vo_lib.core.geometry import rigid, rotation_angle, rotation_from_vector, transform
 from vo_lib.core.types import Array
 
 CAR = np.array([-0.7, 0.3, 0.2])  # step of a car against the street, current camera's axes
 
 
-def test_a_standing_point_has_no_step_and_a_moving_one_its_own() -> None:
+def step_of(yaw: float, roll: float = 0.0) -> Array:
+    """Motion T_cp of a camera that goes 0.8 m ahead and turns, degrees."""
+    return rigid(rotation_from_vector(np.radians([0.0, yaw, roll])), np.array([0.05, 0.0, -0.8]))
+
+
+@pytest.mark.parametrize("T_cp", [STEP, step_of(8.0, 5.0), step_of(-8.0, 5.0), step_of(40.0, 5.0)])
+@pytest.mark.parametrize("step", [np.zeros(3), CAR])
+def test_a_standing_point_has_no_step_and_a_moving_one_its_own(T_cp: Array, step: Array) -> None:
     X = street_points(np.random.default_rng(1), 50)
-    for step in (np.zeros(3), CAR):
-        found = point_steps(CAMERA, match_points(X, transform(STEP, X) + step), STEP)
-        np.testing.assert_allclose(found.step, np.tile(step, (50, 1)), atol=1e-9)
-        np.testing.assert_allclose(found.depth, transform(STEP, X)[:, 2])
+    X = X[transform(T_cp, X)[:, 2] > 1.0]
+    assert len(X) > 10
+    found = point_steps(CAMERA, match_points(X, transform(T_cp, X) + step), T_cp)
+    np.testing.assert_allclose(found.step, np.tile(step, (len(X), 1)), atol=1e-9)
+    np.testing.assert_allclose(found.depth, transform(T_cp, X)[:, 2])
 
 
-@pytest.mark.parametrize("depth", [6.0, 15.0, 30.0])
-def test_the_information_of_a_step_is_the_inverse_of_its_scatter(depth: float) -> None:
-    rng, noise, n = np.random.default_rng(2), 0.1, 20000
-    X = np.tile([2.0, -0.5, depth], (n, 1))
-    found = point_steps(CAMERA, match_points(X, transform(STEP, X), noise, rng), STEP)
+@pytest.mark.parametrize(
+    ("T_cp", "place"),
+    [(STEP, (2.0, -0.5, z)) for z in (6.0, 15.0, 30.0)]
+    # Before the turn the point is far and to one side, after it ahead.
+    + [(step_of(yaw), (0.3, -0.2, 25.0)) for yaw in (35.0, -35.0)],
+)
+def test_whitened_by_its_own_information_a_steps_scatter_is_the_same_in_all_directions(
+    T_cp: Array, place: tuple[float, float, float]
+) -> None:
+    n, noise = 20000, 0.05
+    X_c = np.tile(place, (n, 1))
+    X_p = (X_c - T_cp[:3, 3]) @ T_cp[:3, :3]
+    found = point_steps(CAMERA, match_points(X_p, X_c, noise, np.random.default_rng(2)), T_cp)
     scatter = np.cov(found.step.T) / noise**2
-    # Of a normal 3-vector the squared length in its own deviations is three on average.
-    information = found.information.mean(axis=0)
-    np.testing.assert_allclose(np.trace(scatter @ information), 3.0, rtol=0.1)
-    along, across = scatter[2, 2], scatter[1, 1]
-    assert along > across
+    root = np.linalg.cholesky(np.linalg.inv(np.linalg.inv(found.information).mean(axis=0)))
+    np.testing.assert_allclose(root.T @ scatter @ root, np.eye(3), atol=0.1)
+    assert scatter[2, 2] > scatter[1, 1]
 
 
 def test_the_motion_of_the_background_is_found_beside_some_that_moves() -> None:

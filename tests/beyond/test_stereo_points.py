@@ -7,7 +7,7 @@ import numpy as np
 from vo_lib.beyond.stereo_points import stereo_points
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_from_vector
-from vo_lib.core.symmetric import FULL, invert, times
+from vo_lib.core.symmetric import FULL, invert
 from vo_lib.core.types import Array
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
@@ -66,12 +66,3 @@ def test_no_disparity_leaves_the_point_finite_and_unknown_along_its_ray() -> Non
     assert np.isfinite(W).all()
     along, across = points.ray[:, 0] / np.linalg.norm(points.ray[:, 0]), np.array([0.0, 1.0, 0.0])
     assert along @ W[FULL][:, :, 0] @ along < 1e-6 * (across @ W[FULL][:, :, 0] @ across)
-
-
-def test_inverse_and_product_of_symmetric_matrices() -> None:
-    A = np.random.default_rng(0).normal(size=(7, 3, 3))
-    S = A @ np.swapaxes(A, 1, 2) + 0.1 * np.eye(3)
-    six = np.stack([S[:, 0, 0], S[:, 1, 1], S[:, 2, 2], S[:, 0, 1], S[:, 0, 2], S[:, 1, 2]])
-    np.testing.assert_allclose(np.moveaxis(invert(six)[FULL], 2, 0), np.linalg.inv(S), rtol=1e-9)
-    v = np.random.default_rng(1).normal(size=(3, 7))
-    np.testing.assert_allclose(times(six, v), np.einsum("nij,jn->in", S, v), rtol=1e-12)

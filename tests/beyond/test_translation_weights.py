@@ -81,14 +81,3 @@ def test_the_weight_is_halved_at_the_scale(scale: float, residual: float, weight
     by_little = pull(10.0, sinking(little), scale=scale)[1] / little
     by_much = pull(10.0, sinking(residual * scale), scale=scale)[1] / (residual * scale)
     assert by_much / by_little == pytest.approx(weight, rel=0.02)
-
-
-def test_the_residual_of_a_feature_is_its_error_in_pixels() -> None:
-    X = np.concatenate([crowd(), [[0.0, 0.0, 10.0]]])
-    views = exact(X)
-    for view in views[2:]:
-        view[-1, 1] += 0.8
-    solved = solve_translation(CAMERA, matches_of(views), np.eye(3), TranslationConfig(scale=0.05))
-    assert solved is not None
-    assert solved[1][-1] == pytest.approx(0.8, abs=0.005)
-    assert solved[1][:-1].max() < 0.01

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import rotation_from_vector
-from vo_lib.core.reprojection import fit_motion
+from vo_lib.core.geometry import rigid, rotation_from_vector, transform
+from vo_lib.core.reprojection import fit_motion, linearise
 from vo_lib.core.types import Array
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, height=376)
@@ -54,3 +54,30 @@ def test_it_goes_on_until_a_step_is_small(tolerance: float) -> None:
     )
     exact = float(np.abs(R - R_CP).max()) < 1e-6
     assert exact == (tolerance < 1.0)  # a large tolerance takes the first step for the last
+
+
+def test_the_derivatives_are_those_of_differences() -> None:
+    rng = np.random.default_rng(1)
+    X_p = rng.uniform([-5, -2, 6], [5, 2, 30], (7, 3))
+    R, t = R_CP, T_CP
+    measured = np.zeros((7, 4))
+    residual, jac, depth = linearise(CAMERA, X_p @ R.T, t, measured)
+    np.testing.assert_allclose(depth, transform(rigid(R, t), X_p)[:, 2])
+    left, right = CAMERA.project(transform(rigid(R, t), X_p))
+    centre = np.array([CAMERA.cx, CAMERA.cy])
+    np.testing.assert_allclose(-residual, np.concatenate([left - centre, right - centre], axis=1))
+    for k, nudge in enumerate(1e-6 * np.eye(6)):
+        turned = rotation_from_vector(nudge[:3]) @ R
+        other, _, _ = linearise(CAMERA, X_p @ turned.T, t + nudge[3:], measured)
+        np.testing.assert_allclose((residual - other) / 1e-6, jac[..., k], rtol=1e-4, atol=2e-3)
+
+
+def test_a_batch_of_motions_is_linearised_as_each_alone() -> None:
+    rng = np.random.default_rng(2)
+    rotated = rng.uniform([-5, -2, 6], [5, 2, 30], (3, 4, 3))
+    t, measured = rng.normal(size=(3, 1, 3)), rng.uniform(-300, 300, (3, 4, 4))
+    batch = linearise(CAMERA, rotated, t, measured)
+    for k in range(3):
+        single = linearise(CAMERA, rotated[k], t[k, 0], measured[k])
+        for a, b in zip(batch, single, strict=True):
+            np.testing.assert_array_equal(a[k], b)
