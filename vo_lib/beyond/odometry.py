@@ -102,7 +102,7 @@ class Learning(Odometry):
             return motion
         # Nothing is learnt from it, or from one taken back. The last good motion goes on, but not for ever.
         if self.vehicle.taken_back:
-            before = self._unsure
+            before, self._jumped = self._unsure, False
         self.e_prev, self._good, *of_rig = before
         self.rig.know(*of_rig)
         self._last = np.eye(4) if LOST in motion.flags else self._good

@@ -32,11 +32,13 @@ PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
 NARROWEST, WIDEST = 3.0, 160.0  # degrees, angle of view across the image; KITTI's cameras have 81
 
 
-def read_calibration(path: Path) -> StereoCamera:
+def read_calibration(path: Path, width: int = 0, height: int = 0) -> StereoCamera:
     """Camera from calib.txt: f, cx, cy from P0, baseline b = (P0[0,3] - P1[0,3]) / f; KITTI's P0[0,3] is 0.
 
+    width, height : of the images, pixels; 0 where they are not known.
+
     Raises `DataError` for a missing file or matrix, wrong numbers, cameras that are not rectified, a baseline
-    that is not positive, or lengths that no camera has.
+    that is not positive, or lengths that no camera has, none that takes images of that size.
     """
     matrices: dict[str, tuple[Array, int]] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
@@ -72,28 +74,17 @@ def read_calibration(path: Path) -> StereoCamera:
             path,
             line1,
         )
-    return StereoCamera(f, float(P0[0, 2]), float(P0[1, 2]), baseline)
-
-
-def require_fits(camera: StereoCamera, path: Path) -> None:
-    """`DataError` naming the line of P0 in a calib.txt, unless such a camera takes images of that size.
-
-    P1 has the same columns, as `read_calibration` sees to.
-    """
-    angle = float(np.degrees(2.0 * np.arctan(0.5 * camera.width / camera.f)))
-    said = f"{camera.width}×{camera.height} px images"
-    inside = 0 <= camera.cx < camera.width and 0 <= camera.cy < camera.height
-    line = next(i for i, text in enumerate(read_text(path).splitlines(), 1) if text.strip().startswith("P0"))
-    if not inside:
+    camera = StereoCamera(f, float(P0[0, 2]), float(P0[1, 2]), baseline, width, height)
+    said = f"{width}×{height} px images"
+    if width and not (0 <= camera.cx < width and 0 <= camera.cy < height):
         centre = f"{camera.cx:g},{camera.cy:g}"
-        raise DataError(f"P0: principal point {centre}: expected one inside the {said}", path, line)
-    if not NARROWEST <= angle <= WIDEST:
-        raise DataError(
-            f"P0: focal length {camera.f:g} px: {said} would show {angle:.1f} degrees, expected "
-            f"{NARROWEST:g} to {WIDEST:g}",
-            path,
-            line,
-        )
+        raise DataError(f"P0: principal point {centre}: expected one inside the {said}", path, line0)
+    angle = float(np.degrees(2.0 * np.arctan(0.5 * width / f)))
+    if width and not NARROWEST <= angle <= WIDEST:
+        expected = f"expected {NARROWEST:g} to {WIDEST:g}"
+        found = f"{said} would show {angle:.1f} degrees"
+        raise DataError(f"P0: focal length {f:g} px: {found}, {expected}", path, line0)
+    return camera
 
 
 def read_times(path: Path) -> Array:

@@ -23,7 +23,7 @@ from ..core.matches import StereoMatches
 from ..core.poses import read_kitti_poses
 from ..core.types import Array, Image, Mask, Progress
 from .drawn import ensure_scene
-from .kitti import list_frames, read_calibration, read_image, read_times, require_fits
+from .kitti import list_frames, read_calibration, read_image, read_times
 from .labels import read_labels, require_written, written_labels
 from .scenes import SCENES
 from .truth import open_truth
@@ -156,17 +156,8 @@ def kitti_roots() -> list[Path]:
 
 
 def kitti_root() -> Path:
-    """The KITTI folder that the kit uses: the first one found, else where one would be made.
-
-    That is KITTI_ROOT where it is set, else data/kitti of the project (of the current folder where the
-    package is installed without its project).
-    """
-    for root in kitti_roots():
-        return root
-    named = os.environ.get("KITTI_ROOT", "")
-    if named:
-        return Path(named)
-    return (PROJECT if (PROJECT / "pyproject.toml").is_file() else Path()) / "data" / "kitti"
+    """The KITTI folder that the kit uses: the first one found, else where one would be made."""
+    return next(iter(kitti_roots()), Path(os.environ.get("KITTI_ROOT") or PROJECT / "data" / "kitti"))
 
 
 def available() -> dict[str, Path | None]:
@@ -234,7 +225,6 @@ def open_sequence(
         name = folder.resolve().name
     else:
         folder = _find_folder(name, cache, progress)
-    camera = read_calibration(folder / "calib.txt")
     frames = list_frames(folder)
     if len(frames) < 2:
         raise DataError(f"expected two stereo pairs or more, found {len(frames)}", folder / "image_0")
@@ -244,8 +234,7 @@ def open_sequence(
         raise DataError(
             f"the image is {first.shape[1]}×{first.shape[0]}, expected {SMALLEST}×{SMALLEST} px or more", path
         )
-    camera = dataclasses.replace(camera, width=first.shape[1], height=first.shape[0])
-    require_fits(camera, folder / "calib.txt")
+    camera = read_calibration(folder / "calib.txt", first.shape[1], first.shape[0])
     times = folder / "times.txt"
     if not times.exists():
         raise DataError("the file is missing: expected the seconds of each frame, one number a line", times)

@@ -103,7 +103,8 @@ class YoloDetector:
         output = self._run(np.zeros((1, 3, height, width), self._type))
         self.layout, count = self._check_output(output, width, height)
         about = self._session.get_modelmeta().custom_metadata_map
-        self.names = _class_names(about.get("names", ""), count)
+        usual = COCO if count == len(COCO) else tuple(f"class {k}" for k in range(count))
+        self.names = names_from_metadata(about.get("names", ""), count) or usual
         self._made_for = size_from_metadata(about.get("imgsz", "")) or USUAL_SIZE
         self._numbers = class_numbers(self.names)
         self._wanted = choose_classes(self.config.classes, self.names)
@@ -186,14 +187,6 @@ class YoloDetector:
             f"found {_shown([1, *output.shape])}",
             self.path,
         )
-
-
-def _class_names(told: str, count: int) -> tuple[str, ...]:
-    """Names of a model's classes: from its metadata; COCO's for 80 classes without names."""
-    names = names_from_metadata(told, count)
-    if names is None:
-        names = COCO if count == len(COCO) else tuple(f"class {k}" for k in range(count))
-    return names
 
 
 def _open_session(path: Path, threads: int, provider: str) -> Any:

@@ -90,13 +90,6 @@ def labels_digest(sequence: Sequence) -> str:
     return digest.hexdigest()[:DIGITS]
 
 
-def calibration_digest(sequence: Sequence) -> str | None:
-    """Digest of what a run starts with besides calib.txt; None where it starts with nothing."""
-    if sequence.calibration is None:
-        return None
-    return hashlib.sha256(sequence.calibration.to_json().encode()).hexdigest()[:DIGITS]
-
-
 @functools.cache
 def code_digest() -> str:
     """Digest of all code that can decide a pose: any change of it makes results another's."""
@@ -119,6 +112,7 @@ def run_identity(sequence: Sequence, config: Any, method: str) -> dict[str, Any]
     """All that decides the poses of a run, and its names; runs with equal identities give equal bytes."""
     settings = to_dict(config)
     boxes = NOT_USED if config.filter.rule == "none" else labels_digest(sequence)
+    known = sequence.calibration
     return {
         "method": method,
         "variant": config.variant,
@@ -126,7 +120,9 @@ def run_identity(sequence: Sequence, config: Any, method: str) -> dict[str, Any]
         "frames": [sequence.frames[0], sequence.frames[-1]],
         "settings": settings,
         "camera": to_dict(sequence.camera),
-        "calibration": calibration_digest(sequence),
+        "calibration": None
+        if known is None
+        else hashlib.sha256(known.to_json().encode()).hexdigest()[:DIGITS],
         "images": images_digest(sequence),
         "labels": boxes,
         "made_with": versions() | {"code": code_digest()},

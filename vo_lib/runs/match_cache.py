@@ -45,19 +45,6 @@ def match_folder(cache: Path | None) -> Path:
     return (cache_folder().parent if cache is None else cache) / "matches"
 
 
-def match_key(sequence: Sequence, features: FeatureConfig, matching: MatchingConfig) -> dict[str, Any]:
-    """All that decides the matches: settings, camera, images, the front end's code and the libraries."""
-    return {
-        "sequence": sequence.name,
-        "frames": [sequence.frames[0], sequence.frames[-1]],
-        "features": to_dict(features),
-        "matching": to_dict(matching),
-        "camera": to_dict(sequence.camera),
-        "images": images_digest(sequence),
-        "made_with": versions() | {"code": code_digest()},
-    }
-
-
 class CachedMatches:
     """Matches of every frame with the one before, read from the cache, or found and kept there.
 
@@ -78,7 +65,17 @@ class CachedMatches:
     ):
         self.sequence = sequence
         self.settings = features, matching
-        self._key: dict[str, Any] = json.loads(json.dumps(match_key(sequence, features, matching)))
+        # All that decides the matches, as it comes back from JSON.
+        key = {
+            "sequence": sequence.name,
+            "frames": [sequence.frames[0], sequence.frames[-1]],
+            "features": to_dict(features),
+            "matching": to_dict(matching),
+            "camera": to_dict(sequence.camera),
+            "images": images_digest(sequence),
+            "made_with": versions() | {"code": code_digest()},
+        }
+        self._key: dict[str, Any] = json.loads(json.dumps(key))
         # The name says nothing about the matches: a sequence is known by its images.
         decisive = {name: value for name, value in self._key.items() if name != "sequence"}
         digest = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
