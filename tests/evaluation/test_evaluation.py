@@ -19,12 +19,12 @@ from vo_lib.core.geometry import nearest_rotation, rigid, rotation_from_vector
 from vo_lib.core.poses import read_by_time, read_kitti_poses, read_tum, write_kitti_poses, write_tum
 from vo_lib.core.types import Array
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error
+from vo_lib.evaluation.evaluate import evaluate
 from vo_lib.evaluation.kitti import (
     KITTI_BIN_MINIMUM,
     KITTI_LENGTHS,
     KITTI_STEP,
     KittiErrors,
-    evaluate,
     kitti_errors,
     pooled,
     trajectory_distances,

@@ -18,7 +18,8 @@ from vo_lib.commands.compare import with_truth
 from vo_lib.core.errors import DataError
 from vo_lib.core.poses import read_kitti_poses, write_kitti_poses
 from vo_lib.data.sequence import open_sequence
-from vo_lib.evaluation.kitti import SHORT_LENGTHS, evaluate
+from vo_lib.evaluation.evaluate import evaluate
+from vo_lib.evaluation.kitti import SHORT_LENGTHS
 from vo_lib.runs.results import write_run
 from vo_lib.tables.comparison import (
     common_kind,

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ..config import Config
 from ..core.types import Progress as Report
-from ..evaluation.kitti import Evaluation
+from ..evaluation.evaluate import Evaluation
 from ..runs.results import path_lost
 from ..runs.runner import Run
 from ..tables.report import ReportTable, number

@@ -13,7 +13,8 @@ from ..core.poses import read_by_time, read_euroc, read_kitti_pair, read_tum
 from ..core.types import Array, Progress
 from ..evaluation.ate_rpe import Alignment
 from ..evaluation.axes import LARGEST, fit_axes
-from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, evaluate
+from ..evaluation.evaluate import evaluate
+from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP
 from ..runs.results import run_folder
 from ..tables.evaluation_files import System, as_csv, as_json, evaluation_tables, write_pictures
 from .common import parse_lengths, parse_whole

@@ -1,4 +1,4 @@
-"""Chapter 6: trajectory errors, KITTI's over sub-sequences, with ATE and RPE beside them.
+"""Chapter 6: KITTI's trajectory errors over sub-sequences.
 
 KITTI's odometry benchmark (Geiger, Lenz, Urtasun, CVPR 2012) compares motions over stretches of 100 to
 800 m of path. TE is the translation error in % of the stretch, RE the rotation error in deg/100 m.
@@ -8,10 +8,9 @@ All poses are `T_w_c`, (N, 4, 4), metres. ATE and RPE are in `ate_rpe.py`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,15 +19,7 @@ from numpy.typing import NDArray
 from ..core.errors import DataError
 from ..core.rows import Rows, joined
 from ..core.types import Array, Index
-from .ate_rpe import (
-    AbsoluteError,
-    Alignment,
-    RelativeError,
-    absolute_error,
-    check_pair,
-    motion_error,
-    relative_error,
-)
+from .ate_rpe import check_pair, motion_error
 
 # For paths too short for these lengths: from every frame, and labelled as such.
 SHORT_LENGTHS = (20.0, 50.0, 100.0)  # metres
@@ -214,88 +205,3 @@ def suitable_measure(truth: Array) -> Measure:
 def pooled(errors: Iterable[KittiErrors]) -> KittiErrors:
     """All sub-sequences of several sequences as one set: the devkit's total."""
     return joined(errors)
-
-
-@dataclass(frozen=True)
-class SequenceResult:
-    """All errors of one sequence; `distance` is the length of its true path, metres."""
-
-    name: str
-    frames: int
-    distance: float
-    kitti: KittiErrors
-    ate: AbsoluteError
-    rpe: RelativeError
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """Errors of several sequences, with the lengths (metres) and the step (frames) they were made with."""
-
-    sequences: tuple[SequenceResult, ...]
-    lengths: tuple[float, ...]
-    step: int
-
-    @property
-    def pooled(self) -> KittiErrors:
-        """All sub-sequences of all sequences: long sequences count more."""
-        return pooled(sequence.kitti for sequence in self.sequences)
-
-    def mean(self) -> dict[str, Any]:
-        """Plain mean over the sequences that have sub-sequences: each counts the same."""
-        counted = [s for s in self.sequences if len(s.kitti)]
-        te, re = ([getattr(s.kitti, name) for s in counted] for name in ("te", "re"))
-        return {
-            "sequences": [s.name for s in counted],
-            "te_percent": float(np.mean(te)) if te else None,
-            "re_deg_per_100m": float(np.mean(re)) if re else None,
-        }
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything but the single sub-sequences, for JSON: no NaN, None where there is no number."""
-        return {
-            "lengths_m": list(self.lengths),
-            "step_frames": self.step,
-            "sequences": [
-                {"name": s.name, "frames": s.frames, "distance_m": s.distance}
-                | s.kitti.to_tables(self.lengths)
-                | {"ate": s.ate.to_dict(), "rpe": s.rpe.to_dict()}
-                for s in self.sequences
-            ],
-            "pooled": self.pooled.to_tables(self.lengths),
-            "mean": self.mean(),
-        }
-
-
-def evaluate(
-    pairs: Iterable[tuple[str, Array, Array]],
-    lengths: Sequence[float] = KITTI_LENGTHS,
-    step: int = KITTI_STEP,
-    alignment: Alignment = Alignment.SE3,
-    delta: int = 1,
-    times: Mapping[str, Array] = MappingProxyType({}),
-) -> Evaluation:
-    """KITTI errors, ATE and RPE of (name, truth, estimate) triples, poses (N, 4, 4) each.
-
-    `times` : (N,) seconds of the frames of each name, where they are known.
-
-    Raises
-    ------
-    DataError : truth and estimate of a sequence differ in length, or an option is out of range.
-    """
-    results = []
-    for name, truth, estimate in pairs:
-        check_pair(truth, estimate, f"sequence {name}: ")
-        results.append(
-            SequenceResult(
-                name=name,
-                frames=len(truth),
-                distance=float(trajectory_distances(truth)[-1]),
-                kitti=kitti_errors(truth, estimate, lengths, step, times.get(name)),
-                ate=absolute_error(truth, estimate, alignment),
-                rpe=relative_error(truth, estimate, delta),
-            )
-        )
-    if not results:
-        raise DataError("nothing to evaluate: expected at least one truth and estimate")
-    return Evaluation(tuple(results), tuple(float(length) for length in lengths), step)

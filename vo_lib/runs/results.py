@@ -32,14 +32,8 @@ from ..core.geometry import inverse
 from ..core.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..core.types import Array
 from ..data.sequence import Sequence
-from ..evaluation.kitti import (
-    KITTI_LENGTHS,
-    KITTI_STEP,
-    SHORT_LENGTHS,
-    Evaluation,
-    evaluate,
-    trajectory_distances,
-)
+from ..evaluation.evaluate import Evaluation, evaluate
+from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, SHORT_LENGTHS, trajectory_distances
 from .identity import run_identity, surroundings
 from .runner import Run
 

@@ -11,7 +11,8 @@ from ..config import Config, PublishedConfig
 from ..core.errors import DataError
 from ..core.types import Array
 from ..data.sequence import KITTI
-from ..evaluation.kitti import KittiErrors, Measure, SequenceResult, evaluate, pooled, suitable_measure
+from ..evaluation.evaluate import SequenceResult, evaluate
+from ..evaluation.kitti import KittiErrors, Measure, pooled, suitable_measure
 from ..runs.runner import Run
 from .paper import LEFT_OUT
 

@@ -14,7 +14,8 @@ from ..core.rows import joined
 from ..core.types import Array, Progress
 from ..evaluation.ate_rpe import align, statistics
 from ..evaluation.axes import TurnedErrors
-from ..evaluation.kitti import Evaluation, KittiErrors
+from ..evaluation.evaluate import Evaluation
+from ..evaluation.kitti import KittiErrors
 from .error_plots import coloured_paths_figure, components_figure
 from .plots import TRUTH, trajectories_figure
 from .report import ReportTable, number, te_re

@@ -64,11 +64,7 @@ def write_table_files(
     as_json = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
     for name, content in zip(TABLE_FILES, (text, table_csv(metrics["groups"]), as_json), strict=False):
         write_result(folder / name, content)
-    for (variant, sequence), by_method in result.poses.items():  # as KITTI's server takes them
-        for method, poses in by_method.items():
-            place = folder / "results" / variant / method
-            place.mkdir(parents=True, exist_ok=True)
-            write_result(place / f"{slug(sequence.removeprefix(KITTI))}.txt", format_kitti_poses(poses))
+    write_results(folder, result)
     pictures = [*more, *_trajectories(folder, result), *_curves(folder, groups), *_fields(folder, result)]
     introduction = _introduction(result)
     page = render_report(_report_title(groups), introduction, tables, pictures, [command], result.problems)
@@ -86,6 +82,15 @@ def make_tables(groups: list[Group], paper: PaperTable) -> list[ReportTable]:
         tables[-1].notes.extend(REMARKS)
     tables += [length_table(group) for group in groups]
     return tables + [trajectory_table(group) for group in groups]
+
+
+def write_results(folder: Path, result: Reproduction) -> None:
+    """Poses of sequences without truth as KITTI's server takes them: results/<variant>/<method>/11.txt."""
+    for (variant, sequence), by_method in result.poses.items():
+        for method, poses in by_method.items():
+            place = folder / "results" / variant / method
+            place.mkdir(parents=True, exist_ok=True)
+            write_result(place / f"{slug(sequence.removeprefix(KITTI))}.txt", format_kitti_poses(poses))
 
 
 def _report_title(groups: list[Group]) -> str:
