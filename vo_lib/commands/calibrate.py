@@ -10,6 +10,7 @@ from ..beyond.calibration import require_same_camera
 from ..config import Config, preset
 from ..core.errors import DataError
 from ..core.files import require_own, write_result
+from ..data.stereo_check import doubts
 from ..runs.runner import run
 from ..tables.field_figure import field_figure
 from ..tables.plots import png
@@ -44,8 +45,11 @@ def _calibrate(options: argparse.Namespace) -> int:
     known = None
     for sequence in sequences:
         with reporting(sequence.name) as report:
-            known = run(replace(sequence, calibration=known), config, report).calibration
+            result = run(replace(sequence, calibration=known), config, report)
+        known = result.calibration
         assert known is not None
+        for sentence in (*result.doubts, *doubts(sequence, result.matches_per_frame)):
+            say(f"warning: {sequence.name}: {sentence}")
         say(f"after {sequence.name}: {known.in_words(config.calibration)}")
     assert known is not None
     write_result(options.out, known.to_json())
