@@ -42,6 +42,16 @@ def test_a_camera_is_learnt_from_several_drives(bands: Path, capsys: pytest.Capt
     assert image.std() > 5
 
 
+def test_a_drive_that_teaches_nothing_is_said(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", str(bands), "--out", str(bands.parent / "good.json")]) == 0
+    assert "warning" not in capsys.readouterr().out
+    (bands / "image_0").rename(bands / "other")
+    (bands / "image_1").rename(bands / "image_0")
+    (bands / "other").rename(bands / "image_1")
+    assert main(["calibrate", str(bands), "--out", str(bands.parent / "swapped.json")]) == 0
+    assert "warning: bands: left and right are swapped" in capsys.readouterr().out
+
+
 def test_a_run_keeps_what_it_learnt_and_another_holds_it(bands: Path) -> None:
     first, second = bands.parent / "first", bands.parent / "second"
     assert main(["run", str(bands), "--out", str(first), *SMALL]) == 0

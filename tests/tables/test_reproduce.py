@@ -7,6 +7,7 @@ import dataclasses
 import io
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -345,12 +346,18 @@ def test_started_again_it_does_no_finished_run_again_unless_asked(tree: Path) ->
     assert all(path.stat().st_mtime_ns > old and path.read_bytes() == b for path, (old, b) in before.items())
 
 
-def test_a_sequence_by_its_path_is_a_row_like_any_other(bands: Path, tmp_path: Path) -> None:
+def test_a_sequence_by_its_path_is_a_row_like_any_other_and_its_doubts_are_said(
+    bands: Path, tmp_path: Path
+) -> None:
+    for side in ("image_0", "image_1"):
+        shutil.copy(bands / side / "000002.png", bands / side / "000003.png")
     out = tmp_path / "out"
     words = ["--methods", "viso2", "--seeds", "1", "--out", str(out), "--cache", str(tmp_path / "cache")]
     assert main(["reproduce", "--sequences", str(bands), *words]) == 0
     text = (out / "table1.md").read_text(encoding="utf-8")
     assert f"| {open_sequence(bands).name} |" in text
     assert "Beside the paper" not in text
+    assert text.startswith("Doubtful: bands: a pair equals the one before: 1 of 5")
+    assert text.count("Doubtful") == 1
     # 2.5 m hold no sub-sequence of 20 m.
     assert "–" in text

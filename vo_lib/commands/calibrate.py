@@ -9,6 +9,7 @@ from pathlib import Path
 from ..beyond.calibration import require_same_camera
 from ..config import Config, preset
 from ..core.files import write_result
+from ..data.stereo_check import doubts
 from ..runs.runner import run
 from ..tables.field_figure import field_figure
 from ..tables.plots import png
@@ -40,8 +41,11 @@ def _calibrate(options: argparse.Namespace) -> int:
     known = None
     for sequence in sequences:
         with reporting(sequence.name) as report:
-            known = run(replace(sequence, calibration=known), config, report).calibration
+            result = run(replace(sequence, calibration=known), config, report)
+        known = result.calibration
         assert known is not None
+        for sentence in (*result.doubts, *doubts(sequence, result.matches_per_frame)):
+            tell(f"warning: {sequence.name}: {sentence}")
         tell(f"after {sequence.name}: {known.in_words(config.calibration)}")
     assert known is not None
     write_result(options.out, known.to_json())

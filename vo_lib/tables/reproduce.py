@@ -34,6 +34,7 @@ class Reproduction:
     failed : (job, cause) of runs that gave nothing, in words.
     seeds : how many were asked for.
     calibrations : what the kit's way learnt on each sequence, with the first method and seed.
+    doubts : what makes a sequence's input doubtful, as that run says it.
     """
 
     entries: list[Entry]
@@ -42,14 +43,17 @@ class Reproduction:
     failed: list[tuple[str, str]]
     seeds: int
     calibrations: dict[str, Calibration] = field(default_factory=dict)
+    doubts: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def problems(self) -> list[str]:
-        """What is not in the tables and why, a sentence each."""
+        """What is not in the tables and why, and what is doubtful in them, a sentence each."""
+        doubts = [f"Doubtful: {name}: {said}." for name, each in self.doubts.items() for said in each]
         absent = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
         failed = [f"Failed: {job}: {cause}" for job, cause in self.failed[:FAILURES_TOLD]]
         more = len(self.failed) - len(failed)
-        return absent + failed + ([f"Failed: {more} runs more; metrics.json names them."] if more else [])
+        failed += [f"Failed: {more} runs more; metrics.json names them."] if more else []
+        return absent + failed + doubts
 
 
 def default_sequences() -> list[str]:
@@ -119,6 +123,8 @@ def collect(
                 runs.append(read_run(job.folder, job.sequence))
             except DataError as error:
                 table.failed.append((job.name, str(error)))
+        if runs:
+            table.doubts.setdefault(name, runs[0].doubts)
         if runs and runs[0].calibration is not None:
             table.calibrations.setdefault(name, runs[0].calibration)
         if runs and runs[0].sequence.truth is None:
