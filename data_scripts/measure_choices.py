@@ -50,7 +50,7 @@ def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any) -> Any:
 
 def from_current(before: Any, pair: Any, whole: Any, config: Any) -> Any:
     """Sub-pixel places with the feature on its whole pixel in the current left image."""
-    places, ok = finish(pair, before, (*whole[2:], *whole[:2]), config)
+    places, ok = finish(pair, before, np.roll([*whole], 2, axis=0), config)
     return (*places[2:], *places[:2]), ok
 
 
