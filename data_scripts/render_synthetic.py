@@ -1,9 +1,8 @@
-"""Draw a synthetic sequence, or all scenes on one sheet.
+"""Draw a synthetic sequence.
 
 examples:
   vo data render_synthetic parked
   vo data render_synthetic traffic --length 1000 --seed 7 --oncoming 4
-  vo data render_synthetic --contact-sheet scenes.jpg
 """
 
 from __future__ import annotations
@@ -11,18 +10,12 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import nullcontext
-from pathlib import Path
-
-import cv2
 
 from street.cache import draw_scene
-from street.contact_sheet import contact_sheet
 from vo_lib.commands.common import add_cache, parse_frames, parse_whole
 from vo_lib.commands.console import reporting
 from vo_lib.commands.data import run_script
 from vo_lib.commands.setting_options import add_settings, given
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import write_bytes_atomic
 from vo_lib.core.settings import declared
 from vo_lib.data.drawn import cache_folder
 from vo_lib.data.scenes import SCENES, SceneConfig, scene_config
@@ -30,12 +23,9 @@ from vo_lib.data.scenes import SCENES, SceneConfig, scene_config
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options: every setting of a scene has one."""
-    parser.add_argument("scene", nargs="?", help="scene to start from: " + ", ".join(SCENES))
+    parser.add_argument("scene", help="scene to start from: " + ", ".join(SCENES))
     add_cache(parser)
     parser.add_argument("--jobs", default="2", metavar="N", help="processes that draw (default 2)")
-    parser.add_argument(
-        "--contact-sheet", type=Path, metavar="FILE", help="draw one picture of all scenes instead"
-    )
     parser.add_argument("--frames", metavar="A:B", help="draw only frames A … B-1, in a folder of their own")
     parser.add_argument("--count", action="store_true", help="print '1 of 260', … in place of a bar")
     group = parser.add_argument_group("settings of the scene; default: those of the scene named")
@@ -43,12 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Draw a scene, or the sheet of all."""
-    if options.contact_sheet:
-        write_sheet(options.contact_sheet)
-        return 0
-    if options.scene is None:
-        raise DataError("name a scene: " + ", ".join(SCENES))
+    """Draw a scene."""
     config = scene_config(options.scene, **given(options, declared(SceneConfig)))
     cache = options.cache or cache_folder()
     frames = None if options.frames is None else range(*parse_frames(options.frames, 1_000_000))
@@ -61,14 +46,6 @@ def run(options: argparse.Namespace) -> int:
 def count(done: int, total: int) -> None:
     """Say how many frames are drawn, for a program that reads it."""
     print(f"{done} of {total}", flush=True)
-
-
-def write_sheet(path: Path) -> None:
-    """Draw all scenes on one sheet; JPEG or PNG by the name's ending."""
-    if path.suffix.lower() not in (".jpg", ".jpeg", ".png") or not path.parent.is_dir():
-        raise DataError("the sheet cannot be written here; name a .jpg or .png in a folder that exists", path)
-    data = cv2.imencode(path.suffix, contact_sheet(), [cv2.IMWRITE_JPEG_QUALITY, 78])[1]
-    write_bytes_atomic(path, data.tobytes())
 
 
 if __name__ == "__main__":

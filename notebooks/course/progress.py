@@ -62,28 +62,22 @@ class Job:
         work: Callable[[Progress], Any],
         done: Callable[[Any], None],
         failed: Callable[[Exception], None],
-        after: float = 0.0,
     ) -> None:
         """Run `work(progress)` on a thread; then `done(result)`, or `failed(exception)`, there as well.
 
         `work` calls progress(done, total) at least a few times a second: that is where Stop takes effect.
-        The bar is shown `after` so many seconds: short work does not make the page jump.
         """
         self.stop()
         self.wait()
         stop = self._stop = threading.Event()
-        show_at = time.monotonic() + after
         self._bar.value, self._words.value = 0, label
-        if not after:
-            self.box.layout.display = ""
+        self.box.layout.display = ""
 
         def report(count: int, total: int) -> None:
             if stop.is_set():
                 raise Stopped
-            if time.monotonic() >= show_at:  # before, a message to the browser would only cost time
-                self.box.layout.display = ""
-                self._bar.max, self._bar.value = max(total, 1), count
-                self._words.value = f"{label}: {count} of {total}"
+            self._bar.max, self._bar.value = max(total, 1), count
+            self._words.value = f"{label}: {count} of {total}"
 
         def body() -> None:
             try:

@@ -96,7 +96,8 @@ def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
     if expected is None or got.shape == expected.shape or is_list(expected):
         return None
     hint = "a transpose is missing." if got.shape == expected.shape[::-1] else hint
-    return Unusable(False, f"{what} has shape {got.shape}, expected {expected.shape or 'one number'}.", hint)
+    given = f"has shape {got.shape}" if got.shape else "is one number"
+    return Unusable(False, f"{what} {given}, expected {expected.shape or 'one number'}.", hint)
 
 
 def holds(test: Callable[..., Any], *given: Any) -> bool:

@@ -27,6 +27,7 @@ far_point = Exercise(
     task="How far a point at 40 m seems to be, f b = 386 px m, if each disparity is half a pixel too large.",
     praise="{right:.1f} m: far points are moved most.",
     hint="depth to disparity, add the error, and back.",
+    line="386 / (386 / 40 + 0.5)",
     mistakes=(
         Mistake("the sign: too large a disparity is nearer.", "add the error.", float(depth_seen(40.0, -E))),
         Mistake(
@@ -41,6 +42,7 @@ step = Exercise(
     task="A function (Z (N,), e, fb) -> the length that a step of 1 m towards each point seems to have.",
     praise="{right[0]:.3f} m at 10 m, {right[2]:.3f} m at 40 m: the far points shorten the step most.",
     hint="the depth that is seen before the step, less the one seen after it.",
+    line="fb / (fb / Z + e) - fb / (fb / (Z - 1) + e)",
     mistakes=(
         Mistake(
             "the sign: a step ahead makes depths smaller.",

@@ -69,6 +69,7 @@ paper_average = Exercise(
     task="A function (te, a dict of numbers or None by sequence) -> the mean as the paper's Avg row has it.",
     praise="the plain mean of the rows there are, without 01.",
     hint="three rows are left: 1, 2 and 6.",
+    line="np.mean([v for name, v in te.items() if name != '01' and v is not None])",
     mistakes=(
         Mistake(
             "divided by more rows than have a number.",
@@ -107,6 +108,7 @@ true_rotation_error = Exercise(
     task="The RE in deg/100 m of a row that the paper prints as 1.000, if it took 5555.6.",
     praise="{right:.4f}: what is printed reads 3 % low.",
     hint="back to rad/m with the factor used, then on with 100 · 180/π.",
+    line="1.000 / 5555.6 * 100 * 180 / np.pi",
     mistakes=(
         Mistake(
             "this is the other way round.", "printed / 5555.6 is in rad/m; times 100 · 180/π.", USED / TRUE
@@ -128,6 +130,7 @@ gain = Exercise(
     task="A function (before (S,), after (S,)) -> mean and standard deviation of the change, seed by seed.",
     praise="{got[0]:+.2f} ± {got[1]:.2f}, each alone ± 0.3: what chance does to both alike has cancelled.",
     hint="one change for each seed; then the mean and the deviation of these changes.",
+    line="np.mean(after - before), np.std(after - before)",
     mistakes=(
         Mistake(
             "the sign: an error that fell should give a negative change.",
@@ -169,7 +172,8 @@ sweep = Exercise(
         "TE by sets: 8: {right[0]:.2f} %, 16: {right[1]:.2f} %, 100: {right[2]:.2f} %. The matches were "
         "found once, only the back end ran again."
     ),
-    hint='preset("solution_selection"), seed 0, lengths=(20,), step=1.',
+    hint="for each value a new configuration of `solution_selection`, a run of it, and the TE of its poses.",
+    line='config = replace(preset("solution_selection"), "selection.sets", value)',
     mistakes=(
         Mistake("this is RE.", "`.te` of what kitti_errors gives.", lambda *case: errors_of_sets()[1]),
         Mistake(

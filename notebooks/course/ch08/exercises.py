@@ -70,6 +70,7 @@ drift = Exercise(
         "the distance of the last positions, divided by the length of the true path; estimates start at "
         "the identity."
     ),
+    line="100 * np.linalg.norm(yours[-1][:3, 3] - true[:3, 3]) / trajectory_distances(street.truth)[-1]",
     mistakes=(
         Mistake(
             "{got:.3g} m is the distance.",
@@ -101,6 +102,7 @@ te_and_re = Exercise(
     task="TE in % and RE in deg/100 m of the estimate over 20 m, a start every frame.",
     praise="TE {right[0]:.3f} %, RE {right[1]:.3f} deg/100 m.",
     hint="your own `all_errors` does it: one length, and a step of one frame.",
+    line="te_re = mine.all_errors(street.truth, yours, (20,), 1)",
     mistakes=(
         Mistake(
             "these start at every tenth frame.",
