@@ -108,8 +108,9 @@ def _introduction(result: Reproduction) -> list[str]:
         "The systems of Table 1 of “Enhance stereo visual odometry performance by removing unstable "
         f"features”, run on the same matches with {seeds}. {in_words}.",
         "As published: the paper and no more; paper_and_code.md lists what it leaves open and what was "
-        "chosen. The kit's way: its own front end, a winner that is refined on its inliers, and what is wrong "
-        "with the stereo calibration is learnt on the way, which helps most where the pair is badly calibrated.",
+        "chosen. The kit's way: its own front end, a winner that is refined on its inliers, and what is "
+        "wrong with the stereo calibration is learnt on the way, which helps most where the pair is badly "
+        "calibrated.",
     ]
     if result.poses:
         names = ", ".join(sorted({name for _, name in result.poses}))
