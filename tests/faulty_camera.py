@@ -1,7 +1,7 @@
 """A stereo camera with known faults, written from the pinhole equations alone.
 
 Nothing of the library makes these matches: a point (X, Y, Z) is seen at u = f X / Z + cx, v = f Y / Z + cy,
-its disparity is f b / Z, and the faults are added to that.
+and the faults are added to that.
 """
 
 from __future__ import annotations
@@ -26,13 +26,19 @@ def none(x: Array, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Faults:
-    """Disparities and rows too large by fields of (x, y), both lenses with p1, p2 and k1; pixels."""
+    """Disparities and rows too large by fields of (x, y), half of them each camera's; lenses; all in pixels.
+
+    The right camera stands `down` and `back` by % of the baseline.
+    """
 
     disparities: Field = none
     rows: Field = none
     p1: float = 0.0
     p2: float = 0.0
     k1: float = 0.0
+    k2: float = 0.0
+    down: float = 0.0
+    back: float = 0.0
 
 
 # What sequences 00 and 01 of KITTI show, to a first approximation.
@@ -50,15 +56,16 @@ def yaw_matrix(angle: float) -> Array:
 def pair(X: Array, faults: Faults, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:
     """Left and right pixels (N, 2) of points (N, 3)."""
 
-    def seen(x: Array, y: Array) -> tuple[Array, Array]:
+    def seen(x: Array, y: Array, half: float) -> tuple[Array, Array]:
         r2 = x * x + y * y
-        u = F * x + CX + faults.p1 * 2 * x * y + faults.p2 * (r2 + 2 * x * x) + faults.k1 * r2 * x
-        v = F * y + CY + faults.p1 * (r2 + 2 * y * y) + faults.p2 * 2 * x * y + faults.k1 * r2 * y
-        return u, v
+        radial = faults.k1 * r2 + faults.k2 * r2**2
+        u = F * x + CX + faults.p1 * 2 * x * y + faults.p2 * (r2 + 2 * x * x) + radial * x
+        v = F * y + CY + faults.p1 * (r2 + 2 * y * y) + faults.p2 * 2 * x * y + radial * y
+        return u + half * faults.disparities(x, y), v + half * faults.rows(x, y)
 
-    x, y = X[:, 0] / X[:, 2], X[:, 1] / X[:, 2]
-    left, right = np.stack(seen(x, y), axis=1), np.stack(seen(x - B / X[:, 2], y), axis=1)
-    right -= np.stack([faults.disparities(x, y), faults.rows(x, y)], axis=1)
+    from_right = X - np.multiply(B / 100.0, [100.0, faults.down, -faults.back])
+    (x, y, _), (x_r, y_r, _) = (place.T / place[:, 2] for place in (X, from_right))
+    left, right = np.stack(seen(x, y, 0.5), axis=1), np.stack(seen(x_r, y_r, -0.5), axis=1)
     return left + rng.normal(0, noise, left.shape), right + rng.normal(0, noise, right.shape)
 
 

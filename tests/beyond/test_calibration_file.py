@@ -114,8 +114,10 @@ def test_on_another_drive_the_shift_alone_is_less_certain(learnt: Calibration) -
         (errors(**{"d_y²": 6.0, "d_x²": -0.1}), "disparities are up to 0.3 px too large at the top"),
         (errors(r_xy=-5.0), "rows differ by up to 0.8 px in the corners"),
         (errors(p1=1.2, p2=-1.4), "the lens is decentered, p1 +1.2 px and p2 -1.4 px"),
-        (errors(k1=10.0), "the lens has a pincushion, k1 +10.0 px"),
-        (errors(k1=-12.0), "the lens has a barrel, k1 -12.0 px"),
+        (errors(k1=10.0), "the lens has a pincushion, k1 +10.0 px and k2 +0.0 px"),
+        (errors(k1=-12.0), "the lens has a barrel, k1 -12.0 px and k2 +0.0 px"),
+        (errors(**{"right camera down": 0.4}), "the right camera stands 0.4 % of the baseline lower"),
+        (errors(**{"right camera back": -1.5}), "the right camera stands 1.5 % of the baseline ahead"),
     ],
 )
 def test_errors_in_words(wrong: Array, words: str) -> None:

@@ -22,6 +22,7 @@ ALIKE = 0.01  # share by which focal length and baseline of a camera that is the
 SAME_VIEW = 0.05  # share of the image by which its size and principal point may
 LARGEST = 30.0  # pixels; no rig that anybody used is so far from its calib.txt
 NOTHING = 0.05  # pixels; a smaller error is not worth a word
+SHARE = 0.1  # % of the baseline; neither is a smaller one
 EDGE = 0.08  # share of the image at each side that is left out where an error is said in words
 
 
@@ -32,7 +33,7 @@ class Calibration:
     Attributes
     ----------
     camera : whose errors these are.
-    estimate, covariance : (18,) and (18, 18), as `Rig` has them.
+    estimate, covariance : (21,) and (21, 21), as `Rig` has them.
     """
 
     camera: StereoCamera
@@ -50,7 +51,7 @@ class Calibration:
         require_same_camera(self.camera, camera, "the calibration")
 
     def in_use(self, config: CalibrationConfig) -> Array:
-        """The errors (18,) that are taken out of matches, pixels."""
+        """The errors (21,) that are taken out of matches, pixels."""
         rig = Rig(self.camera, config)
         rig.know(self.estimate, self.covariance)
         return rig.errors
@@ -63,7 +64,8 @@ class Calibration:
         """The file's text; numbers are exact."""
         data = {
             "camera": to_dict(self.camera),
-            "unit": "px, in normalised left positions x, y; disparities and rows left less right",
+            "unit": "px, in normalised left positions x, y; disparities and rows left less right; "
+            "the right camera's place in % of the baseline",
             "errors": dict(zip(NAMES, self.estimate.tolist(), strict=True)),
             "covariance": self.covariance.tolist(),
         }
@@ -126,7 +128,7 @@ def _covariance(values: Any, size: int) -> Array:
 
 
 def in_words(errors: Array, camera: StereoCamera) -> str:
-    """What a rig's errors (18,), pixels, do in the image."""
+    """What a rig's errors (21,), pixels, do in the image."""
     u, v = (np.linspace(EDGE, 1.0 - EDGE, 9) * size for size in camera.size)
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     disparity, row = field_at(errors, *camera.normalise(grid).T)
@@ -139,11 +141,15 @@ def in_words(errors: Array, camera: StereoCamera) -> str:
     if np.abs(row).max() >= NOTHING:
         worst, place = _worst(row, grid, camera)
         said.append(f"rows differ by up to {abs(worst):.1f} px {place}")
-    p1, p2, k1 = errors[FIELD:]
+    down, back, p1, p2, k1, k2 = errors[FIELD:]
+    for way, share in (("lower" if down > 0 else "higher", down), ("behind" if back > 0 else "ahead", back)):
+        if abs(share) >= SHARE:
+            said.append(f"the right camera stands {abs(share):.1f} % of the baseline {way}")
     if p1 or p2:
         said.append(f"the lens is decentered, p1 {p1:+.1f} px and p2 {p2:+.1f} px")
-    if k1:
-        said.append(f"the lens has a {'pincushion' if k1 > 0 else 'barrel'}, k1 {k1:+.1f} px")
+    if k1 or k2:
+        kind = "pincushion" if k1 > 0 else "barrel"
+        said.append(f"the lens has a {kind}, k1 {k1:+.1f} px and k2 {k2:+.1f} px")
     return "; ".join(said) or "nothing that needs correction"
 
 

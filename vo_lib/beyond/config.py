@@ -145,13 +145,6 @@ class CalibrationConfig(Checked):
     least_change: float = setting(
         0.03, "a smaller change of the disparities does not solve the step again", unit="px", low=0, high=1
     )
-    lens_floor: float = setting(
-        0.85,
-        "standard deviation of what is learnt of the lens that no number of frames mends",
-        unit="px",
-        low=0,
-        high=100,
-    )
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ..core.geometry import rotation_angle
 from ..core.matches import StereoMatches
 from ..core.types import Array
 from .parallax import parallax_information
-from .rig import BY_STEREO, effects, prior_covariance
+from .rig import BY_PARALLAX, effects, prior_covariance
 
 TURN = np.radians(0.5)  # a frame's turn, below which it says little
 MOST = 100  # matches of a frame; more cost time
@@ -36,7 +36,7 @@ class FocalCheck:
 
     def __init__(self, camera: StereoCamera):
         self.camera = camera
-        prior = USUAL**2 * prior_covariance()[np.ix_(BY_STEREO, BY_STEREO)]
+        prior = USUAL**2 * prior_covariance()[np.ix_(BY_PARALLAX, BY_PARALLAX)]
         self._information = np.diag([0.0] * len(prior) + [1.0])  # of the share next to nothing is known
         self._information[:-1, :-1] = np.linalg.inv(prior)
         self._vector = np.zeros(len(self._information))
@@ -54,7 +54,7 @@ class FocalCheck:
     def _effects(self, x: Array, disparity: Array) -> Array:
         """As in `rig`; a focal length that is too small by a share of 1 doubles places and disparities."""
         zoom = np.vstack([self.camera.f * x, disparity])
-        return np.concatenate([effects(self.camera, x, disparity)[BY_STEREO, :3], zoom[None]])
+        return np.concatenate([effects(self.camera, x, disparity)[BY_PARALLAX, :3], zoom[None]])
 
     def doubt(self) -> str | None:
         """In words, a focal length that these images contradict; None where they do not or say little."""

@@ -3,18 +3,25 @@
 In a rectified pair both images of a point lie on one row, and the columns differ by f b / Z. In a real pair
 both are off by a smooth field over the image, of some tenths of a pixel: far points seem too far, or near,
 and steps come out too long, on the KITTI highway by 5 %. The field is a polynomial for the disparities and
-one for the rows, in the normalised left position x, y. They belong together, for each fault of a rig has a
-shape in both (`FAULTS`). Too few terms are worse than none: the rest of the field ends up in the constant,
-which decides the length of the steps.
+one for the rows, in the normalised position x, y. They belong together, for each fault of a rig has a shape
+in both (`FAULTS`). Too few terms are worse than none: the rest of the field ends up in the constant, which
+decides the length of the steps. Nobody knows which camera is to blame: half is taken to be the left one's at
+x_l, half the right one's at x_r = x_l - D / f, where D is a point's disparity.
 
-Both lenses have errors of their own, taken to be alike: Brown's decentering and pincushion, r² = x² + y²,
+The right camera may also stand a little below the left one, by a share m of the baseline, and behind it, by a
+share n, which shows in near points:
 
-    (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   k1 r² (x, y).
+    disparity + n D x_r,   row + m D + n D y.
+
+Both lenses have errors of their own, taken to be alike: Brown's decentering and radial terms, r² = x² + y²,
+
+    (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   (k1 r² + k2 r⁴) (x, y).
 
 Stereo matches show the rows at once, and with them roll and focal length, which a moving camera cannot tell
-from a longer step. The other terms are learnt from the motion: disparities must agree with parallax, which
-tells the field and the pincushion, and flow with epipolar lines, which tells the decentering. One frame knows
-little of that; a Kalman filter carries everything along.
+from a longer step; near and far points on one row show the baseline's direction and the radial terms. The
+rest is learnt from the motion: disparities must agree with parallax, which tells the field, and the same two
+again, and flow with epipolar lines, which tells the decentering. One frame knows little of that; a Kalman
+filter carries everything along.
 
 Noise would do harm where a rig is good. So what is in use is shrunk as empirical Bayes asks: the part of a
 square that its own variance explains is taken for noise (James and Stein 1961, positive part).
@@ -37,12 +44,23 @@ Shape = dict[str, float]
 
 COLUMNS = ("1", "x", "y", "x²", "xy", "y²", "x³", "x²y", "x⁴")
 ROWS = COLUMNS[:6]
-LENS = {"p1": 1.5, "p2": 1.5, "k1": 10.0}  # and how large each may be, pixels
+BASELINE = {"down": 1.0, "back": 2.0}  # how far the right camera may stand there, % of the baseline
+# How large each may be, and what of it no number of frames mends, standard deviations, pixels: among cars
+# that move a perfect lens seems to have a k1 of some pixels, and the floors keep that out.
+LENS = {"p1": (1.5, 0.85), "p2": (1.5, 0.85), "k1": (10.0, 2.0), "k2": (10.0, 4.0)}
 EXPONENTS = np.array([(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (4, 0)]).T
 N, FIELD = len(COLUMNS), len(COLUMNS) + len(ROWS)
-NAMES = (*(f"disparity {term}" for term in COLUMNS), *(f"row {term}" for term in ROWS), *LENS)
+PAIR = FIELD + len(BASELINE)  # errors of one camera against the other; those of both follow
+NAMES = (
+    *(f"disparity {term}" for term in COLUMNS),
+    *(f"row {term}" for term in ROWS),
+    *(f"right camera {way}" for way in BASELINE),
+    *LENS,
+)
 SIZE = len(NAMES)
-BY_STEREO, BY_FLOW = [*range(N), SIZE - 1], [FIELD, FIELD + 1]
+DOWN, BACK, P1, P2, K1, K2 = range(FIELD, SIZE)
+# What each of the three kinds of measurement tells.
+BY_ROWS, BY_PARALLAX, BY_FLOW = [*range(N, PAIR), K1, K2], [*range(N), BACK, K1, K2], [P1, P2]
 # What may be wrong with one camera against the other: its shape in the columns, in the rows, and how large it
 # may be, pixels (standard deviation before the first frame). To first order a yaw is a shift along the rows
 # and a tilt about the vertical; decentering is a tilt of three times its size and what is left here.
@@ -71,11 +89,12 @@ class Rig:
 
     Attributes
     ----------
-    estimate : (18,) coefficients, pixels, in the order of `NAMES`; rows and disparities are left less right.
-    covariance : (18, 18) of the estimate.
-    errors : (18,) those in use. Of the lens each is shrunk by itself, and is zero while the frames know less
-        of it than was known before them: crawling in a jam says little, but always the same. The field is
-        what would be known were this lens the true one, shrunk as a whole.
+    estimate : (21,) errors in the order of `NAMES`, pixels, the right camera's place % of the baseline; rows
+        and disparities are left less right.
+    covariance : (21, 21) of the estimate.
+    errors : (21,) those in use. Of the lens one after the other is shrunk, and is zero while the frames know
+        less of it than was known before them: crawling in a jam says little, but always the same. What comes
+        after it is what would be known were it the true one. At the end the pair's are shrunk as a whole.
     """
 
     def __init__(self, camera: StereoCamera, config: CalibrationConfig):
@@ -85,7 +104,7 @@ class Rig:
         self.know(np.zeros(SIZE), self._prior)
 
     def correct(self, matches: StereoMatches, errors: Array | None = None) -> StereoMatches:
-        """Matches without these errors (18,). Of the field the right positions move: no image tells which."""
+        """Matches without these errors (21,), by default those in use."""
         errors = self.errors if errors is None else errors
         if not errors.any():
             return matches
@@ -109,8 +128,8 @@ class Rig:
             return
         left, right = self._without(self.errors, matches.cur_left, matches.cur_right)
         A = effects(self.camera, self.camera.normalise(left).T, (left - right)[:, 0])[:, 3]
-        difference = (matches.cur_left - matches.cur_right)[:, 1] - self.errors[FIELD:] @ A[FIELD:]
-        A[FIELD:] = 0.0
+        difference = (matches.cur_left - matches.cur_right)[:, 1] - self.errors[BY_FLOW] @ A[BY_FLOW]
+        A[BY_FLOW] = 0.0
         known = np.linalg.inv(self.covariance + self.config.drift**2 * self._prior)
         start, estimate = known @ self.estimate, self.estimate
         for _ in range(STEPS):
@@ -123,9 +142,9 @@ class Rig:
         self.know(estimate, np.asarray(np.linalg.inv(information)))
 
     def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> Array | None:
-        """Learn from a frame's corrected matches and motion; the change (18,), None if it is little."""
+        """Learn from a frame's corrected matches and motion; the change (21,), None if it is little."""
         information, vector = np.zeros((SIZE, SIZE)), np.zeros(SIZE)
-        for terms, stereo in ((BY_STEREO, True), (BY_FLOW, False)):
+        for terms, stereo in ((BY_PARALLAX, True), (BY_FLOW, False)):
 
             def added(x: Array, disparity: Array, terms: list[int] = terms) -> Array:
                 return effects(self.camera, x, disparity)[terms, :3]
@@ -143,33 +162,42 @@ class Rig:
         change *= min(1.0, FARTHEST / max(float(np.sqrt(change @ known @ change)), 1e-12))
         self.know(self.estimate + change, np.asarray(np.linalg.inv(known + information)))
         more = self.errors - in_use
-        more[N:FIELD] = 0.0  # of the rows only their own measurements count in this frame
+        more[N:BACK] = 0.0  # of the rows only their own measurements count in this frame
         size = np.sqrt(np.mean(field_at(more, *self.camera.normalise(matches.cur_left).T) ** 2))
         return None if size < self.config.least_change else more
 
     def know(self, estimate: Array, covariance: Array) -> None:
-        """From now on this is known: an estimate (18,) and its covariance (18, 18)."""
+        """From now on this is known: an estimate (21,) and its covariance (21, 21)."""
         self.estimate, self.covariance = estimate, covariance
-        lens, variance, prior = estimate[FIELD:], np.diag(covariance)[FIELD:], np.array([*LENS.values()])
-        share = 1.0 - (variance + self.config.lens_floor**2) / np.maximum(lens**2, 1e-12)
-        in_use = lens * np.where(variance <= 0.5 * prior**2, np.maximum(0.0, share), 0.0)
-        gain = np.linalg.solve(covariance[FIELD:, FIELD:], covariance[FIELD:, :FIELD]).T
-        field = estimate[:FIELD] + gain @ (in_use - lens)
-        spread = covariance[:FIELD, :FIELD] - gain @ covariance[FIELD:, :FIELD]
-        squared = float(field @ np.linalg.solve(spread, field))
-        self.errors = np.append(field * max(0.0, 1.0 - FIELD / max(squared, 1e-12)), in_use)
+        errors, covariance, lens = estimate.copy(), covariance.copy(), {}
+        for i in (K2, K1, P1, P2):
+            (prior, floor), variance = LENS[NAMES[i]], covariance[i, i]
+            share = max(0.0, 1.0 - (variance + floor**2) / max(errors[i] ** 2, 1e-12))
+            lens[i] = errors[i] * share * (variance <= 0.5 * prior**2)
+            # What the others would be were this the true one.
+            gain = covariance[i] / variance
+            errors += gain * (lens[i] - errors[i])
+            covariance -= np.outer(gain, covariance[i])
+        squared = float(errors[:PAIR] @ np.linalg.solve(covariance[:PAIR, :PAIR], errors[:PAIR]))
+        errors[:PAIR] *= max(0.0, 1.0 - PAIR / max(squared, 1e-12))
+        errors[[*lens]] = [*lens.values()]
+        self.errors = errors
 
 
 def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
-    """What coefficients of size 1 add to u and v on the left, to disparity and row, (18, 4, N), pixels.
+    """What errors of size 1 add to u and v on the left, to disparity and row, (21, 4, N), pixels.
 
     x : (2, N) normalised left positions; disparity : (N,) pixels.
     """
-    added, terms = np.zeros((SIZE, 4, len(disparity))), powers(*x)
-    added[:N, 2], added[N:FIELD, 3] = terms, terms[: len(ROWS)]
-    added[FIELD:, :2] = lens_shapes(x)
     right = x - np.stack([disparity / camera.f, np.zeros_like(disparity)])
-    added[FIELD:, 2:] = added[FIELD:, :2] - lens_shapes(right)
+    added, on_left, on_right = np.zeros((SIZE, 4, len(disparity))), powers(*x), powers(*right)
+    for terms, n, axis in ((slice(N), N, 0), (slice(N, FIELD), len(ROWS), 1)):
+        added[terms, axis] = 0.5 * on_left[:n]
+        added[terms, axis + 2] = 0.5 * (on_left + on_right)[:n]
+    added[DOWN, 3] = 0.01 * disparity
+    added[BACK, 2:] = 0.01 * disparity * right
+    added[PAIR:, :2] = lens_shapes(x)
+    added[PAIR:, 2:] = added[PAIR:, :2] - lens_shapes(right)
     return added
 
 
@@ -186,15 +214,16 @@ def powers(x: Array, y: Array) -> Array:
 
 
 def lens_shapes(points: Array) -> Array:
-    """How the terms of `LENS`, each of size 1, move normalised points (2, N): (3, 2, N)."""
+    """How the terms of `LENS`, each of size 1, move normalised points (2, N): (4, 2, N)."""
     x, y = points
     r2, xy = x * x + y * y, 2.0 * x * y
-    return np.array([[xy, r2 + 2.0 * y * y], [r2 + 2.0 * x * x, xy], [r2 * x, r2 * y]])
+    radial = r2 * points
+    return np.stack([(xy, r2 + 2.0 * y * y), (r2 + 2.0 * x * x, xy), radial, r2 * radial])
 
 
 def prior_covariance() -> Array:
-    """Covariance (18, 18) of the coefficients before the first frame: all `FAULTS`, each of random size."""
-    covariance = np.diag([STIFF] * FIELD + list(LENS.values())) ** 2
+    """Covariance (21, 21) of the coefficients before the first frame: all `FAULTS`, each of random size."""
+    covariance = np.diag([STIFF] * FIELD + [*BASELINE.values(), *(prior for prior, _ in LENS.values())]) ** 2
     for columns, rows, deviation in FAULTS.values():
         shape = np.array([columns.get(k, 0.0) for k in COLUMNS] + [rows.get(k, 0.0) for k in ROWS])
         covariance[:FIELD, :FIELD] += deviation**2 * np.outer(shape, shape)
