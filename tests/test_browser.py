@@ -70,7 +70,7 @@ def lab(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         "KITTI_ROOT": request.param,
     }
     command = [sys.executable, "-c", "import sys; from vo_lib.commands.cli import main; sys.exit(main())"]
-    options = ["--copy", str(folder / "work"), "--port", str(port), "--no-browser"]
+    options = ["--copy", str(folder / "work"), "--", "--port", str(port), "--no-browser"]
     log = folder / "server.log"
     with log.open("w") as printed:
         server = subprocess.Popen(
