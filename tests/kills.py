@@ -33,7 +33,7 @@ COMMANDS = {
     "run with a cache and a film": "run SEQUENCE --cache OUT/cache --video OUT/film.avi --out OUT/run",
     "sweep": "sweep --sequence SEQUENCE --set selection.sets=20,50 --seeds 2 --jobs 2 --out OUT/sweep",
     "reproduce": "reproduce --sequences SEQUENCE --seeds 1 --jobs 2 --lengths 1,2 --out OUT/table",
-    "calibrate": "calibrate SEQUENCE --out OUT/calibration.json --picture OUT/calibration.png",
+    "calibrate": "calibrate SEQUENCE --out OUT/calibration.json",
     "write_labels": "data write_labels SEQUENCE --model street --out OUT/labels --pictures OUT/seen",
     "render_synthetic": "data render_synthetic empty --length 12 --width 320 --height 120 --cache OUT/cache",
     "from_folder": "data from_folder --left SEQUENCE/image_0 --right SEQUENCE/image_1 --out OUT/mine "

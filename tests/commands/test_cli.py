@@ -152,22 +152,19 @@ def test_list_names_what_is_found(
     shutil.copytree(bands, root / "sequences" / "07")
     monkeypatch.setenv("KITTI_ROOT", str(root))
     assert main(["list"]) == 0
-    assert "kitti/07" in capsys.readouterr().out
-    assert main(["list", "--json"]) == 0
-    found = set(json.loads(capsys.readouterr().out))
-    assert found >= {"kitti/07", *(f"synthetic/{name}" for name in SCENES)}
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in ("kitti/07", *(f"synthetic/{name}" for name in SCENES)))
 
 
 def test_check_finds_this_installation_healthy(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("KITTI_ROOT", "")
-    assert main(["check", "--json"]) == 0
-    findings = {f["what"]: f for f in json.loads(capsys.readouterr().out)}
-    assert findings["numpy"]["found"] == np.__version__
-    assert findings["one OpenCV only"]["state"] == "ok"
     assert main(["check"]) == 0
-    assert "cv2" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"cv2 {cv2.__version__}" in printed
+    assert np.__version__ in printed
+    assert "problem" not in printed
 
 
 def test_two_opencv_packages_are_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -200,7 +197,7 @@ def test_the_short_help_leaves_thresholds_out_and_a_longer_one_has_all_or_a_grou
 def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--version"])
-    assert re.fullmatch(r"vo (\d+\.\d+\.\d+|of a folder that is not installed)\n", capsys.readouterr().out)
+    assert re.fullmatch(r"vo \d+\.\d+\.\d+\n", capsys.readouterr().out)
 
 
 def test_a_shell_completes_commands_sequences_and_thresholds(tmp_path: Path) -> None:
