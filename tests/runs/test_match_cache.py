@@ -92,7 +92,7 @@ def test_matches_of_older_code_are_removed_after_a_day(
     kept = [cached(sequence, small()), cached(sequence, small(matching__window=11))]
     for matches in kept:
         matches.fill()
-    monkeypatch.setattr("vo_lib.runs.match_cache.code_digest", lambda *modules: "changed")
+    monkeypatch.setattr("vo_lib.runs.identity.code_digest", lambda *modules: "changed")
     newer = cached(sequence, small())
     newer.fill()
     assert all(matches.folder.exists() for matches in kept)  # a run of that code may be at work

@@ -16,9 +16,9 @@ from ..core.files import claim, write_result
 from ..data.sequence import Sequence
 from ..data.stereo_check import doubts
 from ..detection.label_cache import detected_sequence
+from ..runs.jobs import run_once
 from ..runs.match_cache import CachedMatches, match_folder
 from ..runs.results import evaluate_run, run_folder
-from ..runs.run_once import run_once
 from ..runs.runner import Run
 from ..tables.film import CODES, Film, shown_frames
 from ..tables.plots import png, trajectories_figure

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from ..core.errors import DataError
-from ..core.files import file_sha256, fits, read_bytes, read_json, write_text_atomic
+from ..core.files import file_sha256, read_bytes, read_json, write_text_atomic
 from ..core.settings import to_dict
 from ..data.drawn import cache_folder
 from ..data.sequence import Sequence
@@ -44,8 +44,7 @@ def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
     """Hash of the content of each file of a folder, by name.
 
     Hashes are remembered in the user's cache folder with size and times of the file, in a JSON file for each
-    folder; no program can set the time of the last change of any kind (ctime). Where the file is damaged, or
-    two processes wrote it at once, files are hashed again.
+    folder; no program can set the time of the last change of any kind (ctime).
     """
     place = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:DIGITS]
     memory = cache_folder().parent / "hashes" / f"{place}.json"
@@ -55,7 +54,7 @@ def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
     except OSError as error:
         raise DataError(f"the image cannot be read: {error.strerror}", error.filename) from None
     stamps = {name: [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns] for name, stat in stats.items()}
-    changed = [name for name in names if known.get(name, [])[:3] != stamps[name]]
+    changed = [name for name in names if known.get(name, [])[:-1] != stamps[name]]
     with ThreadPoolExecutor(max_workers=2) as pool:
         fresh = dict(zip(changed, pool.map(file_sha256, [folder / name for name in changed]), strict=True))
     settled = {n: [*stamps[n], fresh[n]] for n in changed if max(stamps[n][1:]) < now - UNSETTLED}
@@ -67,10 +66,9 @@ def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
 
 
 def _remembered(memory: Path) -> dict[str, list[Any]]:
-    """Size, time and hash of files by name; nothing where it is missing or damaged."""
+    """Size, times and hash of files by name; nothing where it is missing or damaged."""
     with suppress(DataError):
-        known = read_json(memory, {str: [(int, str)]}, "hashes")
-        return {n: entry for n, entry in known.items() if len(entry) == 4 and fits(entry[3:], [str])}
+        return dict(read_json(memory, {str: [(int, str)]}, "hashes"))
     return {}
 
 
@@ -108,25 +106,29 @@ def versions() -> dict[str, str]:
     }
 
 
-def run_identity(sequence: Sequence, config: Any, method: str) -> dict[str, Any]:
-    """All that decides the poses of a run, and its names; runs with equal identities give equal bytes."""
-    settings = to_dict(config)
-    boxes = NOT_USED if config.filter.rule == "none" else labels_digest(sequence)
-    known = sequence.calibration
+def drive_identity(sequence: Sequence) -> dict[str, Any]:
+    """What decides a result whatever is done with the images: these, their camera, the code."""
     return {
-        "method": method,
-        "variant": config.variant,
         "sequence": sequence.name,
         "frames": [sequence.frames[0], sequence.frames[-1]],
-        "settings": settings,
         "camera": to_dict(sequence.camera),
-        "calibration": None
-        if known is None
-        else hashlib.sha256(known.to_json().encode()).hexdigest()[:DIGITS],
         "images": images_digest(sequence),
-        "labels": boxes,
         "made_with": versions() | {"code": code_digest()},
     }
+
+
+def run_identity(sequence: Sequence, config: Any, method: str) -> dict[str, Any]:
+    """All that decides the poses of a run, and its names, as it comes back from JSON.
+
+    Runs with equal identities give equal bytes.
+    """
+    known = sequence.calibration
+    identity = {"method": method, "variant": config.variant, "settings": to_dict(config)}
+    identity |= drive_identity(sequence) | {
+        "calibration": known and hashlib.sha256(known.to_json().encode()).hexdigest()[:DIGITS],
+        "labels": NOT_USED if config.filter.rule == "none" else labels_digest(sequence),
+    }
+    return dict(json.loads(json.dumps(identity)))
 
 
 def surroundings() -> dict[str, str | None]:
@@ -142,11 +144,16 @@ def git_commit() -> str | None:
     """Commit of the kit's own work tree, "-dirty" behind it when files were changed; None outside of git."""
     if not (PACKAGE.parent / ".git").exists():
         return None
-    command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
-    try:
-        done = subprocess.run(
-            command, cwd=PACKAGE.parent, capture_output=True, text=True, check=True, timeout=20
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return done.stdout.strip()
+    words = [
+        "git",
+        "-C",
+        str(PACKAGE.parent),
+        "describe",
+        "--always",
+        "--dirty",
+        "--abbrev=40",
+        "--exclude=*",
+    ]
+    with suppress(OSError, subprocess.SubprocessError):
+        return subprocess.check_output(words, text=True, stderr=subprocess.DEVNULL, timeout=20).strip()
+    return None

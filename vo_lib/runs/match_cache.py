@@ -31,7 +31,7 @@ from ..core.settings import to_dict
 from ..data.drawn import cache_folder
 from ..data.sequence import Sequence
 from ..method.config import FeatureConfig, MatchingConfig
-from .identity import code_digest, images_digest, versions
+from .identity import drive_identity
 from .runner import FoundMatches, TimedMatches
 
 CHUNK = 50  # frames in a file
@@ -66,15 +66,8 @@ class CachedMatches:
         self.sequence = sequence
         self.settings = features, matching
         # All that decides the matches, as it comes back from JSON.
-        key = {
-            "sequence": sequence.name,
-            "frames": [sequence.frames[0], sequence.frames[-1]],
-            "features": to_dict(features),
-            "matching": to_dict(matching),
-            "camera": to_dict(sequence.camera),
-            "images": images_digest(sequence),
-            "made_with": versions() | {"code": code_digest()},
-        }
+        settings = {"features": to_dict(features), "matching": to_dict(matching)}
+        key = drive_identity(sequence) | settings
         self._key: dict[str, Any] = json.loads(json.dumps(key))
         # The name says nothing about the matches: a sequence is known by its images.
         decisive = {name: value for name, value in self._key.items() if name != "sequence"}

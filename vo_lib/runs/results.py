@@ -121,17 +121,21 @@ def evaluate_path(sequence: Sequence, poses: Array) -> dict[str, Evaluation]:
     return errors
 
 
-def write_run(
-    folder: Path, result: Run, method: str, identity: dict[str, Any] | None = None
-) -> dict[str, Evaluation]:
-    """Write poses, per-frame log, errors, and what the run was; returns the errors.
+def write_run(folder: Path, result: Run, method: str, identity: dict[str, Any] | None = None) -> None:
+    """Write poses, per-frame log, errors, and what the run was.
 
     config.json comes first, marked as unfinished, and last without the mark: killed in between, the folder
     is nobody's finished run. `identity` is that of `identity.run_identity`, where it is known already.
     """
     sequence = result.sequence
-    errors = evaluate_run(result)
     config = identity or run_identity(sequence, result.config, method)
+    metrics: dict[str, Any] = {kind: errors.to_dict() for kind, errors in evaluate_run(result).items()}
+    metrics[PATH] = {
+        "frames_in_doubt": sum(m.in_doubt for m in result.motions),
+        "time_jumps": sum(TIME_JUMP in m.flags for m in result.motions),
+        "lost": path_lost(result),
+        DOUBTS: list(result.doubts),
+    }
     write_text_atomic(folder / CONFIG, _json(config | {UNFINISHED: True}))
     write_text_atomic(folder / POSES, format_kitti_poses(result.poses))
     write_text_atomic(folder / POSES_TUM, format_tum(sequence.times, result.poses))
@@ -140,21 +144,10 @@ def write_run(
         write_text_atomic(folder / CALIBRATION, result.calibration.to_json())
     else:
         (folder / CALIBRATION).unlink(missing_ok=True)
-    _write_metrics(folder, errors, result)
+    write_text_atomic(folder / METRICS, _json(metrics))
     config = config | {"timing": timing(result), "surroundings": surroundings(), DOUBTS: list(result.doubts)}
     config[FILES] = {n: file_sha256(folder / n) for n in RESULTS if (folder / n).exists()}
     write_text_atomic(folder / CONFIG, _json(config))
-    return errors
-
-
-def _write_metrics(folder: Path, errors: dict[str, Evaluation], result: Run) -> None:
-    path = {
-        "frames_in_doubt": sum(m.in_doubt for m in result.motions),
-        "time_jumps": sum(TIME_JUMP in m.flags for m in result.motions),
-        "lost": path_lost(result),
-        DOUBTS: list(result.doubts),
-    }
-    write_text_atomic(folder / METRICS, _json({k: e.to_dict() for k, e in errors.items()} | {PATH: path}))
 
 
 def path_lost(result: Run) -> bool:
@@ -173,17 +166,6 @@ def read_metrics(folder: Path) -> dict[str, Any]:
     if not fits(data, {str: METRICS_SHAPE}) or not all(kind["sequences"] for kind in data.values()):
         raise DataError(f"expected {expected}", path)
     return data
-
-
-def mend_metrics(folder: Path, result: Run) -> None:
-    """Write metrics.json of a finished run again where it is missing, damaged or changed: poses decide it."""
-    config = read_config(folder)
-    with suppress(DataError):
-        require_unchanged(folder, config, METRICS)
-        return
-    _write_metrics(folder, evaluate_run(result), result)
-    config[FILES] = config.get(FILES, {}) | {METRICS: file_sha256(folder / METRICS)}
-    write_text_atomic(folder / CONFIG, _json(config))
 
 
 def timing(result: Run) -> dict[str, Any]:
@@ -241,7 +223,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     except DataError as error:
         raise DataError(str(error), folder / CONFIG) from None
     kept = folder / CALIBRATION
-    require_unchanged(folder, stored, POSES, LOG, *([CALIBRATION] if kept.exists() else []))
+    require_unchanged(folder, stored, POSES, LOG, METRICS, *([CALIBRATION] if kept.exists() else []))
     poses = read_kitti_poses(folder / POSES)
     path = folder / LOG
     (_, heading), *lines = read_csv(path) or [(1, [])]
