@@ -8,7 +8,6 @@ from pathlib import Path
 
 from ..core.errors import DataError
 from .console import say
-from .lab_html import write_pages
 
 FIRST = "00_start_here.ipynb"
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -40,10 +39,12 @@ def _lab(options: argparse.Namespace) -> int:
     if len(set(places)) < len(places):
         raise DataError("--copy and --html: expected two folders")
     folder = NOTEBOOKS if options.copy is None else copy_notebooks(NOTEBOOKS, Path(options.copy))
+    # Both are slow to import.
     if options.html is not None:
-        write_pages(folder, Path(options.html))
-        return 0
-    from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]  # slow to import
+        from .lab_html import write_pages
+
+        return min(write_pages(folder, Path(options.html)), 1)
+    from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
     say(f"JupyterLab opens {folder / FIRST}; Ctrl-C twice ends it")
     LabApp.launch_instance([str(folder / FIRST), f"--ServerApp.root_dir={folder}", *options.jupyter])
