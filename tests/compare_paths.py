@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from vo_lib import open_sequence, preset
-from vo_lib.config import METHODS, PUBLISHED, PublishedConfig
+from vo_lib.config import METHODS, PUBLISHED, PublishedConfig, change
 from vo_lib.core.poses import format_kitti_poses
 from vo_lib.data.sequence import available
 from vo_lib.runs.runner import run_methods
@@ -31,7 +31,7 @@ WHERE_FOUND = "kitti/00"
 def configs() -> Iterator[tuple[str, PublishedConfig]]:
     """Every name and configuration: the kit's with each mode, the published ones as such."""
     for mode, method in itertools.product(MODES, METHODS):
-        yield f"{mode} {method}", preset(method, mode=mode)
+        yield f"{mode} {method}", change(preset(method), "selection.mode", mode)
     for method, published in PUBLISHED.items():
         yield f"published {method}", published
 

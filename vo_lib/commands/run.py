@@ -76,14 +76,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="a page (.html) that shows path and points in three dimensions",
     )
     parser.add_argument("--fresh", action="store_true", help="start anew whatever the folder holds")
-    groups = list(dict.fromkeys(map(section, every_setting())))
     parser.add_argument(
-        "--help-settings",
-        action=SettingsHelp,
-        nargs="?",
-        choices=groups,
-        help=f"the thresholds, which are options too: all of them, or a GROUP: {', '.join(groups)}",
-        metavar="GROUP",
+        "--help-settings", action=SettingsHelp, nargs=0, help="the thresholds, which are options too"
     )
     for item in every_setting():  # not in the short help
         add_option(parser, item, item.name, shown=False)
@@ -95,21 +89,14 @@ def every_setting() -> list[settings.Setting]:
     return [*settings.declared(Config), *settings.declared(DetectorConfig, DETECTOR)]
 
 
-def section(item: settings.Setting) -> str:
-    """The group of a setting."""
-    return item.name.partition(".")[0] if "." in item.name else "run"
-
-
 class SettingsHelp(argparse.Action):
-    """Print the thresholds with their ranges and defaults, a group for each section, and end."""
+    """Print the thresholds with their ranges and defaults, and end."""
 
-    def __call__(self, parser: argparse.ArgumentParser, space: Any, chosen: Any, option: Any = None) -> None:
-        """Of the section chosen, or of all."""
+    def __call__(self, parser: argparse.ArgumentParser, *about: Any) -> None:
+        """In a page of their own."""
         page = argparse.ArgumentParser(prog=parser.prog, usage="vo run … [--SETTING X …]", add_help=False)
-        groups = {section(item): page.add_argument_group(section(item)) for item in every_setting()}
         for item in every_setting():
-            if chosen in (None, section(item)):
-                add_option(groups[section(item)], item, item.name)
+            add_option(page, item, item.name)
         page.print_help()
         parser.exit()
 
