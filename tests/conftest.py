@@ -123,6 +123,14 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
     return folder
 
 
+def with_box(folder: Path, frames: int, box: str = "2 0.25 0.5 0.3 0.8\n") -> Path:
+    """The sequence with the same vehicle box in each frame."""
+    (folder / "labels").mkdir()
+    for frame in range(frames):
+        (folder / "labels" / f"{frame:06d}.txt").write_text(box, encoding="utf-8")
+    return folder
+
+
 def winding_road(frames: int, turn: float, step: float, one_way: bool = False) -> Array:
     """Poses (N, 4, 4) along gentle curves; `turn` is the most radians a frame, `step` metres.
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import write_bands
+from conftest import with_box, write_bands
 from data_command import load
 
 from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN
@@ -26,10 +26,7 @@ measure_choices = load("measure_choices")
 def labelled(tmp_path: Path) -> Path:
     """Thirteen frames of standing bands, 6 m, with a box in each that holds only what stands."""
     folder = write_bands(tmp_path / "bands", 13)
-    (folder / "labels").mkdir()
-    for frame in range(13):
-        (folder / "labels" / f"{frame:06d}.txt").write_text("7 0.25 0.8 0.3 0.3 0.75\n", encoding="utf-8")
-    return folder
+    return with_box(folder, 13, "7 0.25 0.8 0.3 0.3 0.75\n")
 
 
 def share_of_white(picture: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> float:
