@@ -72,26 +72,18 @@ def test_a_finished_run_from_another_calibration_is_refused(
     assert main(words) == 0
     capsys.readouterr()
     assert main([*words, "--calibration", str(learnt)]) == 2
-    error = capsys.readouterr().err
-    assert "another calibration" in error
-    assert len(error.splitlines()) == 1
+    assert "another calibration" in capsys.readouterr().err
 
 
 def test_another_cameras_calibration_is_refused(
     bands: Path, learnt: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    other = bands.parent / "other"
+    other, out = bands.parent / "other", bands.parent / "out"
     shutil.copytree(bands, other)
     calib = other / "calib.txt"
     calib.write_text(calib.read_text(encoding="utf-8").replace("-150.0", "-160.0"), encoding="utf-8")
-    capsys.readouterr()
-    out = bands.parent / "out"
-    for words in (
-        ["run", str(other), "--out", str(out), "--calibration", str(learnt)],
-        ["calibrate", str(bands), str(other), "--out", str(bands.parent / "both.json")],
-    ):
-        assert main(words) == 2
+    for words in (["run", str(other), "--calibration", str(learnt)], ["calibrate", str(bands), str(other)]):
+        assert main([*words, "--out", str(out.with_suffix(".json"))]) == 2
         *_, line = capsys.readouterr().err.splitlines()  # the bar of the first drive may stand above
         assert "another camera: baseline is 0.5 and" in line
-    assert not out.exists()
-    assert not (bands.parent / "both.json").exists()
+    assert not out.with_suffix(".json").exists()
