@@ -57,10 +57,7 @@ METRICS_SHAPE = {
             "by_length": [{"length_m": NUMBER} | _ERRORS],
             "by_speed": [{"speed_m_s": NUMBER} | _ERRORS],
             "ate": {"alignment": str, "rmse_m": NUMBER_OR_NONE},
-            "rpe": {
-                "translation": {"rmse_m": NUMBER_OR_NONE},
-                "rotation": {"rmse_deg": NUMBER_OR_NONE},
-            },
+            "rpe": {"translation": {"rmse_m": NUMBER_OR_NONE}, "rotation": {"rmse_deg": NUMBER_OR_NONE}},
         }
     ]
 }
@@ -207,15 +204,9 @@ def is_finished(folder: Path) -> bool:
 
 
 def read_run(folder: Path, sequence: Sequence) -> Run:
-    """A finished run from its folder, to the digits that poses.txt and frames.csv have.
+    """A finished run of the sequence from its folder, to the digits that poses.txt and frames.csv have.
 
-    Parameters
-    ----------
-    sequence : what was run, opened as it was then.
-
-    Raises
-    ------
-    DataError : a file is missing or broken, or does not have a row for each frame.
+    Raises `DataError` where a file is missing or broken, or does not have a row for each frame.
     """
     stored = read_config(folder)
     try:
@@ -260,9 +251,8 @@ def frames_csv(frames: tuple[str, ...], motions: list[FrameResult]) -> str:
     rows: list[list[object]] = [[*heading, *(f"{stage}_ms" for stage in STAGES)]]
     for frame, motion in zip(frames, motions, strict=True):
         angle = "" if math.isnan(motion.prior_angle) else f"{motion.prior_angle:.4f}"
-        step = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}"
-        row = [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step]
-        row += [" ".join(motion.flags)]
+        step, flags = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}", " ".join(motion.flags)
+        row = [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step, flags]
         rows.append(row + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES])
     return csv_text(rows)
 
