@@ -17,6 +17,7 @@ from vo_lib.config import Config, change
 from vo_lib.core.files import only_process, write_text_atomic
 from vo_lib.core.poses import format_kitti_poses
 from vo_lib.runs.jobs import run_once
+from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.runs.results import is_finished, read_run
 
 FRAMES = 14
@@ -68,13 +69,15 @@ def require_same(folder: Path, sequence: Sequence) -> None:
 def test_a_stopped_run_leaves_nothing_and_starts_over_to_the_same_bytes(
     sequence: Sequence, folder: Path, tmp_path: Path, cached: bool
 ) -> None:
+    config = small()
+    matches = CachedMatches(sequence, config.features, config.matching, tmp_path) if cached else None
     for stop in (1, 6, 14):
         with pytest.raises(Stopped):
-            run_once(folder, sequence, small(), "m", cached=cached, cache=tmp_path, progress=stop_at(stop))
+            run_once(folder, sequence, small(), "m", matches=matches, progress=stop_at(stop))
         assert list(folder.iterdir()) == []
     seen: list[int] = []
     result, before = run_once(
-        folder, sequence, small(), "m", cached=cached, cache=tmp_path, progress=lambda n, _: seen.append(n)
+        folder, sequence, small(), "m", matches=matches, progress=lambda n, _: seen.append(n)
     )
     assert not before
     assert len(result.motions) == FRAMES - 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +19,7 @@ from .identity import run_identity
 from .match_cache import CachedMatches
 from .parallel import parallel
 from .results import CONFIG, RUN_FILES, is_finished, read_config, read_run, run_folder, write_run
-from .runner import Run, run_methods, single_threaded
+from .runner import Run, TimedMatches, run_methods, single_threaded
 
 POLL = 0.3  # seconds between two looks at what was done
 # What differs where a digest does.
@@ -37,8 +37,7 @@ def run_once(
     config: PublishedConfig,
     method: str,
     *,
-    cached: bool = False,
-    cache: Path | None = None,
+    matches: Iterable[TimedMatches] | None = None,
     fresh: bool = False,
     progress: Progress | None = None,
 ) -> tuple[Run, bool]:
@@ -50,10 +49,8 @@ def run_once(
     ----------
     folder : an existing folder, best from `results.run_folder`.
     method : the name written into the folder.
-    cached : take the matches from the match cache, and keep them there; `cache` is its folder, by default in
-        the user's cache folder.
+    matches, progress : as `run_methods` takes them.
     fresh : do it whatever the folder holds; finished files stay until new ones replace them.
-    progress : called with (frames done, frames in all) after each frame.
 
     Raises `DataError` where the folder holds another run or results of something else, another process works
     in it, or it cannot be written.
@@ -64,7 +61,6 @@ def run_once(
             _refuse_another(folder, identity)
             if is_finished(folder):
                 return read_run(folder, sequence), True
-        matches = CachedMatches(sequence, config.features, config.matching, cache) if cached else None
         result = run_methods(sequence, {method: config}, progress, matches)[method]
         write_run(folder, result, method, identity)
     return result, False
@@ -197,7 +193,7 @@ def _fill(job: Job, cache: Path | None) -> None:
 def _run(job: Job, cache: Path | None, fresh: bool) -> None:
     """The back end, in the job's folder."""
     with run_folder(job.folder) as folder:
-        run_once(folder, job.sequence, job.config, job.method, cached=True, cache=cache, fresh=fresh)
+        run_once(folder, job.sequence, job.config, job.method, matches=_matches(job, cache), fresh=fresh)
 
 
 @contextmanager
