@@ -27,6 +27,7 @@ def test_a_camera_is_learnt_from_several_drives(
     bands: Path, capsys: pytest.CaptureFixture[str], learnt: Path
 ) -> None:
     printed = capsys.readouterr().out
+    assert "warning" not in printed
     assert printed.count("after bands: ") == 2
     assert str(learnt) in printed
     file = bands.parent / "once.json"
@@ -37,8 +38,6 @@ def test_a_camera_is_learnt_from_several_drives(
 
 
 def test_a_drive_that_teaches_nothing_is_said(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", str(bands), "--out", str(bands.parent / "good.json")]) == 0
-    assert "warning" not in capsys.readouterr().out
     (bands / "image_0").rename(bands / "other")
     (bands / "image_1").rename(bands / "image_0")
     (bands / "other").rename(bands / "image_1")
