@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import time
 from pathlib import Path
 
 import numpy as np
@@ -64,7 +62,9 @@ def test_the_second_time_no_image_is_decoded(sequence: Sequence, monkeypatch: py
     assert all(set(ms) == {"cached_matches"} for _, ms in frames)
 
 
-def test_front_end_settings_camera_and_images_have_a_folder_of_their_own(sequence: Sequence) -> None:
+def test_front_end_settings_camera_images_and_code_have_a_folder_of_their_own(
+    sequence: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = cached(sequence, small()).folder
     assert cached(sequence, small(selection__sets=50, seed=3)).folder == folder
     assert cached(sequence, small(matching__window=11)).folder != folder
@@ -72,27 +72,11 @@ def test_front_end_settings_camera_and_images_have_a_folder_of_their_own(sequenc
     camera = dataclasses.replace(sequence.camera, baseline=0.6)
     assert cached(dataclasses.replace(sequence, camera=camera), small()).folder != folder
     assert cached(sequence.part(0, 6), small()).folder != folder
+    with monkeypatch.context() as patch:
+        patch.setattr("vo_lib.runs.identity.code_digest", lambda: "changed")
+        assert cached(sequence, small()).folder != folder
     (sequence.folder / "image_1" / "000007.png").write_bytes(b"another image")
     assert cached(sequence, small()).folder != folder
-
-
-def test_matches_of_older_code_are_removed_after_a_day(
-    sequence: Sequence, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sequence = sequence.part(0, 3)
-    kept = [cached(sequence, small()), cached(sequence, small(matching__window=11))]
-    for matches in kept:
-        matches.fill()
-    monkeypatch.setattr("vo_lib.runs.identity.code_digest", lambda *modules: "changed")
-    newer = cached(sequence, small())
-    newer.fill()
-    assert all(matches.folder.exists() for matches in kept)  # a run of that code may be at work
-    for matches in kept:
-        os.utime(matches.folder, (time.time() - 90_000,) * 2)
-    (newer.folder / "000000.npz").unlink()
-    newer.fill()
-    assert [matches.folder.exists() for matches in (*kept, newer)] == [False, True, True]
-    assert all_bytes(matches_of(newer)) == all_bytes(matches_of(kept[0]))
 
 
 def test_two_that_fill_the_same_folder_write_the_same_files(sequence: Sequence) -> None:

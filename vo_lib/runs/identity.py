@@ -109,7 +109,6 @@ def versions() -> dict[str, str]:
 def drive_identity(sequence: Sequence) -> dict[str, Any]:
     """What decides a result whatever is done with the images: these, their camera, the code."""
     return {
-        "sequence": sequence.name,
         "frames": [sequence.frames[0], sequence.frames[-1]],
         "camera": to_dict(sequence.camera),
         "images": images_digest(sequence),
@@ -123,8 +122,9 @@ def run_identity(sequence: Sequence, config: Any, method: str) -> dict[str, Any]
     Runs with equal identities give equal bytes.
     """
     known = sequence.calibration
-    identity = {"method": method, "variant": config.variant, "settings": to_dict(config)}
+    identity = {"method": method, "variant": config.variant, "sequence": sequence.name}
     identity |= drive_identity(sequence) | {
+        "settings": to_dict(config),
         "calibration": known and hashlib.sha256(known.to_json().encode()).hexdigest()[:DIGITS],
         "labels": NOT_USED if config.filter.rule == "none" else labels_digest(sequence),
     }
