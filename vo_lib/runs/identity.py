@@ -33,19 +33,13 @@ UNSETTLED = 2_000_000_000  # nanoseconds
 
 
 def images_digest(sequence: Sequence) -> str:
-    """Digest of the names and contents of all images; each is read once, and again when it has changed."""
-    names = [f"{side}/{frame}.png" for side in ("image_0", "image_1") for frame in sequence.frames]
-    hashes = content_hashes(sequence.folder, names)
-    digest = hashlib.sha256("".join(f"{name} {hashes[name]}\n" for name in names).encode())
-    return digest.hexdigest()[:DIGITS]
-
-
-def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
-    """Hash of the content of each file of a folder, by name.
+    """Digest of the names and contents of all images; each is read once, and again when it has changed.
 
     Hashes are remembered in the user's cache folder with size and times of the file, in a JSON file for each
     folder; no program can set the time of the last change of any kind (ctime).
     """
+    folder = sequence.folder
+    names = [f"{side}/{frame}.png" for side in ("image_0", "image_1") for frame in sequence.frames]
     place = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:DIGITS]
     memory = cache_folder().parent / "hashes" / f"{place}.json"
     known, now = _remembered(memory), time.time_ns()
@@ -56,13 +50,16 @@ def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
     stamps = {name: [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns] for name, stat in stats.items()}
     changed = [name for name in names if known.get(name, [])[:-1] != stamps[name]]
     with ThreadPoolExecutor(max_workers=2) as pool:
-        fresh = dict(zip(changed, pool.map(file_sha256, [folder / name for name in changed]), strict=True))
-    settled = {n: [*stamps[n], fresh[n]] for n in changed if max(stamps[n][1:]) < now - UNSETTLED}
+        found = zip(changed, pool.map(file_sha256, [folder / name for name in changed]), strict=True)
+        fresh: dict[str, list[Any]] = {name: [*stamps[name], digest] for name, digest in found}
+    settled = {name: entry for name, entry in fresh.items() if max(entry[1:3]) < now - UNSETTLED}
     if settled:
         with suppress(OSError, DataError):
             memory.parent.mkdir(parents=True, exist_ok=True)
             write_text_atomic(memory, json.dumps(_remembered(memory) | settled))
-    return {name: fresh[name] if name in fresh else known[name][3] for name in names}
+    known |= fresh
+    digest = hashlib.sha256("".join(f"{name} {known[name][3]}\n" for name in names).encode())
+    return digest.hexdigest()[:DIGITS]
 
 
 def _remembered(memory: Path) -> dict[str, list[Any]]:
@@ -82,7 +79,7 @@ def labels_digest(sequence: Sequence) -> str:
         return known
     digest = hashlib.sha256()
     for frame in sequence.frames if sequence.labels is not None else ():
-        path = Path(sequence.labels or "") / f"{frame}.txt"
+        path = Path(sequence.labels or "", f"{frame}.txt")
         if path.exists():
             digest.update(f"{frame} ".encode() + read_bytes(path))
     return digest.hexdigest()[:DIGITS]
@@ -144,16 +141,9 @@ def git_commit() -> str | None:
     """Commit of the kit's own work tree, "-dirty" behind it when files were changed; None outside of git."""
     if not (PACKAGE.parent / ".git").exists():
         return None
-    words = [
-        "git",
-        "-C",
-        str(PACKAGE.parent),
-        "describe",
-        "--always",
-        "--dirty",
-        "--abbrev=40",
-        "--exclude=*",
-    ]
+    words = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     with suppress(OSError, subprocess.SubprocessError):
-        return subprocess.check_output(words, text=True, stderr=subprocess.DEVNULL, timeout=20).strip()
+        return subprocess.check_output(
+            words, cwd=PACKAGE.parent, text=True, stderr=subprocess.DEVNULL, timeout=20
+        ).strip()
     return None
