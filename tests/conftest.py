@@ -15,6 +15,7 @@ from file_server import FileServer
 from filelock import FileLock
 from hypothesis import settings
 
+from vo_lib.config import Config, change, preset
 from vo_lib.core.geometry import rigid, rotation_from_vector
 from vo_lib.core.types import Array, Image
 from vo_lib.data.sequence import Sequence, open_sequence
@@ -112,6 +113,14 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
         "".join(f"1 0 0 {x} 0 1 0 0 0 0 1 0\n" for x in steps), encoding="utf-8"
     )
     return folder
+
+
+def small(method: str = "solution_selection", **changes: object) -> Config:
+    """A method with cells that suit the band sequence, and settings such as selection__sets=20."""
+    config = change(preset(method), "features.cell", 10)
+    for name, value in changes.items():
+        config = change(config, name.replace("__", "."), value)
+    return config
 
 
 def with_box(folder: Path, frames: int, box: str = "2 0.25 0.5 0.3 0.8\n") -> Path:

@@ -12,11 +12,10 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import write_bands
+from conftest import small, write_bands
 
-from vo_lib import DataError, Sequence, open_sequence, preset, run
+from vo_lib import DataError, Sequence, open_sequence, run
 from vo_lib.commands.cli import main
-from vo_lib.config import Config, change
 from vo_lib.core.poses import format_kitti_poses
 from vo_lib.runs.jobs import Job, run_jobs
 from vo_lib.runs.results import is_finished
@@ -33,16 +32,16 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> list[Sequence]:
 
 def all_jobs(sequences: list[Sequence], folder: Path) -> list[Job]:
     return [
-        Job(sequence, method, small(method, seed), folder / sequence.name / method / str(seed))
-        for sequence in sequences
+        Job(
+            each,
+            method,
+            small(method, seed=seed, selection__sets=20),
+            folder / each.name / method / str(seed),
+        )
+        for each in sequences
         for method in ("mesvo_f", "solution_selection")
         for seed in (0, 1)
     ]
-
-
-def small(method: str, seed: int) -> Config:
-    """A method with cells that suit small images, and few sets."""
-    return change(change(preset(method, seed=seed), "features.cell", 16), "selection.sets", 20)
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import write_bands
+from conftest import small, write_bands
 
-from vo_lib import Sequence, open_sequence, preset, run
-from vo_lib.config import Config, change
+from vo_lib import Sequence, open_sequence, run
+from vo_lib.config import Config
 from vo_lib.core.matches import StereoMatches, empty_matches
 from vo_lib.runs.match_cache import CachedMatches, pack, unpack
 from vo_lib.runs.runner import FoundMatches, run_methods
@@ -24,13 +24,6 @@ def sequence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Sequence:
     """Twelve frames, kept five to a file."""
     monkeypatch.setattr("vo_lib.runs.match_cache.CHUNK", CHUNK)
     return open_sequence(write_bands(tmp_path / "bands", frames=FRAMES))
-
-
-def small(**changes: object) -> Config:
-    config = preset("solution_selection")
-    for name, value in {"features.cell": 14, **changes}.items():
-        config = change(config, name.replace("__", "."), value)
-    return config
 
 
 def cached(sequence: Sequence, config: Config) -> CachedMatches:

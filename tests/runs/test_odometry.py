@@ -9,21 +9,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import BASELINE, with_box, write_bands
+from conftest import BASELINE, small, with_box, write_bands
 
 from vo_lib import Run, open_sequence, preset, run
-from vo_lib.config import Config, change
 from vo_lib.core.poses import format_kitti_poses
 from vo_lib.evaluation.axes import fit_axes
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.runner import run_methods
 
 METHODS = ("mesvo_f", "solution_selection", "feature_selection")
-
-
-def small(method: str = "solution_selection", seed: int = 0) -> Config:
-    """A method with cells that suit the small images of the band sequence."""
-    return change(preset(method, seed=seed), "features.cell", 10)
 
 
 def flags(result: Run) -> list[set[str]]:
@@ -98,12 +92,12 @@ def test_a_standstill_of_one_frame_is_a_jump_in_time_as_all_images_agree(bands: 
 
 def test_boxes_remove_their_features_and_the_motion_stays(bands: Path) -> None:
     sequence = open_sequence(with_box(bands, 6))
-    config = change(small("feature_selection"), "filter.min_matches", 10)
+    config = small("feature_selection", filter__min_matches=10)
     result = run(sequence, config)
     assert all(motion.removed > 5 for motion in result.motions)
     np.testing.assert_allclose(result.poses[:, 0, 3], BASELINE * np.arange(6), atol=0.03)
     assert all(motion.removed == 0 for motion in run(sequence, small("solution_selection")).motions)
-    off = run(sequence, change(small("feature_selection"), "filter.min_matches", 10000))
+    off = run(sequence, small("feature_selection", filter__min_matches=10000))
     assert all("filter_off" in motion.flags and motion.removed == 0 for motion in off.motions)
 
 

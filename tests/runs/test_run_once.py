@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import with_box, write_bands
+from conftest import small, with_box, write_bands
 
-from vo_lib import DataError, Sequence, open_sequence, preset, run
-from vo_lib.config import Config, change
+from vo_lib import DataError, Sequence, open_sequence, run
+from vo_lib.config import Config
 from vo_lib.core.files import only_process, write_text_atomic
 from vo_lib.core.poses import format_kitti_poses
 from vo_lib.runs.jobs import run_once
@@ -41,11 +41,8 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-def small(**changes: object) -> Config:
-    config = change(preset("feature_selection"), "features.cell", 14)
-    for name, value in {"filter.min_matches": 10, "selection.sets": 20, **changes}.items():
-        config = change(config, name.replace("__", "."), value)
-    return config
+def boxed(**changes: object) -> Config:
+    return small("feature_selection", **{"filter.min_matches": 10, "selection.sets": 20, **changes})
 
 
 def stop_at(frame: int) -> Callable[[int, int], None]:
@@ -58,7 +55,7 @@ def stop_at(frame: int) -> Callable[[int, int], None]:
 
 def require_same(folder: Path, sequence: Sequence) -> None:
     """The folder holds what a run in one go gives, but for milliseconds."""
-    whole, done = run(sequence, small()), read_run(folder, sequence)
+    whole, done = run(sequence, boxed()), read_run(folder, sequence)
     assert (folder / "poses.txt").read_text(encoding="utf-8") == format_kitti_poses(whole.poses)
     for one, other in zip(whole.motions, done.motions, strict=True):
         for name in ("matches", "removed", "inliers", "flags"):
@@ -69,15 +66,15 @@ def require_same(folder: Path, sequence: Sequence) -> None:
 def test_a_stopped_run_leaves_nothing_and_starts_over_to_the_same_bytes(
     sequence: Sequence, folder: Path, tmp_path: Path, cached: bool
 ) -> None:
-    config = small()
+    config = boxed()
     matches = CachedMatches(sequence, config.features, config.matching, tmp_path) if cached else None
     for stop in (1, 6, 14):
         with pytest.raises(Stopped):
-            run_once(folder, sequence, small(), "m", matches=matches, progress=stop_at(stop))
+            run_once(folder, sequence, boxed(), "m", matches=matches, progress=stop_at(stop))
         assert list(folder.iterdir()) == []
     seen: list[int] = []
     result, before = run_once(
-        folder, sequence, small(), "m", matches=matches, progress=lambda n, _: seen.append(n)
+        folder, sequence, boxed(), "m", matches=matches, progress=lambda n, _: seen.append(n)
     )
     assert not before
     assert len(result.motions) == FRAMES - 1
@@ -92,7 +89,7 @@ def test_a_run_stopped_between_two_of_its_files_is_no_finished_run_and_is_done_a
 ) -> None:
     sequence = sequence.part(0, 4)
     if old:
-        run_once(folder, sequence, small(seed=1), "m")
+        run_once(folder, sequence, boxed(seed=1), "m")
     left = [None] * written
 
     def stops(path: Path, text: str) -> None:
@@ -104,7 +101,7 @@ def test_a_run_stopped_between_two_of_its_files_is_no_finished_run_and_is_done_a
     with monkeypatch.context() as patch:
         patch.setattr("vo_lib.runs.results.write_text_atomic", stops)
         with pytest.raises(Stopped):
-            run_once(folder, sequence, small(), "m", fresh=True)
+            run_once(folder, sequence, boxed(), "m", fresh=True)
     # Before the first new file the old run is still whole.
     assert is_finished(folder) == (old and written == 0)
     if is_finished(folder):
@@ -115,7 +112,7 @@ def test_a_run_stopped_between_two_of_its_files_is_no_finished_run_and_is_done_a
             DataError, match=r"config\.json: the run was stopped while its files were written"
         ):
             read_run(folder, sequence)
-    assert not run_once(folder, sequence, small(), "m")[1]
+    assert not run_once(folder, sequence, boxed(), "m")[1]
     assert is_finished(folder)
     require_same(folder, sequence)
 
@@ -123,10 +120,10 @@ def test_a_run_stopped_between_two_of_its_files_is_no_finished_run_and_is_done_a
 def test_a_finished_run_is_only_read(
     sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, _ = run_once(folder, sequence, small(), "m")
+    first, _ = run_once(folder, sequence, boxed(), "m")
     written = {path.name: path.read_bytes() for path in folder.iterdir()}
     monkeypatch.setattr("vo_lib.data.sequence.read_image", None)
-    second, before = run_once(folder, sequence, small(), "m")
+    second, before = run_once(folder, sequence, boxed(), "m")
     assert before
     np.testing.assert_allclose(second.poses, first.poses, atol=1e-8)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == written
@@ -135,11 +132,11 @@ def test_a_finished_run_is_only_read(
 def test_other_settings_method_sequence_label_or_code_are_refused_by_name(
     sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run_once(folder, sequence, small(), "m")
+    run_once(folder, sequence, boxed(), "m")
 
     def refused(other: Sequence = sequence, method: str = "m", **changes: object) -> str:
         with pytest.raises(DataError) as error:
-            run_once(folder, other, small(**changes), method)
+            run_once(folder, other, boxed(**changes), method)
         return str(error.value)
 
     assert "selection.sets is 20 there and 50 here" in refused(selection__sets=50)
@@ -162,25 +159,25 @@ def test_other_settings_method_sequence_label_or_code_are_refused_by_name(
         patch.setattr("vo_lib.runs.identity.np.__version__", "1.0")
         assert "numpy is" in refused()
     # A name of the same data is no other run.
-    assert run_once(folder, dataclasses.replace(sequence, name="x"), small(), "m")[1]
+    assert run_once(folder, dataclasses.replace(sequence, name="x"), boxed(), "m")[1]
 
 
 @pytest.mark.parametrize("text", ["[1]", '{"settings": {}, "frames": 5, "labels": [1], "made_with": 3}'])
 def test_a_folder_of_something_else_is_refused(sequence: Sequence, folder: Path, text: str) -> None:
     (folder / "config.json").write_text(text, encoding="utf-8")
     with pytest.raises(DataError):
-        run_once(folder, sequence, small(), "m")
+        run_once(folder, sequence, boxed(), "m")
 
 
 @pytest.mark.parametrize("name", ["poses.txt", "metrics.json"])
 def test_a_result_of_another_program_is_not_written_over(sequence: Sequence, folder: Path, name: str) -> None:
     (folder / name).write_text("mine", encoding="utf-8")
     with pytest.raises(DataError, match=f"{name}: of something else, for there is no config.json"):
-        run_once(folder, sequence, small(), "m")
+        run_once(folder, sequence, boxed(), "m")
     assert [path.name for path in folder.iterdir()] == [name]
     assert (folder / name).read_text(encoding="utf-8") == "mine"
-    run_once(folder, sequence, small(), "m", fresh=True)
-    assert run_once(folder, sequence, small(), "m")[1]
+    run_once(folder, sequence, boxed(), "m", fresh=True)
+    assert run_once(folder, sequence, boxed(), "m")[1]
 
 
 def test_one_process_at_a_time_and_the_lock_of_a_killed_one_is_gone(sequence: Sequence, folder: Path) -> None:
@@ -193,12 +190,12 @@ def test_one_process_at_a_time_and_the_lock_of_a_killed_one_is_gone(sequence: Se
     try:
         assert other.stdout.readline() == "in\n"
         with pytest.raises(DataError, match="another process is working in this folder"):
-            run_once(folder, sequence, small(), "m")
+            run_once(folder, sequence, boxed(), "m")
     finally:
         other.kill()
         other.wait()
         other.stdout.close()
     assert (folder / ".lock").exists()
-    run_once(folder, sequence, small(), "m")
+    run_once(folder, sequence, boxed(), "m")
     with only_process(folder), pytest.raises(DataError, match="another process"), only_process(folder):
         pass
