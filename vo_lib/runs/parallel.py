@@ -70,7 +70,9 @@ def parallel(
 
         while left := [n for n in range(len(items)) if n not in done]:
             if lost(left):
-                for number in [n for n in left if n not in done][:workers]:
+                # Of a cluster all that are not done were lost, each by itself.
+                first = workers if scheduler is None else len(items)
+                for number in [n for n in left if n not in done][:first]:
                     if lost([number]):
                         done[number] = KILLED
     return [done[n] for n in range(len(items))]
