@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,8 +12,10 @@ import cv2
 import numpy as np
 import pytest
 from file_server import FileServer
+from filelock import FileLock
 from hypothesis import settings
 
+from vo_lib.config import Config, change, preset
 from vo_lib.core.geometry import rigid, rotation_from_vector
 from vo_lib.core.types import Array, Image
 from vo_lib.data.sequence import Sequence, open_sequence
@@ -74,17 +75,8 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     Drawing it takes most of a minute: the first test process that asks does it, the others wait.
     """
     base = tmp_path_factory.getbasetemp()
-    lock = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "street.lock"
-    while True:
-        try:
-            lock.touch(exist_ok=False)
-            break
-        except FileExistsError:
-            time.sleep(0.5)
-    try:
+    with FileLock((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "street.lock"):
         return open_sequence("synthetic/traffic")
-    finally:
-        lock.unlink()
 
 
 def texture(rng: np.random.Generator, height: int, width: int, smooth: float) -> Image:
@@ -123,17 +115,28 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
     return folder
 
 
-def winding_road(frames: int, turn: float, step: float, one_way: bool = False) -> Array:
-    """Poses (N, 4, 4) along gentle curves; `turn` is the most radians a frame, `step` metres.
+def small(method: str = "solution_selection", **changes: object) -> Config:
+    """A method with cells that suit the band sequence, and settings such as selection__sets=20."""
+    config = change(preset(method), "features.cell", 10)
+    for name, value in changes.items():
+        config = change(config, name.replace("__", "."), value)
+    return config
 
-    With `one_way` all curves turn to the right.
-    """
+
+def with_box(folder: Path, frames: int, box: str = "2 0.25 0.5 0.3 0.8\n") -> Path:
+    """The sequence with the same vehicle box in each frame."""
+    (folder / "labels").mkdir()
+    for frame in range(frames):
+        (folder / "labels" / f"{frame:06d}.txt").write_text(box, encoding="utf-8")
+    return folder
+
+
+def winding_road(frames: int, turn: float, step: float) -> Array:
+    """Poses (N, 4, 4) along gentle curves; `turn` is the most radians a frame, `step` metres."""
     poses = np.tile(np.eye(4), (frames, 1, 1))
     for i in range(1, frames):
-        yaw = turn * (abs(np.sin(i / 9)) if one_way else np.sin(i / 9))
-        poses[i] = poses[i - 1] @ rigid(
-            rotation_from_vector(np.array([0.0, yaw, 0.0])), np.array([0, 0, step])
-        )
+        R = rotation_from_vector(np.array([0.0, turn * np.sin(i / 9), 0.0]))
+        poses[i] = poses[i - 1] @ rigid(R, np.array([0, 0, step]))
     return poses
 
 

@@ -33,7 +33,7 @@ COMMANDS = {
     "run with a cache and a film": "run SEQUENCE --cache OUT/cache --video OUT/film.avi --out OUT/run",
     "sweep": "sweep --sequence SEQUENCE --set selection.sets=20,50 --seeds 2 --jobs 2 --out OUT/sweep",
     "reproduce": "reproduce --sequences SEQUENCE --seeds 1 --jobs 2 --lengths 1,2 --out OUT/table",
-    "calibrate": "calibrate SEQUENCE --out OUT/calibration.json --picture OUT/calibration.png",
+    "calibrate": "calibrate SEQUENCE --out OUT/calibration.json",
     "write_labels": "data write_labels SEQUENCE --model street --out OUT/labels --pictures OUT/seen",
     "render_synthetic": "data render_synthetic empty --length 12 --width 320 --height 120 --cache OUT/cache",
     "from_folder": "data from_folder --left SEQUENCE/image_0 --right SEQUENCE/image_1 --out OUT/mine "
@@ -44,21 +44,22 @@ COMMANDS = {
 CHANGES = {"commit", "timing", "back_end_ms", "files"}
 
 
-def start(words: str, sequence: Path, out: Path) -> subprocess.Popen[bytes]:
-    """A command in a process group and with a cache of its own."""
+def run(words: str, sequence: Path, out: Path, limit: float | None = None) -> str:
+    """How a command ended, "" where it ended well; "killed" where it took longer than `limit` seconds."""
     filled = [w.replace("SEQUENCE", str(sequence)).replace("OUT", str(out)) for w in words.split()]
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-m", "vo_lib", *filled],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         env=os.environ | {"XDG_CACHE_HOME": str(out / "user")},
         start_new_session=True,
     )
-
-
-def error_of(process: subprocess.Popen[bytes]) -> str:
-    """How a command ended, "" where it ended well."""
-    _, error = process.communicate()
+    try:
+        _, error = process.communicate(timeout=limit)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        return "killed"
     return f"ended with {process.returncode}: {error.decode()}" if process.returncode else ""
 
 
@@ -95,23 +96,16 @@ def whole(name: str, now: Any, wanted: Any) -> bool:
     return bool(now == wanted or (name.endswith("config.json") and now.get("unfinished")))
 
 
-def losses(
-    words: str, sequence: Path, out: Path, wanted: dict[str, Any], moment: float
-) -> tuple[str, list[str]]:
-    """Kill a command after `moment` seconds and start it again: what was there, and what was lost."""
-    process = start(words, sequence, out)
-    time.sleep(moment)
-    killed = process.poll() is None
-    if killed:
-        os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
+def losses(words: str, sequence: Path, out: Path, wanted: dict[str, Any], moment: float) -> list[str]:
+    """Kill a command after `moment` seconds and start it again: what was lost."""
+    ended = run(words, sequence, out, moment)
     left = files(out)
     lost = [f"{name} is not whole" for name in left if not whole(name, left[name], wanted.get(name))]
-    again = error_of(start(words, sequence, out)) if killed else ""
+    again = run(words, sequence, out) if ended == "killed" else ended
     after = files(out)
     lost += [again] if again else []
-    lost += [f"{name} differs afterwards" for name in wanted | after if after.get(name) != wanted.get(name)]
-    return f"{'killed' if killed else 'done'}, {len(left)} of {len(wanted)} files", lost
+    differing = [name for name in wanted | after if after.get(name) != wanted.get(name)]
+    return lost + [f"{name} differs afterwards" for name in differing]
 
 
 def main() -> int:
@@ -124,13 +118,13 @@ def main() -> int:
     faults = 0
     with tempfile.TemporaryDirectory() as folder:
         sequence = write_bands(Path(folder, "bands"), frames=14)
+        time.sleep(3.0)  # hashes of images that are younger are not kept
         undisturbed = {}
         for name, words in COMMANDS.items():
             out = Path(folder, "whole", name)
             out.mkdir(parents=True)
             began = time.monotonic()
-            error = error_of(start(words, sequence, out))
-            if error:
+            if error := run(words, sequence, out):
                 print(f"{name} {error}")
                 return 2
             undisturbed[name] = files(out), time.monotonic() - began
@@ -141,10 +135,10 @@ def main() -> int:
             out.mkdir()
             # The first file is written late: more kills in the second half.
             moment = seconds * chance.betavariate(2.0, 1.2)
-            state, lost = losses(COMMANDS[name], sequence, out, wanted, moment)
+            lost = losses(COMMANDS[name], sequence, out, wanted, moment)
             faults += bool(lost)
             what = "; ".join(lost) or "nothing lost"
-            print(f"{number + 1:3d} {name}, {moment:.2f} of {seconds:.2f} s: {state}; {what}", flush=True)
+            print(f"{number + 1:3d} {name}, {moment:.2f} of {seconds:.2f} s: {what}", flush=True)
     print(f"{options.kills} kills, {faults} with a loss")
     return 1 if faults else 0
 

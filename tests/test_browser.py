@@ -33,7 +33,6 @@ SETTINGS = {
     # Nothing is asked of the internet.
     "@jupyterlab/apputils-extension/notification": {"fetchNews": "false", "checkForUpdates": False},
 }
-CONFIG = {"ServerApp": {"allow_root": True}}  # containers run as root
 ALL_DONE = """() => {
     const prompts = [...document.querySelectorAll('.jp-Notebook .jp-CodeCell .jp-InputPrompt')];
     return prompts.length > 0 && prompts.every(prompt => /\\[\\d+\\]/.test(prompt.textContent));
@@ -59,8 +58,6 @@ def lab(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         path = folder / "settings" / f"{plugin}.jupyterlab-settings"
         path.parent.mkdir(parents=True)
         path.write_text(json.dumps(values), encoding="utf-8")
-    (folder / "config").mkdir()
-    (folder / "config" / "jupyter_server_config.json").write_text(json.dumps(CONFIG), encoding="utf-8")
     places = {
         "JUPYTER_TOKEN": TOKEN,
         "JUPYTERLAB_SETTINGS_DIR": str(folder / "settings"),
@@ -69,16 +66,14 @@ def lab(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         "IPYTHONDIR": str(folder / "ipython"),
         "KITTI_ROOT": request.param,
     }
-    command = [sys.executable, "-c", "import sys; from vo_lib.commands.cli import main; sys.exit(main())"]
-    options = ["--copy", str(folder / "work"), "--port", str(port), "--no-browser"]
+    words = ["lab", "--copy", str(folder / "work"), "--", "--port", str(port), "--no-browser", "--allow-root"]
     log = folder / "server.log"
     with log.open("w") as printed:
         server = subprocess.Popen(
-            [*command, "lab", *options],
+            [sys.executable, "-m", "vo_lib", *words],
             env={**os.environ, **places},
             stdout=printed,
             stderr=subprocess.STDOUT,
-            cwd=folder,
         )
     address = f"http://127.0.0.1:{port}"
     while not answers(f"{address}/api?token={TOKEN}"):

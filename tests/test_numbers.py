@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,13 @@ QUOTED = [
 ]
 
 
+def require_rounded(quoted: Iterable[str], exact: Iterable[float | str]) -> None:
+    """Each number as quoted is the exact one, rounded to its digits."""
+    for text, number in zip(quoted, exact, strict=True):
+        decimals = len(text.partition(".")[2])
+        assert abs(float(text) - float(number)) <= 0.5 * 10**-decimals + 1e-9
+
+
 @pytest.mark.parametrize(("row", "column"), QUOTED)
 def test_the_readme_quotes_the_results(row: str, column: str) -> None:
     name = re.sub("drawn `(.*)`", r"synthetic/\1", row.replace("KITTI ", "kitti/"))
@@ -46,18 +54,15 @@ def test_the_readme_quotes_the_results(row: str, column: str) -> None:
         measured = RESULTS[-1][f"{name}, solution_selection"][variant]
     # TE and RE, each with its deviation behind it.
     pair = [re.findall(NUMBER, part)[0] for part in measured.split("<br>")[0].split(" / ")]
-    for quoted, exact in zip(README[row][column].split(" / "), pair, strict=True):
-        decimals = len(quoted.partition(".")[2])
-        assert abs(float(quoted) - float(exact)) <= 0.5 * 10**-decimals + 1e-9
+    require_rounded(README[row][column].split(" / "), pair)
 
 
 def test_the_readme_quotes_what_is_left_without_the_axes() -> None:
     text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
     quoted = re.search(f"the kit's TE is ({NUMBER}) on 00 and ({NUMBER}) on 01", text)
     assert quoted is not None
-    for clip, number in zip(("00, 100 m", "01, 20 m"), quoted.groups(), strict=True):
-        exact = re.findall(NUMBER, RESULTS[-1][f"kitti/{clip}, solution_selection"]["learnt, axes"])[0]
-        assert abs(float(number) - float(exact)) <= 0.005 + 1e-9
+    rows = [RESULTS[-1][f"kitti/{clip}, solution_selection"] for clip in ("00, 100 m", "01, 20 m")]
+    require_rounded(quoted.groups(), [re.findall(NUMBER, row["learnt, axes"])[0] for row in rows])
 
 
 KITTI_FB = 386.1  # pixel metres, of 00
@@ -100,9 +105,7 @@ FOLLOW = [
 def test_numbers_in_prose_follow_from_others(page: str, text: str, numbers: list[float]) -> None:
     found = re.search(text, pages(page))
     assert found is not None
-    for quoted, exact in zip(found.groups(), numbers, strict=True):
-        decimals = len(quoted.partition(".")[2])
-        assert abs(float(quoted) - exact) <= 0.5 * 10**-decimals + 1e-9
+    require_rounded(found.groups(), numbers)
 
 
 def test_each_run_sheet_has_ninety_minutes_and_exercises_that_there_are() -> None:

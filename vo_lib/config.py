@@ -81,30 +81,17 @@ VARIANTS: dict[str, Mapping[str, PublishedConfig]] = {"published": PUBLISHED, "k
 
 
 @overload
-def preset(
-    method: str, *, variant: Literal["kit"] = "kit", mode: str | None = None, seed: int | None = None
-) -> Config: ...
+def preset(method: str, *, variant: Literal["kit"] = "kit", seed: int = 0) -> Config: ...
 
 
 @overload
-def preset(
-    method: str, *, variant: str, mode: str | None = None, seed: int | None = None
-) -> PublishedConfig: ...
+def preset(method: str, *, variant: str, seed: int = 0) -> PublishedConfig: ...
 
 
-def preset(
-    method: str, *, variant: str = "kit", mode: str | None = None, seed: int | None = None
-) -> PublishedConfig:
+def preset(method: str, *, variant: str = "kit", seed: int = 0) -> PublishedConfig:
     """The configuration of a method of Table 1, as `published` or the `kit`'s way, with a seed.
 
-    Parameters
-    ----------
-    mode : of the kit's way, `literal` or `refined`.
-
-    Raises
-    ------
-    DataError : an unknown name, with the nearest known one; or an option of the kit's own together with
-        `published`.
+    Raises `DataError` for an unknown name, with the nearest known one.
     """
     config_class(variant)
     methods = VARIANTS[variant]
@@ -114,10 +101,7 @@ def preset(
         near = difflib.get_close_matches(method, methods, n=1, cutoff=0.3)
         hint = f"did you mean {near[0]}? " if near else ""
         raise DataError(f"unknown method {method!r}: {hint}the methods are {', '.join(methods)}")
-    config = methods[method]
-    if mode is not None:
-        config = change(config, "selection.mode", mode)
-    return config if seed is None else dataclasses.replace(config, seed=seed)
+    return dataclasses.replace(methods[method], seed=seed)
 
 
 def config_class(variant: str) -> type[PublishedConfig]:

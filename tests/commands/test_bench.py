@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import write_bands
 
 from vo_lib.commands import bench
 from vo_lib.commands.cli import main
@@ -33,15 +32,3 @@ def test_the_figures_of_a_tiny_sequence_are_complete_and_consistent(
     printed = capsys.readouterr().out
     assert data["machine"]["processor"] in printed
     assert "times the decoding" in printed
-
-
-def test_the_default_is_the_first_kitti_sequence_or_a_drawn_scene(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("KITTI_ROOT", "")
-    if not bench.default_sequence().startswith("kitti/"):  # data may lie beside the package
-        assert bench.default_sequence() == bench.SCENE
-    write_bands(tmp_path / "root" / "sequences" / "03", frames=2)
-    monkeypatch.setenv("KITTI_ROOT", str(tmp_path / "root"))
-    assert bench.default_sequence() == "kitti/03"

@@ -9,13 +9,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import write_bands
+from conftest import with_box, write_bands
 from data_command import load
 
 from vo_lib.beyond.box_tracks import MOVING, PARKED, UNKNOWN
 from vo_lib.commands.cli import main
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.matches import empty_matches
+from vo_lib.core.types import Array
 from vo_lib.tables.plots import match_image
 
 measure_results = load("measure_results")
@@ -26,41 +27,32 @@ measure_choices = load("measure_choices")
 def labelled(tmp_path: Path) -> Path:
     """Thirteen frames of standing bands, 6 m, with a box in each that holds only what stands."""
     folder = write_bands(tmp_path / "bands", 13)
-    (folder / "labels").mkdir()
-    for frame in range(13):
-        (folder / "labels" / f"{frame:06d}.txt").write_text("7 0.25 0.8 0.3 0.3 0.75\n", encoding="utf-8")
-    return folder
+    return with_box(folder, 13, "7 0.25 0.8 0.3 0.3 0.75\n")
 
 
-def share_of_white(picture: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> float:
-    """How much of the box's upper line is drawn."""
-    return float(np.mean(np.all(picture[40, 20:161] > 200, axis=1)))
+def drawn(state: int, *words: str, top: float = 40.0) -> Array:
+    """A grey picture with one box."""
+    image, nothing = np.full((120, 200), 60, np.uint8), empty_matches()
+    box = Boxes(np.array([[20.0, top, 160.0, 90.0]]), np.array([2]), np.ones(1))
+    return np.asarray(
+        match_image(image, nothing, np.zeros(0, np.bool_), box, np.array([state]), words), float
+    )
 
 
 def test_moving_parked_and_unknown_boxes_differ_in_their_line() -> None:
-    box = Boxes(np.array([[20.0, 40.0, 160.0, 90.0]]), np.array([2]), np.ones(1))
-    image = np.full((120, 200), 60, np.uint8)
-    nothing = empty_matches()
-    shares = {
-        state: share_of_white(match_image(image, nothing, np.zeros(0, np.bool_), box, np.array([state])))
-        for state in (MOVING, PARKED, UNKNOWN)
-    }
-    assert shares[MOVING] > 0.95
-    assert 0.5 < shares[PARKED] < 0.8
-    assert 0.2 < shares[UNKNOWN] < 0.5
+    upper = {state: drawn(state)[40, 20:161] for state in (MOVING, PARKED, UNKNOWN)}
+    white = {state: np.mean(np.all(line > 200, axis=1)) for state, line in upper.items()}
+    assert white[MOVING] > 0.95
+    assert 0.5 < white[PARKED] < 0.8
+    assert 0.2 < white[UNKNOWN] < 0.5
 
 
-def test_words_stand_above_their_box_and_inside_the_image() -> None:
-    image = np.full((120, 200), 60, np.uint8)
-    for top in (40.0, 0.0):
-        box = Boxes(np.array([[20.0, top, 160.0, 90.0]]), np.array([2]), np.ones(1))
-        plain, written = (
-            match_image(image, empty_matches(), np.zeros(0, np.bool_), box, np.array([MOVING]), words)
-            for words in ((), ("0.91 moves",))
-        )
-        rows = np.flatnonzero((plain != written).any(axis=(1, 2)))
-        assert len(rows) > 5
-        assert abs(rows.mean() - max(top - 6, 7)) < 6
+@pytest.mark.parametrize("top", [40.0, 0.0])
+def test_words_stand_above_their_box_and_inside_the_image(top: float) -> None:
+    plain, written = drawn(MOVING, top=top), drawn(MOVING, "0.91 moves", top=top)
+    rows = np.flatnonzero((plain != written).any(axis=(1, 2)))
+    assert len(rows) > 5
+    assert abs(rows.mean() - max(top - 6, 7)) < 6
 
 
 def test_vo_boxes_prints_each_box_and_draws_each_frame(
@@ -75,13 +67,6 @@ def test_vo_boxes_prints_each_box_and_draws_each_frame(
     picture = cv2.imread(str(out / "000004.jpg"))
     assert picture is not None
     assert picture.shape == (240, 480, 3)
-
-
-def test_vo_boxes_without_labels_has_nothing_to_judge(
-    bands: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["boxes", str(bands)]) == 0
-    assert "parked" not in capsys.readouterr().out
 
 
 def test_results_are_measured_by_one_command_with_other_seeds_to_check_them(

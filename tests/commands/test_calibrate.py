@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -24,27 +23,21 @@ def learnt(bands: Path) -> Path:
     return path
 
 
-def test_a_camera_is_learnt_from_several_drives(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    files = [bands.parent / name for name in ("once.json", "twice.json")]
-    picture = bands.parent / "field.png"
-    assert main(["calibrate", str(bands), "--out", str(files[0])]) == 0
-    capsys.readouterr()
-    words = ["calibrate", str(bands), str(bands), "--out", str(files[1]), "--picture", str(picture)]
-    assert main(words) == 0
+def test_a_camera_is_learnt_from_several_drives(
+    bands: Path, capsys: pytest.CaptureFixture[str], learnt: Path
+) -> None:
     printed = capsys.readouterr().out
+    assert "warning" not in printed
     assert printed.count("after bands: ") == 2
-    assert str(files[1]) in printed
-    once, twice = (read_calibration(path) for path in files)
+    assert str(learnt) in printed
+    file = bands.parent / "once.json"
+    assert main(["calibrate", str(bands), "--out", str(file)]) == 0
+    once, twice = read_calibration(file), read_calibration(learnt)
     # The second drive adds to what the rows, which no jolt shifts, say.
     assert (np.diag(twice.covariance)[9:15] < np.diag(once.covariance)[9:15]).all()
-    image = cv2.imread(str(picture))
-    assert image is not None
-    assert image.std() > 5
 
 
 def test_a_drive_that_teaches_nothing_is_said(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", str(bands), "--out", str(bands.parent / "good.json")]) == 0
-    assert "warning" not in capsys.readouterr().out
     (bands / "image_0").rename(bands / "other")
     (bands / "image_1").rename(bands / "image_0")
     (bands / "other").rename(bands / "image_1")
@@ -78,26 +71,18 @@ def test_a_finished_run_from_another_calibration_is_refused(
     assert main(words) == 0
     capsys.readouterr()
     assert main([*words, "--calibration", str(learnt)]) == 2
-    error = capsys.readouterr().err
-    assert "another calibration" in error
-    assert len(error.splitlines()) == 1
+    assert "another calibration" in capsys.readouterr().err
 
 
 def test_another_cameras_calibration_is_refused(
     bands: Path, learnt: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    other = bands.parent / "other"
+    other, out = bands.parent / "other", bands.parent / "out"
     shutil.copytree(bands, other)
     calib = other / "calib.txt"
     calib.write_text(calib.read_text(encoding="utf-8").replace("-150.0", "-160.0"), encoding="utf-8")
-    capsys.readouterr()
-    out = bands.parent / "out"
-    for words in (
-        ["run", str(other), "--out", str(out), "--calibration", str(learnt)],
-        ["calibrate", str(bands), str(other), "--out", str(bands.parent / "both.json")],
-    ):
-        assert main(words) == 2
+    for words in (["run", str(other), "--calibration", str(learnt)], ["calibrate", str(bands), str(other)]):
+        assert main([*words, "--out", str(out.with_suffix(".json"))]) == 2
         *_, line = capsys.readouterr().err.splitlines()  # the bar of the first drive may stand above
         assert "another camera: baseline is 0.5 and" in line
-    assert not out.exists()
-    assert not (bands.parent / "both.json").exists()
+    assert not out.with_suffix(".json").exists()

@@ -44,16 +44,6 @@ def test_a_script_explains_itself_by_name_and_as_a_file(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["check-kitti", "check_kitti", "check_kitti.py"])
-def test_a_name_is_taken_as_it_is_typed(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["data", name, "--root", str(tmp_path / "nowhere")]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("vo data check_kitti: error: ")
-    assert len(error.splitlines()) == 1
-
-
 def test_the_library_reads_no_script_before_one_is_wanted() -> None:
     code = (
         "import sys, vo_lib.commands.cli; sys.exit('from_folder' in sys.modules or 'street' in sys.modules)"

@@ -18,7 +18,7 @@ COMMANDS = {
     "sweep": "sweep --sequence BANDS --seeds 1 --set features.cell=10,12 --set matching.levels=2,3 --out OUT",
     "compare": "compare RUN RUN --out OUT",
     "evaluate": "evaluate --truth TRUTH --estimate TRUTH --lengths 1 --step 1 --out OUT --plot OUT",
-    "calibrate": "calibrate BANDS --out OUT/package.json --picture OUT/field.png",
+    "calibrate": "calibrate BANDS --out OUT/package.json",
     "reproduce": "reproduce --sequences BANDS --methods solution_selection --variant kit --seeds 1 --out OUT",
     "boxes": "boxes BANDS --out OUT",
     "lab": "lab --html OUT",
@@ -67,7 +67,7 @@ def test_a_file_that_the_kit_did_not_write_stays(
     line = words(COMMANDS[name], places, out)
     assert main(line) == 0
     written = [p.relative_to(out) for p in out.rglob("*") if p.is_file() and not p.name.startswith(".")]
-    assert len(written) > 1
+    assert written
     assert main(line) == 0  # its own files it replaces
     for k, file in enumerate(written):
         folder = tmp_path / f"out{k}"

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,17 +9,6 @@ import pytest
 from vo_lib import DataError
 from vo_lib.commands import lab
 from vo_lib.commands.cli import main
-from vo_lib.commands.script import Ended, unbroken
-
-
-def test_the_command_is_a_list_that_opens_the_first_notebook(tmp_path: Path) -> None:
-    folder = tmp_path / "a b; c"
-    words = lab.command(folder, 8899, browser=True)
-    assert words[1:3] == ["-m", "jupyterlab"]
-    assert str(folder / "00_start_here.ipynb") in words
-    assert "--ServerApp.port=8899" in words
-    assert "--no-browser" not in words
-    assert lab.command(folder, 8899, browser=False)[-1] == "--no-browser"
 
 
 def test_a_copy_keeps_what_the_reader_wrote(tmp_path: Path) -> None:
@@ -48,40 +33,14 @@ def test_missing_notebooks_are_one_clear_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(lab, "NOTEBOOKS", tmp_path / "nowhere")
-    assert main(["lab", "--no-browser"]) == 2
+    assert main(["lab"]) == 2
     error = capsys.readouterr().err
     assert "00_start_here.ipynb" in error
     assert len(error.splitlines()) == 1
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_who_ends_the_command_ends_the_server() -> None:
-    server = "['sh', '-c', 'echo begun; exec sleep 60']"
-    code = (
-        "import sys; from vo_lib.commands.cli import main; from vo_lib.commands import lab\n"
-        f"lab.command = lambda *about: {server}\n"
-        "sys.exit(main(['lab']))"
-    )
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    while process.stdout.readline() != "begun\n":
-        assert process.poll() is None
-    process.send_signal(signal.SIGTERM)
-    # The end of the output means that the server, which holds it too, is gone.
-    process.communicate(timeout=30)
-    assert process.returncode not in (None, 0)
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_what_is_begun_is_ended_before_the_command_is() -> None:
-    before, done = signal.getsignal(signal.SIGTERM), []
-
-    def work() -> None:
-        with unbroken():
-            signal.raise_signal(signal.SIGTERM)
-            done.append(True)
-
-    with pytest.raises(Ended):
-        work()
-    assert done
-    assert signal.getsignal(signal.SIGTERM) is before
+def test_what_stands_behind_two_dashes_goes_to_jupyter(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["lab", "--", "--version"])
+    assert end.value.code == 0
+    assert "JupyterLab opens" in capsys.readouterr().out

@@ -49,8 +49,8 @@ def test_a_page_has_its_panel_as_a_picture_and_needs_no_network() -> None:
         nbformat.v4.new_markdown_cell("$x_c$ and [next](01_two.ipynb#part)"),  # type: ignore[no-untyped-call]
         nbformat.v4.new_code_cell(lines),  # type: ignore[no-untyped-call]
     ]
-    notebook, slides = executed(nbformat.v4.new_notebook(cells=made), NOTEBOOKS)  # type: ignore[no-untyped-call]
-    assert slides == {}
+    notebook = nbformat.v4.new_notebook(cells=made)  # type: ignore[no-untyped-call]
+    assert executed(notebook, NOTEBOOKS) == {}
     written = page(notebook, "one")
     assert "<msub>" in written
     assert 'href="01_two.html#part"' in written
@@ -62,15 +62,19 @@ def test_a_page_has_its_panel_as_a_picture_and_needs_no_network() -> None:
     assert "http" not in written.replace("http-equiv", "").replace(namespace, "")
 
 
-def test_what_a_chapter_shows_becomes_files_for_slides(tmp_path: Path) -> None:
+def test_what_a_chapter_shows_becomes_files_for_slides_and_what_fails_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     lines = "from course import figure, show\nshow(figure(120)[0])"
     cells = [nbformat.v4.new_code_cell(lines), nbformat.v4.new_markdown_cell("[on](00_start_here.ipynb)")]  # type: ignore[no-untyped-call]
+    cells.append(nbformat.v4.new_code_cell("1 / 0"))  # type: ignore[no-untyped-call]
     source = tmp_path / "in"
     (source / "solutions").mkdir(parents=True)
     (source / "course").symlink_to(NOTEBOOKS / "course")
     for place in ("00_start_here.ipynb", "solutions/00_start_here.ipynb"):
         nbformat.write(nbformat.v4.new_notebook(cells=cells), source / place)  # type: ignore[no-untyped-call]
-    write_pages(source, tmp_path / "out")
+    assert write_pages(source, tmp_path / "out") == 2
+    assert "00_start_here.ipynb: cell 2 failed" in capsys.readouterr().out
     files = sorted(path.name for path in (tmp_path / "out" / SLIDES).glob("[!.]*"))
     assert files == ["00_start_here_01.png", "00_start_here_01a.svg"]
     assert "data:image/png" in (tmp_path / "out" / "00_start_here.html").read_text(encoding="utf-8")

@@ -25,10 +25,6 @@ def memory(bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     return tmp_path / "user" / "hashes"
 
 
-def set_age(path: Path, seconds: float) -> None:
-    os.utime(path, (time.time() - seconds,) * 2)
-
-
 def hashed(monkeypatch: pytest.MonkeyPatch, folder: Path) -> tuple[str, list[str]]:
     """The digest of a sequence's images, and the names of those that were read for it."""
     read: list[str] = []
@@ -61,7 +57,7 @@ def test_an_image_is_read_once_and_again_when_it_has_changed(
     assert len(read) == 12
     assert hashed(monkeypatch, bands) == (first, [])
     path = bands / "image_1" / "000003.png"
-    set_age(path, 1800)
+    os.utime(path, (time.time() - 1800,) * 2)
     assert hashed(monkeypatch, bands) == (first, ["image_1/000003.png"])
     # Other content of equal size and time.
     data, stat = bytearray(path.read_bytes()), path.stat()
@@ -77,9 +73,7 @@ def test_an_image_is_read_once_and_again_when_it_has_changed(
     assert len(list(memory.iterdir())) == 1
 
 
-@pytest.mark.parametrize(
-    "damage", ["", "{", "[1]", "null", '{"image_0/000000.png": 5}', '{"image_0/000000.png": [1, 2, "x"]}']
-)
+@pytest.mark.parametrize("damage", ["", "[1]", '{"image_0/000000.png": [1, 2, "x"]}'])
 def test_damaged_memory_means_to_hash_again(
     bands: Path, memory: Path, monkeypatch: pytest.MonkeyPatch, damage: str
 ) -> None:
@@ -95,20 +89,16 @@ def test_processes_that_hash_at_once_lose_nothing_but_time(
     bands: Path, memory: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     early, late = open_sequence(bands).part(0, 3), open_sequence(bands).part(3, 6)
-    others: list[str] = []
 
     def meanwhile(path: Path) -> str:
         if path == bands / "image_0" / "000002.png":
-            others.append(identity.images_digest(late))
+            identity.images_digest(late)
         return file_sha256(path)
 
     with monkeypatch.context() as patch:
         patch.setattr(identity, "file_sha256", meanwhile)
-        first = identity.images_digest(early)
-    (file,) = memory.iterdir()
-    assert len(json.loads(file.read_text(encoding="utf-8"))) == 12
+        identity.images_digest(early)
     assert hashed(monkeypatch, bands)[1] == []
-    assert [identity.images_digest(early), identity.images_digest(late)] == [first, *others]
 
 
 def test_a_cache_folder_that_cannot_be_written_is_no_error(bands: Path, memory: Path) -> None:
@@ -116,16 +106,15 @@ def test_a_cache_folder_that_cannot_be_written_is_no_error(bands: Path, memory: 
     assert identity.images_digest(open_sequence(bands)) == identity.images_digest(open_sequence(bands))
 
 
-@pytest.mark.parametrize("place", [(0, 0), (120, 240), (239, 479)])
-def test_one_grey_level_of_one_pixel_makes_another_image(bands: Path, place: tuple[int, int]) -> None:
-    before = identity.images_digest(open_sequence(bands))
+def test_one_grey_level_of_one_pixel_makes_another_image_and_a_missing_one_is_named(bands: Path) -> None:
+    sequence = open_sequence(bands)
+    before = identity.images_digest(sequence)
     path = bands / "image_1" / "000003.png"
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     assert image is not None
-    image[place] ^= np.uint8(1)
+    image[239, 479] ^= np.uint8(1)
     cv2.imwrite(str(path), image)
-    assert identity.images_digest(open_sequence(bands)) != before
-    sequence = open_sequence(bands)
+    assert identity.images_digest(sequence) != before
     path.unlink()
     with pytest.raises(DataError, match=r"000003\.png: the "):
         identity.images_digest(sequence)
@@ -133,44 +122,32 @@ def test_one_grey_level_of_one_pixel_makes_another_image(bands: Path, place: tup
 
 def test_labels_count_only_where_they_are_used(bands: Path) -> None:
     (bands / "labels").mkdir()
-    names = ("solution_selection", "feature_selection")
-    before = [identity.run_identity(open_sequence(bands), preset(name), "m")["labels"] for name in names]
+    sequence = open_sequence(bands)
+
+    def labels(method: str) -> object:
+        return identity.run_identity(sequence, preset(method), "m")["labels"]
+
+    before = labels("feature_selection")
     (bands / "labels" / "000002.txt").write_text("2 0.5 0.5 0.1 0.1\n", encoding="utf-8")
-    after = [identity.run_identity(open_sequence(bands), preset(name), "m")["labels"] for name in names]
-    assert before[0] == after[0] == identity.NOT_USED
-    assert before[1] != after[1]
+    assert labels("solution_selection") == identity.NOT_USED
+    assert labels("feature_selection") != before
 
 
-def test_all_maths_counts_as_the_code_of_a_run_and_no_plot(monkeypatch: pytest.MonkeyPatch) -> None:
-    read: list[str] = []
-    read_bytes = Path.read_bytes
-
-    def watched(path: Path) -> bytes:
-        read.append(path.stem)
-        return read_bytes(path)
-
-    monkeypatch.setattr(Path, "read_bytes", watched)
-    identity.code_digest.__wrapped__()
-    wanted = {"config", "klt", "corners", "five_point", "selection", "translation", "viso2", "geometry"}
-    assert wanted <= set(read)
-    assert not {"plots", "console", "cli", "report"} & set(read)
-
-
-def test_any_change_of_the_maths_is_another_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "method").mkdir()
-    (tmp_path / "config.py").write_text("", encoding="utf-8")
-    (tmp_path / "other.py").write_text("", encoding="utf-8")
-    (tmp_path / "method" / "odometry.py").write_text("", encoding="utf-8")
-    monkeypatch.setattr(identity, "PACKAGE", tmp_path)
+def test_any_change_of_the_maths_is_another_code_and_one_of_a_plot_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(identity.PACKAGE, tmp_path / "vo_lib")
+    monkeypatch.setattr(identity, "PACKAGE", tmp_path / "vo_lib")
     digest = identity.code_digest.__wrapped__
-    before = digest()
-    (tmp_path / "other.py").write_text("x = 1\n", encoding="utf-8")
-    assert digest() == before
-    for name in ("config.py", "method/odometry.py", "method/new.py"):
-        (tmp_path / name).write_text("x = 2\n", encoding="utf-8")
-        after = digest()
-        assert after != before, name
-        before = after
+    found = {digest()}
+    for name in ("tables/plots.py", "commands/console.py", "data/kitti.py"):
+        (tmp_path / "vo_lib" / name).write_text("x = 1\n", encoding="utf-8")
+        assert digest() in found
+    maths = ("config", "front_end/klt", "method/selection", "baseline/viso2", "beyond/rig", "core/new")
+    for name in maths:
+        (tmp_path / "vo_lib" / f"{name}.py").write_text("x = 2\n", encoding="utf-8")
+        found.add(digest())
+    assert len(found) == 1 + len(maths)
 
 
 def test_the_commit_is_that_of_the_kit_or_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import time
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from conftest import write_bands
+from conftest import small, write_bands
 
-from vo_lib import Sequence, open_sequence, preset, run
+from vo_lib import Sequence, open_sequence, run
 from vo_lib.config import Config
-from vo_lib.core import settings
 from vo_lib.core.matches import StereoMatches, empty_matches
-from vo_lib.core.poses import format_kitti_poses
 from vo_lib.runs.match_cache import CachedMatches, pack, unpack
 from vo_lib.runs.runner import FoundMatches, run_methods
 
@@ -29,13 +24,6 @@ def sequence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Sequence:
     """Twelve frames, kept five to a file."""
     monkeypatch.setattr("vo_lib.runs.match_cache.CHUNK", CHUNK)
     return open_sequence(write_bands(tmp_path / "bands", frames=FRAMES))
-
-
-def small(**changes: object) -> Config:
-    config: Config = settings.replace(preset("solution_selection"), "features.cell", 14)
-    for name, value in changes.items():
-        config = settings.replace(config, name.replace("__", "."), value)
-    return config
 
 
 def cached(sequence: Sequence, config: Config) -> CachedMatches:
@@ -55,10 +43,8 @@ def test_matches_and_poses_are_the_same_bytes_with_and_without_the_cache(sequenc
     found = matches_of(FoundMatches(sequence, config.features, config.matching))
     assert all_bytes(matches_of(cached(sequence, config))) == all_bytes(found)
     assert all_bytes(matches_of(cached(sequence, config))) == all_bytes(found)
-    plain = run(sequence, config).poses
     again = run_methods(sequence, {"": config}, matches=cached(sequence, config))[""].poses
-    assert format_kitti_poses(plain) == format_kitti_poses(again)
-    assert plain.tobytes() == again.tobytes()
+    assert run(sequence, config).poses.tobytes() == again.tobytes()
 
 
 def test_the_second_time_no_image_is_decoded(sequence: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,7 +55,9 @@ def test_the_second_time_no_image_is_decoded(sequence: Sequence, monkeypatch: py
     assert all(set(ms) == {"cached_matches"} for _, ms in frames)
 
 
-def test_front_end_settings_camera_and_images_have_a_folder_of_their_own(sequence: Sequence) -> None:
+def test_front_end_settings_camera_images_and_code_have_a_folder_of_their_own(
+    sequence: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = cached(sequence, small()).folder
     assert cached(sequence, small(selection__sets=50, seed=3)).folder == folder
     assert cached(sequence, small(matching__window=11)).folder != folder
@@ -77,43 +65,11 @@ def test_front_end_settings_camera_and_images_have_a_folder_of_their_own(sequenc
     camera = dataclasses.replace(sequence.camera, baseline=0.6)
     assert cached(dataclasses.replace(sequence, camera=camera), small()).folder != folder
     assert cached(sequence.part(0, 6), small()).folder != folder
-    path = sequence.folder / "image_1" / "000007.png"
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    assert image is not None
-    image[100, 200] += np.uint8(1)
-    cv2.imwrite(str(path), image)
+    with monkeypatch.context() as patch:
+        patch.setattr("vo_lib.runs.identity.code_digest", lambda: "changed")
+        assert cached(sequence, small()).folder != folder
+    (sequence.folder / "image_1" / "000007.png").write_bytes(b"another image")
     assert cached(sequence, small()).folder != folder
-
-
-def test_matches_of_older_code_are_removed_after_a_day(
-    sequence: Sequence, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sequence = sequence.part(0, 3)
-    kept = [cached(sequence, small()), cached(sequence, small(matching__window=11))]
-    for matches in kept:
-        matches.fill()
-    monkeypatch.setattr("vo_lib.runs.match_cache.code_digest", lambda *modules: "changed")
-    newer = cached(sequence, small())
-    newer.fill()
-    assert all(matches.folder.exists() for matches in kept)  # a run of that code may be at work
-    for matches in kept:
-        os.utime(matches.folder, (time.time() - 90_000,) * 2)
-    (newer.folder / "000000.npz").unlink()
-    newer.fill()
-    assert [matches.folder.exists() for matches in (*kept, newer)] == [False, True, True]
-    assert all_bytes(matches_of(newer)) == all_bytes(matches_of(kept[0]))
-
-
-@pytest.mark.parametrize("lost", [[0], [2], [0, 1, 2]])
-def test_a_missing_file_is_found_again_with_the_same_bytes(sequence: Sequence, lost: list[int]) -> None:
-    whole = matches_of(cached(sequence, small()))
-    files = sorted(cached(sequence, small()).folder.glob("*.npz"))
-    assert len(files) == 3
-    before = [path.read_bytes() for path in files]
-    for number in lost:
-        files[number].unlink()
-    assert all_bytes(matches_of(cached(sequence, small()))) == all_bytes(whole)
-    assert [path.read_bytes() for path in files] == before
 
 
 def test_two_that_fill_the_same_folder_write_the_same_files(sequence: Sequence) -> None:
@@ -125,17 +81,21 @@ def test_two_that_fill_the_same_folder_write_the_same_files(sequence: Sequence) 
     assert all_bytes(matches_of(cached(sequence, small()))) == all_bytes(whole)
 
 
-@pytest.mark.parametrize("damage", ["flip", "cut", "empty", "zeros", "foreign"])
-@pytest.mark.parametrize("number", [0, 1])
-def test_a_damaged_file_is_noticed_and_made_anew(sequence: Sequence, damage: str, number: int) -> None:
+@pytest.mark.parametrize("damage", ["flip", "cut", "zeros", "foreign", "missing"])
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_a_damaged_or_missing_file_is_noticed_and_made_anew(
+    sequence: Sequence, damage: str, number: int
+) -> None:
     whole = matches_of(cached(sequence, small()))
     path = sorted(cached(sequence, small()).folder.glob("*.npz"))[number]
     data = path.read_bytes()
     flipped = bytearray(data)
     flipped[len(data) // 2] ^= 4
-    broken = {"flip": bytes(flipped), "cut": data[:-9], "empty": b"", "zeros": bytes(4)}
-    broken["foreign"] = pack([empty_matches()])
-    path.write_bytes(broken[damage])
+    broken = {"flip": bytes(flipped), "cut": data[:-9], "zeros": bytes(4), "foreign": pack([empty_matches()])}
+    if damage == "missing":
+        path.unlink()
+    else:
+        path.write_bytes(broken[damage])
     assert all_bytes(matches_of(cached(sequence, small()))) == all_bytes(whole)
     assert path.read_bytes() == data
 

@@ -14,14 +14,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..config import Config, preset
+from ..config import preset
 from ..core.types import Array, Progress
 from ..data.problems import random_problems
-from ..data.sequence import SYNTHETIC, Sequence, available
+from ..data.sequence import SYNTHETIC, Sequence
 from ..method.five_point import five_point
 from ..runs.identity import surroundings, versions
 from ..runs.results import timing
-from ..runs.runner import run_methods, single_threaded
+from ..runs.runner import run, single_threaded
 from .common import add_cache, open_with_bar, parse_whole
 from .console import reporting, say, show_table
 
@@ -35,69 +35,54 @@ REPEATS = 10
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo bench`."""
     parser.epilog = "example: vo bench --sequence kitti/00 --frames 200 --json > bench.json"
-    parser.add_argument(
-        "--sequence", metavar="S", help=f"name or folder; default: the first of KITTI found, else {SCENE}"
-    )
+    parser.add_argument("--sequence", metavar="S", default=SCENE, help=f"name or folder; default {SCENE}")
     parser.add_argument("--frames", metavar="N", default="200", help="frames from the first; default 200")
-    parser.add_argument("--method", metavar="M", default=METHOD, help=f"default {METHOD}")
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_cache(parser)
     parser.set_defaults(command=_bench)
 
 
-def default_sequence() -> str:
-    """The first KITTI sequence found, else a drawn scene."""
-    return next((name for name in available() if name.startswith("kitti/")), SCENE)
-
-
 def _bench(options: argparse.Namespace) -> int:
-    frames, config = parse_whole("--frames", options.frames), preset(options.method)
-    sequence = open_with_bar(options.sequence or default_sequence(), options.cache)
+    frames = parse_whole("--frames", options.frames)
+    sequence = open_with_bar(options.sequence, options.cache)
     sequence = sequence.part(0, max(2, min(frames, len(sequence))))
     machine = describe_machine()
     with reporting(f"bench, {sequence.name}") as report:
-        figures = measure(sequence, config, report)
+        figures = measure(sequence, report)
     figures["five_point_us_a_set"] = microseconds_a_set(REPEATS)
-    what = {"name": sequence.name, "frames": len(sequence), "method": options.method}
-    what |= {"width_px": sequence.camera.width, "height_px": sequence.camera.height}
+    camera = sequence.camera
+    what = {"name": sequence.name, "frames": len(sequence), "method": METHOD}
+    what |= {"width_px": camera.width, "height_px": camera.height}
     if options.json:
         print(json.dumps({"machine": machine, "sequence": what, **figures}, indent=2, allow_nan=False))
         return 0
-    used_here = ", ".join(f"{name} {machine[name]}" for name in ("python", "numpy", "opencv"))
-    say(f"{machine['processor']}, {machine['cores']} cores, {machine['system']}, {used_here}")
+    say(", ".join(f"{name} {value}" for name, value in machine.items()))
     whole, used, decoding = (figures[f"{name}_ms_a_frame"] for name in ("wall", "processor", "decoding"))
     rows = [[name, f"{ms:.2f} ms"] for name, ms in figures["stages_ms_a_frame"].items()]
     rows.append(["decoding the images in one thread", f"{decoding:.2f} ms"])
     rows.append(["whole run, wall", f"{whole:.2f} ms, {whole / decoding:.1f} times the decoding"])
     rows.append(["whole run, processor time", f"{used:.2f} ms, {used / decoding:.1f} times the decoding"])
-    rows += [
-        [f"five-point set, {name}", f"{us:.1f} µs"] for name, us in figures["five_point_us_a_set"].items()
-    ]
-    size = f"{what['width_px']}×{what['height_px']} px"
-    title = f"{what['name']}, {what['frames']} frames, {size}, {what['method']}"
+    sets = figures["five_point_us_a_set"].items()
+    rows += [[f"five-point set, {name}", f"{us:.1f} µs"] for name, us in sets]
+    title = f"{sequence.name}, {len(sequence)} frames, {camera.width}×{camera.height} px, {METHOD}"
     show_table(title, ["a frame", "time"], rows)
-    if machine["load"] is not None and machine["load"] > 0.5:
-        say(f"Other work was running (load {machine['load']}): times on a quiet machine are shorter.")
     return 0
 
 
-def measure(sequence: Sequence, config: Config, progress: Progress | None = None) -> dict[str, Any]:
+def measure(sequence: Sequence, progress: Progress | None = None) -> dict[str, Any]:
     """Run the method over a sequence, then decode its images alone; milliseconds a frame.
 
     Stages by the wall clock; the whole run by the wall clock and by the processor time of all threads;
     decoding by its processor time, in one thread.
     """
-    count = len(sequence)
-    run_methods(sequence.part(0, 2), {"": config})  # what a process does once is no part of a frame
+    count, config = len(sequence), preset(METHOD)
+    run(sequence.part(0, 2), config)  # what a process does once is no part of a frame
     wall, used = time.perf_counter(), time.process_time()
-    advance = None if progress is None else lambda done, _: progress(done, 2 * count)
-    result = run_methods(sequence, {"": config}, advance)[""]
+    result = run(sequence, config, progress)
     wall, used = time.perf_counter() - wall, time.process_time() - used
     decoding = time.process_time()
     for i in range(count):
         sequence.stereo(i)
-        if progress is not None:
-            progress(count + i + 1, 2 * count)
     decoding = time.process_time() - decoding
     return {
         "stages_ms_a_frame": timing(result)["ms_per_frame_of"],
@@ -132,15 +117,9 @@ def microseconds_a_set(repeats: int) -> dict[str, float]:
 
 
 def describe_machine() -> dict[str, Any]:
-    """Processor, cores that may be used, load, system, commit and versions."""
-    affinity = getattr(os, "sched_getaffinity", None)
+    """Processor, its cores, system, commit and versions."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return {
-        "processor": names[0] if names else platform.processor() or platform.machine(),
-        "cores": len(affinity(0)) if affinity is not None else os.cpu_count(),
-        "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
-        **surroundings(),
-        **versions(),
-    }
+    processor = names[0] if names else platform.processor() or platform.machine()
+    return {"processor": processor, "cores": os.cpu_count(), **surroundings(), **versions()}

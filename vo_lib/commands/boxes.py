@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..beyond.box_tracks import MOVING, PARKED, UNKNOWN, Judgement
 from ..config import preset
 from ..core.files import write_result
-from ..core.matches import StereoMatches
 from ..data.sequence import Sequence
 from ..runs.results import run_folder
 from ..runs.runner import FoundMatches, make_odometry, single_threaded
@@ -38,11 +37,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def _boxes(options: argparse.Namespace) -> int:
     sequence = open_part(options, options.cache)
-    if options.out is None:
-        rows = _judge(sequence, None)
-    else:
-        with run_folder(options.out, *(f"{frame}.jpg" for frame in sequence.frames[1:])) as folder:
-            rows = _judge(sequence, folder)
+    pictures = [f"{frame}.jpg" for frame in sequence.frames[1:]]
+    with nullcontext() if options.out is None else run_folder(options.out, *pictures) as folder:
+        rows = _judge(sequence, folder)
     show_table(f"{sequence.name}: boxes judged by the features in them", COLUMNS, rows)
     if options.out is not None:
         say(f"pictures in {options.out}")
@@ -62,13 +59,15 @@ def _judge(sequence: Sequence, folder: Path | None) -> list[list[str]]:
                 continue
             odometry.step(matches, sequence.boxes(index))
             assert odometry.filtered is not None
-            judgement = odometry.filtered.judgement
+            judgement, keep = odometry.filtered.judgement, odometry.filtered.keep
             assert judgement is not None
             seconds = float(sequence.times[index] - sequence.times[index - 1])
             rows += [[sequence.frames[index], *row] for row in _rows(judgement, seconds)]
             if folder is not None:
-                picture = _picture(sequence, index, matches, odometry.filtered.keep, judgement)
-                write_result(folder / f"{sequence.frames[index]}.jpg", picture)
+                left, _ = sequence.stereo(index)
+                words = [f"{row[1]} {row[-1]}" for row in _rows(judgement, seconds)]
+                picture = match_image(left, matches, keep, judgement.boxes, judgement.state, words)
+                write_result(folder / f"{sequence.frames[index]}.jpg", jpeg(picture))
     return rows
 
 
@@ -81,14 +80,3 @@ def _rows(judgement: Judgement, seconds: float) -> list[list[str]]:
         place = ", ".join(str(round(x)) for x in xyxy.tolist())
         rows.append([place, f"{boxes.score[k]:.2f}", str(judgement.matches[k]), *seen, WORDS[state]])
     return rows
-
-
-def _picture(
-    sequence: Sequence, index: int, matches: StereoMatches, keep: Any, judgement: Judgement
-) -> bytes:
-    words = [
-        f"{score:.2f} {WORDS[state]}"
-        for score, state in zip(judgement.boxes.score.tolist(), judgement.state.tolist(), strict=True)
-    ]
-    left, _ = sequence.stereo(index)
-    return jpeg(match_image(left, matches, keep, judgement.boxes, judgement.state, words))

@@ -11,8 +11,6 @@ from ..config import Config, preset
 from ..core.files import write_result
 from ..data.stereo_check import doubts
 from ..runs.runner import run
-from ..tables.field_figure import field_figure
-from ..tables.plots import png
 from .common import add_cache, add_sequence, open_with_bar, require_place
 from .console import reporting, say, tell
 
@@ -25,14 +23,12 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     add_sequence(parser, "sequences", "sequences of one stereo camera, as `vo run` takes them", nargs="+")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="a file, ending in .json")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="a picture (.png) of the errors")
     add_cache(parser)
     parser.set_defaults(command=_calibrate)
 
 
 def _calibrate(options: argparse.Namespace) -> int:
     require_place(options.out, ".json")
-    require_place(options.picture, ".png")
     config = preset("solution_selection")
     assert isinstance(config, Config)
     sequences = [open_with_bar(name, options.cache) for name in options.sequences]
@@ -49,8 +45,5 @@ def _calibrate(options: argparse.Namespace) -> int:
         tell(f"after {sequence.name}: {known.in_words(config.calibration)}")
     assert known is not None
     write_result(options.out, known.to_json())
-    if options.picture is not None:
-        errors = known.in_use(config.calibration)
-        write_result(options.picture, png(field_figure(errors, known.camera)))
     say(f"written to {options.out}")
     return 0

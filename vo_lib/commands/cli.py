@@ -7,9 +7,10 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence as Items
+from importlib import metadata
 from typing import Any
 
-from .script import OneLineParser, guarded, version
+from .script import OneLineParser, guarded
 
 # Of each command its module and its line in the help. A module is read when its command is asked for: what
 # all of them need takes two seconds to import.
@@ -55,7 +56,7 @@ def make_parser(words: Items[str]) -> argparse.ArgumentParser:
         epilog='In bash and zsh, eval "$(register-python-argcomplete vo)" lets Tab complete commands, '
         "options, sequences and methods.",
     )
-    parser.add_argument("--version", action="version", version=f"vo {version()}")
+    parser.add_argument("--version", action="version", version=f"vo {metadata.version('stereo-vo-kit')}")
     commands = parser.add_subparsers(
         title="commands", required=True, metavar="COMMAND", parser_class=OneLineParser
     )

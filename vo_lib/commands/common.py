@@ -139,17 +139,12 @@ def add_variant(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--variant", choices=choices, default=default, help=f"{text}; default {default}")
 
 
-def chosen_variants(variant: str) -> list[str]:
-    """The variants that an option of `add_variant` names, the paper's first."""
-    return list(VARIANTS) if variant == BOTH else [variant]
-
-
 def parse_methods(text: str | None, variant: str) -> dict[str, list[str]]:
     """Method names of a comma-separated list by variant, each once; none given: all that a variant has.
 
     Raises `DataError` for a name that no variant asked for has.
     """
-    variants = chosen_variants(variant)
+    variants = list(VARIANTS) if variant == BOTH else [variant]
     if text is None:
         return {name: list(VARIANTS[name]) for name in variants}
     methods = list(dict.fromkeys(text.split(",")))

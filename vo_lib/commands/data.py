@@ -35,13 +35,12 @@ def _data(options: argparse.Namespace) -> int:
         show_table("", ["script", "what it does"], [[*row] for row in found.items()], numbers=False)
         say("vo data NAME --help: options, examples")
         return 0
-    name = options.name.removesuffix(".py").replace("-", "_")
-    if name not in found:
-        near = difflib.get_close_matches(name, found, n=1, cutoff=0)
+    if options.name not in found:
+        near = difflib.get_close_matches(options.name, found, n=1, cutoff=0)
         raise DataError(f"no data script is called {options.name!r}; did you mean {near[0]}?")
     if str(SCRIPTS) not in sys.path:
         sys.path.insert(0, str(SCRIPTS))  # as for a program that is run there
-    return run_script(importlib.import_module(name), options.words)
+    return run_script(importlib.import_module(options.name), options.words)
 
 
 def scripts() -> dict[str, str]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 from dataclasses import dataclass
+
+import cv2
 
 from ..core.errors import DataError
 from ..data.kitti import EXPECTED_FRAMES, count_pairs
@@ -33,15 +34,11 @@ class Finding:
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo list` or `vo check`."""
-    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(command=_check if parser.prog.endswith("check") else _list)
 
 
 def _list(options: argparse.Namespace) -> int:
     found = {name: str(path or "drawn on first use") for name, path in available().items()}
-    if options.json:
-        print(json.dumps(found, indent=2))
-        return 0
     show_table("", ["name", "folder"], [list(row) for row in found.items()], numbers=False)
     if not any(name.startswith("kitti/") for name in found):
         say("no KITTI sequences found; `vo check` says how to get them")
@@ -50,39 +47,29 @@ def _list(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     findings = check()
-    if options.json:
-        print(json.dumps([vars(finding) for finding in findings], indent=2))
-    else:
-        rows = [[f.what, f.state, f.found] for f in findings]
-        show_table("", ["what", "state", "found"], rows, numbers=False)
-        say(*(f"{f.what}: {f.remedy}" for f in findings if f.remedy))
+    rows = [[f.what, f.state, f.found] for f in findings]
+    show_table("", ["what", "state", "found"], rows, numbers=False)
+    say(*(f"{f.what}: {f.remedy}" for f in findings if f.remedy))
     return 1 if any(finding.state == "problem" for finding in findings) else 0
 
 
 def check() -> list[Finding]:
     """All findings, problems and notes included, in a fixed order."""
     python = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
-    packages = [_package(name) for name in PACKAGES]
+    versions = {name: installed_version(name) for name in PACKAGES}
+    packages = [
+        Finding(name, "ok", found) if found else Finding(name, "problem", "not installed", install())
+        for name, found in versions.items()
+    ]
     return [Finding("Python", "ok", python), *packages, _opencv(), _kitti(), _detectors()]
 
 
-def _package(name: str) -> Finding:
-    version = installed_version(name)
-    if version is None:
-        return Finding(name, "problem", "not installed", install())
-    return Finding(name, "ok", version)
-
-
 def _opencv() -> Finding:
-    present = [name for name in OPENCV_NAMES if installed_version(name) is not None]
-    if len(present) > 1:
-        remedy = f"pip uninstall -y {' '.join(present)}, then {install()}"
-        return Finding("one OpenCV only", "problem", " and ".join(present) + " share one folder", remedy)
-    try:
-        import cv2
-    except ImportError as error:
-        return Finding("one OpenCV only", "problem", str(error), install())
-    return Finding("one OpenCV only", "ok", f"cv2 {cv2.__version__}")
+    present = [name for name in OPENCV_NAMES if installed_version(name)]
+    if len(present) < 2:
+        return Finding("one OpenCV only", "ok", f"cv2 {cv2.__version__}")
+    remedy = f"pip uninstall -y {' '.join(present)}, then {install()}"
+    return Finding("one OpenCV only", "problem", " and ".join(present) + " share one folder", remedy)
 
 
 def data_steps() -> dict[str, str]:

@@ -9,6 +9,12 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import nbclient
+import nbformat
+from latex2mathml.converter import convert
+from nbconvert import HTMLExporter
+from pygments.formatters import HtmlFormatter  # type: ignore[import-untyped]
+
 from ..core.errors import DataError
 from ..core.files import require_own, write_result
 from .console import say
@@ -35,41 +41,44 @@ math[display="block"] {{ margin: 12px 0 }} .panel {{ border: 1px solid #bbb; pad
 """
 
 
-def write_pages(source: Path, target: Path) -> None:
+def write_pages(source: Path, target: Path) -> int:
     """Execute every notebook below `source`; write it, and the texts beside them, as pages into `target`.
 
-    What the chapters show is in `target / SLIDES` as well, as PNG and, of charts, SVG.
+    What the chapters show is in `target / SLIDES` as well, as PNG and, of charts, SVG. Cells that failed are
+    named; their number is returned.
     """
-    import nbformat  # with JupyterLab; slow to import
-
     paths = sorted([*source.glob("*.ipynb"), *source.glob("solutions/*.ipynb"), *source.glob("*.md")])
     places = [(target / path.relative_to(source)).with_suffix(".html") for path in paths]
     pictures = [path for path in source.glob("images/*") if path.is_file()]
     copies = [target / path.relative_to(source) for path in pictures]
     require_own(*places, *copies)
-    notebooks = {path: _read(path) for path in paths if path.suffix == ".ipynb"}
-    for path, place in zip(paths, places, strict=True):
-        say(f"{path.relative_to(source)} …")
-        if path.suffix == ".md":
-            text = nbformat.v4.new_markdown_cell(path.read_text(encoding="utf-8"))  # type: ignore[no-untyped-call]
-            notebook = nbformat.v4.new_notebook(cells=[text])  # type: ignore[no-untyped-call]
-        else:
-            notebook, slides = executed(notebooks[path], source, path.stem if path.parent == source else "")
-            (target / SLIDES).mkdir(parents=True, exist_ok=True)
-            for file, data in slides.items():
-                write_result(target / SLIDES / file, data)
+    notebooks, failed = [_read(path) for path in paths], 0
+    for path, place, notebook in zip(paths, places, notebooks, strict=True):
+        name = path.relative_to(source)
+        say(f"{name} …")
+        shown = path.stem if path.parent == source else ""
+        slides = executed(notebook, source, shown) if path.suffix == ".ipynb" else {}
+        (target / SLIDES).mkdir(parents=True, exist_ok=True)
+        for file, data in slides.items():
+            write_result(target / SLIDES / file, data)
+        for number, cell in enumerate(notebook.cells):
+            if any(output.output_type == "error" for output in cell.get("outputs", [])):
+                say(f"{name}: cell {number} failed")
+                failed += 1
         place.parent.mkdir(parents=True, exist_ok=True)
         write_result(place, portable(page(notebook, path.stem), source.resolve().parent))
     for path, place in zip(pictures, copies, strict=True):
         place.parent.mkdir(exist_ok=True)
         write_result(place, path.read_bytes())
     say(f"open {target / '00_start_here.html'}")
+    return failed
 
 
 def _read(path: Path) -> Any:
-    """A notebook; `DataError` where the file is damaged."""
-    import nbformat
-
+    """A notebook, or a text as one; `DataError` where the file is damaged."""
+    if path.suffix == ".md":
+        text = nbformat.v4.new_markdown_cell(path.read_text(encoding="utf-8"))  # type: ignore[no-untyped-call]
+        return nbformat.v4.new_notebook(cells=[text])  # type: ignore[no-untyped-call]
     try:
         return nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
     except Exception as error:  # of JSON, of its schema, of versions: they share no other base
@@ -84,13 +93,11 @@ def portable(text: str, kit: Path) -> str:
     return text
 
 
-def executed(notebook: Any, beside: Path, slides: str = "") -> tuple[Any, dict[str, bytes]]:
-    """A notebook with its outputs and errors; it runs in an empty folder and imports what lies `beside`.
+def executed(notebook: Any, beside: Path, slides: str = "") -> dict[str, bytes]:
+    """Give a notebook its outputs and errors; it runs in an empty folder and imports what lies `beside`.
 
-    With a name for `slides`, also the files of its pictures, by name.
+    Returns the files of its pictures by name, where there is a name for `slides`.
     """
-    import nbclient
-
     with tempfile.TemporaryDirectory() as folder:
         about = {"metadata": {"path": folder}}
         client = nbclient.NotebookClient(
@@ -102,15 +109,11 @@ def executed(notebook: Any, beside: Path, slides: str = "") -> tuple[Any, dict[s
             client.extra_arguments.append(f"--IPKernelApp.exec_lines={line}")
         paths = [str(beside), os.environ.get("PYTHONPATH", "")]
         client.execute(env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))})
-        files = sorted(Path(folder).glob(f"{SLIDES}/*"))
-        return notebook, {path.name: path.read_bytes() for path in files}
+        return {path.name: path.read_bytes() for path in sorted(Path(folder).glob(f"{SLIDES}/*"))}
 
 
 def page(notebook: Any, title: str) -> str:
     """A notebook as one page: formulas as MathML, panels as the picture and the words they show."""
-    from nbconvert import HTMLExporter
-    from pygments.formatters import HtmlFormatter  # type: ignore[import-untyped]
-
     state = notebook.metadata.pop("widgets", {}).get(WIDGETS, {}).get("state", {})
     for cell in notebook.cells:
         if cell.cell_type == "markdown":
@@ -129,7 +132,6 @@ def page(notebook: Any, title: str) -> str:
 
 def with_mathml(markdown: str) -> str:
     """Markdown whose formulas, between $ or $$, are MathML, which needs no script; code stays as it is."""
-    from latex2mathml.converter import convert
 
     def drawn(found: re.Match[str]) -> str:
         code, display, inline = found.groups()

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..beyond.calibration import read_calibration
-from ..config import Config, DetectorConfig, PublishedConfig, change, preset
+from ..config import Config, DetectorConfig, change, preset
 from ..core import settings
 from ..core.errors import DataError
 from ..core.files import claim, write_result
-from ..data.sequence import Sequence
 from ..data.stereo_check import doubts
 from ..detection.label_cache import detected_sequence
+from ..runs.jobs import run_once
 from ..runs.match_cache import CachedMatches, match_folder
 from ..runs.results import evaluate_run, run_folder
-from ..runs.run_once import run_once
 from ..runs.runner import Run
 from ..tables.film import CODES, Film, shown_frames
 from ..tables.plots import png, trajectories_figure
@@ -76,14 +75,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="a page (.html) that shows path and points in three dimensions",
     )
     parser.add_argument("--fresh", action="store_true", help="start anew whatever the folder holds")
-    groups = list(dict.fromkeys(map(section, every_setting())))
     parser.add_argument(
-        "--help-settings",
-        action=SettingsHelp,
-        nargs="?",
-        choices=groups,
-        help=f"the thresholds, which are options too: all of them, or a GROUP: {', '.join(groups)}",
-        metavar="GROUP",
+        "--help-settings", action=SettingsHelp, nargs=0, help="the thresholds, which are options too"
     )
     for item in every_setting():  # not in the short help
         add_option(parser, item, item.name, shown=False)
@@ -95,35 +88,22 @@ def every_setting() -> list[settings.Setting]:
     return [*settings.declared(Config), *settings.declared(DetectorConfig, DETECTOR)]
 
 
-def section(item: settings.Setting) -> str:
-    """The group of a setting."""
-    return item.name.partition(".")[0] if "." in item.name else "run"
-
-
 class SettingsHelp(argparse.Action):
-    """Print the thresholds with their ranges and defaults, a group for each section, and end."""
+    """Print the thresholds with their ranges and defaults, and end."""
 
-    def __call__(self, parser: argparse.ArgumentParser, space: Any, chosen: Any, option: Any = None) -> None:
-        """Of the section chosen, or of all."""
+    def __call__(self, parser: argparse.ArgumentParser, *about: Any) -> None:
+        """In a page of their own."""
         page = argparse.ArgumentParser(prog=parser.prog, usage="vo run … [--SETTING X …]", add_help=False)
-        groups = {section(item): page.add_argument_group(section(item)) for item in every_setting()}
         for item in every_setting():
-            if chosen in (None, section(item)):
-                add_option(groups[section(item)], item, item.name)
+            add_option(page, item, item.name)
         page.print_help()
         parser.exit()
 
 
-def config_from_options(options: argparse.Namespace) -> PublishedConfig:
-    """The preset of method and variant, or a run's settings, with the thresholds of the command line."""
+def _run(options: argparse.Namespace) -> int:
     config = common.read_settings(options) or preset(options.method, variant=options.variant)
     for name, value in given(options, settings.declared(Config)).items():
         config = change(config, name, value)
-    return config
-
-
-def _run(options: argparse.Namespace) -> int:
-    config = config_from_options(options)
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
     common.require_place(options.video, *CODES)
@@ -137,28 +117,27 @@ def _run(options: argparse.Namespace) -> int:
         known.check(sequence.camera)
         sequence = replace(sequence, calibration=known)
     common.warn_of_street(options.detector, sequence)
+    matches = None
     label = f"{sequence.name}, {options.method}" + (", published" if config.variant == "published" else "")
-    with (
-        run_folder(options.out, *() if options.fresh else (PICTURE,)) as folder,
-        _with_boxes(sequence, options, cache) as sequence,
-    ):
-        with reporting(label) as report:
-            result, done_before = run_once(
-                folder,
-                sequence,
-                config,
-                options.method,
-                cached=options.cache is not None,
-                cache=cache,
-                fresh=options.fresh,
-                progress=report,
+    with run_folder(options.out, *() if options.fresh else (PICTURE,)) as folder, ExitStack() as stack:
+        if options.detector is not None:  # it works ahead in threads of its own
+            values = given(options, settings.declared(DetectorConfig, DETECTOR))
+            found = DetectorConfig(**{name.removeprefix(DETECTOR): x for name, x in values.items()})
+            boxes = detected_sequence(
+                sequence, options.detector, found, provider=options.provider, cache=cache
             )
+            sequence = stack.enter_context(boxes)
+        if options.cache is not None:
+            matches = CachedMatches(sequence, config.features, config.matching, cache)
+        with reporting(label) as report:
+            run = (folder, sequence, config, options.method)
+            result, done_before = run_once(*run, matches=matches, fresh=options.fresh, progress=report)
         picture = trajectories_figure({label: (sequence.truth, {options.method: result.poses})})
         if options.fresh:
             claim(folder / PICTURE)
         write_result(folder / PICTURE, png(picture))
         if options.video is not None or options.view is not None:
-            _draw_frames(result, label, options, cache)
+            _draw_frames(result, label, options, matches)
     show_run(result, options.method, evaluate_run(result), folder)
     for kind, path in (("film", options.video), ("view", options.view)):
         if path is not None:
@@ -170,11 +149,8 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _draw_frames(result: Run, label: str, options: argparse.Namespace, cache: Path | None) -> None:
+def _draw_frames(result: Run, label: str, options: argparse.Namespace, matches: CachedMatches | None) -> None:
     """Go through the frames of the run once more, for a film of them and the page in three dimensions."""
-    matches = None
-    if options.cache is not None:
-        matches = CachedMatches(result.sequence, result.config.features, result.config.matching, cache)
     view = View(result, label)
     with reporting("drawing frames") as report, ExitStack() as stack:
         film = None if options.video is None else stack.enter_context(Film(options.video, result, label))
@@ -186,14 +162,3 @@ def _draw_frames(result: Run, label: str, options: argparse.Namespace, cache: Pa
             report(shown.index + 1, len(result.sequence))
     if options.view is not None:
         view.write(options.view)
-
-
-def _with_boxes(
-    sequence: Sequence, options: argparse.Namespace, cache: Path | None
-) -> AbstractContextManager[Sequence]:
-    """The sequence with the detector's boxes where one is wanted; it works ahead in threads of its own."""
-    if options.detector is None:
-        return nullcontext(sequence)
-    values = given(options, settings.declared(DetectorConfig, DETECTOR))
-    config = DetectorConfig(**{name.removeprefix(DETECTOR): value for name, value in values.items()})
-    return detected_sequence(sequence, options.detector, config, provider=options.provider, cache=cache)

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from ..core.settings import Setting, declared
 
 Config = TypeVar("Config")
+Group = argparse._ActionsContainer  # a parser, or a group of its options
 
 
-class Options(Protocol):
-    """A parser, or a group of its options."""
-
-    def add_argument(self, *names: str, **about: Any) -> Any: ...
-
-
-def add_option(group: Options, item: Setting, name: str, default: bool = True, shown: bool = True) -> None:
+def add_option(group: Group, item: Setting, name: str, default: bool = True, shown: bool = True) -> None:
     """The option `--name` for a setting: its help says the range and, unless told otherwise, the default.
 
     `shown` : in the parser's help.
@@ -39,7 +34,7 @@ def given(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, An
     return {item.name: value for item, value in values.items()}
 
 
-def add_settings(group: Options, cls: type, defaults: bool = True) -> None:
+def add_settings(group: Group, cls: type, defaults: bool = True) -> None:
     """An option for every setting of a class: `--min-height` for min_height."""
     for item in declared(cls):
         add_option(group, item, item.name.replace("_", "-"), defaults)

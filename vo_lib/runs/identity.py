@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from ..core.errors import DataError
-from ..core.files import file_sha256, fits, read_bytes, read_json, write_text_atomic
+from ..core.files import file_sha256, read_bytes, read_json, write_text_atomic
 from ..core.settings import to_dict
 from ..data.drawn import cache_folder
 from ..data.sequence import Sequence
@@ -33,20 +33,13 @@ UNSETTLED = 2_000_000_000  # nanoseconds
 
 
 def images_digest(sequence: Sequence) -> str:
-    """Digest of the names and contents of all images; each is read once, and again when it has changed."""
-    names = [f"{side}/{frame}.png" for side in ("image_0", "image_1") for frame in sequence.frames]
-    hashes = content_hashes(sequence.folder, names)
-    digest = hashlib.sha256("".join(f"{name} {hashes[name]}\n" for name in names).encode())
-    return digest.hexdigest()[:DIGITS]
-
-
-def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
-    """Hash of the content of each file of a folder, by name.
+    """Digest of the names and contents of all images; each is read once, and again when it has changed.
 
     Hashes are remembered in the user's cache folder with size and times of the file, in a JSON file for each
-    folder; no program can set the time of the last change of any kind (ctime). Where the file is damaged, or
-    two processes wrote it at once, files are hashed again.
+    folder; no program can set the time of the last change of any kind (ctime).
     """
+    folder = sequence.folder
+    names = [f"{side}/{frame}.png" for side in ("image_0", "image_1") for frame in sequence.frames]
     place = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:DIGITS]
     memory = cache_folder().parent / "hashes" / f"{place}.json"
     known, now = _remembered(memory), time.time_ns()
@@ -55,22 +48,24 @@ def content_hashes(folder: Path, names: list[str]) -> dict[str, str]:
     except OSError as error:
         raise DataError(f"the image cannot be read: {error.strerror}", error.filename) from None
     stamps = {name: [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns] for name, stat in stats.items()}
-    changed = [name for name in names if known.get(name, [])[:3] != stamps[name]]
+    changed = [name for name in names if known.get(name, [])[:-1] != stamps[name]]
     with ThreadPoolExecutor(max_workers=2) as pool:
-        fresh = dict(zip(changed, pool.map(file_sha256, [folder / name for name in changed]), strict=True))
-    settled = {n: [*stamps[n], fresh[n]] for n in changed if max(stamps[n][1:]) < now - UNSETTLED}
+        found = zip(changed, pool.map(file_sha256, [folder / name for name in changed]), strict=True)
+        fresh: dict[str, list[Any]] = {name: [*stamps[name], digest] for name, digest in found}
+    settled = {name: entry for name, entry in fresh.items() if max(entry[1:3]) < now - UNSETTLED}
     if settled:
         with suppress(OSError, DataError):
             memory.parent.mkdir(parents=True, exist_ok=True)
             write_text_atomic(memory, json.dumps(_remembered(memory) | settled))
-    return {name: fresh[name] if name in fresh else known[name][3] for name in names}
+    known |= fresh
+    digest = hashlib.sha256("".join(f"{name} {known[name][3]}\n" for name in names).encode())
+    return digest.hexdigest()[:DIGITS]
 
 
 def _remembered(memory: Path) -> dict[str, list[Any]]:
-    """Size, time and hash of files by name; nothing where it is missing or damaged."""
+    """Size, times and hash of files by name; nothing where it is missing or damaged."""
     with suppress(DataError):
-        known = read_json(memory, {str: [(int, str)]}, "hashes")
-        return {n: entry for n, entry in known.items() if len(entry) == 4 and fits(entry[3:], [str])}
+        return dict(read_json(memory, {str: [(int, str)]}, "hashes"))
     return {}
 
 
@@ -84,7 +79,7 @@ def labels_digest(sequence: Sequence) -> str:
         return known
     digest = hashlib.sha256()
     for frame in sequence.frames if sequence.labels is not None else ():
-        path = Path(sequence.labels or "") / f"{frame}.txt"
+        path = Path(sequence.labels or "", f"{frame}.txt")
         if path.exists():
             digest.update(f"{frame} ".encode() + read_bytes(path))
     return digest.hexdigest()[:DIGITS]
@@ -108,25 +103,29 @@ def versions() -> dict[str, str]:
     }
 
 
-def run_identity(sequence: Sequence, config: Any, method: str) -> dict[str, Any]:
-    """All that decides the poses of a run, and its names; runs with equal identities give equal bytes."""
-    settings = to_dict(config)
-    boxes = NOT_USED if config.filter.rule == "none" else labels_digest(sequence)
-    known = sequence.calibration
+def drive_identity(sequence: Sequence) -> dict[str, Any]:
+    """What decides a result whatever is done with the images: these, their camera, the code."""
     return {
-        "method": method,
-        "variant": config.variant,
-        "sequence": sequence.name,
         "frames": [sequence.frames[0], sequence.frames[-1]],
-        "settings": settings,
         "camera": to_dict(sequence.camera),
-        "calibration": None
-        if known is None
-        else hashlib.sha256(known.to_json().encode()).hexdigest()[:DIGITS],
         "images": images_digest(sequence),
-        "labels": boxes,
         "made_with": versions() | {"code": code_digest()},
     }
+
+
+def run_identity(sequence: Sequence, config: Any, method: str) -> dict[str, Any]:
+    """All that decides the poses of a run, and its names, as it comes back from JSON.
+
+    Runs with equal identities give equal bytes.
+    """
+    known = sequence.calibration
+    identity = {"method": method, "variant": config.variant, "sequence": sequence.name}
+    identity |= drive_identity(sequence) | {
+        "settings": to_dict(config),
+        "calibration": known and hashlib.sha256(known.to_json().encode()).hexdigest()[:DIGITS],
+        "labels": NOT_USED if config.filter.rule == "none" else labels_digest(sequence),
+    }
+    return dict(json.loads(json.dumps(identity)))
 
 
 def surroundings() -> dict[str, str | None]:
@@ -142,11 +141,9 @@ def git_commit() -> str | None:
     """Commit of the kit's own work tree, "-dirty" behind it when files were changed; None outside of git."""
     if not (PACKAGE.parent / ".git").exists():
         return None
-    command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
-    try:
-        done = subprocess.run(
-            command, cwd=PACKAGE.parent, capture_output=True, text=True, check=True, timeout=20
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return done.stdout.strip()
+    words = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    with suppress(OSError, subprocess.SubprocessError):
+        return subprocess.check_output(
+            words, cwd=PACKAGE.parent, text=True, stderr=subprocess.DEVNULL, timeout=20
+        ).strip()
+    return None

@@ -1,26 +1,102 @@
-"""Many runs at once, in parallel processes, each in a run folder of its own."""
+"""Runs in folders of their own: each done once, read back when it is asked for again; many at once."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import Event, Thread
+from typing import Any
 
 from ..config import PublishedConfig
 from ..core.errors import DataError
-from ..core.files import LOCK
+from ..core.files import only_process
 from ..core.types import Progress
 from ..data.sequence import Sequence
+from .identity import run_identity
 from .match_cache import CachedMatches
 from .parallel import parallel
-from .results import CONFIG, is_finished, run_folder
-from .run_once import run_once
-from .runner import single_threaded
+from .results import CONFIG, RUN_FILES, is_finished, read_config, read_run, run_folder, write_run
+from .runner import Run, TimedMatches, run_methods, single_threaded
 
 POLL = 0.3  # seconds between two looks at what was done
+# What differs where a digest does.
+DIGESTS = {
+    "images": "other images",
+    "labels": "other labels",
+    "calibration": "it started from another calibration",
+    "code": "the kit's code has changed",
+}
+
+
+def run_once(
+    folder: Path,
+    sequence: Sequence,
+    config: PublishedConfig,
+    method: str,
+    *,
+    matches: Iterable[TimedMatches] | None = None,
+    fresh: bool = False,
+    progress: Progress | None = None,
+) -> tuple[Run, bool]:
+    """A run whose files are in `folder`, and whether they were there before: then they are only read.
+
+    Files are written after the last frame. Killed at any moment and started again it gives the same bytes.
+
+    Parameters
+    ----------
+    folder : an existing folder, best from `results.run_folder`.
+    method : the name written into the folder.
+    matches, progress : as `run_methods` takes them.
+    fresh : do it whatever the folder holds; finished files stay until new ones replace them.
+
+    Raises `DataError` where the folder holds another run or results of something else, another process works
+    in it, or it cannot be written.
+    """
+    identity = run_identity(sequence, config, method)
+    with only_process(folder):
+        if not fresh:
+            _refuse_another(folder, identity)
+            if is_finished(folder):
+                return read_run(folder, sequence), True
+        result = run_methods(sequence, {method: config}, progress, matches)[method]
+        write_run(folder, result, method, identity)
+    return result, False
+
+
+def _refuse_another(folder: Path, wanted: dict[str, Any]) -> None:
+    """`DataError` naming what differs, where the folder holds anything else than the run that is wanted."""
+    if not (folder / CONFIG).exists():
+        for name in RUN_FILES:
+            if (folder / name).exists():
+                raise DataError(
+                    f"of something else, for there is no {CONFIG} beside it; choose another folder, or start "
+                    "anew with --fresh",
+                    folder / name,
+                )
+        return
+    there = read_config(folder, unfinished=True)
+    # Its name is no part of a sequence.
+    differs = list(_differences(there, {name: value for name, value in wanted.items() if name != "sequence"}))
+    if differs:
+        more = f" and {len(differs) - 3} more" if len(differs) > 3 else ""
+        raise DataError(
+            f"the folder holds another run: {'; '.join(differs[:3])}{more}; "
+            "choose another folder, or start anew with --fresh",
+            folder,
+        )
+
+
+def _differences(there: Any, wanted: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    """In words, everything that decides the poses and is not there as it is wanted."""
+    for name, value in wanted.items():
+        other = there.get(name) if isinstance(there, dict) else None
+        if isinstance(value, dict):
+            yield from _differences(other, value, "" if name in ("settings", "made_with") else f"{name}.")
+        elif other != value:
+            yield DIGESTS.get(name, f"{prefix}{name} is {other} there and {value} here")
 
 
 @dataclass(frozen=True)
@@ -64,12 +140,9 @@ def run_jobs(
 ) -> list[Outcome]:
     """Do all jobs; the front end of each sequence runs once, its matches are kept in the match cache.
 
-    Afterwards each folder without an error holds poses.txt, poses_tum.txt, config.json, frames.csv and, where
-    there is truth, metrics.json: `results.read_run` gives the run back.
-
     Parameters
     ----------
-    jobs : with folders all different.
+    jobs : with folders all different, which hold finished runs afterwards.
     workers : processes; 1 runs in this one.
     progress : called with (frames done, frames in all) over the jobs that are not finished and their front
         ends, now and then, from another thread.
@@ -83,10 +156,7 @@ def run_jobs(
     An outcome for each job, in the order of the jobs. A job that fails (bad input, an exception, a process
     that is killed) has its cause there while the others finish.
 
-    Raises
-    ------
-    DataError : two jobs share a folder, or the scheduler cannot be reached.
-    KeyboardInterrupt : all processes are stopped; what is finished is not done again.
+    Raises `DataError` where two jobs share a folder, or the scheduler cannot be reached.
     """
     jobs = [replace(job, folder=job.folder.resolve()) for job in jobs]
     if len({job.folder for job in jobs}) < len(jobs):
@@ -100,7 +170,7 @@ def run_jobs(
         broken = {name: error for name, error in zip(needed, filled, strict=True) if error}
         ready = [job for job in jobs if _front_end(job) not in broken or is_finished(job.folder)]
         run = partial(_run, cache=cache, fresh=fresh)
-        ended = parallel(run, ready, workers, scheduler, begun=_is_begun)
+        ended = parallel(run, ready, workers, scheduler)
     done = {job.folder: error for job, error in zip(ready, ended, strict=True)}
     return [Outcome(job, done.get(job.folder, broken.get(_front_end(job)))) for job in jobs]
 
@@ -123,12 +193,7 @@ def _fill(job: Job, cache: Path | None) -> None:
 def _run(job: Job, cache: Path | None, fresh: bool) -> None:
     """The back end, in the job's folder."""
     with run_folder(job.folder) as folder:
-        run_once(folder, job.sequence, job.config, job.method, cached=True, cache=cache, fresh=fresh)
-
-
-def _is_begun(job: Job) -> bool:
-    """Whether a process was killed in the job's folder: it left its lock there."""
-    return (job.folder / LOCK).exists()
+        run_once(folder, job.sequence, job.config, job.method, matches=_matches(job, cache), fresh=fresh)
 
 
 @contextmanager
@@ -169,7 +234,5 @@ def _counting(
 
 def _changed(job: Job) -> int:
     """When a job's run was last written, nanoseconds; 0 when never."""
-    try:
-        return (job.folder / CONFIG).stat().st_mtime_ns
-    except OSError:
-        return 0
+    path = job.folder / CONFIG
+    return path.stat().st_mtime_ns if path.exists() else 0

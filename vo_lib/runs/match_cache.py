@@ -11,11 +11,8 @@ import hashlib
 import io
 import json
 import re
-import shutil
-import time
 import zlib
 from collections.abc import Iterator
-from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -24,20 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import DataError
-from ..core.files import read_arrays, read_json, write_bytes_atomic, write_text_atomic
+from ..core.files import read_arrays, write_bytes_atomic
 from ..core.frame import Clock
 from ..core.matches import SAME, StereoMatches, empty_matches
 from ..core.settings import to_dict
 from ..data.drawn import cache_folder
 from ..data.sequence import Sequence
 from ..method.config import FeatureConfig, MatchingConfig
-from .identity import code_digest, images_digest, versions
+from .identity import drive_identity
 from .runner import FoundMatches, TimedMatches
 
 CHUNK = 50  # frames in a file
 CHECK = 4  # bytes of the checksum at the end of a file
-KEY = "key.json"
-OUTDATED = 24 * 3600.0  # seconds without a new file, after which matches of other code are thrown away
 
 
 def match_folder(cache: Path | None) -> Path:
@@ -65,20 +60,9 @@ class CachedMatches:
     ):
         self.sequence = sequence
         self.settings = features, matching
-        # All that decides the matches, as it comes back from JSON.
-        key = {
-            "sequence": sequence.name,
-            "frames": [sequence.frames[0], sequence.frames[-1]],
-            "features": to_dict(features),
-            "matching": to_dict(matching),
-            "camera": to_dict(sequence.camera),
-            "images": images_digest(sequence),
-            "made_with": versions() | {"code": code_digest()},
-        }
-        self._key: dict[str, Any] = json.loads(json.dumps(key))
-        # The name says nothing about the matches: a sequence is known by its images.
-        decisive = {name: value for name, value in self._key.items() if name != "sequence"}
-        digest = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
+        # All that decides the matches; a sequence is known by its images, not by its name.
+        key = drive_identity(sequence) | {"features": to_dict(features), "matching": to_dict(matching)}
+        digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:16]
         name = re.sub(r"[^A-Za-z0-9_-]+", "-", sequence.name)
         self.folder = match_folder(cache) / f"{name}-{digest}"
 
@@ -119,7 +103,10 @@ class CachedMatches:
 
     def _found(self) -> Iterator[TimedMatches]:
         """Matches of all frames from the images, kept as they come."""
-        self._prepare_folder()
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DataError(f"the cache cannot be written: {error.strerror}", self.folder) from None
         frames: list[StereoMatches] = []
         for index, frame in enumerate(FoundMatches(self.sequence, *self.settings)):
             frames.append(frame[0])
@@ -127,30 +114,6 @@ class CachedMatches:
                 write_bytes_atomic(self._path(index + 1 - len(frames)), pack(frames))
                 frames = []
             yield frame
-
-    def _prepare_folder(self) -> None:
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise DataError(f"the cache cannot be written: {error.strerror}", self.folder) from None
-        self._drop_outdated()
-        write_text_atomic(self.folder / KEY, json.dumps(self._key, indent=2) + "\n")
-
-    def _drop_outdated(self) -> None:
-        """Remove the same matches as other code or other libraries found them: the cache does not pile up.
-
-        Those written a short time ago stay: another version of the kit may be at work on them.
-        """
-        for path in self.folder.parent.glob(f"*/{KEY}"):
-            with suppress(DataError, OSError):
-                other = read_json(path, {}, "a key")
-                same = other | {"made_with": None} == self._key | {"made_with": None}
-                if (
-                    same
-                    and path.parent != self.folder
-                    and time.time() - path.parent.stat().st_mtime > OUTDATED
-                ):
-                    shutil.rmtree(path.parent, ignore_errors=True)
 
 
 def pack(frames: list[StereoMatches]) -> bytes:

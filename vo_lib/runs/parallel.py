@@ -10,12 +10,11 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, as_completed
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
-import cv2
 import loky
 from loky.backend import resource_tracker as loky_tracker
 from loky.process_executor import BrokenProcessPool
@@ -23,7 +22,6 @@ from loky.process_executor import BrokenProcessPool
 from ..core.errors import DataError
 
 Item = TypeVar("Item")
-Task = tuple[int, Callable[[Any], None], Any, int]
 Pools = Callable[[int], AbstractContextManager[Executor]]  # by the number of tasks
 
 KILLED = "its process was killed, perhaps for too much memory"
@@ -33,26 +31,21 @@ CONNECT = 10.0  # seconds to wait for a scheduler
 
 
 def parallel(
-    function: Callable[[Item], None],
-    items: list[Item],
-    workers: int = 1,
-    scheduler: str | None = None,
-    begun: Callable[[Item], bool] = lambda item: True,
+    function: Callable[[Item], None], items: list[Item], workers: int = 1, scheduler: str | None = None
 ) -> list[str | None]:
-    """Call `function` for each item, in several processes.
+    """Call `function`, which may be called for the same item again, for each item, in several processes.
 
     Returns for each, in order, the cause of its failure in one line, or None.
 
-    When a process is killed, its pool is lost. The tasks that were begun then are done again alone, one at a
-    time: the one at fault shows itself. The others go on in a new pool.
+    When a process is killed, its pool is lost. Tasks begin in their order, so that those in work then are
+    the first not done: they are done again one at a time, and the one at fault shows itself. The others go
+    on in a new pool.
 
     Parameters
     ----------
-    function : a function of a module, which can be called for the same item again.
     workers : processes, of which no more start than there are tasks; 1 works in this one, where a kill ends
         everything.
     scheduler : address of a Dask scheduler, whose workers are used instead.
-    begun : whether an unfinished item may have been in work when a pool was lost.
 
     Raises
     ------
@@ -60,40 +53,29 @@ def parallel(
     KeyboardInterrupt : the processes are stopped.
     """
     if scheduler is None and workers == 1:
-        return [_attempt((index, function, item, 0))[1] for index, item in enumerate(items)]
-    threads = max(1, (os.cpu_count() or 1) // max(min(workers, len(items)), 1))
-    tasks = [(index, function, item, threads) for index, item in enumerate(items)]
+        return [_attempt(function, item) for item in items]
     done: dict[int, str | None] = {}
+
     with _pools(workers, scheduler) as (pools, killed):
-        while len(done) < len(tasks):
-            left = [task for task in tasks if task[0] not in done]
-            try:
-                _do(left, done, pools, killed)
-            except killed:
-                left = [task for task in left if task[0] not in done]
-                for task in [task for task in left if begun(task[2])] or left:
-                    try:
-                        _do([task], done, pools, killed)
-                    except killed:
-                        done[task[0]] = KILLED
-    return [done[index] for index in range(len(tasks))]
 
+        def lost(numbers: list[int]) -> bool:
+            """Do these items in a pool, each noted as it ends; whether a process was killed meanwhile."""
+            with pools(len(numbers)) as pool:
+                with _interrupts_held_back():
+                    running = {pool.submit(_attempt, function, items[n]): n for n in numbers}
+                for ended in as_completed(running):
+                    with suppress(killed):
+                        done[running[ended]] = ended.result()
+            return not done.keys() >= set(numbers)
 
-def _do(tasks: list[Task], done: dict[int, str | None], pools: Pools, killed: type[Exception]) -> None:
-    """Do tasks in a pool; each is noted in `done` as it ends. Raises `killed` when one or more were lost."""
-    lost = None
-    with pools(len(tasks)) as pool:
-        with _interrupts_held_back():
-            running = [pool.submit(_attempt, task) for task in tasks]
-        for ended in as_completed(running):
-            try:
-                index, error = ended.result()
-            except killed as error_of_pool:
-                lost = error_of_pool
-            else:
-                done[index] = error
-    if lost is not None:
-        raise lost
+        while left := [n for n in range(len(items)) if n not in done]:
+            if lost(left):
+                # Of a cluster all that are not done were lost, each by itself.
+                first = workers if scheduler is None else len(items)
+                for number in [n for n in left if n not in done][:first]:
+                    if lost([number]):
+                        done[number] = KILLED
+    return [done[n] for n in range(len(items))]
 
 
 @contextmanager
@@ -109,21 +91,17 @@ def _interrupts_held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _attempt(task: Task) -> tuple[int, str | None]:
+def _attempt(function: Callable[[Item], None], item: Item) -> str | None:
     """Do one task; an exception becomes one line that says where it came from."""
-    index, function, item, threads = task
-    if threads:
-        cv2.setNumThreads(threads)
-    error = None
     try:
         function(item)
     except DataError as wrong:
-        error = str(wrong)
+        return str(wrong)
     except Exception as wrong:
         place = traceback.extract_tb(wrong.__traceback__)[-1]
         text = " ".join(str(wrong).split())
-        error = f"{type(wrong).__name__}: {text} ({Path(place.filename).name}, line {place.lineno})"
-    return index, error
+        return f"{type(wrong).__name__}: {text} ({Path(place.filename).name}, line {place.lineno})"
+    return None
 
 
 def _set_up_worker() -> None:

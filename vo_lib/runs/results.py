@@ -57,10 +57,7 @@ METRICS_SHAPE = {
             "by_length": [{"length_m": NUMBER} | _ERRORS],
             "by_speed": [{"speed_m_s": NUMBER} | _ERRORS],
             "ate": {"alignment": str, "rmse_m": NUMBER_OR_NONE},
-            "rpe": {
-                "translation": {"rmse_m": NUMBER_OR_NONE},
-                "rotation": {"rmse_deg": NUMBER_OR_NONE},
-            },
+            "rpe": {"translation": {"rmse_m": NUMBER_OR_NONE}, "rotation": {"rmse_deg": NUMBER_OR_NONE}},
         }
     ]
 }
@@ -121,17 +118,21 @@ def evaluate_path(sequence: Sequence, poses: Array) -> dict[str, Evaluation]:
     return errors
 
 
-def write_run(
-    folder: Path, result: Run, method: str, identity: dict[str, Any] | None = None
-) -> dict[str, Evaluation]:
-    """Write poses, per-frame log, errors, and what the run was; returns the errors.
+def write_run(folder: Path, result: Run, method: str, identity: dict[str, Any] | None = None) -> None:
+    """Write poses, per-frame log, errors, and what the run was.
 
     config.json comes first, marked as unfinished, and last without the mark: killed in between, the folder
     is nobody's finished run. `identity` is that of `identity.run_identity`, where it is known already.
     """
     sequence = result.sequence
-    errors = evaluate_run(result)
     config = identity or run_identity(sequence, result.config, method)
+    metrics: dict[str, Any] = {kind: errors.to_dict() for kind, errors in evaluate_run(result).items()}
+    metrics[PATH] = {
+        "frames_in_doubt": sum(m.in_doubt for m in result.motions),
+        "time_jumps": sum(TIME_JUMP in m.flags for m in result.motions),
+        "lost": path_lost(result),
+        DOUBTS: list(result.doubts),
+    }
     write_text_atomic(folder / CONFIG, _json(config | {UNFINISHED: True}))
     write_text_atomic(folder / POSES, format_kitti_poses(result.poses))
     write_text_atomic(folder / POSES_TUM, format_tum(sequence.times, result.poses))
@@ -140,21 +141,10 @@ def write_run(
         write_text_atomic(folder / CALIBRATION, result.calibration.to_json())
     else:
         (folder / CALIBRATION).unlink(missing_ok=True)
-    _write_metrics(folder, errors, result)
+    write_text_atomic(folder / METRICS, _json(metrics))
     config = config | {"timing": timing(result), "surroundings": surroundings(), DOUBTS: list(result.doubts)}
     config[FILES] = {n: file_sha256(folder / n) for n in RESULTS if (folder / n).exists()}
     write_text_atomic(folder / CONFIG, _json(config))
-    return errors
-
-
-def _write_metrics(folder: Path, errors: dict[str, Evaluation], result: Run) -> None:
-    path = {
-        "frames_in_doubt": sum(m.in_doubt for m in result.motions),
-        "time_jumps": sum(TIME_JUMP in m.flags for m in result.motions),
-        "lost": path_lost(result),
-        DOUBTS: list(result.doubts),
-    }
-    write_text_atomic(folder / METRICS, _json({k: e.to_dict() for k, e in errors.items()} | {PATH: path}))
 
 
 def path_lost(result: Run) -> bool:
@@ -173,17 +163,6 @@ def read_metrics(folder: Path) -> dict[str, Any]:
     if not fits(data, {str: METRICS_SHAPE}) or not all(kind["sequences"] for kind in data.values()):
         raise DataError(f"expected {expected}", path)
     return data
-
-
-def mend_metrics(folder: Path, result: Run) -> None:
-    """Write metrics.json of a finished run again where it is missing, damaged or changed: poses decide it."""
-    config = read_config(folder)
-    with suppress(DataError):
-        require_unchanged(folder, config, METRICS)
-        return
-    _write_metrics(folder, evaluate_run(result), result)
-    config[FILES] = config.get(FILES, {}) | {METRICS: file_sha256(folder / METRICS)}
-    write_text_atomic(folder / CONFIG, _json(config))
 
 
 def timing(result: Run) -> dict[str, Any]:
@@ -225,15 +204,9 @@ def is_finished(folder: Path) -> bool:
 
 
 def read_run(folder: Path, sequence: Sequence) -> Run:
-    """A finished run from its folder, to the digits that poses.txt and frames.csv have.
+    """A finished run of the sequence from its folder, to the digits that poses.txt and frames.csv have.
 
-    Parameters
-    ----------
-    sequence : what was run, opened as it was then.
-
-    Raises
-    ------
-    DataError : a file is missing or broken, or does not have a row for each frame.
+    Raises `DataError` where a file is missing or broken, or does not have a row for each frame.
     """
     stored = read_config(folder)
     try:
@@ -241,7 +214,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     except DataError as error:
         raise DataError(str(error), folder / CONFIG) from None
     kept = folder / CALIBRATION
-    require_unchanged(folder, stored, POSES, LOG, *([CALIBRATION] if kept.exists() else []))
+    require_unchanged(folder, stored, POSES, LOG, METRICS, *([CALIBRATION] if kept.exists() else []))
     poses = read_kitti_poses(folder / POSES)
     path = folder / LOG
     (_, heading), *lines = read_csv(path) or [(1, [])]
@@ -278,9 +251,8 @@ def frames_csv(frames: tuple[str, ...], motions: list[FrameResult]) -> str:
     rows: list[list[object]] = [[*heading, *(f"{stage}_ms" for stage in STAGES)]]
     for frame, motion in zip(frames, motions, strict=True):
         angle = "" if math.isnan(motion.prior_angle) else f"{motion.prior_angle:.4f}"
-        step = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}"
-        row = [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step]
-        row += [" ".join(motion.flags)]
+        step, flags = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}", " ".join(motion.flags)
+        row = [frame, motion.matches, motion.removed, motion.used, motion.inliers, angle, step, flags]
         rows.append(row + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES])
     return csv_text(rows)
 
