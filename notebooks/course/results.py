@@ -86,6 +86,15 @@ def is_list(expected: Any) -> bool:
     return isinstance(expected, np.ndarray) and expected.dtype.kind in "iu" and expected.ndim == 1
 
 
+def not_indices(got: Any, expected: Any) -> str:
+    """What a result is instead of indices, in words; "" where it may be indices, or none are expected."""
+    if not (is_list(expected) and isinstance(got, np.ndarray) and np.isfinite(got).all()):
+        return ""
+    if got.size > 2 and np.isin(got, (0, 1)).all():
+        return "this looks like a mask; indices are wanted."
+    return "indices are asked for, not values." if got.ndim > 1 or np.mod(got, 1).any() else ""
+
+
 def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
     """Why a wrong result cannot even be compared with what is expected; the hint is for another shape."""
     if isinstance(got, Unusable):

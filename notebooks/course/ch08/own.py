@@ -27,7 +27,6 @@ from ..ch05 import exercises as ch05
 from ..ch06 import exercises as ch06
 from ..checker import Exercise
 from ..keep import NAME, load
-from ..marks import judged
 
 # The exercise that checks each function, and its number, in the order of the loop.
 STAGES: dict[str, tuple[str, Exercise]] = {
@@ -81,7 +80,7 @@ def join(**given: Any) -> Joined:
     functions, whose = {}, {}
     for name, (_, exercise) in STAGES.items():
         own = written.get(name)
-        verdict = judged(own, exercise) if callable(own) else None
+        verdict = exercise.judge(own) if callable(own) else None
         passed = verdict is not None and verdict.passed
         functions[name] = own if passed else exercise.right
         why = f"yours fails its check: {verdict.message}" if verdict is not None else f"not in {NAME} yet"
