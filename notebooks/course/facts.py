@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .drawing import DARK, WIDTH
+from .colours import DARK
+from .drawing import WIDTH
 from .results import marked
 
 

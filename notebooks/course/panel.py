@@ -24,8 +24,9 @@ from vo_lib.core.types import Progress
 from vo_lib.data.sequence import Sequence, available
 from vo_lib.runs.runner import single_threaded
 
+from .colours import BAD
 from .controls import CELL, CELL_WIDTH, PLAIN, Control, Knob
-from .drawing import BAD, WIDTH, stack
+from .drawing import WIDTH, stack
 from .facts import Fact, facts_html
 from .frames import DEFAULT, is_open, keep, opened
 from .progress import Job, Stopped

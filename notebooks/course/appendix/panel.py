@@ -20,8 +20,9 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 
 from ..ch04.figures import lengths_figure
+from ..colours import GOOD, PALE
 from ..controls import Control
-from ..drawing import DPI, GOOD, PALE, WIDTH, caption, photo, room, stack
+from ..drawing import DPI, WIDTH, caption, photo, room, stack
 from ..facts import Fact
 from ..frames import Memory, key_of, stereo
 from ..made_up import block_tour

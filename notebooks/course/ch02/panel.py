@@ -16,8 +16,9 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.method.five_point import Candidates, five_point
 from vo_lib.method.selection import truncated_errors
 
+from ..colours import BAD, CYCLE, PALE, THIRD
 from ..controls import Control
-from ..drawing import BAD, CYCLE, PALE, THIRD, WIDTH, caption, figure, photo, stack
+from ..drawing import WIDTH, caption, figure, photo, stack
 from ..facts import Fact
 from ..frames import Memory, Points, consensus_rotation, frame_points, key_of, stereo
 from ..panel import Drawing, Panel, State

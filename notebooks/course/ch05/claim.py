@@ -13,7 +13,8 @@ from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.ate_rpe import relative_error
 
-from ..drawing import BAD, DARK, GOOD, THIRD, figure, finish, room
+from ..colours import BAD, DARK, GOOD, THIRD
+from ..drawing import figure, finish, room
 
 LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width: all are seen where they coincide
 

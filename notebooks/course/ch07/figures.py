@@ -22,7 +22,8 @@ from vo_lib.tables.plots import METHOD_MARKERS, TRUTH_COLOUR, draw_drift, draw_t
 from vo_lib.tables.report import ReportTable, number
 from vo_lib.tables.table1 import DIGITS, method_table
 
-from ..drawing import CYCLE, DARK, FONT_SIZE, PALE, figure, finish, log_axis, room, say
+from ..colours import CYCLE, DARK, PALE
+from ..drawing import FONT_SIZE, figure, finish, log_axis, room, say
 
 CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
 UNITS = "TE [%]", "RE [deg/100 m]"
