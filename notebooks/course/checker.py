@@ -7,7 +7,7 @@ import inspect
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -80,6 +80,7 @@ def any_order(indices: Array) -> Array:
     return np.sort(indices, axis=None)
 
 
+@dataclass(eq=False, repr=False)
 class Exercise:
     """An exercise; called with an answer, and what the task needs beside it, it gives the `Verdict`.
 
@@ -105,40 +106,36 @@ class Exercise:
     atol, rtol : by how much a result may differ, in its unit and as a share of what is expected.
     """
 
-    def __init__(
-        self,
-        right: Any,
-        cases: Callable[[], list[Case]] | None = None,
-        *,
-        task: str,
-        praise: str,
-        hint: str = "",
-        line: str = "",
-        library: tuple[str, ...] = (),
-        mistakes: Mapping[str, Any] | None = None,
-        also: tuple[Any, ...] = (),
-        parts: tuple[str, ...] = (),
-        form: Callable[..., Any] = np.asarray,
-        slips: Mapping[str, str] | None = None,
-        atol: float = 1e-9,
-        rtol: float = 0.0,
-    ):
-        self.right, self.cases, self.also, self.parts, self.form = right, cases, also, parts, form
-        self.praise, self.hint, self.library = praise, hint, library
+    right: Any
+    cases: Callable[[], list[Case]] | None = None
+    _: KW_ONLY
+    task: str
+    praise: str
+    hint: str = ""
+    line: str = ""
+    library: tuple[str, ...] = ()
+    mistakes: Mapping[str, Any] = field(default_factory=dict)
+    slips: Mapping[str, str] = field(default_factory=dict)
+    also: tuple[Any, ...] = ()
+    parts: tuple[str, ...] = ()
+    form: Callable[..., Any] = np.asarray
+    atol: float = 1e-9
+    rtol: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.__doc__ = self.task
+        self.more = f"In code: `{self.line}`." if self.line else self.hint
+        self.failures = 0  # in a row
+        usual = {name: says for name, (says, _) in SLIPS.items()} if self.cases else {}
+        self.slips = {**usual, **self.slips}
         self.answers: dict[str, list[Any]] = {}
         self.tests: dict[str, Callable[..., Any]] = {}
-        for says, known in (mistakes or {}).items():
+        for says, known in self.mistakes.items():
             for each in known if isinstance(known, tuple) else (known,):
-                if isinstance(each, When) or isinstance(right, Mapping):
+                if isinstance(each, When) or isinstance(self.right, Mapping):
                     self.tests[says] = each.test if isinstance(each, When) else each
                 else:
                     self.answers.setdefault(says, []).append(each)
-        usual = {name: says for name, (says, _) in SLIPS.items()} if cases else {}
-        self.slips = {**usual, **(slips or {})}
-        self.more = f"In code: `{line}`." if line else hint
-        self.atol, self.rtol = atol, rtol
-        self.failures = 0  # in a row
-        self.__doc__ = task
 
     def __call__(self, answer: Any, *given: Any) -> Verdict:
         if any(each is None or each is ... for each in (answer, *given)) or is_stub(answer):

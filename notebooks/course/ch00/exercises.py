@@ -88,16 +88,14 @@ back_project = Exercise(
     hint="the depth comes first, from the disparity. Then X is to Z as u - cx is to f, and Y likewise.",
     line="np.array([(u - camera.cx) / camera.f * Z, (v - camera.cy) / camera.f * Z, Z])",
     library=("back_project", "triangulate"),
+    slips={"order": "the right numbers in another order: u is the column and gives X, v gives Y."},
     mistakes={
         "X and Y are measured from the corner of the image, not from the axis at (cx, cy).": (
             lambda u, v, d, camera: point(u + camera.cx, v + camera.cy, d, camera)
         ),
         "Y runs upwards: the camera's y axis points down.": lambda *x: point(*x) * (1, -1, 1),
         "X runs to the left: the camera's x axis points right.": lambda *x: point(*x) * (-1, 1, 1),
-        "u and v are swapped: u is the column and gives X.": (
-            lambda *x: point(*x)[[1, 0, 2]],
-            lambda u, v, *more: point(v, u, *more),
-        ),
+        "u and v are swapped: u is the column and gives X.": lambda u, v, *more: point(v, u, *more),
         "X and Y are those of the ray at depth 1: how far along it is the point?": (
             lambda *x: point(*x) / point(*x)[2],
             lambda *x: point(*x) / [point(*x)[2], point(*x)[2], 1.0],
@@ -161,7 +159,6 @@ path_length = Exercise(
         "{got:.1f} m is the straight way from start to end.": beeline,
         "this is every step by itself: add them.": lambda s: np.linalg.norm(steps(s), axis=1),
         "one norm of all steps: take it of each, along axis 1.": lambda s: np.linalg.norm(steps(s)),
-        "this adds |x|, |y| and |z| of a step: take its norm.": lambda s: np.abs(steps(s)).sum(),
         "this adds squared lengths: the root is missing.": lambda s: (steps(s) ** 2).sum(),
     },
 )

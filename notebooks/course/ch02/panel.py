@@ -22,16 +22,7 @@ from ..drawing import WIDTH, caption, figure, photo, stack
 from ..facts import Fact
 from ..frames import Memory, Points, consensus_rotation, frame_points, key_of, stereo
 from ..panel import Drawing, Panel, State
-from .figures import (
-    draw_dot,
-    draw_flow,
-    draw_line,
-    epipolar_line,
-    errors_chart,
-    pixels,
-    polynomial_chart,
-    polynomial_of,
-)
+from . import figures as draw
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
 FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
@@ -137,10 +128,10 @@ class FivePointPanel(Panel):
         match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
         picture = self._picture(state, points, chosen, match, E[shown])
         charts, (left, right) = figure(CHART_HEIGHT, 2)
-        polynomial_chart(left, polynomial_of(x_p, x_c))
-        errors_chart(right, spread, winner)
-        line = epipolar_line(E[shown], points.x_p[match], camera)
-        distance = abs(float(line @ [*pixels(points.x_c[match], camera), 1.0]))
+        draw.polynomial_chart(left, draw.polynomial_of(x_p, x_c))
+        draw.errors_chart(right, spread, winner)
+        line = draw.epipolar_line(E[shown], points.x_p[match], camera)
+        distance = abs(float(line @ [*draw.pixels(points.x_c[match], camera), 1.0]))
         error, best_error = rotation_errors(E[[shown, order[0]]], R_true).tolist()
         known = "the truth" if clean.T_cp is not None else "the best estimate (there is no truth)"
         sentence = (
@@ -172,14 +163,14 @@ class FivePointPanel(Panel):
     def _picture(self, state: State, points: Points, chosen: NDArray[np.intp], match: int, E: Array) -> Image:
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
-        starts, ends = pixels(points.x_p, camera), pixels(points.x_c, camera)
-        draw_flow(picture, starts, ends, [PALE] * len(starts), 2)
+        starts, ends = draw.pixels(points.x_p, camera), draw.pixels(points.x_c, camera)
+        draw.draw_flow(picture, starts, ends, [PALE] * len(starts), 2)
         if points.T_cp is not None:
             E_true = essential_from_motion(points.T_cp[:3, :3], points.T_cp[:3, 3])
             if np.any(E_true):
-                draw_line(picture, epipolar_line(E_true, points.x_p[match], camera), THIRD, 1)
-        draw_line(picture, epipolar_line(E, points.x_p[match], camera), BAD, 2)
+                draw.draw_line(picture, draw.epipolar_line(E_true, points.x_p[match], camera), THIRD, 1)
+        draw.draw_line(picture, draw.epipolar_line(E, points.x_p[match], camera), BAD, 2)
         for index, colour in zip([match, *chosen], (BAD, *FIVE), strict=True):
-            draw_dot(picture, ends[index], colour, 6, str(index))
+            draw.draw_dot(picture, ends[index], colour, 6, str(index))
         words = f"left image, frame {state.frame}: five matches, and the epipolar line of match {match}"
         return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words + " (orange; green: true)")

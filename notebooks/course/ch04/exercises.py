@@ -61,12 +61,6 @@ def stacked(A: Array, B: Array, c: Array) -> Array:
     return solve_all(*eliminate_points(A, B, c), np.ones(len(A)))
 
 
-def half_eliminated(A: Array, B: Array, c: Array) -> Array:
-    """The t of normal equations whose right side has no projection."""
-    M = eliminate_points(A, B, c)[0]
-    return np.asarray(np.linalg.solve(np.einsum("nij,nik->jk", M, M), np.einsum("nij,ni->j", B, c)))
-
-
 def cauchy(r: Array, s: float) -> Array:
     """Cauchy weights of residuals."""
     return np.asarray(1.0 / (1.0 + (r / s) ** 2))
@@ -186,7 +180,6 @@ stack = Exercise(
         "the points Q are left out; they have to be eliminated first.": lambda A, B, c: solve(
             B.reshape(-1, 3), c.ravel()
         ),
-        "the right side is not projected; N_i stands on both sides.": half_eliminated,
     },
 )
 

@@ -144,9 +144,6 @@ to_image = Exercise(
             in_image(*x) + 0.5
         ),
         "the border is forgotten: left and top.": endings(lambda xyxy, s, x, y: xyxy / s),
-        "first the scale, then the border is the wrong order: the border was added last.": endings(
-            lambda xyxy, s, x, y: xyxy / s - (x, y) * 2
-        ),
         "left and top are exchanged.": endings(lambda xyxy, s, x, y: (xyxy - (y, x) * 2) / s),
         "multiplied by the scale: too small.": endings(lambda xyxy, s, x, y: (xyxy - (x, y) * 2) * s),
         "boxes inside are right, one over the edge is not: cut it on all four sides.": When(
