@@ -9,6 +9,7 @@ Run it in the folder of the notebooks. It runs what the students have written.
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib
 import json
 import re
@@ -27,6 +28,7 @@ HEADING = re.compile(r"^### Exercise (\d+\.\d+)", re.MULTILINE)
 CHECK = re.compile(r"^(ch\d\d)\.(\w+)\((\w+)\)$", re.MULTILINE)
 
 
+@functools.cache
 def asked() -> dict[str, tuple[str, Exercise]]:
     """The functions that the notebooks ask for, by name: the number of the exercise, and its check."""
     found, number = {}, ""

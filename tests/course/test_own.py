@@ -51,11 +51,6 @@ def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
         mine.turn  # noqa: B018
 
 
-def test_stages_are_numbered_as_in_the_notebooks() -> None:
-    asked = marks.asked()
-    assert {name: asked[name] for name in own.STAGES} == own.STAGES
-
-
 def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
     part = street.part(0, 30)
 

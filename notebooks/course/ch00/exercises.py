@@ -113,9 +113,7 @@ depth_error_ratio = Exercise(
     praise="the depth error grows with Z²: four times as far, sixteen times as inexact.",
     hint="take the derivative of Z = f b / d by d, and put Z back in its place.",
     line="(40 / 10) ** 2",
-    mistakes={
-        "the error grows faster than the distance.": (4.0, 2.0),
-    },
+    mistakes={"the error grows faster than the distance.": (4.0, 2.0)},
     slips={"inverse": "this is how much smaller it is at 10 m."},
 )
 

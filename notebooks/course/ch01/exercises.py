@@ -218,7 +218,7 @@ peak = Exercise(
     mistakes={
         "this is the height of the top; its place is wanted.": lambda a, b, c: (
             b - (a - c) ** 2 / (8 * (a - 2 * b + c))
-        ),
+        )
     },
     slips={
         "sign": "the sign is wrong: the top lies on the side of the larger neighbour.",

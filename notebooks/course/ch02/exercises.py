@@ -14,7 +14,7 @@ from vo_lib.method.five_point import epipolar_rows as library_rows
 from vo_lib.method.five_point import five_point
 
 from ..checker import Case, Exercise, When
-from .panel import best_of_each_set, rotation_errors
+from .panel import first_of_each_set, rotation_errors
 
 PROBLEMS = 500
 FIRST = "rotation error of solution 1"
@@ -115,7 +115,8 @@ def median_error(noise_px: float) -> float:
     """Median over sets of the rotation error of the best candidate, degrees, at this noise."""
     given = random_problems(np.random.default_rng(0), PROBLEMS, motion="forward", noise_px=noise_px)
     found = five_point(given.x_p, given.x_c)
-    best = best_of_each_set(found, -np.abs(np.sum(found.E * given.E[found.set_index], axis=(1, 2))))
+    agreement = np.abs(np.sum(found.E * given.E[found.set_index], axis=(1, 2)))
+    best = np.flatnonzero(first_of_each_set(-agreement, found.set_index))
     return float(np.median(rotation_errors(found.E[best], given.R_cp[found.set_index[best], None])))
 
 

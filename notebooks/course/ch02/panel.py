@@ -11,9 +11,9 @@ from vo_lib.beyond.selection import sample_sets
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import decompose_essential, essential_from_motion, rotation_angle
 from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Image
+from vo_lib.core.types import Array, Image, Index, Mask
 from vo_lib.data.sequence import Sequence
-from vo_lib.method.five_point import Candidates, five_point
+from vo_lib.method.five_point import five_point
 from vo_lib.method.selection import truncated_errors
 
 from ..colours import BAD, CYCLE, PALE, THIRD
@@ -76,11 +76,11 @@ def rotation_errors(E: Array, R_true: Array) -> Array:
     return np.asarray(np.degrees(angles.min(axis=-1)))
 
 
-def best_of_each_set(found: Candidates, errors: Array) -> NDArray[np.intp]:
-    """Index of the candidate with the smallest image error in each set that has one."""
-    order = np.lexsort((errors, found.set_index))
-    first = np.unique(found.set_index[order], return_index=True)[1]
-    return np.asarray(order[first])
+def first_of_each_set(errors: Array, set_index: Index, count: int = 1) -> Mask:
+    """Which (M,) are among the `count` smallest errors of their set."""
+    order = np.lexsort((errors, set_index))
+    rank = np.arange(len(order)) - np.searchsorted(set_index[order], set_index[order])
+    return np.isin(np.arange(len(order)), order[rank < count])
 
 
 def set_errors(points: Points, R_true: Array, sets: int, focal: float) -> tuple[Array, float]:
@@ -88,7 +88,7 @@ def set_errors(points: Points, R_true: Array, sets: int, focal: float) -> tuple[
     chosen = sample_sets(np.random.default_rng(2), len(points.x_p), sets)
     found = five_point(points.x_p[chosen], points.x_c[chosen])
     image_errors = truncated_errors(found.E, points.x_p, points.x_c, THRESHOLD / focal)
-    best = best_of_each_set(found, image_errors)
+    best = np.flatnonzero(first_of_each_set(image_errors, found.set_index))
     errors = rotation_errors(found.E[best], R_true)
     return errors, float(errors[np.argmin(image_errors[best])])
 

@@ -14,6 +14,7 @@ from vo_lib.data.problems import random_problems
 from vo_lib.method.five_point import five_point
 from vo_lib.method.selection import nearest_to_prior, truncated_errors
 
+from ..ch02.panel import first_of_each_set
 from ..checker import Case, Exercise
 
 
@@ -79,13 +80,6 @@ def least(values: Array, allowed: Mask) -> int:
     return int(np.argmin(np.where(allowed, values, np.inf)))
 
 
-def first_of_sets(values: Array, set_index: Any, count: int) -> Mask:
-    """Which (M,) are among the `count` smallest values of their set."""
-    order = np.lexsort((values, set_index))
-    rank = np.arange(len(order)) - np.searchsorted(set_index[order], set_index[order])
-    return np.isin(np.arange(len(order)), order[rank < count])
-
-
 def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Solution selection: of the k nearest of each set the one with the smallest image error."""
     return least(errors, nearest_to_prior(E, set_index, e_prev, k))
@@ -94,7 +88,7 @@ def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> 
 def of_winners(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Of the right winners of the sets the one nearest to e_prev."""
     competing = np.where(nearest_to_prior(E, set_index, e_prev, k), errors, np.inf)
-    return least(angles(E, e_prev), first_of_sets(competing, set_index, 1))
+    return least(angles(E, e_prev), first_of_each_set(competing, set_index, 1))
 
 
 def sets_for(good: float) -> float:
@@ -205,14 +199,14 @@ select = Exercise(
             lambda E, s, error, e, k: selected(E, s, error, e, 1),
         ),
         "prior and image error have changed places: the angle decides who may compete, the error who wins.": (
-            lambda E, s, errors, e, k: least(angles(E, e), first_of_sets(errors, s, k))
+            lambda E, s, errors, e, k: least(angles(E, e), first_of_each_set(errors, s, k))
         ),
         "among the winners of the sets the nearest was taken; the image error decides there, too.": of_winners,
         "the last set is left out: range(n) ends with n - 1.": lambda E, s, errors, e, k: least(
             errors, nearest_to_prior(E, s, e, k) & (s < s.max())
         ),
         "only k candidates of all sets competed; k of each set may.": lambda E, s, errors, e, k: least(
-            errors, first_of_sets(angles(E, e), 0 * s, k)
+            errors, first_of_each_set(angles(E, e), 0 * s, k)
         ),
     },
 )
@@ -243,6 +237,6 @@ consensus_fooled = Exercise(
     "together votes as one. That is why chapter 5 takes it out before the vote.",
     mistakes={
         "consensus is still only {error by consensus:.3f}° wrong. Which matches agree among themselves: wrong "
-        "ones, or those on one thing that moves?": lambda facts: not facts["error by consensus"] > 0.5,
+        "ones, or those on one thing that moves?": lambda facts: not facts["error by consensus"] > 0.5
     },
 )

@@ -174,7 +174,7 @@ once_round = Exercise(
     mistakes={
         "that would be so on a straight road; where does the estimate end when the truth is back home?": When(
             lambda te: abs(te - 1.0) < 0.2
-        ),
+        )
     },
 )
 

@@ -96,9 +96,7 @@ true_rotation_error = Exercise(
     line="1.000 / 5555.6 * 100 * 180 / np.pi",
     slips={"inverse": "this is the other way round: printed / 5555.6 is in rad/m."},
     mistakes={
-        "this is the difference, not the RE.": When(
-            lambda got: min(abs(got - 0.0313), abs(got - 3.13)) < 0.1
-        ),
+        "this is the difference, not the RE.": When(lambda got: min(abs(got - 0.0313), abs(got - 3.13)) < 0.1)
     },
 )
 

@@ -53,12 +53,7 @@ def errors_figure(entries: list[Entry], height: int) -> Figure:
 
 
 def paths_figure(
-    title: str,
-    truth: Array,
-    estimates: dict[str, Array],
-    height: int = 340,
-    frame: int = 0,
-    words: str = "",
+    title: str, truth: Array, estimates: dict[str, Array], height: int = 340, frame: int = 0, words: str = ""
 ) -> Figure:
     """Paths from above, as the paper's Figure 4, and beside them how far they are from the truth.
 
