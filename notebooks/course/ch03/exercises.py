@@ -231,12 +231,14 @@ sets_needed = Exercise(
 )
 
 consensus_fooled = Exercise(
-    {"error by consensus": 2.0, "error by selection": 2.0},
-    task="The panel shows a winner by consensus that is more than 0.5° wrong.",
+    {"error by consensus": 2.0, "error by selection": 2.0, "disturbed": 170.0},
+    task="The panel shows a winner by consensus that is more than 0.5° wrong, by matches that were disturbed.",
     praise="consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. What moves "
     "together votes as one. That is why chapter 5 takes it out before the vote.",
     mistakes={
         "consensus is still only {error by consensus:.3f}° wrong. Which matches agree among themselves: wrong "
-        "ones, or those on one thing that moves?": lambda facts: not facts["error by consensus"] > 0.5
+        "ones, or those on one thing that moves?": lambda now: not now["error by consensus"] > 0.5,
+        "no match is disturbed: here the noise chose between the two solutions of a plane. Untick it, and fool "
+        "the vote with matches that agree among themselves.": lambda now: not now["disturbed"] > 0,
     },
 )
