@@ -167,7 +167,7 @@ def test_a_second_mistake_does_not_hide_the_first() -> None:
 
 
 def test_a_path_without_truth_cannot_be_judged() -> None:
-    wrong(ch00.path_length(9.0, tour(None)), "tour has no truth")
+    wrong(ch00.path_length(9.0, tour(None)), "tour has no ground truth")
 
 
 def test_numbers_of_chapters_2_and_6_are_those_of_the_kit() -> None:

@@ -24,9 +24,9 @@ from course.ch06 import EvaluationPanel
 from course.ch07 import ExplorePanel, ReproducePanel
 from course.controls import Control, Knob
 from course.drawing import COARSE, WIDTH, room
-from course.facts import Fact
 from course.frames import Memory
 from course.panel import Drawing, Panel, State
+from course.results import Fact
 from vo_lib.core.errors import DataError
 from vo_lib.core.types import Progress
 from vo_lib.data.sequence import Sequence

@@ -23,10 +23,10 @@ from ..ch04.figures import lengths_figure
 from ..colours import GOOD, PALE
 from ..controls import Control
 from ..drawing import DPI, WIDTH, caption, photo, room, stack
-from ..facts import Fact
 from ..frames import Memory, key_of, stereo
 from ..made_up import block_tour
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 
 # About what sequence 01 of KITTI shows: sizes of `FAULTS`, pixels.
 KITTI_01 = {

@@ -31,9 +31,9 @@ from ..ch03.panel import field_of, previous_vector
 from ..colours import BAD, DARK, GOOD, PALE, bgr
 from ..controls import Control
 from ..drawing import HALF_HEIGHT, WIDTH, beside, caption, figure, finish, log_axis, photo, say, stack
-from ..facts import Fact
 from ..frames import disparity_map, frame_matches, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 
 LEFT_HEIGHT, CHART_HEIGHT = 298, 210
 SETS = 200

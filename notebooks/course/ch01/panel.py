@@ -14,9 +14,9 @@ from vo_lib.method.buckets import select_by_bucket
 
 from ..controls import Control
 from ..drawing import figure, stack
-from ..facts import Fact
 from ..frames import stereo, truth
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from .figures import CHOSEN, SURPLUS, by_fate, depths_chart, errors_chart, fates, fates_chart, fates_picture
 from .trace import LOST, trace
 

@@ -19,9 +19,9 @@ from vo_lib.method.selection import truncated_errors
 from ..colours import BAD, CYCLE, PALE, THIRD
 from ..controls import Control
 from ..drawing import WIDTH, caption, figure, photo, stack
-from ..facts import Fact
 from ..frames import Memory, Points, consensus_rotation, frame_points, key_of, stereo
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from . import figures as draw
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230

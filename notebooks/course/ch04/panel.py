@@ -20,9 +20,9 @@ from vo_lib.method.translation import feature_rows
 from ..ch02.panel import reference_rotation
 from ..controls import Control
 from ..drawing import figure, stack
-from ..facts import Fact
 from ..frames import Points, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from .figures import MILLI, ellipse_chart, features_picture, residuals_chart
 from .weightings import ROBUST, WEIGHTINGS, alone, solve_by
 

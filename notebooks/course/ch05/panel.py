@@ -25,9 +25,9 @@ from ..ch03.figures import errors_figure
 from ..ch04.figures import MILLI
 from ..controls import Control
 from ..drawing import WIDTH, caption, figure, photo, raster, stack
-from ..facts import Fact
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from .figures import candidates_picture, errors_chart, filter_picture
 
 PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640

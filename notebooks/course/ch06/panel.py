@@ -21,10 +21,10 @@ from vo_lib.runs.runner import run_methods
 
 from ..controls import Control
 from ..drawing import figure, say, stack
-from ..facts import Fact
-from ..frames import key_of
+from ..frames import key_of, true_poses
 from ..made_up import made_up
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from .figures import PER_100_M, PER_CENT, drift_chart, length_chart, paths_chart
 
 MADE_UP = "made-up errors"
@@ -110,9 +110,7 @@ class EvaluationPanel(Panel):
     )
 
     def draw(self, state: State) -> Drawing:
-        truth = state.sequence.truth
-        if truth is None:
-            raise DataError(f"{state.sequence.name} has no ground truth to compare with")
+        truth = true_poses(state.sequence)
         estimate = self._estimate(state, truth)
         if estimate is None:
             path, (axis,) = figure(PATH_HEIGHT)
