@@ -157,15 +157,6 @@ def wrong(verdict: Verdict, words: str) -> None:
     assert words in f"{verdict.message} {verdict.hint}"
 
 
-def test_a_second_mistake_does_not_hide_the_first() -> None:
-    te_re = ch06.errors
-    wrong(ch06.part_errors(lambda *case: te_re(*case) * [0.01, 0.01]), "te is a hundredth")
-    wrong(ch06.part_errors(lambda *case: te_re(*case) * [1.0, 1.1]), "(trace - 1) / 2")
-    wrong(ch04.feature_rows(lambda *case: [-each for each in ch04.eight_rows(*case)]), "M has the wrong sign")
-    wrong(ch05.to_image(lambda xyxy, scale, *case: np.round(xyxy / scale)), "solve u_net")
-    wrong(ch01.is_stereo(lambda a, b, rows, least: abs(a - b)[:, 0] >= least), "two rows lower")
-
-
 def test_a_path_without_truth_cannot_be_judged() -> None:
     wrong(ch00.path_length(9.0, tour(None)), "tour has no ground truth")
 
