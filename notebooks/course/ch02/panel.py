@@ -34,9 +34,7 @@ class FivePointView(Checked):
     """What the panel of chapter 2 can be asked."""
 
     draw: int = setting(0, "draws five of the matches by chance", low=0, high=999)
-    points: tuple[int, ...] = setting(
-        (), "numbers of five matches chosen by you; empty: drawn by chance", low=0
-    )
+    points: tuple[int, ...] = setting((), "numbers of five matches; empty: drawn by chance", low=0)
     match: float = setting(0.3, "the match whose epipolar line is drawn, from left to right", low=0, high=1)
     candidate: int = setting(1, "which solution of the set is shown, the best first", low=1, high=10)
     noise: float = setting(0.0, "noise added to every coordinate", unit="px", low=0, high=3)

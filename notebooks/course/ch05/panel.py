@@ -41,12 +41,8 @@ RULES = ("none", "all", "moving")
 class FilteringView(Checked):
     """What the panel of chapter 5 sets of the detector."""
 
-    model: str = setting(
-        "street", "street, a detector fetched or registered, an ONNX file; or labels: boxes of the folder"
-    )
-    nms: float = setting(
-        0.5, "of two boxes of one class that overlap more (IoU) the better stays", low=0.05, high=1
-    )
+    model: str = setting("street", "a detector by name, an ONNX file; or labels: the boxes of the folder")
+    nms: float = setting(0.5, "of two boxes that overlap more (IoU) the better stays", low=0.05, high=1)
 
 
 _detectors: Memory[YoloDetector] = Memory(3)

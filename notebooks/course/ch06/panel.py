@@ -40,13 +40,9 @@ class EvaluationView(Checked):
     """What the panel of chapter 6 judges, and how."""
 
     estimate: str = setting(
-        MADE_UP,
-        "whose poses are judged: the truth with errors put in, or a method that was run",
-        choices=(MADE_UP, *METHODS),
+        MADE_UP, "the truth with errors put in, or a method that was run", choices=(MADE_UP, *METHODS)
     )
-    lengths: tuple[float, ...] = setting(
-        (), "lengths of the sub-sequences; none given: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000
-    )
+    lengths: tuple[float, ...] = setting((), "none: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000)
     step: int = setting(10, "frames from one start to the next", low=1, high=50)
     alignment: str = setting(
         Alignment.SE3.value,

@@ -36,7 +36,7 @@ class ExploreView(Checked):
     method: str = setting("feature_selection", "the method that follows the sliders", choices=tuple(METHODS))
     variant: str = setting(
         "kit",
-        "the paper as published, or the kit's way; what is the kit's own it refuses",
+        "the paper as published, which refuses the kit's own, or the kit's way",
         choices=tuple(VARIANTS),
     )
 

@@ -28,9 +28,7 @@ class ReproduceView(Checked):
     """What the panel of chapter 7 runs."""
 
     methods: tuple[str, ...] = setting(tuple(METHODS), "names with commas between")
-    frames: int = setting(
-        60, "the first of the sequence; of KITTI's 00 from 16, unless all", low=20, high=5000
-    )
+    frames: int = setting(60, "the first ones; of KITTI's 00 from 16 on, unless all", low=20, high=5000)
     seeds: int = setting(3, "runs of each method, each with other random sets", low=1, high=10)
     variant: str = setting("published", "the paper as published, or the kit's way", choices=tuple(VARIANTS))
 
