@@ -12,16 +12,7 @@ import ipywidgets as widgets
 import numpy as np
 import pytest
 
-from course import stack
-from course.appendix import CalibrationPanel
-from course.ch00 import StartPanel
-from course.ch01 import MatchingPanel
-from course.ch02 import FivePointPanel
-from course.ch03 import SelectionPanel
-from course.ch04 import TranslationPanel
-from course.ch05 import FilteringPanel
-from course.ch06 import EvaluationPanel
-from course.ch07 import ExplorePanel, ReproducePanel
+from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, stack
 from course.controls import Control, Knob
 from course.drawing import COARSE, WIDTH, room
 from course.frames import Memory
@@ -31,18 +22,8 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.types import Progress
 from vo_lib.data.sequence import Sequence
 
-PANELS: tuple[type[Panel], ...] = (
-    StartPanel,
-    MatchingPanel,
-    FivePointPanel,
-    SelectionPanel,
-    TranslationPanel,
-    FilteringPanel,
-    EvaluationPanel,
-    ReproducePanel,
-    ExplorePanel,
-    CalibrationPanel,
-)
+CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, appendix)
+PANELS = [kind for chapter in CHAPTERS for kind in vars(chapter).values() if isinstance(kind, type)]
 LONG = 300.0  # seconds that a job may take; a safeguard
 # What is typed into the controls for text.
 TYPED = {
@@ -54,15 +35,11 @@ TYPED = {
 }
 
 
-EACH = pytest.mark.parametrize("kind", PANELS, ids=lambda kind: kind.__name__)
-
-
-@pytest.fixture(scope="module")
-def panels(street: Sequence) -> dict[type[Panel], Panel]:
+@pytest.fixture(scope="module", params=PANELS, ids=lambda kind: kind.__name__)
+def panel(request: pytest.FixtureRequest, street: Sequence) -> Panel:
     """Each panel once, on the common street."""
-    made = {kind: kind(street) for kind in PANELS}
-    for panel in made.values():
-        panel.wait(LONG)
+    made: Panel = request.param(street)
+    made.wait(LONG)
     return made
 
 
@@ -79,9 +56,7 @@ def stops(knob: Knob) -> list[Any]:
     return [widget.min, int(middle) if isinstance(widget.min, int) else middle, widget.max]
 
 
-@EACH
-def test_every_control_changes_the_picture(kind: type[Panel], panels: dict[type[Panel], Panel]) -> None:
-    panel = panels[kind]
+def test_every_control_changes_the_picture(panel: Panel) -> None:
     driven = {key: (knob.widget, stops(knob)) for key, knob in panel.knobs.items()}
     driven["frame"] = panel.frame, [1, panel.frame.max // 2, panel.frame.max]
     for key, (widget, values) in driven.items():
@@ -99,9 +74,7 @@ def test_every_control_changes_the_picture(kind: type[Panel], panels: dict[type[
         assert len(seen) > 1, f"{key} changes nothing"
 
 
-@EACH
-def test_the_same_state_gives_the_same_picture(kind: type[Panel], panels: dict[type[Panel], Panel]) -> None:
-    panel = panels[kind]
+def test_the_same_state_gives_the_same_picture(panel: Panel) -> None:
     before = panel.draw(panel.state())
     panel.set(frame=3)
     panel.set(frame=60)
@@ -110,11 +83,7 @@ def test_the_same_state_gives_the_same_picture(kind: type[Panel], panels: dict[t
     assert before.facts
 
 
-@EACH
-def test_another_sequence_can_be_chosen(
-    kind: type[Panel], panels: dict[type[Panel], Panel], street: Sequence, bands: Path
-) -> None:
-    panel = panels[kind]
+def test_another_sequence_can_be_chosen(panel: Panel, street: Sequence, bands: Path) -> None:
     panel.folder.value = str(bands)
     panel.wait(LONG)
     assert panel.error == ""
@@ -126,11 +95,7 @@ def test_another_sequence_can_be_chosen(
     assert panel.picture.value != on_bands
 
 
-@EACH
-def test_a_missing_folder_gives_a_sentence_and_the_panel_goes_on(
-    kind: type[Panel], panels: dict[type[Panel], Panel], street: Sequence, tmp_path: Path
-) -> None:
-    panel = panels[kind]
+def test_after_a_missing_folder_the_panel_goes_on(panel: Panel, street: Sequence, tmp_path: Path) -> None:
     panel.folder.value = str(tmp_path / "<nowhere>")
     panel.wait(LONG)
     assert "the folder is missing" in panel.error
@@ -143,8 +108,8 @@ def test_a_missing_folder_gives_a_sentence_and_the_panel_goes_on(
 @pytest.mark.parametrize(
     ("kind", "names"),
     [
-        (SelectionPanel, ["consensus", "selection, k = 2", "k = 1, prior never dropped"]),
-        (FilteringPanel, ["none", "all", "moving"]),
+        (ch03.SelectionPanel, ["consensus", "selection, k = 2", "k = 1, prior never dropped"]),
+        (ch05.FilteringPanel, ["none", "all", "moving"]),
     ],
     ids=["selections", "rules"],
 )
@@ -160,7 +125,7 @@ def test_ways_are_compared_over_the_frames(kind: type[Panel], names: list[str], 
 
 
 def test_the_rule_truth_needs_a_drawn_scene(bands: Path) -> None:
-    panel = FilteringPanel(str(bands), frame=1)
+    panel = ch05.FilteringPanel(str(bands), frame=1)
     panel.wait(LONG)
     panel.set(filter__rule="truth")
     assert "needs a drawn scene" in panel.error
