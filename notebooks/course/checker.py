@@ -7,39 +7,72 @@ import inspect
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from vo_lib.core.types import Array
 
-from .keep import handed_back, keep
-from .results import SHORT, Unusable, Verdict, differ, holds, is_list, outcome, result, shown, unusable
+from .keep import handed_back, is_stub, keep
+from .results import (
+    SHORT,
+    Unusable,
+    Verdict,
+    differ,
+    holds,
+    is_list,
+    not_indices,
+    outcome,
+    result,
+    shown,
+    unusable,
+)
 
 Case = tuple[Any, ...]  # the inputs of a call
 LONGEST = 80  # characters of an input that a message tells
 
 
-class Mistake:
-    """A known mistake: what is wrong, and answers that make it, each a function of a case's inputs or a value.
+@dataclass(frozen=True)
+class When:
+    """A mistake that is told by a test of (the first wrong result, *inputs)."""
 
-    A text before the answers is a hint. With `when`, a test of (the first wrong result, *inputs), the mistake
-    is told by that, too; where a panel is read, `when` is a test of its facts.
-    """
-
-    def __init__(self, says: str, *answers: Any, when: Callable[..., Any] | None = None):
-        self.says, self.when = says, when
-        self.hint, self.answers = (
-            (answers[0], answers[1:]) if answers and isinstance(answers[0], str) else ("", answers)
-        )
+    test: Callable[..., Any]
 
 
-def times(right: Callable[..., Any], *factors: Any) -> Callable[..., Any]:
-    """A right answer whose result is too large by a factor; its results, by one factor each."""
-    if len(factors) == 1:
-        return lambda *inputs: factors[0] * right(*inputs)
-    return lambda *inputs: [factor * each for factor, each in zip(factors, right(*inputs), strict=True)]
+def in_order(rows: Array) -> Array:
+    """The same numbers or rows, sorted column by column."""
+    return np.sort(rows, axis=0) if rows.ndim else rows
+
+
+def _of_mask(make: Callable[[Array], Any]) -> Callable[[Array], Any]:
+    return lambda right: make(right) if right.ndim and np.isin(right, (0, 1)).all() else None
+
+
+# Slips that any exercise may be answered with: words, and what a right result becomes.
+SLIPS: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "sign": ("{what} has the wrong sign.", np.negative),
+    "double": ("{what} is off by a factor of two.", lambda right: 2.0 * right),
+    "half": ("{what} is off by a factor of two.", lambda right: 0.5 * right),
+    "share": (
+        "{what} is a hundredth of what is asked for: a share, not per cent?",
+        lambda right: right / 100,
+    ),
+    "radians": ("{what} is in radians; degrees are asked for.", np.radians),
+    "degrees": ("{what} is in degrees; radians are asked for.", np.degrees),
+    "inverse": ("{what} is one divided by what is asked for.", lambda right: 1.0 / right),
+    "square": ("{what} is the square of what is asked for.", np.square),
+    "one more": ("{what} is too large by one: where does counting begin?", lambda right: right + 1),
+    "one less": ("{what} is too small by one: where does counting begin?", lambda right: right - 1),
+    "transposed": ("{what} is transposed.", lambda right: np.swapaxes(right, -1, -2)),
+    "columns": ("{what} has its columns exchanged.", lambda right: right[:, ::-1]),
+    "order": ("these are the right ones in another order.", in_order),
+    "indices": (
+        "these are indices; a mask was asked for, one True or False for each.",
+        _of_mask(np.flatnonzero),
+    ),
+    "inverted": ("the mask is upside down: good and bad are exchanged.", _of_mask(lambda right: 1 - right)),
+}
 
 
 def any_order(indices: Array) -> Array:
@@ -47,12 +80,14 @@ def any_order(indices: Array) -> Array:
     return np.sort(indices, axis=None)
 
 
+@dataclass(eq=False, repr=False)
 class Exercise:
     """An exercise; called with an answer, and what the task needs beside it, it gives the `Verdict`.
 
     An answer is right when its results are those of `right` in every case. If not, it is compared with the
-    known mistakes: the one that gives the same results beyond the first wrong one, and for longest, is named.
-    A first failure is told the idea (the mistake or the `hint`), a second one in a row the `line` of code.
+    known mistakes: the one that gives the same results beyond the first wrong one, and for longest, is named;
+    else a slip, and else a mistake whose test holds. A first failure is told the idea (the mistake or the
+    `hint`), a second one in a row the `line` of code.
 
     Parameters
     ----------
@@ -63,50 +98,49 @@ class Exercise:
         not known. Of `got` and `right`, results of the first case, or of facts, by their names.
     line : what is to be written, told from the second failure on; the hint where there is none.
     library : the library's functions that an answer must not call.
+    mistakes : by the words they are told in, of `got` and `right` or of facts: answers that make the mistake,
+        functions of a case's inputs or values, one or several, and `When`. Of facts, a test each.
+    slips : words for slips of `SLIPS`, by name, that say more than the usual ones. Of a value only these are told.
     parts : names of the results, where there are several; they are judged in this order.
     form : what of a result is compared: `any_order`, say.
     atol, rtol : by how much a result may differ, in its unit and as a share of what is expected.
     """
 
-    def __init__(
-        self,
-        right: Any,
-        cases: Callable[[], list[Case]] | None = None,
-        *,
-        task: str,
-        praise: str,
-        hint: str = "",
-        line: str = "",
-        library: tuple[str, ...] = (),
-        mistakes: tuple[Mistake, ...] = (),
-        also: tuple[Any, ...] = (),
-        parts: tuple[str, ...] = (),
-        form: Callable[..., Any] = np.asarray,
-        atol: float = 1e-9,
-        rtol: float = 0.0,
-    ):
-        self.right, self.cases, self.also, self.parts, self.form = right, cases, also, parts, form
-        self.praise, self.hint, self.library, self.mistakes = praise, hint, library, mistakes
-        self.more = f"In code: `{line}`." if line else hint
-        self.atol, self.rtol = atol, rtol
+    right: Any
+    cases: Callable[[], list[Case]] | None = None
+    _: KW_ONLY
+    task: str
+    praise: str
+    hint: str = ""
+    line: str = ""
+    library: tuple[str, ...] = ()
+    mistakes: Mapping[str, Any] = field(default_factory=dict)
+    slips: Mapping[str, str] = field(default_factory=dict)
+    also: tuple[Any, ...] = ()
+    parts: tuple[str, ...] = ()
+    form: Callable[..., Any] = np.asarray
+    atol: float = 1e-9
+    rtol: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.__doc__ = self.task
+        self.more = f"In code: `{self.line}`." if self.line else self.hint
         self.failures = 0  # in a row
-        self.__doc__ = task
+        usual = {name: says for name, (says, _) in SLIPS.items()} if self.cases else {}
+        self.slips = {**usual, **self.slips}
+        self.answers: dict[str, list[Any]] = {}
+        self.tests: dict[str, Callable[..., Any]] = {}
+        for says, known in self.mistakes.items():
+            for each in known if isinstance(known, tuple) else (known,):
+                if isinstance(each, When) or isinstance(self.right, Mapping):
+                    self.tests[says] = each.test if isinstance(each, When) else each
+                else:
+                    self.answers.setdefault(says, []).append(each)
 
     def __call__(self, answer: Any, *given: Any) -> Verdict:
-        if any(each is None or each is ... for each in (answer, *given)):
+        if any(each is None or each is ... for each in (answer, *given)) or is_stub(answer):
             return Verdict(False, "there is no answer, replace the dots.")
-        try:
-            if self.cases and not callable(answer):
-                return Verdict(False, f"expected a function, got {type(answer).__name__}.")
-            if self.cases and (name := handed_back(answer, self.library)):
-                return Verdict(
-                    False,
-                    f"this hands the work to `{name}`.",
-                    "writing it yourself is the point here; compare the two once yours passes.",
-                )
-            verdict = self.judge(answer, *given)
-        except Exception as error:
-            return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
+        verdict = self.judge(answer, *given)
         self.failures = 0 if verdict.passed else self.failures + 1
         if verdict.passed:
             return Verdict(True, verdict.message + keep(answer, self.judge)) if self.cases else verdict
@@ -115,22 +149,30 @@ class Exercise:
 
     def judge(self, answer: Any, *given: Any) -> Verdict:
         """The verdict on an answer; no failure is counted, and nothing is kept."""
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            if isinstance(self.right, Mapping):
-                return self._judge_facts(answer)
-            if self.cases is None:
-                return self._judge(lambda *_: answer, [given])
-            return self._judge(answer, self.cases())
+        if self.cases and not callable(answer):
+            return Verdict(False, f"expected a function, got {type(answer).__name__}.")
+        if self.cases and (name := handed_back(answer, self.library)):
+            hint = "writing it yourself is the point here; compare the two once yours passes."
+            return Verdict(False, f"this hands the work to `{name}`.", hint)
+        try:
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")
+                if isinstance(self.right, Mapping):
+                    return self._judge_facts(answer)
+                if self.cases is None:
+                    return self._judge(lambda *_: answer, [given])
+                return self._judge(answer, self.cases())
+        except Exception as error:
+            return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
 
     def _judge_facts(self, answer: Any) -> Verdict:
         """The first mistake that the facts of a panel show; an unknown fact is NaN."""
         if not isinstance(answer, Mapping):
             return Verdict(False, f"expected the facts of a panel, got {type(answer).__name__}.")
         facts = defaultdict(lambda: float("nan"), answer)
-        for mistake in self.mistakes:
-            if mistake.when is not None and mistake.when(facts):
-                return Verdict(False, mistake.says.format_map(facts), mistake.hint)
+        for says, test in self.tests.items():
+            if test(facts):
+                return Verdict(False, says.format_map(facts))
         return Verdict(True, self.praise.format_map(facts))
 
     def _judge(self, answer: Callable[..., Any], cases: list[Case]) -> Verdict:
@@ -144,29 +186,45 @@ class Exercise:
         wrong, expected = got[first], right[first]
         if isinstance(expected, Unusable):
             return expected
-        lengths = [
-            max((self._agreed(got, self._results(each, cases)) for each in known.answers), default=0)
-            for known in self.mistakes
-        ]
+        if self.parts and all(map(self._same, got, [*right[len(cases) :], *right[: len(cases)]])):
+            return Verdict(False, f"{' and '.join(self.parts)} have changed places.")
         part, case = divmod(first, len(cases))
         what = self.parts[part] if self.parts else "the result"
-        longest = max(lengths, default=0)
-        named = self.mistakes[lengths.index(longest)] if longest > first else None
-        if named is None:
+        lengths = {
+            says: max(self._agreed(got, self._results(each, cases)) for each in answers)
+            for says, answers in self.answers.items()
+        }
+        named = max(lengths, key=lengths.__getitem__, default="")
+        if lengths.get(named, 0) < (part + 1) * len(cases):  # what explains the whole part comes first
+            partly = named if lengths.get(named, 0) > first else not_indices(wrong, expected)
+            named = self._slip(got, right, part, len(cases)) or partly
+        if not named:
             # A function that may give back None can do so in the wrong case.
             missing = wrong is None and any(each is None for each in right)
             if not missing and (reason := unusable(wrong, expected, what, self.hint)):
                 return reason
-            tests = ((each, each.when) for each in self.mistakes if each.when)
-            named = next((each for each, when in tests if holds(when, wrong, *cases[case])), None)
-        if named is not None:
-            return Verdict(False, named.says.format_map({"got": wrong, "right": expected}), named.hint)
+            tests = self.tests.items()
+            named = next((says for says, test in tests if holds(test, wrong, *cases[case])), "")
+        if named:
+            return Verdict(False, named.format_map({"got": wrong, "right": expected, "what": what}))
         constant = first > 0 and not self.parts and all(self._same(each, got[0]) for each in got)
         if constant and expected is not None:
             return Verdict(False, "the result is the same whatever the inputs are.", "compute it from them.")
         if wrong is not None and np.isnan(wrong).any():
             return Verdict(False, f"{what} contains NaN.", "is something divided by zero?")
         return Verdict(False, self._difference(wrong, expected, what, cases[case]), self.hint)
+
+    def _slip(self, got: list[Any], right: list[Any], part: int, cases: int) -> str:
+        """Words for what has been made of all right results of a part; "" where it is nothing known."""
+        here = slice(part * cases, (part + 1) * cases)
+        if not all(isinstance(each, np.ndarray) for each in (*got[here], *right[here])):
+            return ""
+        for name, says in self.slips.items():
+            make = SLIPS[name][1]
+            mine = map(make, got[here]) if make is in_order else got[here]
+            if all(map(self._same, mine, [result(outcome(make, (each,))) for each in right[here]])):
+                return says
+        return ""
 
     def _passed(self, got: list[Any], right: list[Any], cases: int, changed: list[int]) -> Verdict:
         """Praise, with the results of the first case; unless a call changed its inputs."""

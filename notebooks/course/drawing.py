@@ -26,11 +26,6 @@ HALF_HEIGHT = 150  # of a photo of half the width
 DPI = 100
 LEFT, RIGHT, ABOVE, BELOW = 58, 14, 26, 42  # pixels round an axis, for its numbers and names
 
-# Okabe and Ito's colours. The same thing has the same colour in every chapter.
-GOOD, BAD, THIRD, FOURTH, FIFTH = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"
-DARK, PALE = "#222222", "#B0B0B0"
-CYCLE = (GOOD, BAD, THIRD, FOURTH, FIFTH, "#56B4E9", "#F0E442")
-
 FONT_SIZE, TITLE_SIZE = 9.0, 10.0
 COARSE = (1.0, 2.0, 5.0)  # mantissas of round numbers
 FINE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
@@ -47,11 +42,6 @@ Place = Literal["best", "upper left", "upper right", "lower left", "lower right"
 
 # Text layout of matplotlib shares state between threads: cells and panel callbacks draw one at a time.
 _drawing = threading.RLock()
-
-
-def bgr(colour: str) -> tuple[int, int, int]:
-    """A colour "#RRGGBB" as OpenCV's (blue, green, red)."""
-    return int(colour[5:7], 16), int(colour[3:5], 16), int(colour[1:3], 16)
 
 
 def figure(

@@ -196,6 +196,13 @@ def consensus_rotation(x_p: Array, x_c: Array, X_p: Array, rng: np.random.Genera
     return motion_of_winner(winner, x_p, x_c, X_p, config, focal)[0]
 
 
+def true_poses(sequence: Sequence) -> Array:
+    """The true poses (N, 4, 4); `DataError` where there are none."""
+    if sequence.truth is None:
+        raise DataError(f"{sequence.name} has no ground truth to compare with")
+    return sequence.truth
+
+
 def true_motion(sequence: Sequence, frame: int) -> Array | None:
     """The true T_cp (4, 4) of a frame >= 1, or None."""
     poses = sequence.truth

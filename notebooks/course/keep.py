@@ -178,6 +178,16 @@ def _with(text: str, name: str, source: str, imports: list[str]) -> str:
     return kept if same else f"{kept.rstrip()}\n\n\n{source}\n"
 
 
+def is_stub(answer: Any) -> bool:
+    """Whether an answer is a function as a notebook begins it: `def name(x): ...`."""
+    if not isinstance(answer, FunctionType) or answer.__name__ == "<lambda>":
+        return False
+    return answer.__code__.co_code == _stub.__code__.co_code
+
+
+def _stub() -> None: ...
+
+
 def handed_back(answer: Any, names: Sequence[str]) -> str:
     """The first of some functions of the library that an answer is, or calls; "" where it calls none of them.
 

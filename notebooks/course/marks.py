@@ -9,6 +9,7 @@ Run it in the folder of the notebooks. It runs what the students have written.
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib
 import json
 import re
@@ -19,7 +20,7 @@ from typing import Any
 from vo_lib.core.errors import DataError
 
 from .checker import Exercise
-from .keep import handed_back, load
+from .keep import load
 from .results import Verdict
 
 NOTEBOOKS = Path(__file__).resolve().parents[1]
@@ -27,6 +28,7 @@ HEADING = re.compile(r"^### Exercise (\d+\.\d+)", re.MULTILINE)
 CHECK = re.compile(r"^(ch\d\d)\.(\w+)\((\w+)\)$", re.MULTILINE)
 
 
+@functools.cache
 def asked() -> dict[str, tuple[str, Exercise]]:
     """The functions that the notebooks ask for, by name: the number of the exercise, and its check."""
     found, number = {}, ""
@@ -41,16 +43,6 @@ def asked() -> dict[str, tuple[str, Exercise]]:
     return found
 
 
-def judged(function: Any, exercise: Exercise) -> Verdict:
-    """The verdict on a function of `my_vo.py`; nothing is kept."""
-    if name := handed_back(function, exercise.library):
-        return Verdict(False, f"this hands the work to `{name}`.")
-    try:
-        return exercise.judge(function)
-    except Exception as error:
-        return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
-
-
 def marks(path: Path) -> dict[str, Any]:
     """How many functions of a file pass, and of each its exercise, whether it passes, and what is wrong.
 
@@ -63,7 +55,7 @@ def marks(path: Path) -> dict[str, Any]:
     for name, (number, exercise) in asked().items():
         verdict = Verdict(False, "not there")
         if callable(written.get(name)):
-            verdict = judged(written[name], exercise)
+            verdict = exercise.judge(written[name])
         says = "" if verdict.passed else verdict.message
         functions[name] = {"exercise": number, "passed": verdict.passed, "says": says}
     passed = sum(each["passed"] for each in functions.values())

@@ -24,12 +24,12 @@ from vo_lib.core.types import Progress
 from vo_lib.data.sequence import Sequence, available
 from vo_lib.runs.runner import single_threaded
 
+from .colours import BAD
 from .controls import CELL, CELL_WIDTH, PLAIN, Control, Knob
-from .drawing import BAD, WIDTH, stack
-from .facts import Fact, facts_html
+from .drawing import WIDTH, stack
 from .frames import DEFAULT, is_open, keep, opened
 from .progress import Job, Stopped
-from .results import marked
+from .results import Fact, facts_html, marked
 
 ERROR_CLASS = "vo-panel-error"  # tests look for it in saved widget state
 ERROR_STYLE = f"max-width:{WIDTH - 20}px;padding:4px 8px;border-left:4px solid {BAD}"
@@ -47,11 +47,12 @@ class State:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture as JPEG bytes, WIDTH pixels wide, a sentence on what it shows, and numbers with units."""
+    """A picture as JPEG bytes, WIDTH pixels wide, a sentence on what it shows, numbers, and tables as HTML."""
 
     picture: bytes
     sentence: str
     facts: tuple[Fact, ...] = ()
+    tables: str = ""
 
 
 class Panel:
@@ -91,7 +92,7 @@ class Panel:
         # In a narrow window smaller, never cut off.
         fixed = {"width": f"{WIDTH}px", "max_width": "100%", "height": "auto"}
         self.picture = widgets.Image(value=white, format="jpeg", layout=fixed)
-        self._message, self._text = (widgets.HTML(layout={"width": "100%"}) for _ in range(2))
+        self._message, self._text, self.tables = (widgets.HTML(layout={"width": "100%"}) for _ in range(3))
         self.knobs = self._make_knobs({key.replace("__", "."): value for key, value in values.items()})
         self.chooser = widgets.Dropdown(options=[*available()], value=None, description="sequence", **PLAIN)
         self.folder = widgets.Text(placeholder="or the path of a folder of your own", continuous_update=False)
@@ -178,7 +179,7 @@ class Panel:
         with self._lock:
             self._text.value = facts_html(drawing.sentence, drawing.facts, self.facts)
             self.facts = {fact.name: fact.value for fact in drawing.facts}
-            self.picture.value = drawing.picture
+            self.picture.value, self.tables.value = drawing.picture, drawing.tables
             self.error = self._message.value = ""
 
     def _fail(self, error: Exception) -> None:
@@ -215,7 +216,7 @@ class Panel:
             wide = {"width": f"{CELL_WIDTH - 12}px"}
             rows.append(widgets.Button(description=self.long_job, icon="play", layout=wide))
             rows[-1].on_click(self.run)
-        rows += [self.job.box, self._message, self.picture, self._text]
+        rows += [self.job.box, self._message, self.picture, self._text, self.tables]
         width = {"width": f"{WIDTH + 24}px", "max_width": "100%"}
         return widgets.VBox(rows, layout={**width, "padding": "8px", "border": "1px solid #BBB"})
 

@@ -1,4 +1,4 @@
-"""What an answer gives back: made comparable, shown in a few words, or the reason why it cannot be judged."""
+"""What an answer gives back, made comparable and shown in a few words; and the facts below a panel's picture."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 
 import vo_lib
+
+from .colours import DARK
+from .drawing import WIDTH
 
 RIGHT, NOT_YET = "#009E73", "#D55E00"
 RIGHT_CLASS, NOT_YET_CLASS = "vo-right", "vo-not-yet"  # tests look for them
@@ -86,6 +89,15 @@ def is_list(expected: Any) -> bool:
     return isinstance(expected, np.ndarray) and expected.dtype.kind in "iu" and expected.ndim == 1
 
 
+def not_indices(got: Any, expected: Any) -> str:
+    """What a result is instead of indices, in words; "" where it may be indices, or none are expected."""
+    if not (is_list(expected) and isinstance(got, np.ndarray) and np.isfinite(got).all()):
+        return ""
+    if got.size > 2 and np.isin(got, (0, 1)).all():
+        return "this looks like a mask; indices are wanted."
+    return "indices are asked for, not values." if got.ndim > 1 or np.mod(got, 1).any() else ""
+
+
 def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
     """Why a wrong result cannot even be compared with what is expected; the hint is for another shape."""
     if isinstance(got, Unusable):
@@ -126,3 +138,38 @@ def shown(value: Any) -> str:
     if isinstance(value, (int, float, np.number, np.ndarray)):
         return f"{value:.5g}"
     return str(value) if value is None or isinstance(value, dict) else ""
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A number shown below a picture; `digits` after the point."""
+
+    name: str
+    value: float
+    unit: str = ""
+    digits: int = 0
+
+    def text(self, before: float | None) -> str:
+        """The number with its unit, and how it changed from `before`, as HTML."""
+        space = "" if self.unit in ("", "°") else "&nbsp;"
+        value = round(self.value, self.digits) + 0.0  # no minus before a zero
+        shown = "–" if np.isnan(value) else f"{value:.{self.digits}f}{space}{html.escape(self.unit)}"
+        change = np.nan if before is None else self.value - before
+        if np.isnan(change) or abs(change) < 0.5 * 10.0**-self.digits:
+            return shown
+        return f'{shown} <span style="color:{DARK};opacity:.6">({change:+.{self.digits}f})</span>'
+
+
+def facts_html(sentence: str, facts: tuple[Fact, ...], before: dict[str, float]) -> str:
+    """A sentence, and below it the facts in a row, each with its change since `before`."""
+    cells = "".join(
+        '<div style="margin-right:26px">'
+        f'<div style="font-size:11px;opacity:.7">{html.escape(fact.name)}</div>'
+        f'<div style="font-size:15px">{fact.text(before.get(fact.name))}</div></div>'
+        for fact in facts
+    )
+    return (
+        f'<div style="max-width:{WIDTH}px;line-height:1.35">'
+        f'<div style="margin:4px 0 6px">{marked(sentence)}</div>'
+        f'<div style="display:flex;flex-wrap:wrap">{cells}</div></div>'
+    )

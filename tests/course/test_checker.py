@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,25 +12,22 @@ import pytest
 
 from course.ch00 import exercises as ch00
 from course.ch02 import exercises as ch02
-from course.checker import Exercise, Mistake, any_order, times
+from course.checker import SLIPS, Exercise, When, any_order
 from course.keep import HEAD, handed_back, keep
 from course.results import NOT_YET_CLASS, RIGHT_CLASS, Verdict
 from vo_lib.method.five_point import null_space as other_name
 
-SAYS = {"twice": ("twice: {got:g}.", "once."), "odd": ("odd.", "")}
+SAYS = {"twice": "twice: {got:g}.", "odd": "odd."}
 WORDS = {"task": "Do it.", "praise": "well done, {got}.", "hint": "try."}
 
 
 @pytest.fixture
 def table() -> Callable[..., Exercise]:
-    """Makes an exercise with two known mistakes: an answer each, or {"when": a test}."""
+    """Makes an exercise with two known mistakes: an answer, or a test, each."""
 
     def make(right: Any, *more: Any, twice: Any = -1, odd: Any = -3, **options: Any) -> Exercise:
-        known = []
-        for words, told in ((SAYS["twice"], twice), (SAYS["odd"], odd)):
-            is_test = isinstance(told, dict) and "when" in told
-            known.append(Mistake(*words, **told) if is_test else Mistake(*words, told))
-        return Exercise(right, *more, mistakes=tuple(known), **{**WORDS, **options})
+        known = {SAYS["twice"]: twice, SAYS["odd"]: odd}
+        return Exercise(right, *more, mistakes=known, **{**WORDS, **options})
 
     return make
 
@@ -47,7 +45,7 @@ def test_a_function_is_run_over_all_cases(table: Callable[..., Exercise]) -> Non
     assert x.__doc__ == "Do it."
     assert repr(x(square)) == "right: well done, 0.0."
     # 2 x is right for 0 and 2, x³ for 0 only: what agrees for longest is told.
-    assert repr(x(lambda x: 2.0 * x)) == "not yet: twice: 6. Hint: once."
+    assert repr(x(lambda x: 2.0 * x)) == "not yet: twice: 6."
     assert x(lambda x: x**3).message == "odd."
     assert repr(x(lambda x: x + 2.0)) == "not yet: the result is 2, expected 0 for x = 0. Hint: try."
     assert "whatever the inputs are" in x(lambda x: 0.0).message
@@ -57,19 +55,19 @@ def test_a_function_is_run_over_all_cases(table: Callable[..., Exercise]) -> Non
 
 def test_a_second_failure_in_a_row_is_told_the_line(table: Callable[..., Exercise]) -> None:
     x = table(square, numbers, twice=lambda x: 2.0 * x, line="x**2")
-    for told in ("once.", "once. In code: `x**2`."):
+    for told in ("", "In code: `x**2`."):
         assert x(...).hint == ""  # no answer is no failure
-        assert x.judge(lambda x: 2.0 * x).hint == "once."  # nor is one that only the file asks about
+        assert x.judge(lambda x: 2.0 * x).hint == ""  # nor is one that only the file asks about
         assert x(lambda x: 2.0 * x).hint == told
     assert x(lambda x: 1.0).hint == "try. In code: `x**2`."
     assert x(square).passed
-    assert x(lambda x: 2.0 * x).hint == "once."
+    assert x(lambda x: 2.0 * x).hint == ""
 
 
 def test_a_value_is_compared_with_what_stands_beside_it(table: Callable[..., Exercise]) -> None:
     x = table(lambda given: given + 1, rtol=0.1, twice=lambda given: 2 * given)
     assert x(11.5, 10).passed
-    assert repr(x(20, 10)) == "not yet: twice: 20. Hint: once."
+    assert repr(x(20, 10)) == "not yet: twice: 20."
     assert repr(x(15, 10)) == "not yet: 15 is not it. Hint: try."
     assert "expected numbers, got function" in x(square, 10).message
     for missing in (None, ...):
@@ -78,8 +76,7 @@ def test_a_value_is_compared_with_what_stands_beside_it(table: Callable[..., Exe
 
 def test_facts_of_a_panel_are_judged_by_tests_in_turn(table: Callable[..., Exercise]) -> None:
     facts = {"got": 3.0}
-    tests = ({"when": lambda f: f["got"] == 2}, {"when": lambda f: np.isnan(f["other"])})
-    x = table(facts, twice=tests[0], odd=tests[1])
+    x = table(facts, twice=lambda f: f["got"] == 2, odd=lambda f: np.isnan(f["other"]))
     assert x({"got": 3.0, "other": 1.0}).passed
     assert x({"got": 2.0}).message == "twice: 2."
     assert x(facts).message == "odd."
@@ -90,15 +87,49 @@ def test_results_in_parts_are_judged_in_their_order(table: Callable[..., Exercis
     def both(x: float) -> tuple[float, float]:
         return x + 1.0, x - 1.0
 
-    twice = times(lambda x: (x + 1.0, x - 1.0), 2.0, 1.0)
-    odd = times(lambda x: (x + 1.0, x - 1.0), 1.0, 3.0)
-    x = table(both, numbers, parts=("a", "b"), twice=twice, odd=odd)
+    def thrice(x: float) -> tuple[float, float]:
+        return x + 1.0, 3.0 * x - 3.0
+
+    x = table(both, numbers, parts=("a", "b"), twice=lambda x: (2 * x + 2.0, x - 1.0), odd=thrice)
     assert x(lambda x: np.array(both(x))).passed
     assert x(lambda x: (y for y in both(x))).passed
     assert x(lambda x: (2 * x + 2.0, 77.0)).message == "twice: 2."
-    assert x(times(both, 1.0, 3.0)).message == "odd."
+    assert x(thrice).message == "odd."
+    assert x(lambda x: both(x)[::-1]).message == "a and b have changed places."
+    assert x(lambda x: (x + 1.0, 1.0 - x)).message == "b has the wrong sign."
     assert "b is 9, expected -1 for x = 0" in x(lambda x: (x + 1.0, 9.0)).message
     assert "2 results: a, b" in x(lambda x: x).message
+
+
+MATRICES = [(np.array([[1.0, 2.0, 3.0], [5.0, 4.0, 7.0]]),), (np.array([[4.0, 2.0], [8.0, 3.0]]),)]
+MASKS = [(np.array([True, True, False]),), (np.array([False, True]),)]
+
+
+@pytest.mark.parametrize("name", SLIPS)
+def test_slips_are_told_where_they_explain_every_result(table: Callable[..., Exercise], name: str) -> None:
+    cases, (says, make) = MASKS if name in ("indices", "inverted") else MATRICES, SLIPS[name]
+    if name == "order":
+        make = np.flipud
+    x = table(lambda A: 1 * A, lambda: cases)
+    assert x(lambda A: make(1 * A)).message == says.replace("{what}", "the result")
+    assert "off by" not in x(lambda A: make(1 * A) if len(A.T) > 2 else 7 * A).message
+    own = table(lambda A: 1 * A, lambda: cases, slips={name: "mind."})
+    assert own(lambda A: make(1 * A)).message == "mind."
+
+
+def test_values_and_masks_in_the_place_of_indices_are_told(table: Callable[..., Exercise]) -> None:
+    x = table(lambda a: np.flatnonzero(a > 1), lambda: [(np.array([0.5, 1.5, 2.5, 0.2]),)])
+    assert x(lambda a: a > 1).message == "this looks like a mask; indices are wanted."
+    for answer in (lambda a: a[a > 1], lambda a: [[1, 2]]):
+        assert x(answer).message == "indices are asked for, not values."
+
+
+def test_an_exercise_as_the_notebook_begins_it_has_no_answer(table: Callable[..., Exercise]) -> None:
+    def begun(x: float) -> None: ...
+
+    x = table(square, numbers)
+    assert x(begun).message == "there is no answer, replace the dots."
+    assert x.failures == 0
 
 
 def test_other_right_answers_and_orders_pass(table: Callable[..., Exercise]) -> None:
@@ -120,7 +151,7 @@ def test_other_right_answers_and_orders_pass(table: Callable[..., Exercise]) -> 
         (lambda A: A @ A, "ValueError"),
         (lambda A: A @ A, "A @ A"),
         (lambda A, B: A, "TypeError"),
-        (lambda A: 2 * A, "the result is [[2, 2, 2], [2, 2, 2]], expected [[1, 1, 1], [1, 1, 1]] for A ="),
+        (lambda A: 3 * A, "the result is [[3, 3, 3], [3, 3, 3]], expected [[1, 1, 1], [1, 1, 1]] for A ="),
     ],
 )
 def test_what_is_wrong_with_a_result_is_told(
@@ -154,7 +185,7 @@ def test_a_function_that_stops_may_be_a_known_mistake(table: Callable[..., Exerc
 
 
 def test_a_check_never_raises(table: Callable[..., Exercise]) -> None:
-    twice, odd = {"when": lambda got, x: got["no"]}, {"when": lambda *case: 1 / 0}
+    twice, odd = When(lambda got, x: got["no"]), When(lambda *case: 1 / 0)
     x = table(square, numbers, twice=twice, odd=odd)
     assert "ZeroDivisionError" in x(lambda x: 7.0).message
     assert "AttributeError" in ch00.disparity_at_20_m(3.0, object()).message
@@ -242,6 +273,6 @@ def test_a_file_that_cannot_be_read_as_python_stays_as_it_is(folder: Path) -> No
 def test_what_has_no_source_is_passed_over(folder: Path) -> None:
     spoken: dict[str, Any] = {}
     exec("def null_basis(A): ...", spoken)
-    for function in (spoken["null_basis"], np.sum, lambda A: A, times(null_basis, 2), int):
+    for function in (spoken["null_basis"], np.sum, lambda A: A, partial(null_basis), int):
         assert keep(function) == ""
     assert not (folder / "my_vo.py").exists()

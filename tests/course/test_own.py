@@ -1,8 +1,9 @@
-"""The student's stages joined, filmed, judged and marked; sketches, sources, slides, some drawn frames."""
+"""The student's stages joined, filmed, judged and marked; sources, slides, some drawn frames."""
 
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,14 +14,14 @@ import pytest
 from conftest import write_bands
 
 import course
-from course import drawing, marks, sketches, slides
+from course import drawing, marks, slides
 from course.ch00 import exercises as ch00
 from course.ch03 import exercises as ch03
 from course.ch04 import exercises as ch04
 from course.ch08 import exercises as ch08
 from course.ch08 import own
-from course.checker import Exercise
-from course.drawing import figure, raster, show_source
+from course.checker import any_order
+from course.drawing import figure, show_source
 from vo_lib import open_sequence, preset, run
 from vo_lib.core.errors import DataError
 from vo_lib.data.drawn import ensure_scene
@@ -35,8 +36,8 @@ def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert own.join().facts == {"borrowed": len(own.STAGES)}
-    lines = ["def weights(r, s):", "    return 1 / (1 + (r / s) ** 2)", "def chain(motions): return motions"]
-    (tmp_path / "my_vo.py").write_text("\n".join(lines), encoding="utf-8")
+    lines = "def weights(r, s): return 1 / (1 + (r / s) ** 2)\ndef chain(motions): return motions\n"
+    (tmp_path / "my_vo.py").write_text(lines)
     mine = own.join(truncated_error=lambda d, t: np.mean(np.minimum((d / t) ** 2, 1.0)))
     yours = [name for name, whose in mine.whose.items() if whose == "yours"]
     assert yours == ["truncated_error", "weights"]
@@ -48,21 +49,10 @@ def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
     assert "fails its check" in mine._repr_html_()
     with pytest.raises(AttributeError, match="no stage is called turn"):
         mine.turn  # noqa: B018
-    (tmp_path / "my_vo.py").write_text("1 / 0\n")
-    with pytest.raises(DataError, match="ZeroDivisionError"):
-        own.join()
-
-
-def test_stages_are_numbered_as_in_the_notebooks() -> None:
-    asked = marks.asked()
-    assert {name: asked[name] for name in own.STAGES} == own.STAGES
 
 
 def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
     part = street.part(0, 30)
-
-    def published(sequence: Any, matches: Any, seed: int) -> Any:
-        return PATHS[seed]
 
     def peeks(sequence: Any, matches: Any, seed: int) -> Any:
         return sequence.truth[:, :3]
@@ -70,15 +60,14 @@ def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
     def hands_over(sequence: Any, matches: Any, seed: int) -> Any:
         return run(sequence, preset("feature_selection", seed=seed)).poses
 
-    PATHS = [
-        run(part, preset("feature_selection", variant="published", seed=seed)).poses for seed in ch08.SEEDS
-    ]
+    configs = [preset("feature_selection", variant="published", seed=seed) for seed in ch08.SEEDS]
+    published = [run(part, config).poses for config in configs]
     assert "expected your function" in ch08.better({"RE": 0.1, "RE published": 0.5}, part).message
     assert "replace the dots" in ch08.better(..., part).message
     assert "hands the work to `run`" in ch08.better(hands_over, part).message
     assert "TypeError" in ch08.better(peeks, part).message
-    assert "gave back no path" in ch08.better(lambda *_, seed: PATHS[seed][1:], part).message
-    assert "not yet a quarter" in ch08.better(published, part).message
+    assert "gave back no path" in ch08.better(lambda *_, seed: published[seed][1:], part).message
+    assert "not yet a quarter" in ch08.better(lambda *_, seed: published[seed], part).message
 
 
 def test_a_film_has_every_frame_of_ones_own_path(tmp_path: Path) -> None:
@@ -93,25 +82,21 @@ def test_a_film_has_every_frame_of_ones_own_path(tmp_path: Path) -> None:
 def test_marks_say_of_each_function_whether_it_passes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lines = [
-        "import numpy as np",
-        "from vo_lib.method.five_point import five_point",
-        "def weights(r, s): return 1 / (1 + (r / s) ** 2)",
-        "def chain(motions): return motions",
-        "def solve_five(x_p, x_c): return five_point(x_p, x_c)",
-    ]
-    (tmp_path / "anna.py").write_text("\n".join(lines), encoding="utf-8")
-    (tmp_path / "ben.py").write_text("1 / 0", encoding="utf-8")
-    words = ["marks", str(tmp_path / "anna.py"), str(tmp_path / "ben.py")]
+    anna, ben = tmp_path / "anna.py", tmp_path / "ben.py"
+    anna.write_text("""from vo_lib.method.five_point import five_point
+def weights(r, s): return 1 / (1 + (r / s) ** 2)
+def chain(motions): return motions
+def solve_five(x_p, x_c): return five_point(x_p, x_c)
+""")
+    ben.write_text("1 / 0")
+    words = ["marks", str(anna), str(ben)]
     monkeypatch.setattr(sys, "argv", words)
     assert marks.main() == 2
     told = capsys.readouterr()
-    assert f"1 of {len(marks.asked())} pass" in told.out
-    assert "4.7  weights              passes" in told.out
-    assert "3.5  select               not there" in told.out
-    assert "hands the work to `five_point`" in told.out
-    assert "ben.py: it cannot be run" in told.err
-    assert len(told.err.splitlines()) == 1
+    weights, select = "4.7  weights              passes", "3.5  select               not there"
+    for line in (f"1 of {len(marks.asked())} pass", weights, select, "hands the work to `five_point`"):
+        assert line in told.out
+    assert re.fullmatch("error: .*ben.py: it cannot be run.*\n", told.err)
     monkeypatch.setattr(sys, "argv", ["marks", "--json", words[1]])
     assert marks.main() == 0
     functions = json.loads(capsys.readouterr().out)[words[1]]["functions"]
@@ -144,12 +129,6 @@ def test_exact_rows_leave_nothing_under_the_true_translation() -> None:
     assert own.residuals(M, c, ch04.T_CP + 0.1).min() > 1e-3
 
 
-def test_every_sketch_is_another_picture() -> None:
-    names = ("stereo_triangle", "epipolar_plane", "eight_rays", "sub_sequence", "pose_chain")
-    pictures = {raster(getattr(sketches, name)()).tobytes() for name in names}
-    assert len(pictures) == len(names)
-
-
 @pytest.mark.parametrize("line", ["import sys; sys.exit(0)", "raise KeyboardInterrupt", "1 / 0"])
 def test_a_module_of_mine_that_ends_the_program_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
@@ -161,9 +140,9 @@ def test_a_module_of_mine_that_ends_the_program_is_told(
 
 
 def test_the_source_of_a_stage_is_the_real_one() -> None:
-    shown = str(show_source(nearest_to_prior, Exercise))
+    shown = str(show_source(nearest_to_prior, any_order))
     assert shown.startswith("# vo_lib/method/selection.py\ndef nearest_to_prior(")
-    assert "# course/checker.py\nclass Exercise" in shown
+    assert "# course/checker.py\ndef any_order" in shown
 
 
 def test_some_frames_of_a_scene_are_those_of_the_whole_scene(tmp_path: Path) -> None:
@@ -172,11 +151,9 @@ def test_some_frames_of_a_scene_are_those_of_the_whole_scene(tmp_path: Path) -> 
     assert part == ensure_scene(config, tmp_path, frames=range(2, 5))
     whole = ensure_scene(config, tmp_path, jobs=1)
     assert whole != part
-    names = sorted(path.name for path in (part / "image_0").iterdir())
+    names = sorted(path.name for path in (part / "image_1").iterdir())
     assert names == ["000002.png", "000003.png", "000004.png"]
     for name in names:
         assert (part / "image_1" / name).read_bytes() == (whole / "image_1" / name).read_bytes()
-    truth = open_sequence(whole).truth
-    assert truth is not None
-    np.testing.assert_array_equal(open_sequence(part).truth, truth[2:5])
+    np.testing.assert_array_equal(open_sequence(part).truth, np.asarray(open_sequence(whole).truth)[2:5])
     assert ensure_scene(config, tmp_path, frames=range(2, 5)) == whole

@@ -20,7 +20,8 @@ from course.ch04.weightings import alone
 from course.ch05.figures import cells_picture
 from course.ch05.panel import as_yolox
 from course.ch06.panel import EvaluationPanel, read_own
-from course.drawing import GOOD, WIDTH, bgr
+from course.colours import GOOD, bgr
+from course.drawing import WIDTH
 from course.frames import frame_points
 from vo_lib import open_sequence
 from vo_lib.config import Config, FeatureConfig, MatchingConfig, TranslationConfig, preset

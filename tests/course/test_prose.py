@@ -14,123 +14,103 @@ from course.ch03 import SelectionPanel
 from course.ch04 import TranslationPanel
 from course.ch05 import FilteringPanel
 from course.ch06 import EvaluationPanel
-from course.panel import Panel
 from vo_lib.data.sequence import Sequence
 
 FOLDER = Path(__file__).resolve().parents[2] / "notebooks"
-PANELS: dict[str, type[Panel]] = {
-    "03": SelectionPanel,
-    "04": TranslationPanel,
-    "05": FilteringPanel,
-    "06": EvaluationPanel,
-}
+PANELS = {"03": SelectionPanel, "04": TranslationPanel, "05": FilteringPanel, "06": EvaluationPanel}
 NONE_MADE_UP = {"view__scale": 0.0, "view__yaw": 0.0, "view__noise": 0.0, "view__jitter": 0.0}
 LONG = 300.0  # seconds; a safeguard
 Facts = dict[str, float]
-
-# A sentence's beginning, its numbers as groups; settings; a test of (facts, facts before, numbers).
-SEEN: list[tuple[str, str, dict[str, Any], Callable[[Facts, Facts, list[float]], bool]]] = [
-    (
-        "03",
-        r"Set \*moving share\* to ([.\d]+) instead",
-        {"view__moving": 0.6},
-        lambda now, _, said: said == [0.6] and now["error by selection"] > 1.5,
-    ),
-    (
-        "03",
-        r"Set \*wrong share\* to ([.\d]+)",
-        {"view__wrong": 0.6},
-        lambda now, _, said: said == [0.6] and now["error by selection"] < 0.05,
-    ),
-    (
-        "04",
-        r"from a fraction of a millimetre to almost a tenth of a metre",
-        {"view__weighting": "mean of features"},
-        lambda now, before, _: before["σ in z"] < 0.5 and 80 < now["σ in z"] < 100,
-    ),
-    (
-        "04",
-        r"to (\d+) m\. A third of the features goes, and the error stays",
-        {"translation__max_depth": 20},
-        lambda now, before, said: (
-            said == [20]
-            and abs(now["features used"] / before["features used"] - 2 / 3) < 0.05
-            and now["error"] < 1.5 * before["error"]
-        ),
-    ),
-    (
-        "04",
-        r"At (\d+) m about a dozen are left, and the error jumps",
-        {"translation__max_depth": 5},
-        lambda now, before, said: (
-            said == [5] and 10 <= now["features used"] <= 14 and now["error"] > 4 * before["error"]
-        ),
-    ),
-    (
-        "05",
-        r"Lower the \*score\* to ([.\d]+): more than twice as many boxes",
-        {"filter__score": 0.02},
-        lambda now, before, said: said == [0.02] and now["boxes"] > 2 * before["boxes"],
-    ),
-    (
-        "05",
-        r"At ([.\d]+) a car swallows its neighbours",
-        {"view__nms": 0.05},
-        lambda now, before, said: said == [0.05] and now["boxes"] < before["boxes"],
-    ),
-    (
-        "05",
-        r"Type (\d) into \*classes\*: .* so no box counts",
-        {"filter__classes": "7"},
-        lambda now, _, said: said == [7] and now["boxes"] == now["removed"] == 0,
-    ),
-    (
-        "05",
-        r"Raise the \*margin\* to (\d): .* the filter goes off",
-        {"filter__margin": 1.0},
-        lambda now, _, said: said == [1] and now["removed"] == 0,
-    ),
-    (
-        "05",
-        r"Choose `labels`: the end of the white car behind the dark one has no box",
-        {"view__model": "labels"},
-        lambda now, before, _: now["boxes"] == before["boxes"] - 1,
-    ),
-    (
-        "06",
-        r"TE is (\d), whatever the length, and RE is (\d)\. With sim3, ATE is nearly 0",
-        {**NONE_MADE_UP, "view__scale": 2.0, "view__alignment": "sim3"},
-        lambda now, _, said: said == [round(now["TE"], 1), round(now["RE"], 1)] and now["ATE"] < 0.01,
-    ),
-    (
-        "06",
-        r"\*Noise\* of (\d+) mm alone: RPE is (\d+) mm a frame, TE ([.\d]+) %",
-        {**NONE_MADE_UP, "view__noise": 50.0},
-        lambda now, _, said: said == [50, round(now["RPE"]), round(now["TE"], 2)],
-    ),
-    (
-        "06",
-        r"\*Jitter\* of ([.\d]+)° alone: RPE is ([.\d]+) mm, and TE is ([.\d]+) %",
-        {**NONE_MADE_UP, "view__jitter": 0.1},
-        lambda now, _, said: said == [0.1, round(now["RPE"], 2), round(now["TE"], 2)],
-    ),
-]
+Seen = Callable[..., tuple[Facts, Facts, list[float]]]
 
 
-@pytest.mark.parametrize(
-    ("chapter", "sentence", "settings", "holds"), SEEN, ids=[row[1][:40] for row in SEEN]
-)
-def test_what_a_chapter_says_of_its_panel_is_seen(
-    street: Sequence, chapter: str, sentence: str, settings: dict[str, Any], holds: Callable[..., bool]
-) -> None:
-    path = next(FOLDER.glob(f"{chapter}_*.ipynb"))
-    cells = nbformat.read(path, as_version=4).cells  # type: ignore[no-untyped-call]
-    said = re.search(sentence, "\n".join(cell.source for cell in cells))
-    assert said is not None
-    panel = PANELS[chapter](street, frame=60)
-    panel.wait(LONG)
-    before = dict(panel.facts)
-    panel.set(**settings)
-    panel.wait(LONG)
-    assert panel.error == ""
-    assert holds(panel.facts, before, [float(number) for number in said.groups()])
+@pytest.fixture(scope="module")
+def seen(street: Sequence) -> Seen:
+    """Facts of a chapter's panel with other settings, those before, and the numbers in what its text says."""
+
+    def look(chapter: str, sentence: str, **settings: Any) -> tuple[Facts, Facts, list[float]]:
+        cells = nbformat.read(next(FOLDER.glob(f"{chapter}_*.ipynb")), as_version=4).cells  # type: ignore[no-untyped-call]
+        said = re.search(sentence, "\n".join(cell.source for cell in cells))
+        assert said is not None, sentence
+        panel = PANELS[chapter](street, frame=60)
+        panel.wait(LONG)
+        before = dict(panel.facts)
+        panel.set(**settings)
+        panel.wait(LONG)
+        assert panel.error == ""
+        return panel.facts, before, [float(number) for number in said.groups()]
+
+    return look
+
+
+def test_moving_matches_win_the_vote_and_wrong_ones_do_not(seen: Seen) -> None:
+    now, _, said = seen("03", r"Set \*moving share\* to ([.\d]+) instead", view__moving=0.6)
+    assert said == [0.6]
+    assert now["error by selection"] > 1.5
+    now, _, said = seen("03", r"Set \*wrong share\* to ([.\d]+)", view__wrong=0.6)
+    assert said == [0.6]
+    assert now["error by selection"] < 0.05
+
+
+def test_the_vote_takes_one_solution_of_a_plane_and_the_prior_stays_with_the_other(seen: Seen) -> None:
+    plane = {"view__plane": True, "selection__keep": 1}
+    now, _, _ = seen("03", "here it is the true one", **plane)
+    assert now["error by consensus"] == now["error by selection"] < 0.2
+    text = (
+        r"`k` to (1)\..*\*draw again\* once.* more than (\d+)° from the previous vector, .* ([.\d]+)° wrong"
+    )
+    now, _, (_, angle, wrong) = seen("03", text, **plane, view__draw=1)
+    assert now["error by consensus"] > wrong > 5 * now["error by selection"]
+    now, before, _ = seen("03", "With `k` = 2 it follows the vote", view__plane=True, view__draw=1)
+    assert now["error by selection"] == now["error by consensus"]
+    assert now["angle to the previous vector"] > angle > 5 * before["angle to the previous vector"]
+
+
+def test_far_features_are_not_missed_and_near_ones_are(seen: Seen) -> None:
+    text = r"from a fraction of a millimetre to almost a tenth of a metre"
+    now, before, _ = seen("04", text, view__weighting="mean of features")
+    assert before["σ in z"] < 0.5
+    assert 80 < now["σ in z"] < 100
+    text = r"to (\d+) m\. A third of the features goes, and the error stays"
+    now, before, said = seen("04", text, translation__max_depth=20)
+    assert said == [20]
+    assert now["features used"] / before["features used"] == pytest.approx(2 / 3, abs=0.05)
+    assert now["error"] < 1.5 * before["error"]
+    text = r"At (\d+) m about a dozen are left, and the error jumps"
+    now, before, said = seen("04", text, translation__max_depth=5)
+    assert said == [5]
+    assert 10 <= now["features used"] <= 14
+    assert now["error"] > 4 * before["error"]
+
+
+def test_boxes_follow_their_thresholds(seen: Seen) -> None:
+    now, before, said = seen(
+        "05", r"Lower the \*score\* to ([.\d]+): more than twice as many", filter__score=0.02
+    )
+    assert said == [0.02]
+    assert now["boxes"] > 2 * before["boxes"]
+    now, before, said = seen("05", r"At ([.\d]+) a car swallows its neighbours", view__nms=0.05)
+    assert said == [0.05]
+    assert now["boxes"] < before["boxes"]
+    now, _, said = seen("05", r"Type (\d) into \*classes\*: .* so no box counts", filter__classes="7")
+    assert said == [7]
+    assert now["boxes"] == now["removed"] == 0
+    now, _, said = seen("05", r"Raise the \*margin\* to (\d): .* the filter goes off", filter__margin=1.0)
+    assert said == [1]
+    assert now["removed"] == 0
+    text = "Choose `labels`: the end of the white car behind the dark one has no box"
+    now, before, _ = seen("05", text, view__model="labels")
+    assert now["boxes"] == before["boxes"] - 1
+
+
+def test_made_up_errors_have_the_size_that_is_said(seen: Seen) -> None:
+    text = r"TE is (\d), whatever the length, and RE is (\d)\. With sim3, ATE is nearly 0"
+    now, _, said = seen("06", text, **NONE_MADE_UP | {"view__scale": 2.0, "view__alignment": "sim3"})
+    assert said == [round(now["TE"], 1), round(now["RE"], 1)]
+    assert now["ATE"] < 0.01
+    text = r"\*Noise\* of (\d+) mm alone: RPE is (\d+) mm a frame, TE ([.\d]+) %"
+    now, _, said = seen("06", text, **NONE_MADE_UP | {"view__noise": 50.0})
+    assert said == [50, round(now["RPE"]), round(now["TE"], 2)]
+    text = r"\*Jitter\* of ([.\d]+)° alone: RPE is ([.\d]+) mm, and TE is ([.\d]+) %"
+    now, _, said = seen("06", text, **NONE_MADE_UP | {"view__jitter": 0.1})
+    assert said == [0.1, round(now["RPE"], 2), round(now["TE"], 2)]

@@ -1,5 +1,3 @@
 """Calibration."""
 
-from .panel import CalibrationPanel
-
-__all__ = ["CalibrationPanel"]
+from .panel import CalibrationPanel as CalibrationPanel

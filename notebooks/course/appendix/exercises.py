@@ -6,7 +6,7 @@ import numpy as np
 
 from vo_lib.core.types import Array
 
-from ..checker import Exercise, Mistake
+from ..checker import Exercise
 
 FB, E = 386.0, 0.5  # pixel metres, pixels
 
@@ -28,12 +28,10 @@ far_point = Exercise(
     praise="{right:.1f} m: far points are moved most.",
     hint="depth to disparity, add the error, and back.",
     line="386 / (386 / 40 + 0.5)",
-    mistakes=(
-        Mistake("the sign: too large a disparity is nearer.", "add the error.", float(depth_seen(40.0, -E))),
-        Mistake(
-            "this is the error, not the depth.", "where is the point?", 40.0 - float(depth_seen(40.0, E))
-        ),
-    ),
+    mistakes={
+        "the sign: a point with too large a disparity seems nearer.": float(depth_seen(40.0, -E)),
+        "this is the error, not the depth.": 40.0 - float(depth_seen(40.0, E)),
+    },
 )
 
 step = Exercise(
@@ -43,17 +41,9 @@ step = Exercise(
     praise="{right[0]:.3f} m at 10 m, {right[2]:.3f} m at 40 m: the far points shorten the step most.",
     hint="the depth that is seen before the step, less the one seen after it.",
     line="fb / (fb / Z + e) - fb / (fb / (Z - 1) + e)",
-    mistakes=(
-        Mistake(
-            "the sign: a step ahead makes depths smaller.",
-            "before less after.",
-            lambda Z, e, fb: -step_seen(Z, e, fb),
-        ),
-        Mistake(
-            "this step goes backwards.",
-            "after it the points are at Z - 1.",
-            lambda Z, e, fb: depth_seen(Z + 1, e, fb) - depth_seen(Z, e, fb),
-        ),
-        Mistake("this is the depth before the step alone.", "less that after it.", depth_seen),
-    ),
+    mistakes={
+        "this step goes backwards: after it the points are at Z - 1.": lambda Z, *rig: step_seen(Z + 1, *rig),
+        "this is the depth before the step alone.": depth_seen,
+    },
+    slips={"sign": "the sign: a step ahead makes depths smaller."},
 )

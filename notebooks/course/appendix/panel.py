@@ -10,7 +10,7 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from vo_lib.beyond.calibration import in_words
-from vo_lib.beyond.rig import COLUMNS, FAULTS, FIELD, LENS, ROWS, SIZE, Rig, Shape, field_at, lens_shapes
+from vo_lib.beyond.rig import COLUMNS, FAULTS, LENS, ROWS, SIZE, Rig, Shape, field_at, lens_shapes
 from vo_lib.beyond.translation import solve_translation
 from vo_lib.config import CalibrationConfig, TranslationConfig
 from vo_lib.core.camera import StereoCamera
@@ -20,12 +20,13 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 
 from ..ch04.figures import lengths_figure
+from ..colours import GOOD, PALE
 from ..controls import Control
-from ..drawing import DPI, GOOD, PALE, WIDTH, caption, photo, room, stack
-from ..facts import Fact
+from ..drawing import DPI, WIDTH, caption, photo, room, stack
 from ..frames import Memory, key_of, stereo
 from ..made_up import block_tour
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 
 # About what sequence 01 of KITTI shows: sizes of `FAULTS`, pixels.
 KITTI_01 = {
@@ -45,19 +46,19 @@ _tracks: Memory[list[SimulatedFrame]] = Memory(8)
 
 
 def rig(faults: dict[str, float]) -> Array:
-    """Errors (18,) of a rig that has these sizes of `FAULTS`, pixels, and perfect lenses."""
+    """Errors (SIZE,) of a rig that has these sizes of `FAULTS`, pixels, and perfect lenses."""
 
     def column(shapes: tuple[Shape, Shape, float]) -> list[float]:
         return [shapes[0].get(term, 0.0) for term in COLUMNS] + [shapes[1].get(term, 0.0) for term in ROWS]
 
     field = list(faults.values()) @ np.array([column(FAULTS[name]) for name in faults])
-    return np.append(field, np.zeros(SIZE - FIELD))
+    return np.append(field, np.zeros(SIZE - len(field)))
 
 
 def learn(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = COLUMNS
 ) -> tuple[Rig, dict[str, Array]]:
-    """Spoil matches by errors (18,) and learn them from frame to frame, of the disparities only these terms.
+    """Spoil matches by errors (SIZE,) and learn them from frame to frame, of the disparities only these terms.
 
     Returns what is known of the rig, and the steps' lengths (N,) as shares of the true ones, "as measured"
     and "corrected".
@@ -94,7 +95,7 @@ def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
 
 
 def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> Image:
-    """Errors (18,) over an image, side by side, disparities above rows; red is too large, blue too small."""
+    """Errors (SIZE,) over an image, side by side, disparities above rows; red is too large, blue too small."""
     grid = image_grid(camera, 41, 13).T
     errors = {name: field_at(c, *grid).reshape(2, 13, 41) for name, c in fields.items()}
     limit = room(max(float(np.abs(error).max()) for error in errors.values()), least=0.1)
@@ -144,8 +145,12 @@ def lens_figure(camera: StereoCamera) -> Figure:
     """Where Brown's p1, p2 and k1 move the points; blue: across the epipolar lines of a drive straight ahead."""
     points = image_grid(camera).T
     across = points[::-1] * [[1], [-1]] / np.maximum(np.linalg.norm(points, axis=0), 1e-6)
-    shapes = dict(zip(LENS, lens_shapes(points), strict=True))
-    return arrows_figure(camera, {n: (s, across * np.sum(across * s, axis=0)) for n, s in shapes.items()})
+    moved: dict[str, tuple[Array, ...]] = {}
+    for name, shape in zip(LENS, lens_shapes(points), strict=True):
+        part = across * np.sum(across * shape, axis=0)
+        share = np.linalg.norm(part, axis=0).max() / np.linalg.norm(shape, axis=0).max()
+        moved[f"{name}: {share:.0%} of the largest arrow across"] = shape, part
+    return arrows_figure(camera, moved)
 
 
 @dataclass(frozen=True)

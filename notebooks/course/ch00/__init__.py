@@ -1,5 +1,3 @@
 """Chapter 0."""
 
-from .panel import StartPanel
-
-__all__ = ["StartPanel"]
+from .panel import StartPanel as StartPanel

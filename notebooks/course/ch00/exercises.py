@@ -7,15 +7,15 @@ from collections.abc import Callable
 import numpy as np
 
 from vo_lib.core.camera import StereoCamera
-from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import inverse, rigid, rotation_from_vector
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
 
-from ..checker import Case, Exercise, Mistake
+from ..checker import Case, Exercise, When
+from ..frames import true_poses
 
 DISTANCE = 20.0  # metres
-CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
+CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, height=376)
 
 
 def point(u: float, v: float, d: float, camera: StereoCamera) -> Array:
@@ -49,15 +49,17 @@ def apart(T: Array, turned: bool = True) -> Array:
 
 def steps(sequence: Sequence) -> Array:
     """The steps (N - 1, 3) of the true path, metres."""
-    if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no truth; take a drawn sequence")
-    return np.asarray(np.diff(sequence.truth[:, :3, 3], axis=0))
+    return np.asarray(np.diff(true_poses(sequence)[:, :3, 3], axis=0))
 
 
-def way(sequence: Sequence, every: bool = True) -> float:
-    """Metres along the true path, or straight from its start to its end."""
-    path = steps(sequence) if every else steps(sequence).sum(axis=0, keepdims=True)
-    return float(np.linalg.norm(path, axis=1).sum())
+def way(sequence: Sequence) -> float:
+    """Metres along the true path."""
+    return float(np.linalg.norm(steps(sequence), axis=1).sum())
+
+
+def beeline(sequence: Sequence) -> float:
+    """Metres from the start of the true path straight to its end."""
+    return float(np.linalg.norm(steps(sequence).sum(axis=0)))
 
 
 right_chain = appended(inverse)
@@ -69,12 +71,11 @@ disparity_at_20_m = Exercise(
     praise="d = f b / Z = {right:.2f} px.",
     hint="in the sketch, what is missing at the distance f is to b as f is to Z.",
     line="camera.f * camera.baseline / 20",
-    mistakes=(
-        Mistake("this is f / Z: which length is missing?", lambda camera: camera.f / DISTANCE),
-        Mistake("this is b / Z, and no pixels: where is f?", lambda camera: camera.baseline / DISTANCE),
-        Mistake("the nearer a point, the larger its d.", lambda c: DISTANCE / (c.f * c.baseline)),
-        Mistake("the sign: which of the two columns is larger?", lambda c: -c.f * c.baseline / DISTANCE),
-    ),
+    mistakes={
+        "this is f / Z: which length is missing?": lambda camera: camera.f / DISTANCE,
+        "this is b / Z, and no pixels: where is f?": lambda camera: camera.baseline / DISTANCE,
+    },
+    slips={"inverse": "the nearer a point, the larger its d.", "sign": "the sign: which column is larger?"},
 )
 
 back_project = Exercise(
@@ -85,33 +86,22 @@ back_project = Exercise(
     hint="the depth comes first, from the disparity. Then X is to Z as u - cx is to f, and Y likewise.",
     line="np.array([(u - camera.cx) / camera.f * Z, (v - camera.cy) / camera.f * Z, Z])",
     library=("back_project", "triangulate"),
-    mistakes=(
-        Mistake(
-            "X and Y are measured from the corner of the image, not from the axis at (cx, cy).",
-            lambda u, v, d, camera: point(u + camera.cx, v + camera.cy, d, camera),
+    slips={"order": "the right numbers in another order: u is the column and gives X, v gives Y."},
+    mistakes={
+        "X and Y are measured from the corner of the image, not from the axis at (cx, cy).": (
+            lambda u, v, d, camera: point(u + camera.cx, v + camera.cy, d, camera)
         ),
-        Mistake("Y runs upwards: the camera's y axis points down.", lambda *x: point(*x) * (1, -1, 1)),
-        Mistake("X runs to the left: the camera's x axis points right.", lambda *x: point(*x) * (-1, 1, 1)),
-        Mistake(
-            "u and v are swapped: u is the column and gives X.",
-            lambda *x: point(*x)[[1, 0, 2]],
-            lambda u, v, *more: point(v, u, *more),
-        ),
-        Mistake(
-            "cx and cy are swapped.",
-            lambda u, v, d, camera: point(u + camera.cx - camera.cy, v + camera.cy - camera.cx, d, camera),
-        ),
-        Mistake(
-            "X and Y are those of the ray at depth 1: how far along it is the point?",
+        "Y runs upwards: the camera's y axis points down.": lambda *x: point(*x) * (1, -1, 1),
+        "X runs to the left: the camera's x axis points right.": lambda *x: point(*x) * (-1, 1, 1),
+        "u and v are swapped: u is the column and gives X.": lambda u, v, *more: point(v, u, *more),
+        "X and Y are those of the ray at depth 1: how far along it is the point?": (
             lambda *x: point(*x) / point(*x)[2],
             lambda *x: point(*x) / [point(*x)[2], point(*x)[2], 1.0],
         ),
-        Mistake("the order is X, Y, Z.", lambda *x: point(*x)[[2, 0, 1]]),
-        Mistake(
-            "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: what does the disparity say?",
-            when=lambda X, *case: abs(X[2] - point(*case)[2]) > 1e-9,
+        "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: what does the disparity say?": When(
+            lambda X, *case: abs(X[2] - point(*case)[2]) > 1e-9
         ),
-    ),
+    },
 )
 
 depth_error_ratio = Exercise(
@@ -121,10 +111,8 @@ depth_error_ratio = Exercise(
     praise="the depth error grows with Z²: four times as far, sixteen times as inexact.",
     hint="take the derivative of Z = f b / d by d, and put Z back in its place.",
     line="(40 / 10) ** 2",
-    mistakes=(
-        Mistake("the error grows faster than the distance.", 4.0, 2.0),
-        Mistake("this is how much smaller it is at 10 m.", 1 / 16, 1 / 4),
-    ),
+    mistakes={"the error grows faster than the distance.": (4.0, 2.0)},
+    slips={"inverse": "this is how much smaller it is at 10 m."},
 )
 
 chain = Exercise(
@@ -134,32 +122,26 @@ chain = Exercise(
     praise="every motion, inverted, is appended on the right.",
     hint="one pose more than motions: the identity, then each made from the one before and one motion.",
     line="poses.append(poses[-1] @ inverse(T_cp))",
-    mistakes=(
-        Mistake("each pose is that of one motion alone.", lambda all_T: [np.eye(4), *map(inverse, all_T)]),
-        Mistake(
-            "the car drives backwards: T_cp takes points into the new camera, a pose takes them back.",
+    mistakes={
+        "each pose is that of one motion alone.": lambda all_T: [np.eye(4), *map(inverse, all_T)],
+        "the car drives backwards: T_cp takes points into the new camera, a pose takes them back.": (
             appended(lambda T_cp: T_cp),
             appended(lambda T_cp: T_cp, before=True),
         ),
-        Mistake("pose 1 is right, pose 2 is not: the order is reversed.", appended(inverse, before=True)),
-        Mistake(
-            "R with -t is no inverse: the rotation turns back, too.", appended(lambda T: apart(T, False))
+        "pose 1 is right, pose 2 is not: the order is reversed.": appended(inverse, before=True),
+        "R with -t is no inverse: the rotation turns back, too.": appended(lambda T: apart(T, False)),
+        "the rotation is turned back, but the translation is not turned with it.": appended(apart),
+        "a motion's inverse is not its transpose: that holds for rotations.": appended(np.transpose),
+        "`*` multiplies entry by entry, `@` multiplies matrices.": lambda motions: list(
+            np.cumprod([np.eye(4), *(inverse(T) for T in motions)], axis=0)
         ),
-        Mistake("the rotation is turned back, but the translation is not turned with it.", appended(apart)),
-        Mistake("a motion's inverse is not its transpose: that holds for rotations.", appended(np.transpose)),
-        Mistake(
-            "`*` multiplies entry by entry, `@` multiplies matrices.",
-            lambda motions: [np.eye(4), *np.cumprod([inverse(T) for T in motions], axis=0)],
-            lambda motions: list(np.cumprod([np.eye(4), *(inverse(T) for T in motions)], axis=0)),
-        ),
-        Mistake(
-            "all poses are the same array, changed again and again: append a new one each time.",
+        "all poses are the same array, changed again and again: append a new one each time.": (
             lambda motions: [np.eye(4), *right_chain(motions)[-1:] * len(motions)],
             lambda motions: right_chain(motions)[-1:] * (len(motions) + 1),
         ),
-        Mistake("as many poses as motions; the first pose is the identity.", lambda m: right_chain(m)[1:]),
-        Mistake("a motion is missing.", lambda motions: right_chain(motions)[:-1]),
-    ),
+        "as many poses as motions; the first pose is the identity.": lambda m: right_chain(m)[1:],
+        "a motion is missing.": lambda motions: right_chain(motions)[:-1],
+    },
 )
 
 path_length = Exercise(
@@ -169,34 +151,28 @@ path_length = Exercise(
     praise="{right:.1f} m along the path; as the crow flies it is less.",
     hint="positions are truth[:, :3, 3]. How long is each step from one to the next?",
     line="np.linalg.norm(np.diff(sequence.truth[:, :3, 3], axis=0), axis=1).sum()",
-    mistakes=(
-        Mistake("{got:.1f} m is the straight way from start to end.", lambda s: way(s, every=False)),
-        Mistake("this is every step by itself: add them.", lambda s: np.linalg.norm(steps(s), axis=1)),
-        Mistake("this is the number of poses.", lambda sequence: len(steps(sequence)) + 1),
-        Mistake("this is the mean step, not the sum.", lambda s: np.linalg.norm(steps(s), axis=1).mean()),
-        Mistake("one norm of all steps: take it of each, along axis 1.", lambda s: np.linalg.norm(steps(s))),
-        Mistake("this adds |x|, |y| and |z| of a step: take its norm.", lambda s: np.abs(steps(s)).sum()),
-        Mistake("this adds squared lengths: the root is missing.", lambda s: (steps(s) ** 2).sum()),
-    ),
+    mistakes={
+        "{got:.1f} m is the straight way from start to end.": beeline,
+        "this is every step by itself: add them.": lambda s: np.linalg.norm(steps(s), axis=1),
+        "one norm of all steps: take it of each, along axis 1.": lambda s: np.linalg.norm(steps(s)),
+        "this adds squared lengths: the root is missing.": lambda s: (steps(s) ** 2).sum(),
+    },
 )
 
 wrong_depth = Exercise(
     {"depth Z": 9.0, "true depth": 12.0},
     task="The panel stands at a point whose depth from block matching is more than 20 % off.",
     praise="{depth Z:.1f} m instead of {true depth:.1f} m. Chapter 1 has the checks that catch such matches.",
-    mistakes=(
-        Mistake(
-            "at this point block matching found nothing: go where the disparity picture is coloured.",
-            when=lambda facts: np.isnan(facts["depth Z"]),
+    mistakes={
+        "here block matching found nothing: go where the disparity picture is coloured.": lambda now: (
+            np.isnan(now["depth Z"])
         ),
-        Mistake(
-            "the true depth here is unknown or infinite: take a drawn sequence, and not the sky.",
-            when=lambda facts: np.isnan(facts["true depth"]),
+        "the true depth here is unknown or infinite: take a drawn sequence, and not the sky.": lambda now: (
+            np.isnan(now["true depth"])
         ),
-        Mistake(
-            "{depth Z:.1f} m against {true depth:.1f} m is not even 20 % off.",
-            "look for speckles in the disparity picture, or for outlines with far background beside them.",
-            when=lambda facts: abs(facts["depth Z"] - facts["true depth"]) <= 0.2 * facts["true depth"],
+        "{depth Z:.1f} m against {true depth:.1f} m is not even 20 % off. Look for speckles in the disparity "
+        "picture, or for outlines with far background beside them.": lambda now: (
+            abs(now["depth Z"] - now["true depth"]) <= 0.2 * now["true depth"]
         ),
-    ),
+    },
 )

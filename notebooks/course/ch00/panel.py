@@ -28,27 +28,12 @@ from ..ch02.figures import polynomial_chart, polynomial_of
 from ..ch02.panel import reference_rotation
 from ..ch03.figures import field_figure
 from ..ch03.panel import field_of, previous_vector
+from ..colours import BAD, DARK, GOOD, PALE, bgr
 from ..controls import Control
-from ..drawing import (
-    BAD,
-    DARK,
-    GOOD,
-    HALF_HEIGHT,
-    PALE,
-    WIDTH,
-    beside,
-    bgr,
-    caption,
-    figure,
-    finish,
-    log_axis,
-    photo,
-    say,
-    stack,
-)
-from ..facts import Fact
+from ..drawing import HALF_HEIGHT, WIDTH, beside, caption, figure, finish, log_axis, photo, say, stack
 from ..frames import disparity_map, frame_matches, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 
 LEFT_HEIGHT, CHART_HEIGHT = 298, 210
 SETS = 200

@@ -1,5 +1,3 @@
 """Chapter 1."""
 
-from .panel import MatchingPanel
-
-__all__ = ["MatchingPanel"]
+from .panel import MatchingPanel as MatchingPanel

@@ -11,7 +11,9 @@ from vo_lib.config import BucketConfig
 from vo_lib.core.types import Array, Index
 from vo_lib.method.buckets import select_by_bucket
 
-from ..checker import Case, Exercise, Mistake, any_order, times
+from ..checker import Case, Exercise, When, any_order
+
+E = 1e-9  # by which a limit is missed
 
 
 def windows() -> list[Case]:
@@ -134,27 +136,22 @@ corner_strength = Exercise(
     hint="M is 2×2: three sums over the window. What do its two eigenvalues say?",
     line="M = [[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]]; np.linalg.eigvalsh(M)",
     library=("corner_strength",),
-    mistakes=(
-        Mistake("an edge has the larger eigenvalue, too.", lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1])),
-        Mistake("right, except for the root.", lambda gx, gy: eigenvalues(gx, gy)[0]),
-        Mistake("both eigenvalues are given back; which one is small on an edge?", eigenvalues),
-        Mistake("this takes means over the window; M is a sum.", lambda gx, gy: strength(gx, gy, np.mean)),
-        Mistake("this is the determinant.", lambda gx, gy: np.sqrt(abs(np.prod(eigenvalues(gx, gy))))),
-        Mistake("this is the trace.", lambda gx, gy: np.sqrt(np.sum(eigenvalues(gx, gy)))),
-        Mistake(
-            "without Σ gx gy an edge at a slant looks like a corner.",
-            lambda gx, gy: np.sqrt(min(np.sum(gx * gx), np.sum(gy * gy))),
+    slips={"square": "right, except for the root."},
+    mistakes={
+        "an edge has the larger eigenvalue, too.": lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1]),
+        "both eigenvalues are given back; which one is small on an edge?": eigenvalues,
+        "this takes means over the window; M is a sum.": lambda gx, gy: strength(gx, gy, np.mean),
+        "without Σ gx gy an edge at a slant looks like a corner.": lambda gx, gy: np.sqrt(
+            min(np.sum(gx * gx), np.sum(gy * gy))
         ),
-        Mistake(
-            "a matrix product of the windows: here each pixel's gx is multiplied with its own gy.",
+        "a matrix product of the windows: here each pixel's gx is multiplied with its own gy.": (
             lambda gx, gy: np.sqrt(max(np.linalg.eigvalsh(gx @ gy.T)[0], 0.0)),
             lambda gx, gy: strength(gx, gy, lambda products: products),
         ),
-        Mistake(
-            "NaN on an edge: rounding may make an eigenvalue -1e-17, and its root is no number.",
-            when=lambda got, *case: np.isnan(got),
+        "NaN on an edge: rounding may make an eigenvalue -1e-17, and its root is no number.": When(
+            lambda got, *case: np.isnan(got)
         ),
-    ),
+    },
 )
 
 is_stereo = Exercise(
@@ -164,33 +161,24 @@ is_stereo = Exercise(
     praise="rows agree, and the point lies further left in the right image, by enough.",
     hint="two conditions on each match: one on its rows, one on its columns; a mask has True where both hold.",
     line="(np.abs(left[:, 1] - right[:, 1]) <= row_tolerance) & (left[:, 0] - right[:, 0] >= min_disparity)",
-    mistakes=(
-        Mistake("rows and columns are exchanged: a point is (u, v), its column first.", turned),
-        Mistake("these are indices; a mask was asked for.", lambda *case: np.flatnonzero(good(*case))),
-        Mistake("good and bad are exchanged.", lambda *case: ~good(*case)),
-        Mistake("the two limits are exchanged.", judged(limits=lambda most, least: (least, most))),
-        Mistake("1 and 0.5 are hard-coded: use the limits given.", judged(limits=lambda *_: (1.0, 0.5))),
-        Mistake(
-            "a match exactly at a limit is still good: within, at least.",
-            judged(limits=lambda most, least: (most - 1e-9, least + 1e-9)),
-            judged(limits=lambda most, least: (most - 1e-9, least)),
-            judged(limits=lambda most, least: (most, least + 1e-9)),
+    mistakes={
+        "rows and columns are exchanged: a point is (u, v), its column first.": turned,
+        "the two limits are exchanged.": judged(limits=lambda most, least: (least, most)),
+        "1 and 0.5 are hard-coded: use the limits given.": judged(limits=lambda *_: (1.0, 0.5)),
+        "a match exactly at a limit is still good: within, at least.": (
+            *(judged(limits=lambda m, n, a=a, b=b: (m - a, n + b)) for a, b in ((E, E), (E, 0), (0, E))),
         ),
-        Mistake("the match that is two rows lower is judged good.", judged(row=np.zeros_like)),
-        Mistake(
-            "the match with 0.2 px of disparity is judged good: its depth is hardly known.",
-            judged(limits=lambda most, least: (most, -99.0)),
+        "the match that is two rows lower is judged good.": judged(row=np.zeros_like),
+        "the match with 0.2 px of disparity is judged good: its depth is hardly known.": judged(
+            limits=lambda most, least: (most, -99.0)
         ),
-        Mistake("the match further right in the right image is judged good.", judged(disparity=np.abs)),
-        Mistake(
-            "a match two rows off to one side is good.", judged(row=np.positive), judged(row=np.negative)
+        "the match further right in the right image is judged good.": judged(disparity=np.abs),
+        "a match two rows off to one side is good.": (*map(judged, (np.positive, np.negative)),),
+        "the disparity is the other way round: left minus right.": judged(disparity=np.negative),
+        "matches with too small a disparity are judged good, and those with enough bad.": judged(
+            disparity=np.negative, limits=lambda most, least: (most, -least)
         ),
-        Mistake("the disparity is the other way round: left minus right.", judged(disparity=np.negative)),
-        Mistake(
-            "matches with too small a disparity are judged good, and those with enough bad.",
-            judged(disparity=np.negative, limits=lambda most, least: (most, -least)),
-        ),
-    ),
+    },
 )
 
 loop_closes = Exercise(
@@ -201,29 +189,20 @@ loop_closes = Exercise(
     praise="four matches, one condition, and hardly a mismatch gets through.",
     hint="follow feature i: pl_pr[i] is its number in the next image, and that is where the next step begins.",
     line="at = step[at]; alive &= at >= 0",
-    mistakes=(
-        Mistake(
-            "a match of -1 was followed: numpy takes index -1 for the last one.",
-            when=lambda got, *chain: set(which(*chain)) < set(got) and len(got) < len(chain[0]),
+    mistakes={
+        "a match of -1 was followed: numpy takes index -1 for the last one.": When(
+            lambda got, *chain: set(which(*chain)) < set(got) and len(got) < len(chain[0])
         ),
-        Mistake(
-            "these reach the current left image; the way back has to end where it began.",
-            lambda *chain: np.flatnonzero(follow(*chain[:3])[1]),
+        "these reach the current left image; the way back has to end where it began.": lambda *chain: (
+            np.flatnonzero(follow(*chain[:3])[1])
         ),
-        Mistake(
-            "-1 is looked for at i in each list: along the loop the number changes with every step.",
+        "-1 is looked for at i in each list: along the loop the number changes with every step.": (
             lambda *chain: [i for i in which(*chain) if min(step[i] for step in chain) >= 0],
             lambda *chain: np.flatnonzero(np.min(chain, axis=0) >= 0),
         ),
-        Mistake("the loop is run the other way round.", lambda *chain: which(*chain[::-1])),
-        Mistake("these are places in the next image; i is wanted.", lambda *chain: chain[0][which(*chain)]),
-        Mistake("all are one too large: counting begins with 0.", lambda *chain: which(*chain) + 1),
-        Mistake("this says how many close, not which.", lambda *chain: len(which(*chain))),
-        Mistake(
-            "this looks like a mask; indices are wanted.",
-            when=lambda got, a, *more: len(got) == len(a) and set(np.unique(got)) <= {0, 1},
-        ),
-    ),
+        "the loop is run the other way round.": lambda *chain: which(*chain[::-1]),
+        "these are places in the next image; i is wanted.": lambda *chain: chain[0][which(*chain)],
+    },
 )
 
 peak = Exercise(
@@ -236,15 +215,15 @@ peak = Exercise(
     praise="three values fix a parabola, and its top lies between the pixels.",
     hint="f(x) = middle + b x + a x² at x = -1 and 1 gives b and a. Where is its slope 0?",
     line="(left - right) / 2 / (left - 2 * middle + right)",
-    mistakes=(
-        Mistake(
-            "this is the height of the top; its place is wanted.",
-            lambda a, b, c: b - (a - c) ** 2 / (8 * (a - 2 * b + c)),
-        ),
-        Mistake("the sign is wrong: the top lies on the side of the larger neighbour.", times(top, -1.0)),
-        Mistake("off by a factor of two.", times(top, 2.0), times(top, 0.5)),
-        Mistake("counted from the left one, not from the middle.", lambda *values: top(*values) + 1.0),
-    ),
+    mistakes={
+        "this is the height of the top; its place is wanted.": lambda a, b, c: (
+            b - (a - c) ** 2 / (8 * (a - 2 * b + c))
+        )
+    },
+    slips={
+        "sign": "the sign is wrong: the top lies on the side of the larger neighbour.",
+        "one more": "counted from the left one, not from the middle.",
+    },
 )
 
 buckets = Exercise(
@@ -256,31 +235,24 @@ buckets = Exercise(
     hint="sort all features, the best first; then take each whose square still has room.",
     line="for i in np.lexsort((-strength, -age)): square = tuple(uv[i] // size)",
     library=("select_by_bucket",),
-    mistakes=(
-        Mistake("age was not asked; strength decides among equally old ones.", chosen(by_age=0)),
-        Mistake("the youngest come first; the oldest have proved themselves.", chosen(by_age=-1)),
-        Mistake("of equally old features the weakest are kept.", chosen(by_strength=-1)),
-        Mistake("the youngest and weakest are kept: the order is upside down.", chosen(-1, -1)),
-        Mistake(
-            "the ages are right, but among equally old features strength was not asked.",
-            when=lambda got, uv, age, *more: (
+    mistakes={
+        "age was not asked; strength decides among equally old ones.": chosen(by_age=0),
+        "the youngest come first; the oldest have proved themselves.": chosen(by_age=-1),
+        "of equally old features the weakest are kept.": chosen(by_strength=-1),
+        "the ages are right, but among equally old features strength was not asked.": When(
+            lambda got, uv, age, *more: (
                 sorted(age[got]) == sorted(age[kept(uv, age, *more)]) and not overfull(got, uv, age, *more)
-            ),
+            )
         ),
-        Mistake("neither age nor strength was asked.", chosen(0, 0)),
-        Mistake("these are places; indices are wanted.", lambda uv, *case: uv[kept(uv, *case)]),
-        Mistake(
-            "this is a mask; indices are wanted.", lambda *case: np.isin(range(len(case[0])), kept(*case))
-        ),
-        Mistake("only `count` in all; so many in each square.", when=lambda got, *case: len(got) == case[4]),
-        Mistake("a square has one more than `count`.", lambda *case: kept(*case[:4], case[4] + 1)),
-        Mistake(
-            "strips, not squares: a square is a column and a row of the grid.",
+        "neither age nor strength was asked.": chosen(0, 0),
+        "only `count` in all; so many in each square.": When(lambda got, *case: len(got) == case[4]),
+        "a square has one more than `count`.": lambda *case: kept(*case[:4], case[4] + 1),
+        "strips, not squares: a square is a column and a row of the grid.": (
             lambda uv, *case: kept(uv * [1, 0], *case),
             lambda uv, *case: kept(uv * [0, 1], *case),
         ),
-        Mistake("a square keeps more than `count`; which square does a feature lie in?", when=overfull),
-    ),
+        "a square keeps more than `count`; which square does a feature lie in?": When(overfull),
+    },
 )
 
 too_strict = Exercise(
@@ -288,15 +260,11 @@ too_strict = Exercise(
     task="The panel shows checks that drop more than 100 matches which are right.",
     praise="{right ones dropped:.0f} right ones are gone, and {wrong among the kept:.0f} wrong ones are still "
     "there. Strict is not the same as safe.",
-    mistakes=(
-        Mistake(
-            "here nobody knows what is right: choose a synthetic sequence.",
-            when=lambda facts: np.isnan(facts["right ones dropped"]),
+    mistakes={
+        "here nobody knows what is right: choose a synthetic sequence.": lambda now: np.isnan(
+            now["right ones dropped"]
         ),
-        Mistake(
-            "only {right ones dropped:.0f} right matches are dropped.",
-            "make one tolerance smaller than matches are exact.",
-            when=lambda facts: not facts["right ones dropped"] > 100,
-        ),
-    ),
+        "only {right ones dropped:.0f} right matches are dropped. Make one tolerance smaller than matches are "
+        "exact.": lambda now: not now["right ones dropped"] > 100,
+    },
 )

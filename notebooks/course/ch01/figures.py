@@ -14,25 +14,8 @@ from vo_lib.core.types import Array, Image
 from vo_lib.data.sequence import Sequence
 
 from ..ch02.figures import draw_dot, draw_flow
-from ..drawing import (
-    BAD,
-    COARSE,
-    CYCLE,
-    DARK,
-    FIFTH,
-    FONT_SIZE,
-    FOURTH,
-    GOOD,
-    PALE,
-    THIRD,
-    WIDTH,
-    bgr,
-    caption,
-    finish,
-    log_axis,
-    photo,
-    room,
-)
+from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
+from ..drawing import COARSE, FONT_SIZE, WIDTH, caption, finish, log_axis, photo, room
 from ..frames import stereo
 from .trace import KEPT, REASONS, Trace
 

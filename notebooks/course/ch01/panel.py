@@ -14,9 +14,9 @@ from vo_lib.method.buckets import select_by_bucket
 
 from ..controls import Control
 from ..drawing import figure, stack
-from ..facts import Fact
 from ..frames import stereo, truth
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from .figures import CHOSEN, SURPLUS, by_fate, depths_chart, errors_chart, fates, fates_chart, fates_picture
 from .trace import LOST, trace
 
@@ -29,15 +29,8 @@ class MatchingView(Checked):
     """Which front end, and settings that mean the same for both detectors."""
 
     variant: str = setting("kit", "the kit's front end, or the paper's as published", choices=tuple(VARIANTS))
-    spacing: int = setting(
-        18, "at most one feature (of a kind) in a square of this size", unit="px", low=10, high=60
-    )
-    threshold: float = setting(
-        1.0,
-        "the detector's threshold, times its usual value; higher: fewer, safer features",
-        low=0.1,
-        high=20,
-    )
+    spacing: int = setting(18, "one feature of a kind in a square of this size", unit="px", low=10, high=60)
+    threshold: float = setting(1.0, "times the usual one; higher: fewer, safer features", low=0.1, high=20)
 
 
 def with_view(config: Config, view: MatchingView) -> tuple[published.FeatureConfig, published.MatchingConfig]:

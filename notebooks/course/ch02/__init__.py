@@ -1,5 +1,3 @@
 """Chapter 2."""
 
-from .panel import FivePointPanel
-
-__all__ = ["FivePointPanel"]
+from .panel import FivePointPanel as FivePointPanel

@@ -13,10 +13,11 @@ from vo_lib.data.problems import random_problems
 from vo_lib.method.five_point import epipolar_rows as library_rows
 from vo_lib.method.five_point import five_point
 
-from ..checker import Case, Exercise, Mistake
-from .panel import best_of_each_set, rotation_errors
+from ..checker import Case, Exercise, When
+from .panel import first_of_each_set, rotation_errors
 
 PROBLEMS = 500
+FIRST = "rotation error of solution 1"
 
 
 def matches() -> list[Case]:
@@ -35,7 +36,6 @@ def from_line(value: Callable[[float, Array], Any]) -> Callable[..., float]:
     return measured
 
 
-signed = from_line(lambda value, line: value / np.hypot(*line[:2]))
 distance = from_line(lambda value, line: abs(value) / np.hypot(*line[:2]))
 
 
@@ -115,7 +115,8 @@ def median_error(noise_px: float) -> float:
     """Median over sets of the rotation error of the best candidate, degrees, at this noise."""
     given = random_problems(np.random.default_rng(0), PROBLEMS, motion="forward", noise_px=noise_px)
     found = five_point(given.x_p, given.x_c)
-    best = best_of_each_set(found, -np.abs(np.sum(found.E * given.E[found.set_index], axis=(1, 2))))
+    agreement = np.abs(np.sum(found.E * given.E[found.set_index], axis=(1, 2)))
+    best = np.flatnonzero(first_of_each_set(-agreement, found.set_index))
     return float(np.median(rotation_errors(found.E[best], given.R_cp[found.set_index[best], None])))
 
 
@@ -133,30 +134,20 @@ epipolar_distance = Exercise(
     hint="put x_c into the equation of the line; what must it be divided by to be a length?",
     line="abs(a * x_c[0] + b * x_c[1] + c) / np.hypot(a, b)",
     library=("sampson_distance", "epipolar_line"),
-    mistakes=(
-        Mistake(
-            "divided by a² + b², the square of what it should be divided by.",
-            from_line(lambda value, line: abs(value) / (line[:2] @ line[:2])),
+    mistakes={
+        "a distance is not negative.": from_line(lambda value, line: value / np.hypot(*line[:2])),
+        "this is x_cᵀ E x_p, not yet a distance: the line may be stretched by any factor.": (
+            *map(from_line, (lambda value, line: abs(value), lambda value, line: value)),
         ),
-        Mistake("this is the square of the distance.", lambda *case: distance(*case) ** 2),
-        Mistake("a distance is not negative.", signed, lambda *case: -distance(*case)),
-        Mistake(
-            "this is x_cᵀ E x_p, not yet a distance: the line may be stretched by any factor.",
-            from_line(lambda value, line: abs(value)),
-            from_line(lambda value, line: value),
+        "the points are exchanged: x_p gives the line.": lambda E, x_p, x_c: distance(E, x_c, x_p),
+        "this is the line of the transposed E.": lambda E, x_p, x_c: distance(E.T, x_p, x_c),
+        "c is left out: the line need not go through the middle.": from_line(
+            lambda value, line: abs(value - line[2]) / np.hypot(*line[:2])
         ),
-        Mistake("the points are exchanged: x_p gives the line.", lambda E, x_p, x_c: distance(E, x_c, x_p)),
-        Mistake("this is the line of the transposed E.", lambda E, x_p, x_c: distance(E.T, x_p, x_c)),
-        Mistake("x and y of x_c are exchanged.", lambda E, x_p, x_c: distance(E, x_p, x_c[::-1])),
-        Mistake(
-            "c is left out: the line need not go through the middle.",
-            from_line(lambda value, line: abs(value - line[2]) / np.hypot(*line[:2])),
+        "divided by the length of (a, b, c); c says where the line is, not which way it runs.": from_line(
+            lambda value, line: abs(value) / np.linalg.norm(line)
         ),
-        Mistake(
-            "divided by the length of all three, (a, b, c); c says where the line is, not which way it runs.",
-            from_line(lambda value, line: abs(value) / np.linalg.norm(line)),
-        ),
-    ),
+    },
 )
 
 epipolar_rows = Exercise(
@@ -168,16 +159,14 @@ epipolar_rows = Exercise(
     hint="x_cᵀ E x_p = Σ c_i E_ij p_j with c = (x_c, 1), p = (x_p, 1): what stands before E_ij?",
     line="np.outer(np.append(x_c[k], 1), np.append(x_p[k], 1)).ravel()",
     library=("epipolar_rows",),
-    mistakes=(
-        Mistake("previous and current points have changed places.", lambda x_p, x_c: rows(x_c, x_p)),
-        Mistake("x and y are exchanged, in both images.", lambda x_p, x_c: rows(x_p[:, ::-1], x_c[:, ::-1])),
-        Mistake("the 1 stands in front; it comes last.", lambda *x: rows(*x)[:, [8, 6, 7, 2, 0, 1, 5, 3, 4]]),
-        Mistake("each match has a 3×3 matrix; make it a row of nine.", lambda *x: rows(*x).reshape(5, 3, 3)),
-        Mistake(
-            "the last column is right, others are not: look at the order of E's nine entries.",
-            when=lambda A, *case: np.allclose(A[:, 8], 1.0, atol=1e-12),
+    mistakes={
+        "previous and current points have changed places.": lambda x_p, x_c: rows(x_c, x_p),
+        "x and y are exchanged, in both images.": lambda x_p, x_c: rows(x_p[:, ::-1], x_c[:, ::-1]),
+        "each match has a 3×3 matrix; make it a row of nine.": lambda *x: rows(*x).reshape(5, 3, 3),
+        "the last column is right, others are not: look at the order of E's nine entries.": When(
+            lambda A, *case: np.allclose(A[:, 8], 1.0, atol=1e-12)
         ),
-    ),
+    },
 )
 
 null_basis = Exercise(
@@ -189,18 +178,15 @@ null_basis = Exercise(
     hint="A = U S Vᵀ with nine rows in Vᵀ, but only five singular values: which rows does A take to 0?",
     line="np.linalg.svd(A)[2][5:]",
     library=("null_space",),
-    mistakes=(
-        Mistake("these are columns of Vᵀ; its rows are the vectors.", lambda A: np.linalg.svd(A)[2][:, 5:]),
-        Mistake("these are rows of V; take rows of Vᵀ.", lambda A: np.linalg.svd(A)[2].T[5:]),
-        Mistake(
-            "A times the basis is not 0; full_matrices=True, the default, gives all nine rows of Vᵀ.",
-            when=lambda basis, A: np.abs(A @ basis.T).max() > 1e-9,
+    mistakes={
+        "these are columns of Vᵀ; its rows are the vectors.": lambda A: np.linalg.svd(A)[2][:, 5:],
+        "A times the basis is not 0; full_matrices=True, the default, gives all nine rows of Vᵀ.": When(
+            lambda basis, A: np.abs(A @ basis.T).max() > 1e-9
         ),
-        Mistake(
-            "the four vectors are not orthonormal.",
-            when=lambda basis, A: np.abs(basis @ basis.T - np.eye(4)).max() > 1e-9,
+        "the four vectors are not orthonormal.": When(
+            lambda basis, A: np.abs(basis @ basis.T - np.eye(4)).max() > 1e-9
         ),
-    ),
+    },
 )
 
 essential_constraints = Exercise(
@@ -212,21 +198,18 @@ essential_constraints = Exercise(
     praise="ten cubics in the entries of E; `cubic_constraints` writes them in x, y, z, w.",
     hint="a matrix equation has nine entries, and the determinant is the tenth.",
     line="np.append((E @ E.T @ E - 0.5 * np.trace(E @ E.T) * E).ravel(), np.linalg.det(E))",
-    mistakes=(
-        Mistake(
-            "the factor before the trace is not right: put E with the singular values (1, 1, 0) in.",
+    mistakes={
+        "the factor before the trace is not right: put E with the singular values (1, 1, 0) in.": (
             *(lambda E, half=half: ten(E, half=half) for half in (0.25, 1.0, 2.0, -0.5)),
         ),
-        Mistake(
-            "for a true E the first nine numbers are not all 0: look at the transposes, and at what has the trace.",
-            when=lambda got, E: singular(E) and np.abs(got[:9]).max() > 1e-9,
+        "for a true E the first nine numbers are not all 0: look at the transposes, and at the trace.": When(
+            lambda got, E: singular(E) and np.abs(got[:9]).max() > 1e-9
         ),
-        Mistake(
-            "for a true E the tenth number is {got[9]:.3g}, not 0; which number of a matrix of rank 2 is 0?",
-            when=lambda got, E: singular(E) and abs(got[9]) > 1e-9,
+        "for a true E the tenth number is {got[9]:.3g}, not 0; which number of a matrix of rank 2 is 0?": When(
+            lambda got, E: singular(E) and abs(got[9]) > 1e-9
         ),
-        Mistake("they vanish for true E, but not only for them.", when=lambda got, E: not singular(E)),
-    ),
+        "they vanish for true E, but not only for them.": When(lambda got, E: not singular(E)),
+    },
 )
 
 solve_five = Exercise(
@@ -240,26 +223,15 @@ solve_five = Exercise(
     hint="as many as the polynomial has real roots. Go through the steps above one by one: print C(z) at a root.",
     line="v = np.linalg.svd(C(z))[2][-1]; E = np.tensordot([v[3] / v[5], v[4] / v[5], z, 1], basis, axes=1)",
     library=("five_point", "findEssentialMat", "real_roots", "eliminate", "determinant", "back_substitute"),
-    mistakes=(
-        Mistake(
-            "this is one of several solutions; give back all real ones, chapter 3 chooses.",
-            lambda x_p, x_c: solutions(x_p, x_c)[:1],
-            lambda x_p, x_c: solutions(x_p, x_c)[-1:],
-            lambda x_p, x_c: solutions(x_p, x_c)[0],
+    slips={"transposed": "these are the transposes: vec(E) runs row by row, and a row of A has x_c first."},
+    mistakes={
+        "this is one of several solutions; give back all real ones, chapter 3 chooses.": (
+            *(lambda *x, some=some: solutions(*x)[some] for some in (slice(1), slice(-1, None), 0)),
         ),
-        Mistake(
-            "these are the transposes: vec(E) runs row by row, and a row of A has x_c first.",
-            lambda x_p, x_c: solutions(x_p, x_c).swapaxes(1, 2),
-            lambda x_p, x_c: solutions(x_c, x_p),
-        ),
-        Mistake("these are vectors; make each a 3×3 matrix.", lambda *x: solutions(*x).reshape(-1, 9)),
-        Mistake("x and y are exchanged; C's columns are those of x², y², xy, x, y, 1.", swapped),
-        Mistake(
-            "every z is right, x and y are not: the null vector is in proportion to (x², y², xy, x, y, 1), so "
-            "that its last entry has to become 1.",
-            when=only_z_is_right,
-        ),
-    ),
+        "x and y are exchanged; C's columns are those of x², y², xy, x, y, 1.": swapped,
+        "every z is right, x and y are not: the null vector is in proportion to (x², y², xy, x, y, 1), so "
+        "that its last entry has to become 1.": When(only_z_is_right),
+    },
 )
 
 most_frequent_count = Exercise(
@@ -268,13 +240,12 @@ most_frequent_count = Exercise(
     praise="{right} real solutions are the most frequent of 0, 2, 4, 6, 8 and 10.",
     hint="first count the solutions of each set, then how many sets have 0, 1, 2 … of them.",
     line="np.argmax(np.bincount(np.bincount(found.set_index)))",
-    mistakes=(
-        Mistake("this is the mean number; the most frequent is wanted.", lambda: counts().mean()),
-        Mistake("this is the number of a set, the one with most solutions.", lambda: np.argmax(counts())),
-        Mistake("this is the largest number of solutions that a set has.", lambda: counts().max()),
-        Mistake("this is how many sets have it.", lambda: np.bincount(counts()).max()),
-        Mistake("odd numbers hardly ever occur: complex roots come in pairs.", when=lambda got: got % 2 != 0),
-    ),
+    mistakes={
+        "this is the mean number; the most frequent is wanted.": lambda: counts().mean(),
+        "this is the number of a set, the one with most solutions.": lambda: np.argmax(counts()),
+        "this is how many sets have it.": lambda: np.bincount(counts()).max(),
+        "odd numbers hardly ever occur: complex roots come in pairs.": When(lambda got: got % 2 != 0),
+    },
 )
 
 noise_factor = Exercise(
@@ -284,36 +255,30 @@ noise_factor = Exercise(
     praise="{right:.1f}: the error grows with the noise, nearly in proportion. Sub-pixel matches pay.",
     hint="ask for the median error at both noises, and compare.",
     line="ch02.median_error(0.4) / ch02.median_error(0.1)",
-    mistakes=(
-        Mistake(
-            "a factor is the larger error divided by the smaller, not the inverse and not the difference.",
+    mistakes={
+        "a factor is the larger error divided by the smaller, not the inverse and not the difference.": (
             lambda: 1.0 / growth(),
             lambda: median_error(0.4) - median_error(0.1),
         ),
-        Mistake("this is the error at one noise.", lambda: median_error(0.4), lambda: median_error(0.1)),
-    ),
+        "this is the error at one noise.": (lambda: median_error(0.4), lambda: median_error(0.1)),
+    },
 )
 
 far_off = Exercise(
-    {"rotation error of solution 1": 2.5, "solution": 1.0, "noise added": 0.0},
+    {FIRST: 2.5, "solution": 1.0, "noise added": 0.0},
     task="The panel shows five noise-free matches whose best solution, number 1, is more than 2° wrong.",
     praise="{rotation error of solution 1:.1f}° from five real matches. Only the vote of all other matches "
     "unmasks such a set.",
-    mistakes=(
-        Mistake(
-            "there are {noise added:.2f} px of noise on the matches; the five themselves should be to blame.",
-            when=lambda facts: facts["noise added"] != 0,
+    mistakes={
+        "there are {noise added:.2f} px of noise; the five themselves should be to blame.": lambda now: (
+            now["noise added"] != 0
         ),
-        Mistake(
-            "solution {solution:.0f} is {rotation error of this solution:.1f}° wrong, but solution 1 "
-            "of the same five only {rotation error of solution 1:.2f}°.",
-            "moving `solution` shows worse answers of the same five. Look for other five matches.",
-            when=lambda facts: facts["solution"] != 1 and not facts["rotation error of solution 1"] > 2.0,
+        "solution {solution:.0f} is {rotation error of this solution:.1f}° wrong, but solution 1 of the same five "
+        "only {rotation error of solution 1:.2f}°. Moving `solution` shows worse answers of the same five. Look "
+        "for other five matches.": lambda now: now["solution"] != 1 and not now[FIRST] > 2.0,
+        "the best solution of these five is {rotation error of solution 1:.2f}° wrong; wanted: more than 2°. Draw "
+        "other sets, or type numbers: points close together, or on a moving car, tell little.": lambda now: (
+            not now[FIRST] > 2.0
         ),
-        Mistake(
-            "the best solution of these five is {rotation error of solution 1:.2f}° wrong; wanted: more than 2°.",
-            "draw other sets, or type numbers: points close together, or on a moving car, tell little.",
-            when=lambda facts: not facts["rotation error of solution 1"] > 2.0,
-        ),
-    ),
+    },
 )

@@ -23,20 +23,8 @@ from vo_lib.method.five_point import (
     null_space,
 )
 
-from ..drawing import (
-    BAD,
-    CYCLE,
-    DARK,
-    FOURTH,
-    GOOD,
-    PALE,
-    bgr,
-    figure,
-    finish,
-    log_axis,
-    photo,
-    room,
-)
+from ..colours import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr
+from ..drawing import figure, finish, log_axis, photo, room
 
 # Of the polynomial's largest value: smaller values are shown as they are, larger compressed.
 COMPRESSED = 1e-3

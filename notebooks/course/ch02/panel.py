@@ -11,26 +11,18 @@ from vo_lib.beyond.selection import sample_sets
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import decompose_essential, essential_from_motion, rotation_angle
 from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Image
+from vo_lib.core.types import Array, Image, Index, Mask
 from vo_lib.data.sequence import Sequence
-from vo_lib.method.five_point import Candidates, five_point
+from vo_lib.method.five_point import five_point
 from vo_lib.method.selection import truncated_errors
 
+from ..colours import BAD, CYCLE, PALE, THIRD
 from ..controls import Control
-from ..drawing import BAD, CYCLE, PALE, THIRD, WIDTH, caption, figure, photo, stack
-from ..facts import Fact
+from ..drawing import WIDTH, caption, figure, photo, stack
 from ..frames import Memory, Points, consensus_rotation, frame_points, key_of, stereo
 from ..panel import Drawing, Panel, State
-from .figures import (
-    draw_dot,
-    draw_flow,
-    draw_line,
-    epipolar_line,
-    errors_chart,
-    pixels,
-    polynomial_chart,
-    polynomial_of,
-)
+from ..results import Fact
+from . import figures as draw
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
 FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
@@ -42,9 +34,7 @@ class FivePointView(Checked):
     """What the panel of chapter 2 can be asked."""
 
     draw: int = setting(0, "draws five of the matches by chance", low=0, high=999)
-    points: tuple[int, ...] = setting(
-        (), "numbers of five matches chosen by you; empty: drawn by chance", low=0
-    )
+    points: tuple[int, ...] = setting((), "numbers of five matches; empty: drawn by chance", low=0)
     match: float = setting(0.3, "the match whose epipolar line is drawn, from left to right", low=0, high=1)
     candidate: int = setting(1, "which solution of the set is shown, the best first", low=1, high=10)
     noise: float = setting(0.0, "noise added to every coordinate", unit="px", low=0, high=3)
@@ -84,11 +74,11 @@ def rotation_errors(E: Array, R_true: Array) -> Array:
     return np.asarray(np.degrees(angles.min(axis=-1)))
 
 
-def best_of_each_set(found: Candidates, errors: Array) -> NDArray[np.intp]:
-    """Index of the candidate with the smallest image error in each set that has one."""
-    order = np.lexsort((errors, found.set_index))
-    first = np.unique(found.set_index[order], return_index=True)[1]
-    return np.asarray(order[first])
+def first_of_each_set(errors: Array, set_index: Index, count: int = 1) -> Mask:
+    """Which (M,) are among the `count` smallest errors of their set."""
+    order = np.lexsort((errors, set_index))
+    rank = np.arange(len(order)) - np.searchsorted(set_index[order], set_index[order])
+    return np.isin(np.arange(len(order)), order[rank < count])
 
 
 def set_errors(points: Points, R_true: Array, sets: int, focal: float) -> tuple[Array, float]:
@@ -96,7 +86,7 @@ def set_errors(points: Points, R_true: Array, sets: int, focal: float) -> tuple[
     chosen = sample_sets(np.random.default_rng(2), len(points.x_p), sets)
     found = five_point(points.x_p[chosen], points.x_c[chosen])
     image_errors = truncated_errors(found.E, points.x_p, points.x_c, THRESHOLD / focal)
-    best = best_of_each_set(found, image_errors)
+    best = np.flatnonzero(first_of_each_set(image_errors, found.set_index))
     errors = rotation_errors(found.E[best], R_true)
     return errors, float(errors[np.argmin(image_errors[best])])
 
@@ -136,10 +126,10 @@ class FivePointPanel(Panel):
         match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
         picture = self._picture(state, points, chosen, match, E[shown])
         charts, (left, right) = figure(CHART_HEIGHT, 2)
-        polynomial_chart(left, polynomial_of(x_p, x_c))
-        errors_chart(right, spread, winner)
-        line = epipolar_line(E[shown], points.x_p[match], camera)
-        distance = abs(float(line @ [*pixels(points.x_c[match], camera), 1.0]))
+        draw.polynomial_chart(left, draw.polynomial_of(x_p, x_c))
+        draw.errors_chart(right, spread, winner)
+        line = draw.epipolar_line(E[shown], points.x_p[match], camera)
+        distance = abs(float(line @ [*draw.pixels(points.x_c[match], camera), 1.0]))
         error, best_error = rotation_errors(E[[shown, order[0]]], R_true).tolist()
         known = "the truth" if clean.T_cp is not None else "the best estimate (there is no truth)"
         sentence = (
@@ -171,14 +161,14 @@ class FivePointPanel(Panel):
     def _picture(self, state: State, points: Points, chosen: NDArray[np.intp], match: int, E: Array) -> Image:
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
-        starts, ends = pixels(points.x_p, camera), pixels(points.x_c, camera)
-        draw_flow(picture, starts, ends, [PALE] * len(starts), 2)
+        starts, ends = draw.pixels(points.x_p, camera), draw.pixels(points.x_c, camera)
+        draw.draw_flow(picture, starts, ends, [PALE] * len(starts), 2)
         if points.T_cp is not None:
             E_true = essential_from_motion(points.T_cp[:3, :3], points.T_cp[:3, 3])
             if np.any(E_true):
-                draw_line(picture, epipolar_line(E_true, points.x_p[match], camera), THIRD, 1)
-        draw_line(picture, epipolar_line(E, points.x_p[match], camera), BAD, 2)
+                draw.draw_line(picture, draw.epipolar_line(E_true, points.x_p[match], camera), THIRD, 1)
+        draw.draw_line(picture, draw.epipolar_line(E, points.x_p[match], camera), BAD, 2)
         for index, colour in zip([match, *chosen], (BAD, *FIVE), strict=True):
-            draw_dot(picture, ends[index], colour, 6, str(index))
+            draw.draw_dot(picture, ends[index], colour, 6, str(index))
         words = f"left image, frame {state.frame}: five matches, and the epipolar line of match {match}"
         return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words + " (orange; green: true)")

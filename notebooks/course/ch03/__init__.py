@@ -1,5 +1,3 @@
 """Chapter 3."""
 
-from .panel import SelectionPanel
-
-__all__ = ["SelectionPanel"]
+from .panel import SelectionPanel as SelectionPanel

@@ -14,7 +14,8 @@ from vo_lib.data.problems import random_problems
 from vo_lib.method.five_point import five_point
 from vo_lib.method.selection import nearest_to_prior, truncated_errors
 
-from ..checker import Case, Exercise, Mistake, times
+from ..ch02.panel import first_of_each_set
+from ..checker import Case, Exercise
 
 
 def vectors() -> list[Case]:
@@ -79,13 +80,6 @@ def least(values: Array, allowed: Mask) -> int:
     return int(np.argmin(np.where(allowed, values, np.inf)))
 
 
-def first_of_sets(values: Array, set_index: Any, count: int) -> Mask:
-    """Which (M,) are among the `count` smallest values of their set."""
-    order = np.lexsort((values, set_index))
-    rank = np.arange(len(order)) - np.searchsorted(set_index[order], set_index[order])
-    return np.isin(np.arange(len(order)), order[rank < count])
-
-
 def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Solution selection: of the k nearest of each set the one with the smallest image error."""
     return least(errors, nearest_to_prior(E, set_index, e_prev, k))
@@ -94,7 +88,7 @@ def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> 
 def of_winners(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Of the right winners of the sets the one nearest to e_prev."""
     competing = np.where(nearest_to_prior(E, set_index, e_prev, k), errors, np.inf)
-    return least(angles(E, e_prev), first_of_sets(competing, set_index, 1))
+    return least(angles(E, e_prev), first_of_each_set(competing, set_index, 1))
 
 
 def sets_for(good: float) -> float:
@@ -118,18 +112,14 @@ angle = Exercise(
     hint="the formula above: the dot product, its absolute value, the arc cosine.",
     line="np.arccos(min(abs(e1 @ e2), 1))",
     library=("essential_angle",),
-    mistakes=(
-        Mistake("this is in degrees; inside the code angles are radians.", times(arc, 180 / np.pi)),
-        Mistake("this is the cosine, not yet the angle.", lambda e1, e2: abs(e1 @ e2)),
-        Mistake(
-            "e and -e are the same essential matrix, but the angle differs.",
-            lambda e1, e2: np.arccos(np.clip(e1 @ e2, -1.0, 1.0)),
+    slips={"degrees": "this is in degrees; inside the code angles are radians."},
+    mistakes={
+        "this is the cosine, not yet the angle.": lambda e1, e2: abs(e1 @ e2),
+        "e and -e are the same essential matrix, but the angle differs.": lambda a, b: np.arccos(
+            min(a @ b, 1)
         ),
-        Mistake(
-            "equal vectors give NaN: rounding makes the product 1 + 1e-16, and acos ends at 1.",
-            lambda e1, e2: np.arccos(abs(e1 @ e2)),
-        ),
-    ),
+        "NaN for equal vectors: rounding makes the product 1 + 1e-16.": lambda a, b: np.arccos(abs(a @ b)),
+    },
 )
 
 nearest = Exercise(
@@ -140,37 +130,23 @@ nearest = Exercise(
     hint="one angle for each candidate; the order of the angles is the order of the candidates.",
     line="np.argsort(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1)))[:k]",
     library=("nearest_to_prior", "essential_angle"),
-    mistakes=(
-        Mistake(
-            "these are the farthest: acos falls where |eᵀ e_prev| rises.",
+    mistakes={
+        "these are the farthest: acos falls where |eᵀ e_prev| rises.": (
             first_by(lambda E, e: -angles(E, e)),
             lambda E, e_prev, k: np.argsort(angles(E, e_prev))[-k:],
         ),
-        Mistake(
-            "indices are asked for, not angles and not a mask: which candidate comes first in the order?",
-            lambda E, e_prev, k: np.sort(angles(E, e_prev))[:k],
-            lambda E, e_prev, k: angles(E, e_prev),
-            when=lambda got, *case: got.dtype.kind == "f",
+        "all candidates in the right order; only the first k are wanted.": lambda E, e, k: np.argsort(
+            angles(E, e)
         ),
-        Mistake(
-            "these are all candidates in the right order; only the first k are wanted.",
-            lambda E, e_prev, k: np.argsort(angles(E, e_prev)),
+        "a candidate is taken for far because its sign differs: E and -E are the same.": first_by(
+            lambda E, e: -(essential_vector(E) @ e)
         ),
-        Mistake(
-            "the right ones, but not the nearest first.",
-            lambda E, e_prev, k: np.argsort(angles(E, e_prev))[:k][::-1],
-            when=lambda got, E, e_prev, k: sorted(got) == sorted(np.argsort(angles(E, e_prev))[:k]),
-        ),
-        Mistake(
-            "a candidate is taken for far because its sign differs: E and -E are the same.",
-            first_by(lambda E, e: -(essential_vector(E) @ e)),
-        ),
-        Mistake(
-            "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.",
+        "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.": (
             first_by(lambda E, e: -np.abs(E.reshape(-1, 9) @ e)),
             first_by(lambda E, e: np.arccos(np.clip(np.abs(E.reshape(-1, 9) @ e), 0, 1))),
         ),
-    ),
+    },
+    slips={"order": "the right ones, but not the nearest first."},
 )
 
 truncated_error = Exercise(
@@ -181,33 +157,22 @@ truncated_error = Exercise(
     hint="each match has a cost of its own, from 0 to 1; the error is their mean.",
     line="np.mean(np.minimum((d / threshold) ** 2, 1))",
     library=("truncated_errors",),
-    mistakes=(
-        Mistake("this is the sum, which grows with the number of matches.", truncated(mean=np.sum)),
-        Mistake(
-            "one wrong match decides everything: no term may be larger than 1.",
-            truncated(lambda d, tau: (d / tau) ** 2),
-        ),
-        Mistake(
-            "wrong matches are left out here; they should cost 1 each.",
+    mistakes={
+        "this is the sum, which grows with the number of matches.": truncated(mean=np.sum),
+        "one wrong match decides everything: no term may exceed 1.": truncated(lambda d, tau: (d / tau) ** 2),
+        "wrong matches are left out here; they should cost 1 each.": (
             truncated(lambda d, tau: (d[np.abs(d) <= tau] / tau) ** 2),
             truncated(lambda d, tau: (d / tau * (np.abs(d) <= tau)) ** 2),
         ),
-        Mistake(
-            "this only counts outliers; among the inliers there are better and worse ones as well.",
-            truncated(lambda d, tau: np.abs(d) > tau),
-        ),
-        Mistake(
-            "the terms are not d² / threshold²: how many thresholds is a match away, and that squared?",
+        "this only counts outliers; inliers differ as well.": truncated(lambda d, tau: np.abs(d) > tau),
+        "the terms are not d² / threshold²: how many thresholds is a match away, and that squared?": (
             truncated(lambda d, tau: np.minimum(np.abs(d / tau), 1.0)),
-            truncated(lambda d, tau: np.minimum(d**2, 1.0)),
             truncated(lambda d, tau: np.minimum(d**2, tau**2)),
+            truncated(lambda d, tau: np.minimum(d**2, 1.0)),
             truncated(lambda d, tau: np.minimum(d**2 / tau, 1.0)),
         ),
-        Mistake(
-            "the mean is truncated here, not each of its terms.",
-            lambda d, tau: min(np.mean((d / tau) ** 2), 1.0),
-        ),
-    ),
+        "the mean is truncated here, not each of its terms.": lambda d, tau: min(np.mean((d / tau) ** 2), 1),
+    },
 )
 
 select = Exercise(
@@ -218,42 +183,32 @@ select = Exercise(
     hint="set by set: which candidates are its members, and which k of these are nearest to e_prev?",
     line="members = np.flatnonzero(set_index == s); kept += [*members[nearest(E[members], e_prev, k)]]",
     library=("nearest_to_prior", "choose"),
-    mistakes=(
-        Mistake(
-            "this counts among the kept candidates, or within a set; the index is one into all candidates.",
+    mistakes={
+        "this counts among the kept candidates, or within a set; the index is one into all candidates.": (
             lambda E, s, errors, e, k: np.argmin(errors[nearest_to_prior(E, s, e, k)]),
             lambda E, s, *case: (i := selected(E, s, *case)) - np.searchsorted(s, s[i]),
         ),
-        Mistake(
-            "this is the candidate nearest to e_prev; the image error has the last word.",
-            lambda E, s, errors, e, k: np.argmin(angles(E, e)),
+        "this is the nearest to e_prev; the image error has the last word.": lambda E, s, error, e, k: (
+            np.argmin(angles(E, e))
         ),
-        Mistake(
-            "this is consensus: the prior was not asked who may compete.",
-            lambda E, s, errors, e, k: np.argmin(errors),
+        "this is consensus: the prior was not asked who may compete.": lambda E, s, error, *_: np.argmin(
+            error
         ),
-        Mistake(
-            "`k` is not used: it is not always 2.",
-            lambda E, s, errors, e, k: selected(E, s, errors, e, 2),
-            lambda E, s, errors, e, k: selected(E, s, errors, e, 1),
+        "`k` is not used: it is not always 2.": (
+            lambda E, s, error, e, k: selected(E, s, error, e, 2),
+            lambda E, s, error, e, k: selected(E, s, error, e, 1),
         ),
-        Mistake(
-            "prior and image error have changed places: the angle decides who may compete, the error who wins.",
-            lambda E, s, errors, e, k: least(angles(E, e), first_of_sets(errors, s, k)),
+        "prior and image error have changed places: the angle decides who may compete, the error who wins.": (
+            lambda E, s, errors, e, k: least(angles(E, e), first_of_each_set(errors, s, k))
         ),
-        Mistake(
-            "among the right winners of the sets the nearest was taken; the image error decides there as well.",
-            of_winners,
+        "among the winners of the sets the nearest was taken; the image error decides there, too.": of_winners,
+        "the last set is left out: range(n) ends with n - 1.": lambda E, s, errors, e, k: least(
+            errors, nearest_to_prior(E, s, e, k) & (s < s.max())
         ),
-        Mistake(
-            "the last set is left out: range(n) ends with n - 1.",
-            lambda E, s, errors, e, k: least(errors, nearest_to_prior(E, s, e, k) & (s < s.max())),
+        "only k candidates of all sets competed; k of each set may.": lambda E, s, errors, e, k: least(
+            errors, first_of_each_set(angles(E, e), 0 * s, k)
         ),
-        Mistake(
-            "only k candidates of all sets competed; k of each set may.",
-            lambda E, s, errors, e, k: least(errors, first_of_sets(angles(E, e), 0 * s, k)),
-        ),
-    ),
+    },
 )
 
 sets_needed = Exercise(
@@ -264,29 +219,26 @@ sets_needed = Exercise(
     praise="(1 - 0.7⁵)ⁿ = 0.01 gives n = 25.03, so 26 sets. n = 200 is for accuracy, not for safety alone.",
     hint="how probable is it that one set is good, that it is not, and that n sets in a row are not?",
     line="np.log(0.01) / np.log(1 - 0.7**5)",
-    mistakes=(
-        Mistake("25 sets give 98.995 %, a hair less than wanted.", 25),
-        Mistake("this is for 30 % right matches.", sets_for(0.3**5), np.ceil(sets_for(0.3**5))),
-        Mistake("one match is not enough: all five must be right.", sets_for(0.7), np.ceil(sets_for(0.7))),
-        Mistake(
-            "this is as if the sets shared their luck: they fail, each by itself, all n of them.",
+    mistakes={
+        "25 sets give 98.995 %, a hair less than wanted.": 25,
+        "this is for 30 % right matches.": np.ceil(sets_for(0.3**5)),
+        "one match is not enough: all five must be right.": (sets_for(0.7), np.ceil(sets_for(0.7))),
+        "this is as if the sets shared their luck: they fail, each by itself, all n of them.": (
             0.99 / 0.7**5,
             1 / 0.7**5,
-            np.ceil(1 / 0.7**5),
         ),
-    ),
+    },
 )
 
 consensus_fooled = Exercise(
-    {"error by consensus": 2.0, "error by selection": 2.0},
-    task="The panel shows a winner by consensus that is more than 0.5° wrong.",
+    {"error by consensus": 2.0, "error by selection": 2.0, "disturbed": 170.0},
+    task="The panel shows a winner by consensus that is more than 0.5° wrong, by matches that were disturbed.",
     praise="consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. What moves "
     "together votes as one. That is why chapter 5 takes it out before the vote.",
-    mistakes=(
-        Mistake(
-            "consensus is still only {error by consensus:.3f}° wrong.",
-            "which matches agree among themselves: wrong ones, or those on one thing that moves?",
-            when=lambda facts: not facts["error by consensus"] > 0.5,
-        ),
-    ),
+    mistakes={
+        "consensus is still only {error by consensus:.3f}° wrong. Which matches agree among themselves: wrong "
+        "ones, or those on one thing that moves?": lambda now: not now["error by consensus"] > 0.5,
+        "no match is disturbed: here the noise chose between the two solutions of a plane. Untick it, and fool "
+        "the vote with matches that agree among themselves.": lambda now: not now["disturbed"] > 0,
+    },
 )

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from vo_lib.core.types import Array
 
-from ..drawing import BAD, DARK, GOOD, PALE, figure, finish, log_axis
+from ..colours import BAD, DARK, GOOD, PALE
+from ..drawing import figure, finish, log_axis
 
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
 ALIKE = 0.02  # curves that nowhere differ by a larger share cannot be told apart

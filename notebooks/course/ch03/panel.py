@@ -27,11 +27,12 @@ from vo_lib.method.selection import nearest_to_prior, truncated_errors
 
 from ..ch02.figures import draw_flow
 from ..ch02.panel import reference_rotation, rotation_errors
+from ..colours import BAD, FIFTH, GOOD, bgr
 from ..controls import Control
-from ..drawing import BAD, FIFTH, GOOD, WIDTH, bgr, caption, photo, stack
-from ..facts import Fact
+from ..drawing import WIDTH, caption, photo, stack
 from ..frames import Memory, Points, frame_points, key_of, stereo
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from .figures import Field, errors_figure, field_figure
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 260

@@ -1,5 +1,3 @@
 """Chapter 4."""
 
-from .panel import TranslationPanel
-
-__all__ = ["TranslationPanel"]
+from .panel import TranslationPanel as TranslationPanel

@@ -14,14 +14,13 @@ from vo_lib.core.types import Array
 from vo_lib.method.translation import eliminate_points
 from vo_lib.method.translation import feature_rows as library_rows
 
-from ..checker import Case, Exercise, Mistake, times
+from ..checker import Case, Exercise, When
 from .weightings import alone, seen, solve_all, spread_points
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
 R_CP = rotation_from_vector(np.array([0.01, 0.05, -0.02]))
 T_CP = np.array([0.05, -0.02, -0.9])
 FAR, NEAR = 40.0, 8.0  # metres
-NO_T = np.array([1, 1, 1, 0, 0, 0])  # keeps the columns of Q
 
 
 def exact_matches(count: int, seed: int, noise: float = 0.0) -> StereoMatches:
@@ -60,12 +59,6 @@ def noisy_rows(count: int, seed: int, noise: float) -> tuple[Array, Array, Array
 def stacked(A: Array, B: Array, c: Array) -> Array:
     """The least-squares t of all features: what each point Q can explain is projected out."""
     return solve_all(*eliminate_points(A, B, c), np.ones(len(A)))
-
-
-def half_eliminated(A: Array, B: Array, c: Array) -> Array:
-    """The t of normal equations whose right side has no projection."""
-    M = eliminate_points(A, B, c)[0]
-    return np.asarray(np.linalg.solve(np.einsum("nij,nik->jk", M, M), np.einsum("nij,ni->j", B, c)))
 
 
 def cauchy(r: Array, s: float) -> Array:
@@ -114,41 +107,21 @@ feature_rows = Exercise(
     hint="order: x and y in previous left, previous right, current left, current right.",
     line="row = x[0] * e3 - e1; M.append(np.concatenate([row @ R_cp, row])), in the current pair",
     library=("feature_rows",),
-    mistakes=(
-        Mistake("every row has the other sign: (x e3 - e1)ᵀ P.", times(eight_rows, -1.0, 1.0)),
-        Mistake(
-            "the rotation is missing: in the current pair P = R Q + t.", with_rotation(lambda R: np.eye(3))
+    mistakes={
+        "the rotation is missing: in the current pair P = R Q + t.": with_rotation(lambda R: np.eye(3)),
+        "the rotation is used the other way round: the row stands left of R Q.": with_rotation(np.transpose),
+        "the unknowns stand in another order: columns are Q first, then t.": lambda *case: (
+            np.roll(eight_rows(*case)[0], 3, axis=1),
+            eight_rows(*case)[1],
         ),
-        Mistake(
-            "the rotation is used the other way round: the row stands on the left of R Q.",
-            with_rotation(lambda R: R.T),
+        "the columns of Q are right, those of t are not: t enters in the current pair only, not turned.": When(
+            lambda M, *case: np.allclose(M[:, :3], eight_rows(*case)[0][:, :3])
         ),
-        Mistake(
-            "the unknowns stand in another order: columns are Q first, then t.",
-            lambda *case: (np.roll(eight_rows(*case)[0], 3, axis=1), eight_rows(*case)[1]),
+        "M is right, c is not: in a right image x (e3ᵀ P) = e1ᵀ P - b. In which rows does one look at x?": When(
+            lambda c, *case: c.shape == (8,)
         ),
-        Mistake(
-            "these are the right rows in another order: x and y of one image together, then the next image.",
-            when=lambda M, *case: np.allclose(np.sort(M, axis=0), np.sort(eight_rows(*case)[0], axis=0)),
-        ),
-        Mistake(
-            "c has the wrong sign: in a right image x (e3ᵀ P) = e1ᵀ P - b.", times(eight_rows, 1.0, -1.0)
-        ),
-        Mistake(
-            "c is zero, and the point has no size: the right images carry the baseline.",
-            times(eight_rows, 1.0, 0.0),
-        ),
-        Mistake(
-            "the columns of Q are right, those of t are not: t enters in the current pair only, and not turned.",
-            times(eight_rows, NO_T, 1.0),
-            when=lambda M, *case: np.allclose(M[:, :3], eight_rows(*case)[0][:, :3]),
-        ),
-        Mistake(
-            "M is right, c is not: in which of its rows does a right image look at x, and what stands there?",
-            times(eight_rows, 1.0, 2.0),
-            when=lambda c, *case: c.shape == (8,),
-        ),
-    ),
+    },
+    slips={"order": "the right rows in another order: x and y of one image together, then the next image."},
 )
 
 one_feature = Exercise(
@@ -159,10 +132,10 @@ one_feature = Exercise(
     praise="t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, -0.9).",
     hint="least squares of M times the six unknowns = c, and of these the last three.",
     line="np.linalg.lstsq(M, c, rcond=None)[0][3:]",
-    mistakes=(
-        Mistake("this is (Q, t), six numbers; t are the last three.", solve),
-        Mistake("this is the point Q; t are the last three.", lambda M, c: solve(M, c)[:3]),
-    ),
+    mistakes={
+        "this is (Q, t), six numbers; t are the last three.": solve,
+        "this is the point Q; t are the last three.": lambda M, c: solve(M, c)[:3],
+    },
 )
 
 rank_at_infinity = Exercise(
@@ -171,10 +144,10 @@ rank_at_infinity = Exercise(
     praise="4: each pair keeps two of its four rows. Such a feature knows a direction, and no length.",
     hint="x and x' are equal, y and y' as well: how many different rows does each pair have left?",
     line="np.linalg.matrix_rank(rows_of_one(x, x, x, x, np.eye(3), 0.5)[0])",
-    mistakes=(
-        Mistake("then it would tell t; without a disparity, which two rows of a pair are equal?", 6),
-        Mistake("a matrix of six columns has no rank 8.", 8),
-    ),
+    mistakes={
+        "then it would tell t; without a disparity, which two rows of a pair are equal?": 6,
+        "a matrix of six columns has no rank 8.": 8,
+    },
 )
 
 row_error = Exercise(
@@ -184,10 +157,10 @@ row_error = Exercise(
     praise="Z: {right:g} times. So a row divided by Z has the same error, dx, at every depth.",
     hint="by what does (x e3 - e1)ᵀ P change when x does?",
     line="40 / 8",
-    mistakes=(
-        Mistake("this is how the depth error grows; a row changes by dx · P₃.", (FAR / NEAR) ** 2),
-        Mistake("far rows are not better, and not equal: which factor stands beside x?", NEAR / FAR, 1.0),
-    ),
+    mistakes={
+        "this is how the depth error grows; a row changes by dx · P₃.": (FAR / NEAR) ** 2,
+        "far rows are not better, and not equal: which factor stands beside x?": (NEAR / FAR, 1.0),
+    },
 )
 
 stack = Exercise(
@@ -199,18 +172,15 @@ stack = Exercise(
     hint="one N_i for each feature; two sums over all features, one (3, 3) and one (3,); one system at the end.",
     line="N = np.eye(8) - A_i @ np.linalg.pinv(A_i); H += B_i.T @ N @ B_i; g += B_i.T @ N @ c_i",
     library=("eliminate_points", "solve_translation"),
-    mistakes=(
-        Mistake(
-            "this is the mean or the median of the features' own answers; one t has to suit all rows at once.",
+    mistakes={
+        "this is the mean or the median of the features' own answers; one t has to suit all rows at once.": (
             lambda A, B, c: alone(A, B, c).mean(axis=0),
             lambda A, B, c: np.median(alone(A, B, c), axis=0),
         ),
-        Mistake(
-            "the points Q are left out; they have to be eliminated first.",
-            lambda A, B, c: solve(B.reshape(-1, 3), c.ravel()),
+        "the points Q are left out; they have to be eliminated first.": lambda A, B, c: solve(
+            B.reshape(-1, 3), c.ravel()
         ),
-        Mistake("the right side is not projected; N_i stands on both sides.", half_eliminated),
-    ),
+    },
 )
 
 bias = Exercise(
@@ -223,33 +193,17 @@ bias = Exercise(
     "second does not.",
     hint="take the length of every answer first, then compare with the true length.",
     line="off = 100 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1); off.mean(), off.std()",
-    mistakes=(
-        Mistake("these are shares, not per cent.", times(bias_and_scatter, 0.01, 0.01)),
-        Mistake(
-            "the bias has the other sign: steps that are too short have a negative one.",
-            times(bias_and_scatter, -1.0, 1.0),
+    mistakes={
+        "this is the mean distance from the true translation; scatter to the sides adds to it.": but_bias(
+            lambda answers, t: 100 * norm(answers - t).mean() / norm(t)
         ),
-        Mistake("bias and scatter have changed places.", lambda *case: bias_and_scatter(*case)[::-1]),
-        Mistake(
-            "this is the mean distance from the true translation; scatter to the sides adds to it.",
-            but_bias(lambda answers, t: 100 * norm(answers - t).mean() / norm(t)),
+        "this is the length of the mean answer; each answer's own length is wanted.": but_bias(
+            lambda answers, t: 100 * (norm(answers.mean(axis=0)) / norm(t) - 1)
         ),
-        Mistake(
-            "this is the length of the mean answer; each answer's own length is wanted.",
-            but_bias(lambda answers, t: 100 * (norm(answers.mean(axis=0)) / norm(t) - 1)),
+        "the bias is in metres, not in % of the true length.": but_bias(
+            lambda v, t: norm(v).mean() - norm(t)
         ),
-        Mistake(
-            "the bias is in metres, not in per cent of the true length.",
-            lambda answers, t: (norm(answers).mean() - norm(t), norm(answers).std()),
-        ),
-        Mistake(
-            "the bias is right; the scatter divides by S - 1, np.std by S.",
-            lambda answers, t: (
-                bias_and_scatter(answers, t)[0],
-                100 * np.std(norm(answers), ddof=1) / norm(t),
-            ),
-        ),
-    ),
+    },
 )
 
 robust_weight = Exercise(
@@ -259,25 +213,20 @@ robust_weight = Exercise(
     praise="1 for a perfect feature, ½ at the scale s, and next to nothing for a mismatch.",
     hint="r counts in units of s; the formula stands above.",
     line="1 / (1 + (r / s) ** 2)",
-    mistakes=(
-        Mistake("r / s is not squared.", lambda r, s: 1 / (1 + np.abs(r) / s)),
-        Mistake(
-            "these are the weights of Huber, which leave small residuals at 1; Cauchy's fall from the start.",
-            lambda r, s: np.minimum(1.0, s / np.maximum(np.abs(r), 1e-12)),
+    mistakes={
+        "r / s is not squared.": lambda r, s: 1 / (1 + np.abs(r) / s),
+        "these are the weights of Huber; Cauchy's fall from the start.": lambda r, s: np.minimum(
+            1.0, s / np.maximum(np.abs(r), 1e-12)
         ),
-        Mistake("this is all or nothing; the Cauchy weight falls smoothly.", lambda r, s: np.abs(r) <= s),
-        Mistake(
-            "a feature without residual has weight {got:.3g}, not 1: is this the cost, or the inverse?",
-            lambda r, s: np.log1p((r / s) ** 2),
-            when=one_residual(0.0),
+        "this is all or nothing; the Cauchy weight falls smoothly.": lambda r, s: np.abs(r) <= s,
+        "a feature without residual has weight {got:.3g}, not 1: is this the cost, or the inverse?": (
+            When(one_residual(0.0))
         ),
-        Mistake(
-            "at r = s the weight is {got:.3g}, not ½: is r divided by s, and only the quotient squared?",
-            lambda r, s: 1.0 / (1.0 + r**2),
-            when=one_residual(1.0),
+        "at r = s the weight is {got:.3g}, not ½: is r divided by s, and only the quotient squared?": (
+            When(one_residual(1.0))
         ),
-        Mistake("r and -r have different weights.", when=one_residual(-1.0)),
-    ),
+        "r and -r have different weights.": When(one_residual(-1.0)),
+    },
 )
 
 turned_sideways = Exercise(
@@ -285,24 +234,20 @@ turned_sideways = Exercise(
     | {"rotation error": 0.1, "wrong share": 0.0, "noise added": 0.1},
     task="The panel shows an error above 20 mm in x, at most half of it in z, by a wrong rotation alone.",
     praise="{error in x:.0f} mm in x, {error in z:.0f} mm in z: what turns too far seems to slip sideways.",
-    mistakes=(
-        Mistake(
-            "the rotation is right here, so this error has another cause: move `rotation error`.",
-            when=lambda facts: facts["rotation error"] == 0 or np.isnan(facts["rotation error"]),
+    mistakes={
+        "the rotation is right here, so this error has another cause: move `rotation error`.": lambda now: (
+            not abs(now["rotation error"]) > 0
         ),
-        Mistake(
-            "{wrong share:.0f} % of the matches are wrong, and {noise added:.2f} px of noise is added.",
-            "only the rotation is to blame: set `wrong share` to 0 and `noise added` to 0.1 at most.",
-            when=lambda facts: facts["wrong share"] > 0 or facts["noise added"] > 0.1,
+        "{wrong share:.0f} % of the matches are wrong, and {noise added:.2f} px of noise is added. Only the "
+        "rotation is to blame: set `wrong share` to 0 and `noise added` to 0.1 at most.": lambda now: (
+            now["wrong share"] > 0 or now["noise added"] > 0.1
         ),
-        Mistake(
-            "the error in x is only {error in x:.1f} mm; turn the rotation a little, and leave the rest.",
-            when=lambda facts: not abs(facts["error in x"]) > 20.0,
+        "the error in x is only {error in x:.1f} mm; turn the rotation a little, leave the rest.": lambda now: (
+            not abs(now["error in x"]) > 20.0
         ),
-        Mistake(
-            "{error in x:.0f} mm in x, but {error in z:.0f} mm in z as well.",
-            "take a weighting that bears what disturbs z: the first of the list.",
-            when=lambda facts: not abs(facts["error in x"]) > 2.0 * abs(facts["error in z"]),
+        "{error in x:.0f} mm in x, but {error in z:.0f} mm in z as well. Take a weighting that bears what "
+        "disturbs z: the first of the list.": lambda now: (
+            not abs(now["error in x"]) > 2.0 * abs(now["error in z"])
         ),
-    ),
+    },
 )

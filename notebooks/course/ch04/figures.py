@@ -12,22 +12,8 @@ from vo_lib.core.matches import StereoMatches
 from vo_lib.core.types import Array, Image
 
 from ..ch02.figures import draw_flow
-from ..drawing import (
-    BAD,
-    COARSE,
-    DARK,
-    FIFTH,
-    FONT_SIZE,
-    GOOD,
-    PALE,
-    WIDTH,
-    caption,
-    figure,
-    finish,
-    log_axis,
-    photo,
-    room,
-)
+from ..colours import BAD, DARK, FIFTH, GOOD, PALE
+from ..drawing import COARSE, FONT_SIZE, WIDTH, caption, figure, finish, log_axis, photo, room
 
 DEPTHS = 2.0, 200.0  # metres shown
 LEAST, MOST = 0.01, 100.0  # pixels shown of a residual

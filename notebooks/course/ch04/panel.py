@@ -20,9 +20,9 @@ from vo_lib.method.translation import feature_rows
 from ..ch02.panel import reference_rotation
 from ..controls import Control
 from ..drawing import figure, stack
-from ..facts import Fact
 from ..frames import Points, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from .figures import MILLI, ellipse_chart, features_picture, residuals_chart
 from .weightings import ROBUST, WEIGHTINGS, alone, solve_by
 
@@ -36,15 +36,9 @@ class TranslationView(Checked):
     """What the panel of chapter 4 does to the matches and to the rotation of the frame."""
 
     weighting: str = setting(ROBUST, "how the rows of all features are put together", choices=WEIGHTINGS)
-    noise: float = setting(
-        0.1, "Gaussian noise added to each coordinate in all four images", unit="px", low=0, high=2
-    )
-    wrong: float = setting(
-        0.0, "share of the matches that end at a wrong place in the current pair", low=0, high=0.9
-    )
-    turn: float = setting(
-        0.0, "the rotation given to this stage is turned to the right by this", unit="deg", low=-0.5, high=0.5
-    )
+    noise: float = setting(0.1, "noise added to each coordinate in all four images", unit="px", low=0, high=2)
+    wrong: float = setting(0.0, "share of matches with a wrong place in the current pair", low=0, high=0.9)
+    turn: float = setting(0.0, "the rotation is turned to the right by this", unit="deg", low=-0.5, high=0.5)
     draw: int = setting(0, "draws other noise and other wrong matches", low=0, high=999)
 
 

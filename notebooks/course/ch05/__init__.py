@@ -1,5 +1,3 @@
 """Chapter 5."""
 
-from .panel import FilteringPanel
-
-__all__ = ["FilteringPanel"]
+from .panel import FilteringPanel as FilteringPanel

@@ -13,21 +13,21 @@ from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.ate_rpe import relative_error
 
-from ..drawing import BAD, DARK, GOOD, THIRD, figure, finish, room
+from ..colours import BAD, DARK, GOOD, PALE, THIRD
+from ..drawing import figure, finish, room
+from ..frames import true_poses
 
 LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width: all are seen where they coincide
 
 
 def true_path(sequence: Sequence) -> Array:
     """True places (N, 3), metres, seen from the first camera."""
-    assert sequence.truth is not None
-    return np.asarray(from_first(sequence.truth)[:, :3, 3])
+    return np.asarray(from_first(true_poses(sequence))[:, :3, 3])
 
 
 def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
     """Error of each step, (N - 1,): of the rotation in degrees, of the translation in millimetres."""
-    assert sequence.truth is not None
-    found = relative_error(sequence.truth, poses)
+    found = relative_error(true_poses(sequence), poses)
     return np.degrees(found.rotation), 1e3 * found.translation
 
 
@@ -59,8 +59,10 @@ def whole_scene(row: str) -> dict[str, str]:
     return {rule: cell.split("<br>")[0] for rule, cell in zip(table[0][1:], cells[1:], strict=True)}
 
 
-def claim_figure(sequence: Sequence, runs: Mapping[str, Array], height: int = 250) -> Figure:
-    """Errors of each step by run, and the paths from above; x and z have scales of their own."""
+def claim_figure(
+    sequence: Sequence, runs: Mapping[str, Array], height: int = 250, frame: int | None = None
+) -> Figure:
+    """Errors of each step by run, one `frame` marked, and the paths from above; x and z have their own scales."""
     made, (turns, lengths, path) = figure(height, 3, (1.0, 1.0, 0.8))
     true = true_path(sequence)
     frames = int(sequence.frames[0]) + np.arange(1, len(true))
@@ -73,6 +75,8 @@ def claim_figure(sequence: Sequence, runs: Mapping[str, Array], height: int = 25
     for axis in (turns, lengths):
         highest = max(float(np.asarray(line.get_ydata(), np.float64).max()) for line in axis.get_lines())
         axis.set_ylim(0, room(1.35 * highest))  # the legend stands above the lines
+        if frame is not None:
+            axis.axvline(frames[frame - 1], ymax=0.7, color=PALE, linewidth=1)
     reach = max(float(np.abs(places[:, 0, 3]).max()) for places in runs.values())
     path.set_xlim(-room(1.2 * reach, least=0.5), room(1.2 * reach, least=0.5))
     finish(turns, "rotation error of each step [deg]", "frame", "", "upper left")

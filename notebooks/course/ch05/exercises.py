@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from vo_lib.core.boxes import overlap
 from vo_lib.core.types import Array, Mask
 from vo_lib.detection.yolo_layout import Letterbox, letterbox, yolox_cells
 
-from ..checker import Case, Exercise, Mistake
+from ..checker import Case, Exercise, When
 
 SIZE, NET = (1241, 376), (640, 640)  # width and height of an image, and of a network's with wide borders
 WIDTH, HEIGHT = 800, 256  # of the network whose cells are counted
@@ -34,13 +35,13 @@ def in_image(xyxy: Array, scale: float, left: int, top: int, width: int, height:
     return Letterbox(*NET, scale, left, top).to_image(xyxy, width, height)
 
 
-def endings(back: Callable[..., Array]) -> list[Callable[..., Array]]:
+def endings(back: Callable[..., Array]) -> tuple[Callable[..., Array], ...]:
     """A way (xyxy, scale, left, top) back into the image: as it is, half a pixel less, and cut at the edges first."""
-    return [
+    return (
         lambda xyxy, s, x, y, w, h: back(xyxy, s, x, y),
         lambda xyxy, s, x, y, w, h: back(xyxy, s, x, y) - 0.5,
         lambda xyxy, s, x, y, w, h: np.clip(back(xyxy, s, x, y), 0, (w, h) * 2) - 0.5,
-    ]
+    )
 
 
 def outer(xyxy: Array, scale: float, left: int, top: int) -> Array:
@@ -131,39 +132,24 @@ to_image = Exercise(
     hint="solve u_net = s (u + ½) + left for u, step by step, from the outside.",
     line="np.clip((xyxy - (left, top) * 2) / scale, 0, (width, height) * 2) - 0.5",
     library=("to_image",),
-    mistakes=(
-        Mistake(
-            "the last box still hangs over the edge of the image: cut it before the half pixel is taken off.",
-            endings(outer)[1],
-        ),
-        Mistake(
-            "the cut comes half a pixel too late: counted from pixel centres, the edge is at width - 0.5.",
+    mistakes={
+        "the last box still hangs over the edge: cut it before the half pixel is taken off.": endings(outer)[
+            1
+        ],
+        "the cut comes half a pixel too late: counted from pixel centres, the edge is at width - 0.5.": (
             lambda xyxy, s, x, y, w, h: np.clip(outer(xyxy, s, x, y) - 0.5, 0, (w - 1, h - 1) * 2),
             lambda xyxy, s, x, y, w, h: np.clip(outer(xyxy, s, x, y) - 0.5, 0, (w, h) * 2),
         ),
-        Mistake(
-            "all is half a pixel too far right and down: the kit counts from a pixel's centre.",
-            lambda *case: in_image(*case) + 0.5,
+        "half a pixel too far right and down: the kit counts from a pixel's centre.": lambda *x: (
+            in_image(*x) + 0.5
         ),
-        Mistake("the half pixel goes the other way.", lambda *case: in_image(*case) + 1.0),
-        Mistake("the border is forgotten: left and top.", *endings(lambda xyxy, s, x, y: xyxy / s)),
-        Mistake(
-            "first the scale and then the border is the wrong order: the border was added last.",
-            *endings(lambda xyxy, s, x, y: xyxy / s - (x, y) * 2),
+        "the border is forgotten: left and top.": endings(lambda xyxy, s, x, y: xyxy / s),
+        "left and top are exchanged.": endings(lambda xyxy, s, x, y: (xyxy - (y, x) * 2) / s),
+        "multiplied by the scale: too small.": endings(lambda xyxy, s, x, y: (xyxy - (x, y) * 2) * s),
+        "boxes inside are right, one over the edge is not: cut it on all four sides.": When(
+            lambda got, xyxy, *case: len(xyxy) == 1
         ),
-        Mistake(
-            "left and top are exchanged: columns are x, y, x, y.",
-            *endings(lambda xyxy, s, x, y: (xyxy - (y, x) * 2) / s),
-        ),
-        Mistake(
-            "multiplied by the scale: this makes boxes smaller still.",
-            *endings(lambda xyxy, s, x, y: (xyxy - (x, y) * 2) * s),
-        ),
-        Mistake(
-            "boxes inside are right, one over the edge is not: cut it on all four sides.",
-            when=lambda got, xyxy, *case: len(xyxy) == 1,
-        ),
-    ),
+    },
 )
 
 cells = Exercise(
@@ -172,11 +158,11 @@ cells = Exercise(
     praise="{right} candidates, for an image with a dozen vehicles: most cells must say no.",
     hint="columns times rows of each grid, and all three grids together.",
     line="sum((800 // stride) * (256 // stride) for stride in (8, 16, 32))",
-    mistakes=(
-        Mistake("these are the cells of stride 8 alone.", WIDTH * HEIGHT // 64),
-        Mistake("this is one row of each grid.", WIDTH // 8 + WIDTH // 16 + WIDTH // 32),
-        Mistake("these are the pixels; a cell of stride 8 covers 8 × 8 of them.", WIDTH * HEIGHT),
-    ),
+    mistakes={
+        "these are the cells of stride 8 alone.": WIDTH * HEIGHT // 64,
+        "this is one row of each grid.": WIDTH // 8 + WIDTH // 16 + WIDTH // 32,
+        "these are the pixels; a cell of stride 8 covers 8 × 8 of them.": WIDTH * HEIGHT,
+    },
 )
 
 iou = Exercise(
@@ -187,76 +173,54 @@ iou = Exercise(
     hint="where does the common part begin, and where does it end? Then the three areas.",
     line="sides = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0)",
     library=("overlap",),
-    mistakes=(
-        Mistake("this is the common area in pixels, not yet divided.", common),
-        Mistake(
-            "this is not divided by the union: both areas, less what was counted twice.",
+    mistakes={
+        "this is the common area in pixels, not yet divided.": common,
+        "this is not divided by the union: both areas, less what was counted twice.": (
             lambda a, b: common(a, b) / (area(a) + area(b)),
             lambda a, b: common(a, b) / area(a),
             lambda a, b: common(a, b) / area(b),
-            lambda a, b: common(a, b) / min(area(a), area(b)),
-            lambda a, b: common(a, b) / max(area(a), area(b)),
         ),
-        Mistake(
-            "two boxes that do not touch have {got:.2f}, not 0: a negative side of the common part counts as 0.",
-            lambda a, b: shared(a, b, -1e9),
-            when=lambda got, a, b: common(a, b) == 0,
+        "two boxes that do not touch have {got:.2f}, not 0: a negative side of the common part counts as 0.": (
+            When(lambda got, a, b: common(a, b) == 0)
         ),
-        Mistake("a box with itself has {got:.3f}, not 1.", when=lambda got, a, b: (a == b).all()),
-    ),
+        "a box with itself has {got:.3f}, not 1.": When(lambda got, a, b: (a == b).all()),
+    },
 )
 
 suppress = Exercise(
-    lambda corners, scores, most: suppressed(corners, scores, most),
+    suppressed,
     heaps,
     task="A function (corners (N, 4), scores (N,), most) -> indices kept by suppression, best first.",
     praise="best first, for these five boxes and also in 20 random heaps.",
     hint="take the best, drop what overlaps it by more than `most`, repeat.",
     line="for k in np.argsort(-scores): if all(shared[k, other] <= most for other in kept): kept.append(k)",
     library=("best_boxes", "NMSBoxes"),
-    mistakes=(
-        Mistake(
-            "indices are asked for, not boxes, scores or a mask.",
-            lambda corners, scores, most: corners[suppressed(corners, scores, most)],
-            when=lambda got, *case: got.ndim == 2 or got.dtype.kind == "f",
+    mistakes={
+        "the worse of two boxes on one car stays: go through them with the best first.": (
+            When(lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got),
         ),
-        Mistake(
-            "the worse of two boxes on one car stays: go through them with the best first.",
-            lambda corners, scores, most: suppressed(corners, -scores, most),
-            when=lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got,
+        "boxes that overlap only a little go as well: compare with `most`, not with 0.": (
+            When(lambda got, corners, *case: len(corners) == 5 and not {2, 4} <= set(got.ravel())),
         ),
-        Mistake(
-            "boxes that overlap only a little go as well: compare with `most`, not with 0.",
-            lambda corners, scores, most: suppressed(corners, scores, 0.0),
-            when=lambda got, corners, *case: len(corners) == 5 and not {2, 4} <= set(got.ravel()),
+        "a box whose IoU is exactly `most` goes here; only what is above goes.": partial(
+            suppressed, goes=operator.ge
         ),
-        Mistake(
-            "a box whose IoU is exactly `most` goes here; only what is above goes.",
-            lambda corners, scores, most: suppressed(corners, scores, most, goes=operator.ge),
+        "right for five boxes, wrong for another threshold: use `most`.": lambda b, s, most: suppressed(
+            b, s, 0.5
         ),
-        Mistake(
-            "right for five boxes, wrong for another threshold: use `most`, not 0.5.",
-            lambda corners, scores, most: suppressed(corners, scores, 0.5),
+        "compared with all better boxes: one that has gone itself drops no others.": partial(
+            suppressed, rivals=None
         ),
-        Mistake(
-            "compared with all better boxes: one that has gone itself drops no others.",
-            lambda corners, scores, most: suppressed(corners, scores, most, None),
+        "compared with one kept box only: a box has to be free of all that stay.": (
+            partial(suppressed, rivals=slice(-1, None)),
+            partial(suppressed, rivals=slice(1)),
         ),
-        Mistake(
-            "compared with one kept box only: a box has to be free of all that stay.",
-            lambda corners, scores, most: suppressed(corners, scores, most, slice(-1, None)),
-            lambda corners, scores, most: suppressed(corners, scores, most, slice(1)),
-        ),
-        Mistake(
-            "the right boxes in another order; the best comes first.",
-            when=lambda got, *case: sorted(got) == sorted(suppressed(*case)),
-        ),
-        Mistake(
-            "nothing is suppressed.",
+        "nothing is suppressed.": (
             lambda corners, scores, most: np.argsort(-scores),
-            when=lambda got, corners, *case: len(got) == len(corners),
+            When(lambda got, corners, *case: len(got) == len(corners)),
         ),
-    ),
+    },
+    slips={"order": "the right boxes in another order; the best comes first."},
 )
 
 keep_outside = Exercise(
@@ -267,65 +231,44 @@ keep_outside = Exercise(
     hint="when is a point in one box? When in any? And a match has two points.",
     line="((uv[:, None] >= boxes[:, :2]) & (uv[:, None] <= boxes[:, 2:])).all(axis=2).any(axis=1)",
     library=("inside", "in_boxes", "on_vehicles", "static_matches"),
-    mistakes=(
-        Mistake("the mask is upside down: it marks those to be removed.", lambda *case: ~outside(*case)),
-        Mistake(
-            "these are indices; return a mask, one True or False for each match.",
-            lambda *case: np.flatnonzero(outside(*case)),
-            lambda *case: np.flatnonzero(~outside(*case)),
-        ),
-        Mistake(
-            "one of the two images is not asked; either point may be in a box.",
+    mistakes={
+        "one of the two images is not asked; either point may be in a box.": (
             lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p),
             lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_c, boxes_c),
         ),
-        Mistake(
-            "a match goes only when both points are in a box; one is enough.",
-            lambda uv_p, uv_c, boxes_p, boxes_c: ~(inside(uv_p, boxes_p) & inside(uv_c, boxes_c)),
+        "a match goes only when both points are in a box; one is enough.": lambda uv_p, uv_c, *boxes: (
+            ~(inside(uv_p, boxes[0]) & inside(uv_c, boxes[1]))
         ),
-        Mistake(
-            "the boxes of the two images are exchanged, or mixed: uv_p belongs to boxes_p alone.",
-            lambda uv_p, uv_c, boxes_p, boxes_c: outside(uv_p, uv_c, boxes_c, boxes_p),
-            lambda uv_p, uv_c, *both: outside(uv_p, uv_c, np.concatenate(both), np.concatenate(both)),
+        "the boxes of the two images are exchanged, or mixed: uv_p belongs to boxes_p alone.": (
+            lambda uv_p, uv_c, *boxes: outside(uv_p, uv_c, *boxes[::-1]),
+            lambda uv_p, uv_c, *boxes: outside(uv_p, uv_c, *[np.concatenate(boxes)] * 2),
         ),
-        Mistake(
-            "u and v are exchanged: boxes begin with their u.",
-            lambda uv_p, uv_c, *both: outside(uv_p[:, ::-1], uv_c[:, ::-1], *both),
+        "u and v are exchanged: boxes begin with their u.": lambda uv_p, uv_c, *boxes: outside(
+            uv_p[:, ::-1], uv_c[:, ::-1], *boxes
         ),
-        Mistake(
-            "without any box some matches go: with no box nothing lies in one.",
-            when=lambda got, uv_p, uv_c, boxes_p, boxes_c: not len(boxes_p),
-        ),
-    ),
+        "without any box some matches go.": When(lambda got, uv_p, uv_c, *boxes: not len(boxes[0])),
+    },
+    slips={"inverted": "the mask is upside down: it marks those to be removed."},
 )
 
 sparing_rule = Exercise(
     {"removed": 40.0, KEPT: 1.0, LOST: 15.0},
     task="The panel removes most features on moving things, and few on standing ones.",
     praise=f"{{{KEPT}:.0f}} on moving things stay, {{{LOST}:.0f}} on standing things go.",
-    mistakes=(
-        Mistake(
-            "in this sequence nobody knows what moves; choose synthetic/traffic.",
-            when=lambda facts: not np.isfinite(facts[KEPT] + facts[LOST]),
+    mistakes={
+        "in this sequence nobody knows what moves; choose synthetic/traffic.": lambda now: (
+            not np.isfinite(now[KEPT] + now[LOST])
         ),
-        Mistake(
-            "nothing is removed: choose another rule than `none`, and a score below 1.",
-            when=lambda facts: not facts["removed"] > 0,
+        "nothing is removed: choose another rule than `none`, and a score below 1.": lambda now: (
+            not now["removed"] > 0
         ),
-        Mistake(
-            "nothing that moves stays and nothing that stands goes: this is the rule `truth`.",
-            "it reads the answer from the drawn scene. Find a rule that a car on a real road could use.",
-            when=lambda facts: facts[KEPT] == facts[LOST] == 0,
+        "nothing that moves stays and nothing that stands goes: this is the rule `truth`. It reads the answer "
+        "from the drawn scene. Find a rule that a car on a real road could use.": lambda now: (
+            now[KEPT] == now[LOST] == 0
         ),
-        Mistake(
-            f"{{{KEPT}:.0f}} features on moving things stay.",
-            "lower the score, or let the boxes grow a little: which of them is too tight?",
-            when=lambda facts: facts[KEPT] > 2,
-        ),
-        Mistake(
-            f"{{{LOST}:.0f}} features on standing things go.",
-            "houses in a box's corner and parked cars need not go: which rule looks at motion?",
-            when=lambda facts: facts[LOST] > 20,
-        ),
-    ),
+        f"{{{KEPT}:.0f}} features on moving things stay. Lower the score, or let the boxes grow a little: which "
+        "of them is too tight?": lambda now: now[KEPT] > 2,
+        f"{{{LOST}:.0f}} features on standing things go. Houses in a box's corner and parked cars need not go: "
+        "which rule looks at motion?": lambda now: now[LOST] > 20,
+    },
 )

@@ -16,20 +16,8 @@ from vo_lib.tables.plots import match_image
 
 from ..ch02.figures import draw_flow
 from ..ch04.figures import mark_reference, millimetres_from_above
-from ..drawing import (
-    BAD,
-    COARSE,
-    DARK,
-    FIFTH,
-    GOOD,
-    PALE,
-    THIRD,
-    WIDTH,
-    bgr,
-    caption,
-    photo,
-    room,
-)
+from ..colours import BAD, DARK, FIFTH, GOOD, PALE, THIRD, bgr
+from ..drawing import COARSE, WIDTH, caption, photo, room
 
 MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST_LABELLED = 44  # pixels of a box, for its score above it

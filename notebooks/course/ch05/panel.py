@@ -25,9 +25,9 @@ from ..ch03.figures import errors_figure
 from ..ch04.figures import MILLI
 from ..controls import Control
 from ..drawing import WIDTH, caption, figure, photo, raster, stack
-from ..facts import Fact
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from .figures import candidates_picture, errors_chart, filter_picture
 
 PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
@@ -41,12 +41,8 @@ RULES = ("none", "all", "moving")
 class FilteringView(Checked):
     """What the panel of chapter 5 sets of the detector."""
 
-    model: str = setting(
-        "street", "street, a detector fetched or registered, an ONNX file; or labels: boxes of the folder"
-    )
-    nms: float = setting(
-        0.5, "of two boxes of one class that overlap more (IoU) the better stays", low=0.05, high=1
-    )
+    model: str = setting("street", "a detector by name, an ONNX file; or labels: the boxes of the folder")
+    nms: float = setting(0.5, "of two boxes that overlap more (IoU) the better stays", low=0.05, high=1)
 
 
 _detectors: Memory[YoloDetector] = Memory(3)

@@ -1,5 +1,3 @@
 """Chapter 6."""
 
-from .panel import EvaluationPanel
-
-__all__ = ["EvaluationPanel"]
+from .panel import EvaluationPanel as EvaluationPanel

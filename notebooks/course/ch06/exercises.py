@@ -11,7 +11,7 @@ import numpy as np
 from vo_lib.core.types import Array
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, kitti_errors
 
-from ..checker import Case, Exercise, Mistake, times
+from ..checker import Case, Exercise, When
 from ..made_up import block_tour, made_up
 
 YAW, LENGTH = 1.0, 400.0  # deg/100 m and metres, of the straight road
@@ -100,28 +100,23 @@ end_frame = Exercise(
     praise="the first frame beyond the length, or none. Standing still (frames 3 and 4) does no harm.",
     hint="the path lengths are 0, 1, 2, 3, 3, 4.5, 6, 7.",
     line="beyond = np.flatnonzero(path > path[first] + length)",
-    mistakes=(
-        Mistake(
-            "frame {got:.0f} is counted from the first one, not from the start of the path.",
-            lambda path, first, length: (i := end(path, first, length)) and i - first,
+    mistakes={
+        "frame {got:.0f} is counted from the first one, not from the start of the path.": lambda path, i, far: (
+            (last := end(path, i, far)) and last - i
         ),
-        Mistake(
-            "frame {got:.0f} has reached the length; KITTI asks for more.",
-            lambda path, first, length: np.argmax(path >= path[first] + length),
+        "frame {got:.0f} has reached the length; KITTI asks for more.": lambda path, i, far: np.argmax(
+            path >= path[i] + far
         ),
-        Mistake(
-            "the length is counted from frame 0: where is the car at frame `first`?",
-            lambda path, first, length: np.argmax(path > length),
+        "the length is counted from frame 0: where is the car at frame `first`?": lambda path, i, far: (
+            np.argmax(path > far)
         ),
-        Mistake(
-            "the path ends after 7 m, but the answer for 100 m is {got:.0f}: argmax of nothing but False is 0.",
-            lambda path, first, length: np.argmax(path > path[first] + length),
+        "the path ends after 7 m, but for 100 m this says {got:.0f}: argmax of nothing but False is 0.": (
+            lambda path, i, far: np.argmax(path > path[i] + far)
         ),
-        Mistake(
-            "a path that is too short raises IndexError; return None then.",
-            lambda path, first, length: np.flatnonzero(path > path[first] + length)[0],
-        ),
-    ),
+        "a path that is too short raises IndexError; return None then.": lambda path, i, far: np.flatnonzero(
+            path > path[i] + far
+        )[0],
+    },
 )
 
 part_errors = Exercise(
@@ -134,36 +129,25 @@ part_errors = Exercise(
     hint="two motions first, then what is between them: its length for TE, its angle acos((trace - 1) / 2) for RE.",
     line="error = inv(inv(estimate[first]) @ estimate[last]) @ inv(truth[first]) @ truth[last]",
     library=("kitti_errors",),
-    mistakes=(
-        Mistake("TE is a fraction, not %.", times(errors, 0.01, 1.0)),
-        Mistake(
-            "the translation error is in metres, not in % of the nominal length.",
-            lambda *case: errors(*case) * [case[4] / 100.0, 1.0],
+    mistakes={
+        "the translation error is in metres, not in % of the length.": lambda *x: (
+            errors(*x) * [x[4] / 100, 1]
         ),
-        Mistake(
-            "this compares end positions without making the starts equal.",
-            lambda T, S, first, last, length: measured(np.linalg.inv(S[last]) @ T[last], length),
+        "this compares end positions without making the starts equal.": lambda T, S, first, last, length: (
+            measured(np.linalg.inv(S[last]) @ T[last], length)
         ),
-        Mistake(
-            "these are motions in the world: the inverse of the first pose stands on the left.",
-            partial(errors, motion=lambda T, i, j: T[j] @ np.linalg.inv(T[i])),
+        "these are motions in the world: the inverse of the first pose stands on the left.": partial(
+            errors, motion=lambda T, i, j: T[j] @ np.linalg.inv(T[i])
         ),
-        Mistake("TE is right, RE is in radians.", times(errors, 1.0, np.pi / 180.0)),
-        Mistake("TE is right, RE is per metre.", times(errors, 1.0, 0.01)),
-        Mistake(
-            "TE is right, RE is in degrees, not by length.",
-            lambda *case: errors(*case) * [1.0, case[4] / 100.0],
-        ),
-        Mistake(
-            "TE is right; the trace is that of all four rows, and a rotation has three.",
+        "TE is right, RE is in degrees, not by length.": lambda *x: errors(*x) * [1, x[4] / 100],
+        "TE is right; the trace is that of all four rows, and a rotation has three.": (
             partial(errors, cosine=lambda error: (np.trace(error) - 1) / 2),
             partial(errors, cosine=lambda error: min((np.trace(error) - 1) / 2, 1)),
         ),
-        Mistake(
-            "a right estimate with few digits gives NaN: rounding takes the argument of acos above 1.",
-            partial(errors, cosine=lambda error: (np.trace(error[:3, :3]) - 1) / 2),
+        "a right estimate with few digits gives NaN: rounding takes the argument of acos above 1.": partial(
+            errors, cosine=lambda error: (np.trace(error[:3, :3]) - 1) / 2
         ),
-    ),
+    },
 )
 
 yaw_on_a_straight = Exercise(
@@ -173,13 +157,11 @@ yaw_on_a_straight = Exercise(
     praise="{right:.2f} %: ½ · 0.0698 · 400 m = 14 m to the side. For 100 m it would be 0.87 %.",
     hint="the path is an arc; how far to the side does it end, with the angle at its end in radians?",
     line="100 * 0.5 * np.radians(4)",
-    mistakes=(
-        Mistake("the car has not been 4° off all the way: the angle grows from 0 to 4°.", 100.0 * ANGLE),
-        Mistake("{got:.3g} m is the error at the end; how much of the 400 m is that?", TE * LENGTH / 100.0),
-        Mistake(
-            "this is right for 100 m; the error in metres grows with the square of the length.", TE / 4.0
-        ),
-    ),
+    mistakes={
+        "the car has not been 4° off all the way: the angle grows from 0 to 4°.": 100.0 * ANGLE,
+        "{got:.3g} m is the error at the end; how much of the 400 m is that?": TE * LENGTH / 100.0,
+        "this is right for 100 m; the error in metres grows with the square of the length.": TE / 4.0,
+    },
 )
 
 once_round = Exercise(
@@ -189,12 +171,11 @@ once_round = Exercise(
     praise="nearly nothing: a larger block closes as well. TE sees the end of a sub-sequence, not its middle.",
     hint="draw the estimate: it is a slightly larger block.",
     line="kitti_errors(tour, made_up(tour, scale=1.0), lengths=(800,)).te",
-    mistakes=(
-        Mistake(
-            "that would be so on a straight road; where does the estimate end when the truth is back home?",
-            when=lambda te: abs(te - 1.0) < 0.2,
-        ),
-    ),
+    mistakes={
+        "that would be so on a straight road; where does the estimate end when the truth is back home?": When(
+            lambda te: abs(te - 1.0) < 0.2
+        )
+    },
 )
 
 all_errors = Exercise(
@@ -207,29 +188,19 @@ all_errors = Exercise(
     hint="sub-sequences that end beyond the path are left out; one mean over all the others.",
     line="if (last := end_frame(path, first, length)) is not None: found.append(part_errors(…))",
     library=("kitti_errors",),
-    mistakes=(
-        Mistake(
-            "TE and RE have changed places.",
-            lambda *case: te_re(lambda each, length: each.mean())(*case)[::-1],
+    mistakes={
+        "this is the root of the mean square; KITTI takes the plain mean.": te_re(
+            lambda each, length: np.sqrt(np.mean(each**2))
         ),
-        Mistake(
-            "this is the root of the mean square; KITTI takes the plain mean.",
-            te_re(lambda each, length: np.sqrt(np.mean(each**2))),
+        "this is the mean of the means of each length; short ones are more frequent and count more.": te_re(
+            lambda each, length: np.mean([each[length == L].mean() for L in np.unique(length)])
         ),
-        Mistake(
-            "this is the mean of the means of each length; short ones are more frequent and count more.",
-            te_re(lambda each, length: np.mean([each[length == L].mean() for L in np.unique(length)])),
-        ),
-        Mistake(
-            "this is the sum or the median; TE and RE are means.",
+        "this is the sum or the median; TE and RE are means.": (
             te_re(lambda each, length: each.sum()),
             te_re(lambda each, length: np.median(each)),
         ),
-        Mistake(
-            "this starts at every frame, not at every `step`.",
-            te_re(lambda each, length: each.mean(), every=1),
-        ),
-    ),
+        "this starts at every frame, not at every `step`.": te_re(lambda each, length: each.mean(), every=1),
+    },
 )
 
 averages = Exercise(
@@ -240,22 +211,19 @@ averages = Exercise(
     praise="1.4 and 2.0 of the same errors. A table has to say which it means.",
     hint="once over all errors, once over the sequences' own means.",
     line="np.concatenate(errors).mean(), np.mean([each.mean() for each in errors if len(each)])",
-    mistakes=(
-        Mistake(
-            "both are the same mean: once over all errors, once over the sequences' means.",
+    mistakes={
+        "both are the same mean: once over all errors, once over the sequences' means.": (
             lambda errors: (plain(errors), plain(errors)),
             lambda errors: (pooled(errors), pooled(errors)),
         ),
-        Mistake("the two have changed places.", lambda errors: (plain(errors), pooled(errors))),
-        Mistake(
-            "an empty sequence counts as zero; it has no error, so leave it out.",
-            lambda errors: (pooled(errors), np.mean([each.sum() / max(len(each), 1) for each in errors])),
+        "an empty sequence counts as zero; it has no error, so leave it out.": lambda errors: (
+            pooled(errors),
+            np.mean([each.sum() / max(len(each), 1) for each in errors]),
         ),
-        Mistake(
-            "a sequence without sub-sequences makes it NaN; leave empty ones out of the plain mean.",
-            when=lambda got, errors: np.isnan(got),
+        "a sequence without sub-sequences makes it NaN; leave empty ones out of the plain mean.": When(
+            lambda got, errors: np.isnan(got)
         ),
-    ),
+    },
 )
 
 blind_rpe = Exercise(
@@ -263,14 +231,12 @@ blind_rpe = Exercise(
     task="The panel shows an estimate with RPE under 1 mm a frame, but TE above 2 %.",
     praise="TE {TE:.1f} %, RPE {RPE:.2f} mm: every step is as long as it should be, only its direction is "
     "off. RPE has a second number for that, the rotation. Look at both, or at TE.",
-    mistakes=(
-        Mistake(
-            "TE is only {TE:.2f} %: which made-up error grows from frame to frame?",
-            when=lambda facts: not facts["TE"] > 2.0,
+    mistakes={
+        "TE is only {TE:.2f} %: which made-up error grows from frame to frame?": lambda now: (
+            not now["TE"] > 2
         ),
-        Mistake(
-            "RPE is {RPE:.1f} mm a frame: which made-up errors are in the length of every step?",
-            when=lambda facts: not facts["RPE"] < 1.0,
+        "RPE is {RPE:.1f} mm: which made-up errors are in the length of a step?": lambda now: (
+            not now["RPE"] < 1
         ),
-    ),
+    },
 )

@@ -12,7 +12,8 @@ from vo_lib.core.types import Array
 from vo_lib.evaluation.ate_rpe import AbsoluteError, rmse
 from vo_lib.evaluation.kitti import KittiErrors, kitti_errors, trajectory_distances
 
-from ..drawing import BAD, CYCLE, DARK, FIFTH, FONT_SIZE, GOOD, PALE, THIRD, figure, finish, room
+from ..colours import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD
+from ..drawing import FONT_SIZE, figure, finish, room
 
 PER_CENT, PER_100_M = 100.0, 100.0 * 180.0 / np.pi  # of KittiErrors.t_err and .r_err
 

@@ -21,10 +21,10 @@ from vo_lib.runs.runner import run_methods
 
 from ..controls import Control
 from ..drawing import figure, say, stack
-from ..facts import Fact
-from ..frames import key_of
+from ..frames import key_of, true_poses
 from ..made_up import made_up
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from .figures import PER_100_M, PER_CENT, drift_chart, length_chart, paths_chart
 
 MADE_UP = "made-up errors"
@@ -40,13 +40,9 @@ class EvaluationView(Checked):
     """What the panel of chapter 6 judges, and how."""
 
     estimate: str = setting(
-        MADE_UP,
-        "whose poses are judged: the truth with errors put in, or a method that was run",
-        choices=(MADE_UP, *METHODS),
+        MADE_UP, "the truth with errors put in, or a method that was run", choices=(MADE_UP, *METHODS)
     )
-    lengths: tuple[float, ...] = setting(
-        (), "lengths of the sub-sequences; none given: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000
-    )
+    lengths: tuple[float, ...] = setting((), "none: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000)
     step: int = setting(10, "frames from one start to the next", low=1, high=50)
     alignment: str = setting(
         Alignment.SE3.value,
@@ -110,9 +106,7 @@ class EvaluationPanel(Panel):
     )
 
     def draw(self, state: State) -> Drawing:
-        truth = state.sequence.truth
-        if truth is None:
-            raise DataError(f"{state.sequence.name} has no ground truth to compare with")
+        truth = true_poses(state.sequence)
         estimate = self._estimate(state, truth)
         if estimate is None:
             path, (axis,) = figure(PATH_HEIGHT)

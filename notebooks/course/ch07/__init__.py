@@ -1,6 +1,4 @@
 """Chapter 7."""
 
-from .explore import ExplorePanel
-from .reproduce import ReproducePanel
-
-__all__ = ["ExplorePanel", "ReproducePanel"]
+from .explore import ExplorePanel as ExplorePanel
+from .reproduce import ReproducePanel as ReproducePanel

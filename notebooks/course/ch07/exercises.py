@@ -17,7 +17,7 @@ from vo_lib.data.tracks import TrackConfig, simulate_tracks
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.runner import TimedMatches, run_methods
 
-from ..checker import Exercise, Mistake, times
+from ..checker import Exercise, When
 from ..lessons import CAMERA, drive
 
 USED, TRUE = 5555.6, 100.0 * 180.0 / np.pi  # factors from rad/m to deg/100 m
@@ -70,36 +70,21 @@ paper_average = Exercise(
     praise="the plain mean of the rows there are, without 01.",
     hint="three rows are left: 1, 2 and 6.",
     line="np.mean([v for name, v in te.items() if name != '01' and v is not None])",
-    mistakes=(
-        Mistake(
-            "divided by more rows than have a number.",
-            "three rows are left: 1, 2 and 6.",
+    mistakes={
+        "divided by more rows than have a number. Three rows are left: 1, 2 and 6.": (
             lambda te: sum(rows(te)) / 10,
             lambda te: sum(rows(te)) / 11,
         ),
-        Mistake(
-            "01 is in it.",
-            'row 01 of the paper\'s table has dashes: leave out the name "01".',
-            lambda te: np.mean(rows(te, without="")),
-        ),
-        Mistake(
-            "None was counted as 0.",
-            "divide by the number of rows that have a number.",
+        "01 is in it, which has dashes in the paper's table.": lambda te: np.mean(rows(te, without="")),
+        "None was counted as 0.": (
             lambda te: np.mean(rows(te, none=0.0)),
             lambda te: np.mean(rows(te, "", none=0.0)),
         ),
-        Mistake(
-            "this is the sum.",
-            "divide by how many rows there are.",
-            lambda te: sum(rows(te)),
-            lambda te: sum(rows(te, without="")),
+        "this is the sum: divide by how many rows there are.": lambda te: sum(rows(te)),
+        "a sequence without any sub-sequence has None, which cannot be added: leave None out.": lambda te: (
+            sum(te.values())
         ),
-        Mistake(
-            "a sequence without any sub-sequence has None, which cannot be added.",
-            "leave None out.",
-            lambda te: sum(te.values()),
-        ),
-    ),
+    },
 )
 
 true_rotation_error = Exercise(
@@ -109,17 +94,10 @@ true_rotation_error = Exercise(
     praise="{right:.4f}: what is printed reads 3 % low.",
     hint="back to rad/m with the factor used, then on with 100 · 180/π.",
     line="1.000 / 5555.6 * 100 * 180 / np.pi",
-    mistakes=(
-        Mistake(
-            "this is the other way round.", "printed / 5555.6 is in rad/m; times 100 · 180/π.", USED / TRUE
-        ),
-        Mistake(
-            "this is the difference, not the RE.",
-            "add it to what is printed.",
-            TRUE / USED - 1.0,
-            when=lambda got: abs(got - 0.0313) < 1e-3 or abs(got - 3.13) < 0.1,
-        ),
-    ),
+    slips={"inverse": "this is the other way round: printed / 5555.6 is in rad/m."},
+    mistakes={
+        "this is the difference, not the RE.": When(lambda got: min(abs(got - 0.0313), abs(got - 3.13)) < 0.1)
+    },
 )
 
 gain = Exercise(
@@ -131,94 +109,53 @@ gain = Exercise(
     praise="{got[0]:+.2f} ± {got[1]:.2f}, each alone ± 0.3: what chance does to both alike has cancelled.",
     hint="one change for each seed; then the mean and the deviation of these changes.",
     line="np.mean(after - before), np.std(after - before)",
-    mistakes=(
-        Mistake(
-            "the sign: an error that fell should give a negative change.",
-            "subtract what was before from what is after.",
-            times(change, -1.0, 1.0),
-        ),
-        Mistake(
-            "the spread is that of one method alone.",
-            "the standard deviation of after - before.",
+    mistakes={
+        "the spread is that of one method alone: take it of after - before.": (
             lambda before, after: change(before, after, before.std()),
             lambda before, after: change(before, after, after.std()),
         ),
-        Mistake(
-            "the spread comes from the two methods' own spreads.",
-            "subtract seed by seed first; then the standard deviation.",
+        "the spread comes from the two methods' own spreads: subtract seed by seed first.": (
             lambda before, after: change(before, after, np.hypot(before.std(), after.std())),
             lambda before, after: change(before, after, abs(after.std() - before.std())),
         ),
-        Mistake(
-            "this is another measure of the spread: the variance, or how well the mean is known.",
-            "the standard deviation of the changes themselves.",
-            lambda before, after: change(before, after, np.var(after - before)),
-            lambda before, after: change(before, after, np.std(after - before) / np.sqrt(len(after))),
+        "this is the change as a share of what was before.": lambda before, after: change(
+            0 * after + 1, after / before
         ),
-        Mistake(
-            "this is the change as a share of what was before.",
-            "in %, as TE itself.",
-            lambda before, after: change(np.ones_like(before), after / before),
-        ),
-        Mistake("mean and spread are exchanged.", "the mean comes first.", lambda *two: change(*two)[::-1]),
-    ),
+    },
+    slips={"sign": "the sign: an error that fell should give a negative change."},
 )
 
 sweep = Exercise(
     lambda sequence, matches, values: errors_of_sets()[0],
     lambda: [(*simulated(), VALUES)],
     task="A function (sequence, matches, values) -> TE in % over 20 m, for each number of five-point sets.",
-    praise=(
-        "TE by sets: 8: {right[0]:.2f} %, 16: {right[1]:.2f} %, 100: {right[2]:.2f} %. The matches were "
-        "found once, only the back end ran again."
-    ),
+    praise="TE by sets: 8: {right[0]:.2f} %, 16: {right[1]:.2f} %, 100: {right[2]:.2f} %. The matches were "
+    "found once, only the back end ran again.",
     hint="for each value a new configuration of `solution_selection`, a run of it, and the TE of its poses.",
     line='config = replace(preset("solution_selection"), "selection.sets", value)',
-    mistakes=(
-        Mistake("this is RE.", "`.te` of what kitti_errors gives.", lambda *case: errors_of_sets()[1]),
-        Mistake(
-            "TE is a fraction, not %.", "`.te` is in % already.", lambda *case: errors_of_sets()[0] / 100.0
+    mistakes={
+        "this is RE: take `.te` of what kitti_errors gives.": lambda *case: errors_of_sets()[1],
+        "a TE is None: the path has 29 m, so lengths=(20,), and a start every frame.": lambda *case: (
+            [None] * 3
         ),
-        Mistake(
-            "a TE is None: no sub-sequence fits.",
-            "the path has 29 m; lengths=(20,), and a start every frame.",
-            lambda *case: [None] * len(VALUES),
+        "all values give the same TE: the setting has not changed; `replace` gives a new configuration.": When(
+            lambda got, *case: np.ptp(got) < 1e-12
         ),
-        Mistake(
-            "all values give the same TE: the setting has not changed.",
-            ('`replace` gives a new configuration: config = replace(preset(…), "selection.sets", value).'),
-            lambda *case: errors_of_sets()[0][[2, 2, 2]],
-            when=lambda got, *case: np.ptp(got) < 1e-12,
-        ),
-    ),
+    },
 )
 
 fewer_sets = Exercise(
     {"five-point sets": 20.0, "TE": 0.05, "TE of the preset": 0.049},
     task="The panel shows a run with 20 sets or fewer whose TE is at most 5 % above the preset's.",
-    praise=(
-        "{five-point sets:.0f} sets, TE {TE:.4f} % against {TE of the preset:.4f} %: on this part of this "
-        "street."
-    ),
-    hint="",
-    mistakes=(
-        Mistake(
-            "the panel shows no TE yet.",
-            "wait until its bar is gone, then run this cell again.",
-            {"TE": np.nan},
-            when=lambda facts: not np.isfinite(facts["TE"]),
+    praise="{five-point sets:.0f} sets, TE {TE:.4f} % against {TE of the preset:.4f} %: on this part of this street.",
+    mistakes={
+        "the panel shows no TE yet. Wait until its bar is gone, then run this cell again.": lambda now: (
+            not np.isfinite(now["TE"])
         ),
-        Mistake(
-            "{five-point sets:.0f} five-point sets are more than 20.",
-            "move the slider of five-point sets.",
-            {"five-point sets": 200.0},
-            when=lambda facts: not facts["five-point sets"] <= MOST_SETS,
+        "{five-point sets:.0f} five-point sets are more than 20.": lambda now: (
+            not now["five-point sets"] <= MOST_SETS
         ),
-        Mistake(
-            "TE is {TE:.4f} %, more than 5 % above the preset's {TE of the preset:.4f} %.",
-            "a few sets more, or `refined`.",
-            {"TE": 0.06},
-            when=lambda facts: facts["TE"] > WORSE * facts["TE of the preset"],
-        ),
-    ),
+        "TE is {TE:.4f} %, more than 5 % above the preset's {TE of the preset:.4f} %. Try a few sets more, or "
+        "`refined`.": lambda now: now["TE"] > WORSE * now["TE of the preset"],
+    },
 )

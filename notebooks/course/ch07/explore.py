@@ -6,26 +6,22 @@ import functools
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from vo_lib.config import METHODS, VARIANTS, PublishedConfig, change, preset
-from vo_lib.core.errors import DataError
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Array, Progress
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.ate_rpe import relative_error
 from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors
 from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.runs.runner import run_methods
 from vo_lib.tables.entries import over_seeds
 from vo_lib.tables.table1 import VARIANT_WORDS
 
+from ..ch05.claim import claim_figure, step_errors
 from ..controls import Control
 from ..drawing import stack
-from ..facts import Fact
-from ..frames import Memory, opened
+from ..frames import Memory, opened, true_poses
 from ..panel import Drawing, Panel, State
-from .figures import steps_figure
+from ..results import Fact
 from .runs import part_of
 
 FRAMES = 30
@@ -40,7 +36,7 @@ class ExploreView(Checked):
     method: str = setting("feature_selection", "the method that follows the sliders", choices=tuple(METHODS))
     variant: str = setting(
         "kit",
-        "the paper as published, or the kit's way; what is the kit's own it refuses",
+        "the paper as published, which refuses the kit's own, or the kit's way",
         choices=tuple(VARIANTS),
     )
 
@@ -74,32 +70,32 @@ class ExplorePanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         method, variant, sequence = state.view.method, state.view.variant, state.sequence
-        truth, changed = _truth(sequence), self.changed
+        truth, changed = true_poses(sequence), self.changed
         base = preset(method, variant=variant, seed=state.config.seed)
         paths = {"preset": poses_of(sequence, base)}
         # `DataError` where the paper's own has no such setting.
         config = functools.reduce(lambda config, name: change(config, name, changed[name]), changed, base)
         paths["with these settings"] = poses_of(sequence, config)
-        rpe = {name: relative_error(truth, poses) for name, poses in paths.items()}
         (te_preset, re_preset), (te, re) = (errors_of(truth, poses) for poses in paths.values())
-        here, at = rpe["with these settings"], min(state.frame, len(sequence) - 1) - 1
+        frame = min(state.frame, len(sequence) - 1)
+        turn, step = step_errors(sequence, paths["with these settings"])
         facts = (
             Fact("TE", te, "%", 4),
             Fact("TE of the preset", te_preset, "%", 4),
             Fact("RE", re, "deg/100 m", 4),
             Fact("RE of the preset", re_preset, "deg/100 m", 4),
             Fact("five-point sets", state.config.selection.sets),
-            Fact("rotation error here", float(np.degrees(here.rotation[at])), "deg", 4),
-            Fact("translation error here", 1e3 * float(here.translation[at]), "mm", 1),
+            Fact("rotation error here", float(turn[frame - 1]), "deg", 4),
+            Fact("translation error here", float(step[frame - 1]), "mm", 1),
         )
         # A slider's 0.05 may be 0.04999999999999999.
         words = [f"{n} = {f'{v:g}' if isinstance(v, float) else v}" for n, v in changed.items()]
         sentence = (
             f"{method}, {VARIANT_WORDS[variant]}, {len(sequence)} frames; TE and RE over "
-            f"{SHORT_MEASURE.words}, as far as it goes. Grey is the preset. "
+            f"{SHORT_MEASURE.words}, as far as it goes. "
             f"Changed: {', '.join(words) or 'nothing'}."
         )
-        picture = steps_figure(rpe, state.frame, method, self.height)
+        picture = claim_figure(sequence, paths, self.height, frame)
         return Drawing(stack([picture], self.height), sentence, facts)
 
     def _open(self, name: str) -> None:
@@ -107,7 +103,7 @@ class ExplorePanel(Panel):
 
         def prepare(report: Progress) -> Sequence:
             sequence = part_of(opened(name, report), FRAMES)
-            _truth(sequence)
+            true_poses(sequence)  # or say that there are none
             for done, _ in enumerate(
                 CachedMatches(sequence, self.start.features, self.start.matching), start=1
             ):
@@ -129,9 +125,3 @@ def errors_of(truth: Array, poses: Array) -> tuple[float, float]:
     errors = kitti_errors(truth, poses, SHORT_MEASURE.lengths, SHORT_MEASURE.step)
     te, re = over_seeds((errors.te, errors.re))
     return float(te), float(re)
-
-
-def _truth(sequence: Sequence) -> Array:
-    if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no ground truth to compare with")
-    return sequence.truth

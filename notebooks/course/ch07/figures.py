@@ -14,15 +14,15 @@ from matplotlib.figure import Figure
 from vo_lib.core.poses import from_first
 from vo_lib.core.types import Array
 from vo_lib.data.sequence import KITTI
-from vo_lib.evaluation.ate_rpe import RelativeError
 from vo_lib.evaluation.kitti import KITTI_MEASURE, trajectory_distances
 from vo_lib.tables.entries import Entry
 from vo_lib.tables.paper import PRINTED_NAMES, PROPOSAL, read_paper_table
-from vo_lib.tables.plots import METHOD_MARKERS, TRUTH_COLOUR, draw_drift, draw_trajectories, method_colour
+from vo_lib.tables.plots import METHOD_MARKERS, draw_drift, draw_trajectories, method_colour
 from vo_lib.tables.report import ReportTable, number
 from vo_lib.tables.table1 import DIGITS, method_table
 
-from ..drawing import CYCLE, DARK, FONT_SIZE, PALE, figure, finish, log_axis, room, say
+from ..colours import CYCLE, DARK, PALE
+from ..drawing import FONT_SIZE, figure, finish, log_axis, say
 
 CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
 UNITS = "TE [%]", "RE [deg/100 m]"
@@ -52,12 +52,7 @@ def errors_figure(entries: list[Entry], height: int) -> Figure:
 
 
 def paths_figure(
-    title: str,
-    truth: Array,
-    estimates: dict[str, Array],
-    height: int = 340,
-    frame: int = 0,
-    words: str = "",
+    title: str, truth: Array, estimates: dict[str, Array], height: int = 340, frame: int = 0, words: str = ""
 ) -> Figure:
     """Paths from above, as the paper's Figure 4, and beside them how far they are from the truth.
 
@@ -74,25 +69,6 @@ def paths_figure(
     draw_drift(drift, truth, estimates)
     drift.axvline(float(trajectory_distances(truth)[frame]), color=PALE, linewidth=1)
     finish(drift, "distance from the truth", "along the path [m]", "distance [m]")
-    return made
-
-
-def steps_figure(errors: Mapping[str, RelativeError], frame: int, method: str, height: int = 240) -> Figure:
-    """Rotation and translation error of each step of several runs, by name; "preset" in grey, below the others."""
-    made, axes = figure(height, 2)
-    kinds = {
-        "rotation": ("0.001 deg", {name: 1e3 * np.degrees(each.rotation) for name, each in errors.items()}),
-        "translation": ("mm", {name: 1e3 * each.translation for name, each in errors.items()}),
-    }
-    for axis, (kind, (unit, lines)) in zip(axes, kinds.items(), strict=True):
-        for name, values in lines.items():
-            colour, width = (PALE, 3.0) if name == "preset" else (TRUTH_COLOUR, 1.2)
-            axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=width, label=name)
-        axis.axvline(frame, ymax=0.8, color=DARK, linewidth=0.8)  # below the legend
-        axis.set_xlim(0, max(map(len, lines.values())) + 1)
-        # The legend stands above the highest value.
-        axis.set_ylim(0, room(1.25 * max(float(values.max()) for values in lines.values()), least=1e-3))
-        finish(axis, f"{kind} error of each step, {method}", "frame", unit, "upper left")
     return made
 
 

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
-
-import ipywidgets as widgets
+from dataclasses import dataclass
 
 from vo_lib.config import METHODS, PUBLISHED, VARIANTS, preset
-from vo_lib.core.errors import DataError
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Progress
 from vo_lib.evaluation.kitti import suitable_measure
@@ -16,9 +12,9 @@ from vo_lib.tables.entries import Entry
 
 from ..controls import Control
 from ..drawing import photo, stack
-from ..facts import Fact
-from ..frames import stereo
+from ..frames import stereo, true_poses
 from ..panel import Drawing, Panel, State
+from ..results import Fact
 from .figures import errors_figure, paths_figure, table_html, table_tables, without_boxes
 from .runs import Plan, part_of, run_plan
 
@@ -32,18 +28,9 @@ class ReproduceView(Checked):
     """What the panel of chapter 7 runs."""
 
     methods: tuple[str, ...] = setting(tuple(METHODS), "names with commas between")
-    frames: int = setting(
-        60, "the first of the sequence; of KITTI's 00 from 16, unless all", low=20, high=5000
-    )
+    frames: int = setting(60, "the first ones; of KITTI's 00 from 16 on, unless all", low=20, high=5000)
     seeds: int = setting(3, "runs of each method, each with other random sets", low=1, high=10)
     variant: str = setting("published", "the paper as published, or the kit's way", choices=tuple(VARIANTS))
-
-
-@dataclass(frozen=True)
-class TableDrawing(Drawing):
-    """A drawing with tables, as HTML, below it."""
-
-    tables: str = field(default="")
 
 
 class ReproducePanel(Panel):
@@ -62,8 +49,7 @@ class ReproducePanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         plan = _plan(state)
-        sequence, truth = plan.sequence, plan.sequence.truth
-        assert truth is not None
+        sequence, truth = plan.sequence, true_poses(plan.sequence)
         frame = min(state.frame, len(sequence) - 1)
         title = f"{sequence.name}, frames {sequence.frames[0]} to {sequence.frames[-1]}"
         if not plan.is_run:
@@ -90,23 +76,12 @@ class ReproducePanel(Panel):
         ]
         sentence = f"{_gain(entries)} The run folders are in {plan.folder}."
         tables = "".join(map(table_html, table_tables(entries)))
-        return TableDrawing(
-            stack([paths, errors_figure(entries, ERRORS_HEIGHT)], self.height), sentence, tuple(facts), tables
-        )
+        picture = stack([paths, errors_figure(entries, ERRORS_HEIGHT)], self.height)
+        return Drawing(picture, sentence, tuple(facts), tables)
 
     def work(self, state: State, progress: Progress) -> Drawing:
         run_plan(_plan(state), progress)
         return self.draw(state)
-
-    def _show(self, drawing: Drawing) -> None:
-        super()._show(drawing)
-        self.tables.value = drawing.tables if isinstance(drawing, TableDrawing) else ""
-
-    def _layout(self) -> Any:
-        self.tables = widgets.HTML()
-        box = super()._layout()
-        box.children = (*box.children, self.tables)
-        return box
 
 
 def _plan(state: State) -> Plan:
@@ -115,8 +90,7 @@ def _plan(state: State) -> Plan:
         methods = tuple(PUBLISHED)
     for name in methods:
         preset(name, variant=state.view.variant)
-    if state.sequence.truth is None:
-        raise DataError(f"{state.sequence.name} has no ground truth to compare with")
+    true_poses(state.sequence)  # or say that there are none
     return Plan(part_of(state.sequence, state.view.frames), methods, state.view.seeds, state.view.variant)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,9 @@ from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.runs.runner import run_methods, single_threaded
 
-from ..ch00.exercises import way
-from ..checker import Exercise, Mistake
+from ..ch00.exercises import beeline, way
+from ..checker import Exercise
+from ..frames import true_poses
 from ..keep import handed_back
 from ..results import Unusable, Verdict, outcome
 
@@ -27,19 +28,16 @@ SEEDS = (0, 1, 2)
 
 def drift_of(poses: Array, sequence: Sequence) -> float:
     """How far the last pose is from the true one, in % of the true path."""
-    path = way(sequence)  # asks for the truth
-    assert sequence.truth is not None
-    end = (inverse(sequence.truth[0]) @ sequence.truth[-1])[:3, 3]
-    return 100.0 * float(np.linalg.norm((np.linalg.inv(poses[0]) @ poses[-1])[:3, 3] - end)) / path
+    truth = true_poses(sequence)
+    end = (inverse(truth[0]) @ truth[-1])[:3, 3]
+    return 100.0 * float(np.linalg.norm((np.linalg.inv(poses[0]) @ poses[-1])[:3, 3] - end)) / way(sequence)
 
 
 def measured(
     poses: Array, sequence: Sequence, lengths: tuple[float, ...] = (20.0,), step: int = 1
 ) -> tuple[float, float]:
     """TE in % and RE in deg/100 m of poses (N, 4, 4)."""
-    if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no truth; take a drawn sequence")
-    found = kitti_errors(sequence.truth, poses, lengths, step)
+    found = kitti_errors(true_poses(sequence), poses, lengths, step)
     return float(found.te or np.nan), float(found.re or np.nan)
 
 
@@ -47,52 +45,31 @@ all_yours = Exercise(
     {"borrowed": 0.0},
     task="What `join` gives: every stage is a function of your own that passes its check.",
     praise="every stage of this odometry is yours.",
-    hint="",
-    mistakes=(
-        Mistake(
-            "{borrowed:.0f} of the stages are still the library's.",
-            "the table above names the exercise of each: solve it there, then run this notebook again.",
-            {"borrowed": 3.0},
-            when=lambda facts: facts["borrowed"] != 0,
-        ),
-    ),
+    mistakes={
+        "{borrowed:.0f} of the stages are still the library's. The table above names the exercise of each: solve "
+        "it there, then run this notebook again.": lambda now: now["borrowed"] != 0
+    },
 )
 
 drift = Exercise(
     drift_of,
     rtol=0.01,
     task="How far the estimate ends from the truth, in % of the true path.",
-    praise=(
-        "{right:.2f} % of the path. Over longer paths the share grows, because a wrong heading moves "
-        "everything after it."
-    ),
-    hint=(
-        "the distance of the last positions, divided by the length of the true path; estimates start at "
-        "the identity."
-    ),
+    praise="{right:.2f} % of the path. Over longer paths the share grows: a wrong heading moves all after it.",
+    hint="the distance of the last positions over the length of the true path; estimates start at the identity.",
+    slips={"share": "this is the fraction: times 100."},
     line="100 * np.linalg.norm(yours[-1][:3, 3] - true[:3, 3]) / trajectory_distances(street.truth)[-1]",
-    mistakes=(
-        Mistake(
-            "{got:.3g} m is the distance.",
-            "in % of the true path.",
-            lambda poses, sequence: drift_of(poses, sequence) / 100 * way(sequence),
+    mistakes={
+        "{got:.3g} m is the distance; it is asked for in % of the true path.": lambda poses, sequence: (
+            drift_of(poses, sequence) / 100 * way(sequence)
         ),
-        Mistake(
-            "this is the fraction.", "times 100.", lambda poses, sequence: drift_of(poses, sequence) / 100
+        "divided by the straight way from start to end.": lambda poses, sequence: (
+            drift_of(poses, sequence) * way(sequence) / beeline(sequence)
         ),
-        Mistake(
-            "divided by the straight way from start to end.",
-            "the path is the sum of its steps.",
-            lambda poses, sequence: drift_of(poses, sequence) * way(sequence) / way(sequence, False),
+        "divided by the length of the estimate, which may be too long itself.": lambda poses, sequence: (
+            drift_of(poses, sequence) * way(sequence) / way(replace(sequence, truth=poses))
         ),
-        Mistake(
-            "divided by the length of the estimate.",
-            "the estimate may be too long itself: take the true path.",
-            lambda poses, sequence: (
-                drift_of(poses, sequence) * way(sequence) / way(replace(sequence, truth=poses))
-            ),
-        ),
-    ),
+    },
 )
 
 te_and_re = Exercise(
@@ -103,46 +80,29 @@ te_and_re = Exercise(
     praise="TE {right[0]:.3f} %, RE {right[1]:.3f} deg/100 m.",
     hint="your own `all_errors` does it: one length, and a step of one frame.",
     line="te_re = mine.all_errors(street.truth, yours, (20,), 1)",
-    mistakes=(
-        Mistake(
-            "these start at every tenth frame.",
-            "step 1: the path is short.",
-            lambda poses, sequence: measured(poses, sequence, step=10),
+    mistakes={
+        "these start at every tenth frame; the step is 1.": partial(measured, step=10),
+        "these are taken over other lengths than (20,).": (
+            partial(measured, lengths=(10.0,)),
+            partial(measured, lengths=(20.0, 50.0)),
         ),
-        Mistake(
-            "these are taken over other lengths.",
-            "lengths (20,).",
-            lambda poses, sequence: measured(poses, sequence, lengths=(10.0,)),
-            lambda poses, sequence: measured(poses, sequence, lengths=(20.0, 50.0)),
-        ),
-        Mistake(
-            "RE comes first here.", "TE, then RE.", lambda poses, sequence: measured(poses, sequence)[::-1]
-        ),
-    ),
+    },
 )
 
 less_luck = Exercise(
     {"RE": 0.1, "RE published": 0.5},
     task="RE of a drive, mean over three seeds, and that of `published`: at most a quarter.",
-    praise=(
-        "RE {RE:.3f} against {RE published:.3f} deg/100 m, means over three seeds. On these frames: a setting "
-        "chosen on the sequence that is reported is no result. Now try another."
-    ),
-    hint="",
-    mistakes=(
-        Mistake(
-            "no RE came out: the path has no sub-sequence of 20 m, or its poses are not numbers.",
-            "poses (N, 4, 4), a pose for each frame, the first one the identity.",
-            {"RE": np.nan},
-            when=lambda facts: not np.isfinite(facts["RE"] + facts["RE published"]),
+    praise="RE {RE:.3f} against {RE published:.3f} deg/100 m, means over three seeds. On these frames: a setting "
+    "chosen on the sequence that is reported is no result. Now try another.",
+    mistakes={
+        "no RE came out: `drive` gives poses (N, 4, 4), one for each frame, the first the identity.": lambda now: (
+            not np.isfinite(now["RE"] + now["RE published"])
         ),
-        Mistake(
-            "{RE:.3f} against {RE published:.3f} deg/100 m is not yet a quarter.",
-            "the winner goes through five noisy matches alone: refine it on its inliers (chapter 3).",
-            {"RE": 0.3},
-            when=lambda facts: not facts["RE"] <= 0.25 * facts["RE published"],
+        "{RE:.3f} against {RE published:.3f} deg/100 m is not yet a quarter. The winner goes through five noisy "
+        "matches alone: refine it on its inliers (chapter 3).": lambda now: (
+            now["RE"] > 0.25 * now["RE published"]
         ),
-    ),
+    },
 )
 
 
@@ -157,7 +117,7 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
     kit, unseen = preset("feature_selection"), replace(sequence, truth=None)
     matches = list(CachedMatches(sequence, kit.features, kit.matching))
     with single_threaded():
-        paths = [outcome(functools.partial(drive, seed=seed), (unseen, matches)) for seed in SEEDS]
+        paths = [outcome(partial(drive, seed=seed), (unseen, matches)) for seed in SEEDS]
     stopped = next((path for path in paths if isinstance(path, Unusable)), None)
     if stopped is not None:
         return stopped
@@ -165,10 +125,8 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
     paper = [run.poses for run in run_methods(sequence, configs).values()]
     try:
         mine, theirs = (
-            np.mean([measured(np.asarray(p), sequence)[1] for p in some]) for some in (paths, paper)
+            np.mean([measured(np.asarray(p), sequence)[1] for p in each]) for each in (paths, paper)
         )
     except (DataError, ValueError, TypeError) as error:
-        return Verdict(
-            False, f"`drive` gave back no path: {error}.", "poses (N, 4, 4), a pose for each frame."
-        )
+        return Verdict(False, f"`drive` gave back no path: {error}.", "poses (N, 4, 4), one for each frame.")
     return less_luck({"RE": float(mine), "RE published": float(theirs)})

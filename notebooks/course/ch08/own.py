@@ -18,30 +18,22 @@ from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.runs.runner import run_methods
 from vo_lib.tables.film import Film, shown_frames
 
-from ..ch00 import exercises as ch00
-from ..ch01 import exercises as ch01
-from ..ch02 import exercises as ch02
-from ..ch03 import exercises as ch03
-from ..ch04 import exercises as ch04
-from ..ch05 import exercises as ch05
-from ..ch06 import exercises as ch06
-from ..checker import Exercise
 from ..keep import NAME, load
-from ..marks import judged
+from ..marks import asked
 
-# The exercise that checks each function, and its number, in the order of the loop.
-STAGES: dict[str, tuple[str, Exercise]] = {
-    "keep_outside": ("5.5", ch05.keep_outside),
-    "buckets": ("1.5", ch01.buckets),
-    "solve_five": ("2.8", ch02.solve_five),
-    "truncated_error": ("3.1", ch03.truncated_error),
-    "select": ("3.5", ch03.select),
-    "rows_of_one": ("4.1", ch04.feature_rows),
-    "translation_of_all": ("4.4", ch04.stack),
-    "weights": ("4.7", ch04.robust_weight),
-    "chain": ("0.5", ch00.chain),
-    "all_errors": ("6.5", ch06.all_errors),
-}
+# The functions in the order of the loop.
+STAGES = (
+    *(
+        "keep_outside",
+        "buckets",
+        "solve_five",
+        "truncated_error",
+        "select",
+        "rows_of_one",
+        "translation_of_all",
+    ),
+    *("weights", "chain", "all_errors"),
+)
 
 
 @dataclass(frozen=True)
@@ -68,8 +60,9 @@ class Joined:
         return "yours" if own == len(STAGES) else f"{own} of {len(STAGES)} stages yours"
 
     def _repr_html_(self) -> str:
+        numbers = {name: number for name, (number, _) in asked().items()}
         rows = "".join(
-            f"<tr><td>{STAGES[name][0]}</td><td><code>{name}</code></td><td>{html.escape(words)}</td></tr>"
+            f"<tr><td>{numbers[name]}</td><td><code>{name}</code></td><td>{html.escape(words)}</td></tr>"
             for name, words in self.whose.items()
         )
         return f"<table><tr><th>exercise</th><th>stage</th><th>whose</th></tr>{rows}</table>"
@@ -77,11 +70,11 @@ class Joined:
 
 def join(**given: Any) -> Joined:
     """Every stage: a function given here or that of `my_vo.py`, where that passes; or the library's."""
-    written = {**load(Path(NAME)), **given}
+    written, exercises = {**load(Path(NAME)), **given}, asked()
     functions, whose = {}, {}
-    for name, (_, exercise) in STAGES.items():
-        own = written.get(name)
-        verdict = judged(own, exercise) if callable(own) else None
+    for name in STAGES:
+        own, (_, exercise) = written.get(name), exercises[name]
+        verdict = exercise.judge(own) if callable(own) else None
         passed = verdict is not None and verdict.passed
         functions[name] = own if passed else exercise.right
         why = f"yours fails its check: {verdict.message}" if verdict is not None else f"not in {NAME} yet"
