@@ -48,7 +48,6 @@ BASELINE = {"down": 1.0, "back": 2.0}  # how far the right camera may stand ther
 # How large each may be, and what of it no number of frames mends, standard deviations, pixels: among cars
 # that move a perfect lens seems to have a k1 of some pixels, and the floors keep that out.
 LENS = {"p1": (1.5, 0.85), "p2": (1.5, 0.85), "k1": (10.0, 2.0), "k2": (10.0, 4.0)}
-EXPONENTS = np.array([(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (4, 0)]).T
 N, FIELD = len(COLUMNS), len(COLUMNS) + len(ROWS)
 PAIR = FIELD + len(BASELINE)  # errors of one camera against the other; those of both follow
 NAMES = (
@@ -108,10 +107,11 @@ class Rig:
         errors = self.errors if errors is None else errors
         if not errors.any():
             return matches
-        prev_left, prev_right = self._without(errors, matches.prev_left, matches.prev_right)
-        cur_left, cur_right = self._without(errors, matches.cur_left, matches.cur_right)
+        views = (matches.prev_left, matches.cur_left), (matches.prev_right, matches.cur_right)
+        left, right = self._without(errors, *(np.concatenate(each) for each in views))
+        prev, cur = slice(len(matches)), slice(len(matches), None)
         return dataclasses.replace(
-            matches, prev_left=prev_left, prev_right=prev_right, cur_left=cur_left, cur_right=cur_right
+            matches, prev_left=left[prev], prev_right=right[prev], cur_left=left[cur], cur_right=right[cur]
         )
 
     def _without(self, errors: Array, left: Array, right: Array) -> tuple[Array, Array]:
@@ -189,7 +189,7 @@ def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
 
     x : (2, N) normalised left positions; disparity : (N,) pixels.
     """
-    right = x - np.stack([disparity / camera.f, np.zeros_like(disparity)])
+    right = np.array([x[0] - disparity / camera.f, x[1]])
     added, on_left, on_right = np.zeros((SIZE, 4, len(disparity))), powers(*x), powers(*right)
     for terms, n, axis in ((slice(N), N, 0), (slice(N, FIELD), len(ROWS), 1)):
         added[terms, axis] = 0.5 * on_left[:n]
@@ -209,8 +209,8 @@ def field_at(errors: Array, x: Array, y: Array) -> Array:
 
 def powers(x: Array, y: Array) -> Array:
     """The terms of `COLUMNS` at normalised positions x, y (N,), (9, N); the first six are those of `ROWS`."""
-    xs, ys = (np.stack([np.ones_like(a), a, a * a, a**3, (a * a) ** 2]) for a in (x, y))
-    return np.asarray(xs[EXPONENTS[0]] * ys[EXPONENTS[1]])
+    x2 = x * x
+    return np.array([np.ones_like(x), x, y, x2, x * y, y * y, x2 * x, x2 * y, x2 * x2])
 
 
 def lens_shapes(points: Array) -> Array:
@@ -218,7 +218,7 @@ def lens_shapes(points: Array) -> Array:
     x, y = points
     r2, xy = x * x + y * y, 2.0 * x * y
     radial = r2 * points
-    return np.stack([(xy, r2 + 2.0 * y * y), (r2 + 2.0 * x * x, xy), radial, r2 * radial])
+    return np.array([(xy, r2 + 2.0 * y * y), (r2 + 2.0 * x * x, xy), radial, r2 * radial])
 
 
 def prior_covariance() -> Array:
