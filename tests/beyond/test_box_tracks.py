@@ -49,13 +49,6 @@ def states(found: list[Judgement]) -> list[list[int]]:
     return [judgement.state.tolist() for judgement in found]
 
 
-def test_an_oncoming_car_moves_and_a_parked_one_does_not() -> None:
-    cars = [Vehicle((-3.0, 0.8, 30.0), (0.0, 0.0, -0.8)), Vehicle((4.0, 0.8, 16.0))]
-    found = judged(*drive(cars, 6))
-    assert states(found[1:]) == [[MOVING, PARKED]] * 5
-    assert not any(j.few_background for j in found)
-
-
 def test_a_car_ahead_that_keeps_its_distance_is_found_though_it_obeys_the_epipolar_geometry() -> None:
     first, frames = drive([Vehicle((0.3, 0.8, 14.0), AHEAD)], 5)
     E = skew(STEP[:3, 3]) @ STEP[:3, :3]
@@ -135,12 +128,13 @@ def test_the_evidence_of_a_turning_camera_is_that_of_the_step_seen_now(
     assert any(step) or not any(MOVING in each for each in states(found))
 
 
-def test_a_box_without_features_follows_its_history() -> None:
+def test_an_oncoming_car_moves_and_a_parked_one_does_not_while_nothing_is_seen_of_them_too() -> None:
     cars = [Vehicle((-3.0, 0.8, 30.0), (0.0, 0.0, -0.3)), Vehicle((4.0, 0.8, 20.0))]
     first, frames = drive(cars, 9)
     found = judged(first, without_features(frames, slice(4, 7)))
     assert states(found[2:]) == [[MOVING, PARKED]] * 7
     assert np.isnan(found[5].step).all()
+    assert not any(judgement.few_background for judgement in found)
 
 
 def test_a_car_that_stops_is_soon_parked() -> None:

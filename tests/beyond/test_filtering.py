@@ -15,7 +15,6 @@ from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core import settings
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Mask
 from vo_lib.data.sequence import Sequence
 from vo_lib.method.boxes import inside
 from vo_lib.runs.runner import FoundMatches
@@ -70,9 +69,7 @@ def test_with_too_few_left_the_filter_is_off_and_says_so() -> None:
     assert static_matches(matches, no_boxes(), no_boxes(), FilterConfig())[1] == ()
 
 
-def filtered(
-    config: FilterConfig, kept: slice = slice(None), outline: float = 0.0, told: Mask | None = None
-) -> list[Filtered]:
+def filtered(config: FilterConfig, kept: slice = slice(None), outline: float = 0.0) -> list[Filtered]:
     """What a rule does with features 200 … 219 of a car that keeps its distance, and 20 of a parked one.
 
     kept : the features given. outline : pixels by which the last one jumps in the last of six frames.
@@ -83,7 +80,7 @@ def filtered(
         uv[-1, 0] += outline
     rule = BoxFilter(CAMERA, config)
     rule.start(first)
-    return [rule.step(matches[np.arange(240)[kept]], boxes, told) for matches, boxes in frames]
+    return [rule.step(matches[np.arange(240)[kept]], boxes) for matches, boxes in frames]
 
 
 def test_the_rule_moving_removes_what_is_on_cars_that_move_and_keeps_parked_ones() -> None:
@@ -99,11 +96,6 @@ def test_the_rule_moving_removes_what_is_on_cars_that_move_and_keeps_parked_ones
 def test_features_of_parked_cars_have_to_agree_with_the_street(agreement: float, stays: bool) -> None:
     config = FilterConfig(rule="moving", moving=MovingConfig(agreement=agreement))
     assert filtered(config, outline=3.0)[-1].keep[-1] == stays
-
-
-def test_the_rule_truth_removes_what_it_is_told() -> None:
-    told = np.arange(240) < 50
-    assert (filtered(FilterConfig(rule="truth"), told=told)[0].keep == ~told).all()
 
 
 def test_a_frame_with_little_background_is_flagged() -> None:

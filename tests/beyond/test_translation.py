@@ -49,18 +49,6 @@ def eliminated(matches: StereoMatches, depth: Array) -> EliminatedPoints:
     return eliminate_points(before, now, depth, depth)
 
 
-def test_points_covariances_and_rests_are_those_of_the_four_rows_of_a_pair() -> None:
-    matches, _ = scene(20, 0.5)
-    points, depth = stereo_points(CAMERA, matches.prev_left, matches.prev_right), np.linspace(3.0, 30.0, 20)
-    A, _, c = (part[:, :4] for part in feature_rows(CAMERA, matches, R_CP))
-    for i, covariance in enumerate(np.moveaxis(points.covariance(depth)[FULL], 2, 0)):
-        X, floor = np.linalg.lstsq(A[i], c[i], rcond=None)[:2]
-        np.testing.assert_allclose(points.X[:, i], X, rtol=1e-8)
-        np.testing.assert_allclose(points.residual_floor[i], floor[0], rtol=1e-5, atol=1e-14)
-        expected = depth[i] ** 2 * np.linalg.inv(A[i].T @ A[i])
-        np.testing.assert_allclose(covariance, expected, rtol=1e-6, atol=1e-9)
-
-
 def test_no_disparity_leaves_the_point_finite_and_unknown_along_its_ray() -> None:
     left = np.array([[700.0, 200.0]])
     points = stereo_points(CAMERA, left, left)
