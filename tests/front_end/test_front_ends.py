@@ -74,8 +74,8 @@ def test_matches_of_both_front_ends_are_right(bands: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", FRONT_ENDS)
-def test_age_and_number_are_carried_over(bands: Path, kind: str) -> None:
-    before, after = follow(bands, kind)[3:5]
+def test_age_and_number_are_carried_over_and_new_numbers_are_new(bands: Path, kind: str) -> None:
+    first, before, after = follow(bands, kind)[2:5]
     _, i, j = np.intersect1d(before.id, after.id, return_indices=True)
     assert len(i) > 15
     np.testing.assert_array_equal(after.age[j], before.age[i] + 1)
@@ -84,6 +84,7 @@ def test_age_and_number_are_carried_over(bands: Path, kind: str) -> None:
     np.testing.assert_allclose(after.prev_left[j], before.cur_left[i], rtol=0, atol=apart)
     np.testing.assert_allclose(after.prev_right[j], before.cur_right[i], rtol=0, atol=apart)
     assert len(np.unique(after.id)) == len(after)
+    assert after.id[after.age == 1].min() > first.id.max()
 
 
 @pytest.mark.parametrize("kind", FRONT_ENDS)
