@@ -22,7 +22,7 @@ def distance(E: Array, F: Array) -> Array:
 
 def off_essential(E: Array) -> Array:
     """By how much singular values of unit matrices (M, 3, 3) are not those of an essential matrix, (M, 3)."""
-    return np.abs(np.linalg.svd(E, compute_uv=False) - [0.5**0.5, 0.5**0.5, 0.0])
+    return np.asarray(np.abs(np.linalg.svd(E, compute_uv=False) - [0.5**0.5, 0.5**0.5, 0.0]))
 
 
 def error_of_best(found: Candidates, truth: Array) -> Array:

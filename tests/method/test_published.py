@@ -44,7 +44,7 @@ def scene(
 
 
 def translation(matches: StereoMatches, R_cp: Array = R_CP, **settings: float) -> tuple[Array, Mask]:
-    found = solve_translation(CAMERA, matches, R_cp, dataclasses.replace(CONFIG, **settings))  # type: ignore[arg-type]
+    found = solve_translation(CAMERA, matches, R_cp, dataclasses.replace(CONFIG, **settings))
     assert found is not None
     return found
 
