@@ -112,13 +112,6 @@ def test_a_vehicle_is_found_beside_as_many_features_of_the_background(background
         assert deviation < 3.0
 
 
-def test_a_box_without_enough_features_says_nothing() -> None:
-    points, owner, noise = steps_of(CAR, 0)
-    found = box_steps(points, np.where(np.arange(len(owner)) < 2, 0, -1), 2, noise)
-    assert found.matches.tolist() == [2, 0]
-    assert not found.information.any()
-
-
 @pytest.mark.parametrize(("noise", "expected"), [(0.5, 0.5), (0.01, 0.2)])
 def test_the_noise_is_what_the_background_shows_and_never_less_than_the_setting(
     noise: float, expected: float

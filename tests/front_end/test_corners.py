@@ -71,11 +71,3 @@ def test_no_bucket_overflows_and_none_is_left_emptier_than_it_could_be(n: int, m
         inside = np.flatnonzero(bucket == b)
         best = sorted(inside, key=lambda i: (age[i], strength[i]), reverse=True)[:most]
         np.testing.assert_array_equal(np.intersect1d(inside, kept), np.sort(best))
-
-
-def test_buckets_are_squares_that_do_not_compete() -> None:
-    # At 49 and 50 pixels two features are neighbours in different buckets, along each axis.
-    uv = np.array([[49.0, 49.0], [50.0, 49.0], [49.0, 50.0], [50.0, 50.0], [0.0, 0.0]])
-    age, strength = np.array([1, 1, 1, 1, 2]), np.ones(5)
-    kept = select_by_bucket(uv, age, strength, BucketConfig(size=50, features=1))
-    assert kept.tolist() == [1, 2, 3, 4]

@@ -7,11 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from box_scenes import CAMERA, match_points
 from conftest import BANDS, HEIGHT, texture
 
 from vo_lib import open_sequence
 from vo_lib.config import FeatureConfig, MatchingConfig
-from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.matches import StereoMatches
 from vo_lib.data.sequence import Sequence
@@ -21,7 +21,6 @@ from vo_lib.method import config as published
 from vo_lib.method.features import best_matches, describe
 from vo_lib.method.matching import LoopMatcher
 
-CAMERA = StereoCamera(f=300.0, cx=160.0, cy=80.0, baseline=0.5, width=320, height=160)
 FEATURES = FeatureConfig(cell=10, blob_cell=9, blob_quality=30)
 # How many matches there are at least, their median error and that of nine in ten, pixels.
 FRONT_ENDS = {"kit": (60, 0.02, 0.1), "published": (30, 0.03, 0.2)}
@@ -113,12 +112,9 @@ def test_blobs_and_corners_are_found_again_after_a_jump() -> None:
 
 
 def test_the_next_search_starts_from_the_motion_of_the_last_matches() -> None:
-    rng = np.random.default_rng(4)
-    X_p = rng.uniform((-4.0, -2.0, 5.0), (4.0, 2.0, 20.0), (60, 3))
+    X_p = np.random.default_rng(4).uniform((-4.0, -2.0, 5.0), (4.0, 2.0, 20.0), (60, 3))
     R, t = rotation_from_vector(np.array([0.01, 0.03, 0.0])), np.array([0.1, 0.0, -0.8])
-    whole = np.arange(60)
-    matches = StereoMatches(*CAMERA.project(X_p), *CAMERA.project(X_p @ R.T + t), whole, np.ones(60), whole)
-    found, agree = next_motion(CAMERA, matches, None)
+    found, agree = next_motion(CAMERA, match_points(X_p, X_p @ R.T + t), None)
     assert found is not None
     assert agree == 60
     np.testing.assert_allclose(found[0], R, atol=1e-3)

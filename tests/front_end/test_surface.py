@@ -14,14 +14,7 @@ from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.types import Array, Image
 from vo_lib.front_end.alignment import brightness_change, track_warped
-from vo_lib.front_end.surface import (
-    Surface,
-    coarse_disparity,
-    fit_surface,
-    motion_warp,
-    right_slope,
-    stereo_warp,
-)
+from vo_lib.front_end.surface import coarse_disparity, fit_surface, motion_warp, right_slope, stereo_warp
 
 CAMERA = StereoCamera(f=700.0, cx=300.0, cy=100.0, baseline=0.5, width=600, height=200)
 R = rotation_from_vector(np.array([0.01, 0.03, -0.02]))
@@ -45,31 +38,19 @@ def test_a_plane_of_disparity_is_found_with_its_slope() -> None:
     np.testing.assert_allclose(surface.share, 1.0)
 
 
-def two_depths(nearer: float, column: int) -> Surface:
-    """Surfaces of two features, of which the first is near a step of the disparity from 10 at a column."""
+@pytest.mark.parametrize(
+    ("beside", "column", "share"), [(14.5, 178, (0.6, 1.0)), (40.0, 175, (0.3, 0.6)), (-1.0, 0, (0.0, 0.0))]
+)
+def test_what_lies_beside_a_surface_does_not_tilt_it_but_takes_its_share(
+    beside: float, column: int, share: tuple[float, float]
+) -> None:
+    """Pixels four nearer, an outline, and no disparities at all."""
     coarse = np.full((100, 300), 10.0, np.float32)
-    coarse[:, column:] = nearer
-    uv = np.array([[350.0, 120.0], [250.0, 120.0]])
-    return fit_surface(coarse, uv, np.array([nearer if column <= 175 else 10.0, 10.0]))
-
-
-def test_what_lies_four_pixels_nearer_does_not_tilt_the_plane() -> None:
-    surface = two_depths(14.5, 178)
+    coarse[:, column:] = beside
+    surface = fit_surface(coarse, np.array([[350.0, 120.0]]), np.array([10.0]))
     np.testing.assert_allclose(surface.slope, 0.0, atol=0.005)
-    np.testing.assert_allclose(surface.disparity, 10.0, atol=0.05)
-
-
-def test_a_feature_on_an_outline_has_little_surface_around_it() -> None:
-    share = two_depths(40.0, 175).share
-    assert share[0] < 0.6
-    assert share[1] == 1.0
-
-
-def test_without_disparities_nothing_is_known() -> None:
-    surface = two_depths(-1.0, 0)
-    assert np.isnan(surface.disparity).all()
-    assert not surface.share.any()
-    assert not surface.slope.any()
+    np.testing.assert_allclose(surface.disparity, 10.0 if beside > 0 else np.nan, atol=0.05)
+    assert share[0] <= surface.share[0] <= share[1]
 
 
 @pytest.mark.parametrize("right", [False, True])
