@@ -8,7 +8,6 @@ from box_scenes import CAMERA, match_points
 
 from vo_lib.beyond.translation import (
     EliminatedPoints,
-    eliminate_points,
     robust_start,
     solve_translation,
     stereo_points,
@@ -44,7 +43,7 @@ def eliminated(matches: StereoMatches, depth: Array) -> EliminatedPoints:
     """The system as the library has it, rows divided by depth (N,)."""
     before = stereo_points(CAMERA, matches.prev_left, matches.prev_right).rotated(R_CP)
     now = stereo_points(CAMERA, matches.cur_left, matches.cur_right)
-    return eliminate_points(before, now, depth, depth)
+    return EliminatedPoints(before, now, depth, depth)
 
 
 def test_no_disparity_leaves_the_point_finite_and_unknown_along_its_ray() -> None:

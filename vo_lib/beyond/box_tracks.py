@@ -63,13 +63,6 @@ def pair_up(iou: Array) -> Whole:
     return row_of
 
 
-def shifted(tracks: Tracks, matches: StereoMatches, in_before: Mask) -> Array:
-    """Where the tracks' boxes (M, 4) are to be expected: each moves as its features do on average."""
-    member = in_before.T.astype(np.float64)
-    flow = member @ (matches.cur_left - matches.prev_left)
-    return np.asarray(tracks.xyxy + np.tile(flow / np.maximum(member.sum(axis=1), 1.0)[:, None], 2))
-
-
 def with_evidence(tracks: Tracks, fresh: BoxSteps, R_cp: Array, config: MovingConfig) -> Tracks:
     """Tracks of the frame before, with the steps of their boxes into this one.
 
@@ -137,7 +130,10 @@ class BoxMotionClassifier:
         still = np.asarray(~in_before[:, old.state != PARKED].any(axis=1) & (outside | ~unseen))
         few_background = self._find_motion(matches, outside, still)
         fresh, disagrees = self._ask(matches, found, outside)
-        expected = shifted(old, matches, in_before)
+        # Each box is expected where its features go on average.
+        member = in_before.T.astype(np.float64)
+        flow = member @ (matches.cur_left - matches.prev_left) / np.maximum(member.sum(axis=1), 1.0)[:, None]
+        expected = old.xyxy + np.tile(flow, 2)
         row_of = pair_up(overlap(expected, found.xyxy))
         known = row_of >= 0
         lost = np.flatnonzero((old.missed < PATIENCE) & ~np.isin(np.arange(len(old)), row_of))

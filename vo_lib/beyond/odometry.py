@@ -141,10 +141,9 @@ class KitOdometry(Learning):
 
     _dropped = False
 
-    def motion(self, matches: StereoMatches) -> FrameResult | None:
+    def remember(self, rotation: Rotation, t_cp: Array) -> FrameResult:
         """As the paper's; says where the prior was dropped."""
-        motion = super().motion(matches)
-        return motion if motion is None or not self._dropped else replace(motion, flags=("prior_dropped",))
+        return replace(super().remember(rotation, t_cp), flags=("prior_dropped",) * self._dropped)
 
     def rest(self, matches: StereoMatches) -> FrameResult:
         """The small motion that stereo depth shows, or none at all."""

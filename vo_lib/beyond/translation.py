@@ -61,12 +61,12 @@ def solve_translation(
         return None
     before = stereo_points(camera, matches.prev_left[used], matches.prev_right[used]).rotated(R_cp)
     now = stereo_points(camera, matches.cur_left[used], matches.cur_right[used])
-    scale, system = config.scale / camera.f, eliminate_points(before, now, depth[used], depth[used])
+    scale, system = config.scale / camera.f, EliminatedPoints(before, now, depth[used], depth[used])
     try:
         t = robust_start(system, 4.0 * scale)
         for _ in range(config.iterations):
             # The rows' weights use the depth of each point as solved, in both frames.
-            system = eliminate_points(before, now, *system.depths(t))
+            system = EliminatedPoints(before, now, *system.depths(t))
             weight = 1.0 / (1.0 + system.squared_residuals(t) / scale**2)
             before_step, t = t, np.linalg.solve((system.W @ weight)[FULL], system.pull() @ weight)
             if np.linalg.norm(t - before_step) < DONE:
@@ -122,46 +122,36 @@ def stereo_points(camera: StereoCamera, left: Array, right: Array) -> StereoPoin
     return StereoPoints(X, ray, np.array([0.0, 0.0, 1.0]), 4.0 / d2, residual_floor)
 
 
-class EliminatedPoints(NamedTuple):
-    """The eight rows of N features, divided by their depths, with every point eliminated.
+class EliminatedPoints:
+    """The eight rows of N features, divided by their depths (N,), metres, with every point eliminated.
 
     Attributes
     ----------
     before, now : points in the previous pair, in the axes of the current one, and in the current pair.
-    C_p : (6, N) covariance of the points before; W : (6, N) inverse covariance of now.X - before.X.
+    apart : (3, N) how far the points now are from those before.
+    C_p : (6, N) covariance of the points before; W : (6, N) inverse covariance of `apart`.
     residual_floor : (N,) squared residual that is left whatever t is.
     """
 
-    before: StereoPoints
-    now: StereoPoints
-    C_p: Array
-    W: Array
-    residual_floor: Array
+    def __init__(self, before: StereoPoints, now: StereoPoints, depth_p: Array, depth_c: Array):
+        self.before, self.now, self.apart = before, now, now.X - before.X
+        self.C_p = before.covariance(depth_p)
+        self.W = invert(self.C_p + now.covariance(depth_c))
+        self.residual_floor = before.residual_floor / depth_p**2 + now.residual_floor / depth_c**2
 
     def pull(self) -> Array:
         """Right sides g (3, N) of each feature's normal equations W t = g."""
-        return times(self.W, self.now.X - self.before.X)
+        return times(self.W, self.apart)
 
     def squared_residuals(self, t: Array) -> Array:
         """Squared residual (N,) over the eight rows under t (3,), each feature with its best point."""
-        v = self.now.X - self.before.X - t[:, None]
+        v = self.apart - t[:, None]
         return np.asarray(np.maximum(np.einsum("in,in->n", v, times(self.W, v)) + self.residual_floor, 0.0))
 
     def depths(self, t: Array) -> tuple[Array, Array]:
         """Depths (N,) of each feature's best point under t, in the previous and in the current pair."""
-        v = self.now.X - self.before.X - t[:, None]
-        RQ = self.before.X + times(self.C_p, times(self.W, v))
+        RQ = self.before.X + times(self.C_p, times(self.W, self.apart - t[:, None]))
         return np.maximum(self.before.axis @ RQ, NEAREST), np.maximum(RQ[2] + t[2], NEAREST)
-
-
-def eliminate_points(
-    before: StereoPoints, now: StereoPoints, depth_p: Array, depth_c: Array
-) -> EliminatedPoints:
-    """Features' rows divided by their depths (N,), metres, in the previous and the current pair."""
-    C_p = before.covariance(depth_p)
-    W = invert(C_p + now.covariance(depth_c))
-    floor = before.residual_floor / depth_p**2 + now.residual_floor / depth_c**2
-    return EliminatedPoints(before, now, C_p, W, floor)
 
 
 def robust_start(system: EliminatedPoints, limit: float) -> Array:
