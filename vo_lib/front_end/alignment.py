@@ -85,12 +85,12 @@ def refine_over_time(
     """
     R, t = motion
     # The right camera sits one baseline beside the left one.
-    t_right = t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0))
+    sides = (slope, t), (right_slope(slope), t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0)))
     disparity = seen[0][:, 0] - seen[1][:, 0]
     places = [np.array(start[side], np.float64) for side in (0, 1)]
     # What is lost in the left images is not looked for in the right ones.
     ok = np.ones(len(slope), np.bool_)
-    for side, (side_slope, side_t) in enumerate(((slope, t), (right_slope(slope), t_right))):
+    for side, (side_slope, side_t) in enumerate(sides):
         bent = motion_warp(camera, seen[side][ok], disparity[ok], side_slope[ok], R, side_t)
         places[side][ok], difference = track_warped(
             before[side], pair[side], seen[side][ok], start[side][ok], bent, config.finish_window

@@ -78,9 +78,8 @@ class LoopMatcher:
     def step(self, pair: PreparedPair) -> StereoMatches:
         """Matches of the pair before with this one; empty for the first pair."""
         matches, slope = NOTHING if self._previous is None else self._follow(*self._previous, pair)
-        kept = select_by_bucket(
-            matches.cur_left, matches.age, matches.strength, BucketConfig(size=self.features.cell, features=1)
-        )
+        one_a_cell = BucketConfig(size=self.features.cell, features=1)
+        kept = select_by_bucket(matches.cur_left, matches.age, matches.strength, one_a_cell)
         on = matches[kept]
         known = _Features(on.cur_left, on.cur_right, slope[kept], on.age + 1, on.strength, on.id)
         self._previous = (pair, self._add_corners(pair, known))
@@ -92,16 +91,14 @@ class LoopMatcher:
         found, agree, last = NOTHING, 0, self._motion
         if last is not None:
             R, t = last
-            X_p = self.camera.triangulate(known.left, known.right)
-            guess = self.camera.project(X_p @ R.T + t)
+            guess = self.camera.project(self.camera.triangulate(known.left, known.right) @ R.T + t)
             found = self._close_loop(before, pair, known, guess, self.config.levels)
             self._motion, agree = next_motion(self.camera, found[0], last)
         if len(found[0]) < 0.3 * len(known.id) or agree < 0.5 * len(found[0]):
             # No motion yet, or it or the exposure changed abruptly, and perhaps what looks alike was found:
             # search from where the features were.
-            start = known.left, known.right
             left, right = map(lit_like, before.images, pair.images)
-            lit = replace(before, images=(left, right))
+            lit, start = replace(before, images=(left, right)), (known.left, known.right)
             again = self._close_loop(lit, pair, known, start, self.config.search_levels)
             motion, more = next_motion(self.camera, again[0], None)
             if (more, len(again[0])) > (agree, len(found[0])):
@@ -129,9 +126,8 @@ class LoopMatcher:
         ok &= (difference <= self.config.max_difference) & _inside(cur_left, left)
         over_time, known_depth = _in_right_image(pair.disparity, cur_left)
         ok &= known_depth & is_stereo(cur_left, over_time, self.config)
-        seen = known[start[ok]]
+        seen, motion = known[start[ok]], self._motion or (np.eye(3), np.zeros(3))
         places = (seen.left, seen.right), seen.slope, (cur_left[ok], over_time[ok])
-        motion = self._motion or (np.eye(3), np.zeros(3))
         cur_left, over_time, ok = refine_over_time(
             self.camera, before.images, pair.images, *places, motion, self.config
         )
@@ -139,9 +135,8 @@ class LoopMatcher:
         cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
         ok &= _inside(cur_left, left) & _inside(cur_right, right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
-        seen, cur_left, cur_right = seen[ok], cur_left[ok], cur_right[ok]
-        known_of = seen.age, seen.strength, seen.id
-        return StereoMatches(seen.left, seen.right, cur_left, cur_right, *known_of), slope[ok]
+        seen, places_now = seen[ok], (cur_left[ok], cur_right[ok])
+        return StereoMatches(seen.left, seen.right, *places_now, seen.age, seen.strength, seen.id), slope[ok]
 
     def _add_corners(self, pair: PreparedPair, known: _Features) -> _Features:
         free = in_empty_cells(pair.corners, known.left, self.features.cell)
