@@ -26,7 +26,7 @@ from vo_lib.beyond.box_tracks import (
     pair_up,
     with_evidence,
 )
-from vo_lib.beyond.moving import no_steps
+from vo_lib.beyond.moving import BoxSteps, no_steps
 from vo_lib.config import FilterConfig, MovingConfig
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.geometry import rigid, rotation_from_vector, skew, transform
@@ -37,6 +37,7 @@ from vo_lib.method.boxes import inside
 from vo_lib.runs.runner import FoundMatches
 
 AHEAD = tuple((STEP[:3, 3] * -1.0).tolist())  # the step of a car that keeps its distance
+STANDS = (0.0, 0.0, 0.0)
 Frames = list[tuple[StereoMatches, Boxes]]
 
 
@@ -85,20 +86,13 @@ def without_features(frames: Frames, where: slice) -> Frames:
 def test_evidence_turns_with_the_camera_fades_with_new_evidence_and_waits_without() -> None:
     turn = rotation_from_vector(np.array([0.0, 0.5, 0.1]))
     information, step = np.diag([4.0, 9.0, 1.0]), np.array([0.2, 0.0, -0.5])
-    track = dataclasses.replace(
-        new_tracks(np.zeros((1, 4))), information=information[None], vector=(information @ step)[None]
-    )
-    waited = with_evidence(track, no_steps(1), turn, MovingConfig())
-    np.testing.assert_allclose(waited.information[0], turn @ information @ turn.T)
-    assert waited.state.tolist() == [UNKNOWN]  # half a metre, known to half a metre
-    np.testing.assert_allclose(np.linalg.solve(waited.information[0], waited.vector[0]), turn @ step)
-    new = dataclasses.replace(no_steps(1), information=np.eye(3)[None], step=np.ones((1, 3)))
-    both = with_evidence(track, new, turn, MovingConfig())
-    np.testing.assert_allclose(both.information[0], MEMORY * waited.information[0] + np.eye(3))
-    np.testing.assert_allclose(both.vector[0], MEMORY * waited.vector[0] + 1.0)
-
-
-STANDS = (0.0, 0.0, 0.0)
+    start = new_tracks(np.zeros((1, 4)))
+    track = dataclasses.replace(start, information=information[None], vector=(information @ step)[None])
+    new = BoxSteps(np.ones((1, 3)), np.eye(3)[None], np.array([5]))
+    for fresh, kept in ((no_steps(1), 1.0), (new, MEMORY)):
+        found, more = with_evidence(track, fresh, turn, MovingConfig()), fresh.information[0]
+        np.testing.assert_allclose(found.information[0], kept * turn @ information @ turn.T + more)
+        np.testing.assert_allclose(found.vector[0], kept * turn @ information @ step + more @ fresh.step[0])
 
 
 @pytest.mark.parametrize(

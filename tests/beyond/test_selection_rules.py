@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from course.lessons import CAMERA, Pair, Scene, drive, frames_of, selection_errors
+from course.lessons import CAMERA, Pair, Scene, drive, frames_of, selection_errors, selections
 from vo_lib.beyond.odometry import KitOdometry
 from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import Config, SelectionConfig, preset
@@ -61,7 +60,7 @@ def medians(
 
 @pytest.mark.parametrize(
     ("scene", "most"),
-    [(Scene(dataclasses.replace(TRACKS, wrong=wrong)), 0.03) for wrong in (0.3, 0.5)]
+    [(Scene(replace(TRACKS, wrong=wrong)), 0.03) for wrong in (0.3, 0.5)]
     + [(Scene(TRACKS, sharp=True), np.inf)],
 )
 def test_among_random_mismatches_and_on_a_sharp_turn_prior_and_consensus_choose_alike(
@@ -74,28 +73,28 @@ def test_among_random_mismatches_and_on_a_sharp_turn_prior_and_consensus_choose_
 
 def test_many_matches_on_one_crossing_car_mislead_consensus_and_prior_alike() -> None:
     """An essential matrix that fits the car and much of the street beats the true one: remove the car."""
-    crossing = dataclasses.replace(TRACKS, moving=0.5, objects=1, object_heading=90.0)
+    crossing = replace(TRACKS, moving=0.5, objects=1, object_heading=90.0)
     configs = {"off": OFF, "on": ON, "k = 1": NEAREST}
     assert min(medians(Scene(crossing), configs, 8).values()) > 0.5
     assert medians(Scene(TRACKS), configs, 8)["on"] < 0.03
 
 
 def errors(
-    scene: Scene, before: Callable[[np.random.Generator, Pair], Array], sets: int, **config: float
+    scene: Scene, before: Callable[[np.random.Generator, Pair], Array], sets: int, config: SelectionConfig
 ) -> Array:
     """Errors of the winner's rotation, degrees, over three drives of twenty frames.
 
     before : from random numbers and a frame to the essential matrix that the frame before is said to have.
     """
-    selection, found = SelectionConfig(mode="literal", **config), []  # type: ignore[arg-type]
+    found = []
     for seed in range(3):
         rng = np.random.default_rng(seed)
         for pair in frames_of(scene, 20, seed):
             chosen = sample_sets(rng, len(pair.x_p), sets)
             E, set_index = five_point(pair.x_p[chosen], pair.x_c[chosen])
             e_prev = essential_vector(before(rng, pair))
-            winner, _ = choose(E, set_index, pair.x_p, pair.x_c, e_prev, selection, CAMERA.f)
-            R = motion_of_winner(E[winner], pair.x_p, pair.x_c, pair.X_p, selection, CAMERA.f)[0]
+            winner, _ = choose(E, set_index, pair.x_p, pair.x_c, e_prev, config, CAMERA.f)
+            R = motion_of_winner(E[winner], pair.x_p, pair.x_c, pair.X_p, config, CAMERA.f)[0]
             found.append(np.degrees(rotation_angle(R.T @ pair.R_cp)))
     return np.array(found)
 
@@ -107,19 +106,19 @@ def test_of_the_two_solutions_of_a_plane_the_prior_takes_the_right_one() -> None
         turned = rotation_from_vector(0.005 * rng.normal(size=3)) @ pair.R_cp
         return essential_from_motion(turned, np.array([0.02, 0.0, -1.0]))
 
-    ways: dict[str, Any] = {"consensus": {"prior": False}, "one": {"keep": 1}, "two": {"keep": 2}}
-    plane = Scene(TRACKS, plane=True)
-    wrong = {name: np.mean(errors(plane, nearly, 200, **way) > 0.5) for name, way in ways.items()}
+    plane, ways = Scene(TRACKS, plane=True), selections()
+    wrong = {name: np.mean(errors(plane, nearly, 200, way) > 0.5) for name, way in ways.items()}
     assert wrong["consensus"] > 0.3
-    assert wrong["two"] < 0.75 * wrong["consensus"]
-    assert wrong["one"] < 0.3 * wrong["consensus"]
+    assert wrong["k = 2"] < 0.75 * wrong["consensus"]
+    assert wrong["k = 1"] < 0.3 * wrong["consensus"]
 
 
 def test_after_a_restart_a_misleading_prior_is_dropped() -> None:
     """Of few sets the nearest candidates to a wrong vector are wrong themselves."""
+    nearest = selections()["k = 1"]
     trusting, guarded = (
-        errors(Scene(TRACKS), lambda rng, _: rng.normal(size=(3, 3)), 20, keep=1, prior_rejection_ratio=ratio)
-        for ratio in (1000.0, ON.prior_rejection_ratio)
+        errors(Scene(TRACKS), lambda rng, _: rng.normal(size=(3, 3)), 20, config)
+        for config in (replace(nearest, prior_rejection_ratio=1000.0), nearest)
     )
     assert np.mean(trusting > 0.5) > 0.05
     assert np.mean(guarded > 0.5) == 0.0
@@ -142,7 +141,7 @@ def test_a_standing_camera_keeps_its_place_and_its_essential_vector() -> None:
     """Without parallax the essential matrix is undefined, so what is found is noise and spoils the prior."""
     # Five steps, a rest of five frames, and five steps more.
     poses, config = drive(10)[np.r_[:6, [5] * 5, 6:11]], preset("solution_selection")
-    frames = list(simulate_tracks(poses, CAMERA, dataclasses.replace(TRACKS, noise=0.1), seed=2))
+    frames = list(simulate_tracks(poses, CAMERA, replace(TRACKS, noise=0.1), seed=2))
     eager = settings.replace(config, "selection.standstill_flow", 0.0)
     usual, careless = make_odometry(CAMERA, config), make_odometry(CAMERA, eager)
     found = [usual.step(frame.matches, no_boxes()) for frame in frames]

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from box_scenes import CAMERA, match_points
 
-from vo_lib.beyond.translation import (
-    EliminatedPoints,
-    robust_start,
-    solve_translation,
-    stereo_points,
-)
+from vo_lib.beyond.translation import EliminatedPoints, robust_start, solve_translation, stereo_points
 from vo_lib.config import TranslationConfig
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.matches import StereoMatches
