@@ -96,8 +96,8 @@ class Judgement:
     state : (K,) PARKED, UNKNOWN or MOVING.
     step : (K, 3) step from this pair of frames, current left camera's axes, metres; NaN where not seen.
     matches : (K,) features of this frame that may lie on the vehicle.
-    removed : (N,) matches whose left point, previous or current, lies in a box that moves. Of the other
-        boxes those that do not agree with the background: where a box is, outlines, panes and other cars
+    removed : (N,) matches whose left point, previous or current, lies in a box that moves; of those in other
+        boxes the ones that do not agree with the background: where a box is, outlines, panes and other cars
         behind it are near, and features there are worse than elsewhere.
     few_background : there was too little background to judge by.
     """
