@@ -2,161 +2,155 @@
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from course.lessons import CAMERA, Pair, Scene, drive, frames_of, selection_errors
+from course.lessons import CAMERA, Pair, Scene, drive, frames_of, selection_errors, selections
 from vo_lib.beyond.odometry import KitOdometry
 from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
 from vo_lib.config import Config, SelectionConfig, preset
 from vo_lib.core import settings
 from vo_lib.core.boxes import no_boxes
-from vo_lib.core.frame import FrameResult
 from vo_lib.core.geometry import essential_from_motion, essential_vector, rotation_angle, rotation_from_vector
 from vo_lib.core.types import Array
 from vo_lib.data.tracks import TrackConfig, simulate_tracks
 from vo_lib.method.five_point import five_point
+from vo_lib.method.selection import truncated_errors
 from vo_lib.runs.runner import make_odometry
 
 TRACKS = TrackConfig(points=300, noise=0.3)
-NEVER = 1000.0  # a turn ratio that never drops the prior
+OFF, ON, NEAREST = SelectionConfig(prior=False), SelectionConfig(), SelectionConfig(keep=1)
 
 
-def medians(scene: Scene, configs: dict[str, SelectionConfig], frames: int = 15) -> dict[str, float]:
-    """Median error of each selection over two seeds, degrees."""
-    runs = [selection_errors(scene, configs, frames, seed) for seed in range(2)]
-    return {name: float(np.median(np.concatenate([run[name] for run in runs]))) for name in configs}
+def test_sets_hold_five_different_features_and_use_all_equally_often() -> None:
+    sets = sample_sets(np.random.default_rng(0), 52, 200)
+    assert sets.shape == (200, 5)
+    assert (np.diff(np.sort(sets, axis=1), axis=1) > 0).all()
+    assert np.ptp(np.bincount(sets.ravel(), minlength=52)) <= 4
+
+
+def test_every_other_set_takes_one_feature_from_each_fifth() -> None:
+    angle = np.random.default_rng(1).uniform(-np.pi, np.pi, 52)
+    sets = sample_sets(np.random.default_rng(0), 52, 201, angle)
+    np.testing.assert_array_equal(sets[::2], sample_sets(np.random.default_rng(0), 52, 201)[::2])
+    # Two features of the 52 stay out, so a fifth may begin up to two places later.
+    place = np.argsort(np.argsort(angle))[sets[1::2]]
+    assert (np.diff(place, axis=1) > 0).all()
+    assert np.all((place >= [0, 10, 20, 30, 40]) & (place <= [11, 21, 31, 41, 51]))
 
 
 def test_rotation_noise_of_clean_tracks_is_as_small_as_promised() -> None:
     """Over 300 frames: refined 0.011°, literal 0.036° ± 0.001°."""
     modes = {mode: SelectionConfig(mode=mode) for mode in ("literal", "refined")}
-    found = [selection_errors(Scene(TRACKS), modes, 30, seed) for seed in range(3)]
-    median = {mode: np.median(np.concatenate([run[mode] for run in found])) for mode in modes}
-    assert median["refined"] <= 0.012
-    assert median["literal"] <= 0.039
+    found = medians(Scene(TRACKS), modes, 30, 3)
+    assert found["refined"] <= 0.012
+    assert found["literal"] <= 0.039
 
 
-def share_wrong(config: SelectionConfig, angle: float = 0.005) -> float:
-    """Share of frames with an error above half a degree where one plane fills the view; 60 frames.
-
-    The previous essential vector is the true one, turned by some `angle`, radians.
-    """
-    errors = []
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        for pair in frames_of(Scene(TRACKS, plane=True), 20, seed):
-            sets = sample_sets(rng, len(pair.x_p), 200)
-            E, set_index = five_point(pair.x_p[sets], pair.x_c[sets])
-            R_before = rotation_from_vector(angle * rng.normal(size=3)) @ pair.R_cp
-            e_prev = essential_vector(essential_from_motion(R_before, np.array([0.02, 0.0, -1.0])))
-            errors.append(rotation_error(E, set_index, pair, e_prev, config))
-    return float(np.mean(np.array(errors) > 0.5))
+def medians(
+    scene: Scene, configs: dict[str, SelectionConfig], frames: int = 15, seeds: int = 2
+) -> dict[str, float]:
+    """Median error of each selection over some seeds, degrees."""
+    runs = [selection_errors(scene, configs, frames, seed) for seed in range(seeds)]
+    return {name: float(np.median(np.concatenate([run[name] for run in runs]))) for name in configs}
 
 
-def rotation_error(
-    E: Array, set_index: NDArray[np.intp], pair: Pair, e_prev: Array, config: SelectionConfig
-) -> float:
-    """Degrees, of the winner among the candidates."""
-    winner, _ = choose(E, set_index, pair.x_p, pair.x_c, e_prev, config, CAMERA.f)
-    R = motion_of_winner(E[winner], pair.x_p, pair.x_c, pair.X_p, config, CAMERA.f)[0]
-    return float(np.degrees(rotation_angle(R.T @ pair.R_cp)))
-
-
-def test_of_the_two_solutions_of_a_plane_the_prior_takes_the_right_one() -> None:
-    """Points of one plane fit two essential matrices equally well, and consensus tosses a coin."""
-    consensus = share_wrong(SelectionConfig(mode="literal", prior=False))
-    nearest, two = (share_wrong(SelectionConfig(mode="literal", keep=k)) for k in (1, 2))
-    assert consensus > 0.3
-    assert two < 0.75 * consensus
-    assert nearest < 0.3 * consensus
-
-
-@pytest.mark.parametrize("wrong", [0.3, 0.5])
-def test_among_random_mismatches_prior_and_consensus_choose_alike(wrong: float) -> None:
-    configs = {"off": SelectionConfig(prior=False), "on": SelectionConfig()}
-    found = medians(Scene(dataclasses.replace(TRACKS, wrong=wrong)), configs)
+@pytest.mark.parametrize(
+    ("scene", "most"),
+    [(Scene(replace(TRACKS, wrong=wrong)), 0.03) for wrong in (0.3, 0.5)]
+    + [(Scene(TRACKS, sharp=True), np.inf)],
+)
+def test_among_random_mismatches_and_on_a_sharp_turn_prior_and_consensus_choose_alike(
+    scene: Scene, most: float
+) -> None:
+    found = medians(scene, {"off": OFF, "on": ON})
     assert found["on"] == pytest.approx(found["off"], rel=0.05)
-    assert found["on"] < 0.03
-
-
-def test_on_a_sharp_turn_the_prior_costs_nothing() -> None:
-    scene = Scene(TRACKS, sharp=True)
-    found = medians(scene, {"off": SelectionConfig(prior=False), "on": SelectionConfig()})
-    assert found["on"] < 1.05 * found["off"]
+    assert found["on"] < most
 
 
 def test_many_matches_on_one_crossing_car_mislead_consensus_and_prior_alike() -> None:
     """An essential matrix that fits the car and much of the street beats the true one: remove the car."""
-    crossing = dataclasses.replace(TRACKS, moving=0.5, objects=1, object_heading=90.0)
-    configs = {"off": SelectionConfig(prior=False), "on": SelectionConfig(), "k = 1": SelectionConfig(keep=1)}
-    found = medians(Scene(crossing), configs, 8)
-    assert min(found.values()) > 0.5
+    crossing = replace(TRACKS, moving=0.5, objects=1, object_heading=90.0)
+    configs = {"off": OFF, "on": ON, "k = 1": NEAREST}
+    assert min(medians(Scene(crossing), configs, 8).values()) > 0.5
     assert medians(Scene(TRACKS), configs, 8)["on"] < 0.03
 
 
-def after_a_restart(ratio: float, sets: int) -> Array:
-    """Errors, degrees, where the previous essential vector has nothing to do with the motion."""
-    config = SelectionConfig(mode="literal", keep=1, prior_rejection_ratio=ratio)
-    errors = []
-    for seed in range(2):
+def errors(
+    scene: Scene, before: Callable[[np.random.Generator, Pair], Array], sets: int, config: SelectionConfig
+) -> Array:
+    """Errors of the winner's rotation, degrees, over three drives of twenty frames.
+
+    before : from random numbers and a frame to the essential matrix that the frame before is said to have.
+    """
+    found = []
+    for seed in range(3):
         rng = np.random.default_rng(seed)
-        for pair in frames_of(Scene(TRACKS), 25, seed):
+        for pair in frames_of(scene, 20, seed):
             chosen = sample_sets(rng, len(pair.x_p), sets)
             E, set_index = five_point(pair.x_p[chosen], pair.x_c[chosen])
-            e_prev = essential_vector(rng.normal(size=(3, 3)))
-            errors.append(rotation_error(E, set_index, pair, e_prev, config))
-    return np.array(errors)
+            e_prev = essential_vector(before(rng, pair))
+            winner, _ = choose(E, set_index, pair.x_p, pair.x_c, e_prev, config, CAMERA.f)
+            R = motion_of_winner(E[winner], pair.x_p, pair.x_c, pair.X_p, config, CAMERA.f)[0]
+            found.append(np.degrees(rotation_angle(R.T @ pair.R_cp)))
+    return np.array(found)
+
+
+def test_of_the_two_solutions_of_a_plane_the_prior_takes_the_right_one() -> None:
+    """Points of one plane fit two essential matrices equally well, and consensus tosses a coin."""
+
+    def nearly(rng: np.random.Generator, pair: Pair) -> Array:
+        turned = rotation_from_vector(0.005 * rng.normal(size=3)) @ pair.R_cp
+        return essential_from_motion(turned, np.array([0.02, 0.0, -1.0]))
+
+    plane, ways = Scene(TRACKS, plane=True), selections()
+    wrong = {name: np.mean(errors(plane, nearly, 200, way) > 0.5) for name, way in ways.items()}
+    assert wrong["consensus"] > 0.3
+    assert wrong["k = 2"] < 0.75 * wrong["consensus"]
+    assert wrong["k = 1"] < 0.3 * wrong["consensus"]
 
 
 def test_after_a_restart_a_misleading_prior_is_dropped() -> None:
     """Of few sets the nearest candidates to a wrong vector are wrong themselves."""
-    trusting = after_a_restart(NEVER, 20)
-    guarded = after_a_restart(SelectionConfig().prior_rejection_ratio, 20)
+    nearest = selections()["k = 1"]
+    trusting, guarded = (
+        errors(Scene(TRACKS), lambda rng, _: rng.normal(size=(3, 3)), 20, config)
+        for config in (replace(nearest, prior_rejection_ratio=1000.0), nearest)
+    )
     assert np.mean(trusting > 0.5) > 0.05
     assert np.mean(guarded > 0.5) == 0.0
     assert np.mean(guarded) < 0.5 * np.mean(trusting)
 
 
-def stop_and_go() -> Array:
-    """Poses of a drive of five steps, a rest of five frames, and five steps more."""
-    poses = drive(10)
-    return np.concatenate([poses[:6], np.repeat(poses[5:6], 5, axis=0), poses[6:]])
-
-
-def motions(config: Config) -> tuple[list[FrameResult], list[Array]]:
-    """Estimated motions of `stop_and_go` and the true ones."""
-    odometry = make_odometry(CAMERA, config)
-    odometry.start(no_boxes())
-    frames = list(simulate_tracks(stop_and_go(), CAMERA, dataclasses.replace(TRACKS, noise=0.1), seed=2))
-    return [odometry.step(f.matches, no_boxes()) for f in frames], [f.T_cp for f in frames]
+@pytest.mark.parametrize(("ratio", "dropped"), [(ON.prior_rejection_ratio, True), (10.0, False)])
+def test_a_prior_that_allows_only_a_bad_candidate_is_dropped_and_said_so(ratio: float, dropped: bool) -> None:
+    (pair,) = frames_of(Scene(TRACKS), 1, 4)
+    sets = sample_sets(np.random.default_rng(0), len(pair.x_p), 1)
+    E, set_index = five_point(pair.x_p[sets], pair.x_c[sets])
+    scores = truncated_errors(E, pair.x_p, pair.x_c, 1.0 / CAMERA.f)
+    best, worst = int(np.argmin(scores)), int(np.argmax(scores))
+    config = SelectionConfig(keep=1, prior_rejection_ratio=ratio)
+    winner = choose(E, set_index, pair.x_p, pair.x_c, essential_vector(E[worst]), config, CAMERA.f)
+    assert winner == (best if dropped else worst, dropped)
 
 
 def test_a_standing_camera_keeps_its_place_and_its_essential_vector() -> None:
     """Without parallax the essential matrix is undefined, so what is found is noise and spoils the prior."""
-    config = preset("solution_selection")
-    found, true = motions(config)
-    assert [m.flags for m in found[5:10]] == [("standstill",)] * 5
-    errors = [
-        np.degrees(rotation_angle(m.T_cp[:3, :3].T @ T[:3, :3])) for m, T in zip(found, true, strict=True)
-    ]
-    assert max(errors[5:10]) < 0.02
+    # Five steps, a rest of five frames, and five steps more.
+    poses, config = drive(10)[np.r_[:6, [5] * 5, 6:11]], preset("solution_selection")
+    frames = list(simulate_tracks(poses, CAMERA, replace(TRACKS, noise=0.1), seed=2))
+    eager = settings.replace(config, "selection.standstill_flow", 0.0)
+    usual, careless = make_odometry(CAMERA, config), make_odometry(CAMERA, eager)
+    found = [usual.step(frame.matches, no_boxes()) for frame in frames]
+    assert [motion.flags for motion in found[5:10]] == [("standstill",)] * 5
+    turns = np.array([motion.T_cp[:3, :3] for motion in found[5:10]])
+    assert np.degrees(rotation_angle(turns)).max() < 0.02
     assert found[10].prior_angle < 5.0
-    careless, _ = motions(settings.replace(config, "selection.standstill_flow", 0.0))
-    assert max(m.prior_angle for m in careless[5:11]) > 20.0
-
-
-def test_the_first_frame_has_no_prior_and_is_chosen_by_consensus() -> None:
-    on, off = (
-        motions(settings.replace(preset("solution_selection"), "selection.prior", p))[0]
-        for p in (True, False)
-    )
-    np.testing.assert_array_equal(on[0].T_cp, off[0].T_cp)
-    assert np.isnan(on[0].prior_angle)
-    assert np.isfinite(on[1].prior_angle)
+    angles = [careless.step(frame.matches, no_boxes()).prior_angle for frame in frames]
+    assert max(angles[5:11]) > 20.0
 
 
 def test_where_the_last_geometry_holds_fewer_sets_do_but_never_where_matches_are_wrong() -> None:

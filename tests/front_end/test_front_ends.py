@@ -7,11 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from box_scenes import CAMERA, match_points
 from conftest import BANDS, HEIGHT, texture
 
 from vo_lib import open_sequence
 from vo_lib.config import FeatureConfig, MatchingConfig
-from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_from_vector
 from vo_lib.core.matches import StereoMatches
 from vo_lib.data.sequence import Sequence
@@ -21,7 +21,6 @@ from vo_lib.method import config as published
 from vo_lib.method.features import best_matches, describe
 from vo_lib.method.matching import LoopMatcher
 
-CAMERA = StereoCamera(f=300.0, cx=160.0, cy=80.0, baseline=0.5, width=320, height=160)
 FEATURES = FeatureConfig(cell=10, blob_cell=9, blob_quality=30)
 # How many matches there are at least, their median error and that of nine in ten, pixels.
 FRONT_ENDS = {"kit": (60, 0.02, 0.1), "published": (30, 0.03, 0.2)}
@@ -74,8 +73,8 @@ def test_matches_of_both_front_ends_are_right(bands: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", FRONT_ENDS)
-def test_age_and_number_are_carried_over(bands: Path, kind: str) -> None:
-    before, after = follow(bands, kind)[3:5]
+def test_age_and_number_are_carried_over_and_new_numbers_are_new(bands: Path, kind: str) -> None:
+    first, before, after = follow(bands, kind)[2:5]
     _, i, j = np.intersect1d(before.id, after.id, return_indices=True)
     assert len(i) > 15
     np.testing.assert_array_equal(after.age[j], before.age[i] + 1)
@@ -84,6 +83,7 @@ def test_age_and_number_are_carried_over(bands: Path, kind: str) -> None:
     np.testing.assert_allclose(after.prev_left[j], before.cur_left[i], rtol=0, atol=apart)
     np.testing.assert_allclose(after.prev_right[j], before.cur_right[i], rtol=0, atol=apart)
     assert len(np.unique(after.id)) == len(after)
+    assert after.id[after.age == 1].min() > first.id.max()
 
 
 @pytest.mark.parametrize("kind", FRONT_ENDS)
@@ -112,12 +112,9 @@ def test_blobs_and_corners_are_found_again_after_a_jump() -> None:
 
 
 def test_the_next_search_starts_from_the_motion_of_the_last_matches() -> None:
-    rng = np.random.default_rng(4)
-    X_p = rng.uniform((-4.0, -2.0, 5.0), (4.0, 2.0, 20.0), (60, 3))
+    X_p = np.random.default_rng(4).uniform((-4.0, -2.0, 5.0), (4.0, 2.0, 20.0), (60, 3))
     R, t = rotation_from_vector(np.array([0.01, 0.03, 0.0])), np.array([0.1, 0.0, -0.8])
-    whole = np.arange(60)
-    matches = StereoMatches(*CAMERA.project(X_p), *CAMERA.project(X_p @ R.T + t), whole, np.ones(60), whole)
-    found, agree = next_motion(CAMERA, matches, None)
+    found, agree = next_motion(CAMERA, match_points(X_p, X_p @ R.T + t), None)
     assert found is not None
     assert agree == 60
     np.testing.assert_allclose(found[0], R, atol=1e-3)

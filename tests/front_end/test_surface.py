@@ -7,13 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import BANDS, HEIGHT
-from numpy.typing import NDArray
+from conftest import BANDS, HEIGHT, texture
 
 from vo_lib import open_sequence
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import rotation_from_vector
-from vo_lib.core.types import Array
+from vo_lib.core.types import Array, Image
 from vo_lib.front_end.alignment import brightness_change, track_warped
 from vo_lib.front_end.surface import coarse_disparity, fit_surface, motion_warp, right_slope, stereo_warp
 
@@ -22,16 +21,11 @@ R = rotation_from_vector(np.array([0.01, 0.03, -0.02]))
 T = np.array([0.1, -0.05, -1.2])
 # Disparity 20 px at (350, 120), changing along u and v: a slanted wall.
 SLOPE = np.array([0.1, 0.3])
+WALL = texture(np.random.default_rng(0), 200, 600, 2.5)
 
 
 def disparity_at(uv: Array) -> Array:
     return np.asarray(20.0 + (uv - (350.0, 120.0)) @ SLOPE)
-
-
-def textured(seed: int = 0) -> NDArray[np.uint8]:
-    noise = np.random.default_rng(seed).normal(size=(200, 600)).astype(np.float32)
-    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
-    return np.asarray(cv2.normalize(smooth, None, 20, 235, cv2.NORM_MINMAX), np.uint8)  # type: ignore[call-overload]
 
 
 def test_a_plane_of_disparity_is_found_with_its_slope() -> None:
@@ -44,28 +38,19 @@ def test_a_plane_of_disparity_is_found_with_its_slope() -> None:
     np.testing.assert_allclose(surface.share, 1.0)
 
 
-def test_what_lies_four_pixels_nearer_does_not_tilt_the_plane() -> None:
+@pytest.mark.parametrize(
+    ("beside", "column", "share"), [(14.5, 178, (0.6, 1.0)), (40.0, 175, (0.3, 0.6)), (-1.0, 0, (0.0, 0.0))]
+)
+def test_what_lies_beside_a_surface_does_not_tilt_it_but_takes_its_share(
+    beside: float, column: int, share: tuple[float, float]
+) -> None:
+    """Pixels four nearer, an outline, and no disparities at all."""
     coarse = np.full((100, 300), 10.0, np.float32)
-    coarse[:, 178:] = 14.5
+    coarse[:, column:] = beside
     surface = fit_surface(coarse, np.array([[350.0, 120.0]]), np.array([10.0]))
     np.testing.assert_allclose(surface.slope, 0.0, atol=0.005)
-    np.testing.assert_allclose(surface.disparity, 10.0, atol=0.05)
-
-
-def test_a_feature_on_an_outline_has_little_surface_around_it() -> None:
-    coarse = np.full((100, 300), 10.0, np.float32)
-    coarse[:, 175:] = 40.0
-    uv = np.array([[350.0, 120.0], [250.0, 120.0]])
-    surface = fit_surface(coarse, uv, np.array([40.0, 10.0]))
-    assert surface.share[0] < 0.6
-    assert surface.share[1] == 1.0
-
-
-def test_without_disparities_nothing_is_known() -> None:
-    surface = fit_surface(np.full((100, 300), -1.0, np.float32), np.array([[350.0, 120.0]]), np.array([20.0]))
-    assert np.isnan(surface.disparity[0])
-    assert surface.share[0] == 0
-    np.testing.assert_array_equal(surface.slope, 0)
+    np.testing.assert_allclose(surface.disparity, 10.0 if beside > 0 else np.nan, atol=0.05)
+    assert share[0] <= surface.share[0] <= share[1]
 
 
 @pytest.mark.parametrize("right", [False, True])
@@ -89,35 +74,33 @@ def test_the_bend_is_the_derivative_of_the_motion(right: bool) -> None:
 
 
 def test_bent_windows_are_found_to_a_few_hundredths_where_square_ones_are_not() -> None:
-    left = textured()
+    left = WALL
     v, u = np.mgrid[0:200, 0:600].astype(np.float32)
     # The right image: a pixel u_r shows the left pixel u with u - d(u, v) = u_r.
     source = (u + 20.0 - 350.0 * SLOPE[0] + (v - 120.0) * SLOPE[1]) / (1.0 - SLOPE[0])
     right = np.asarray(cv2.remap(left, source.astype(np.float32), v, cv2.INTER_CUBIC), np.uint8)
     rng = np.random.default_rng(1)
-    uv = np.stack([rng.uniform(200, 450, 200), rng.uniform(40, 160, 200)], axis=1)
-    true = uv - np.stack([disparity_at(uv), np.zeros(200)], axis=1)
+    uv = rng.uniform([200, 40], [450, 160], (200, 2))
+    true = uv - disparity_at(uv)[:, None] * (1.0, 0.0)
     start = true + rng.uniform(-0.7, 0.7, true.shape)
-    errors = {}
-    for name, slope in (("square", np.zeros(2)), ("bent", SLOPE)):
-        A = stereo_warp(np.tile(slope, (200, 1)))
-        found, difference = track_warped(left, right, uv, start, A, 11)
-        good = np.isfinite(difference)
-        assert good.mean() > 0.9
-        errors[name] = np.median(np.linalg.norm(found - true, axis=1)[good])
-    assert errors["bent"] < 0.03
-    assert errors["bent"] < 0.3 * errors["square"]
+    square, bent = (error_of(left, right, uv, start, slope, true) for slope in (0.0 * SLOPE, SLOPE))
+    assert bent < 0.03
+    assert bent < 0.3 * square
+
+
+def error_of(left: Image, right: Image, uv: Array, start: Array, slope: Array, true: Array) -> float:
+    """Median error of the places found, pixels, with windows bent by a slope (2,)."""
+    found, difference = track_warped(left, right, uv, start, stereo_warp(np.tile(slope, (len(uv), 1))), 11)
+    good = np.isfinite(difference)
+    assert good.mean() > 0.9
+    return float(np.median(np.linalg.norm(found - true, axis=1)[good]))
 
 
 def test_brightness_does_not_move_a_window() -> None:
-    left = textured()
+    left = WALL
     brighter = np.asarray(np.clip(left.astype(int) + 15, 0, 255), np.uint8)
     uv = np.stack([np.linspace(50, 550, 40), np.full(40, 100.0)], axis=1)
-    A = np.tile(np.eye(2), (40, 1, 1))
-    found, difference = track_warped(left, brighter, uv, uv + 0.4, A, 11)
-    good = np.isfinite(difference)
-    assert good.mean() > 0.9
-    assert np.median(np.linalg.norm(found - uv, axis=1)[good]) < 0.04
+    assert error_of(left, brighter, uv, uv + 0.4, np.zeros(2), uv) < 0.04
 
 
 def test_features_of_one_brightness_say_nothing_of_a_gain() -> None:
@@ -132,7 +115,7 @@ def test_features_of_one_brightness_say_nothing_of_a_gain() -> None:
 @pytest.mark.parametrize("number", [0, 10, 1500, 40_000])
 def test_any_number_of_features_is_found_where_each_alone_is(number: int) -> None:
     """Ten do not fill a row of tiles; more than 32766 are more rows than cv2.remap makes."""
-    image = textured()
+    image = WALL
     uv = np.random.default_rng(2).uniform(30, 170, (number, 2))
     A = np.tile(np.eye(2), (number, 1, 1))
     found, difference = track_warped(image, image, uv, uv, A, 11)

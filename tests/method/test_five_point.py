@@ -20,6 +20,11 @@ def distance(E: Array, F: Array) -> Array:
     return np.asarray(np.minimum(*(np.linalg.norm(E + sign * F, axis=(-2, -1)) for sign in (-1.0, 1.0))))
 
 
+def off_essential(E: Array) -> Array:
+    """By how much singular values of unit matrices (M, 3, 3) are not those of an essential matrix, (M, 3)."""
+    return np.asarray(np.abs(np.linalg.svd(E, compute_uv=False) - [0.5**0.5, 0.5**0.5, 0.0]))
+
+
 def error_of_best(found: Candidates, truth: Array) -> Array:
     """Distance of the nearest candidate to the truth (S, 3, 3) in each set, (S,); infinite without any."""
     error = np.full(len(truth), np.inf)
@@ -49,21 +54,21 @@ def test_cubics_and_polynomial_are_read_from_values_that_lose_no_digits() -> Non
     assert np.linalg.cond(fp.POLYNOMIAL_FROM_VALUES) < 200.0
 
 
-def test_exactly_forward_motion_without_rotation_loses_no_solution() -> None:
-    for motion in ("forward", "planar_forward"):
-        truth = random_problems(np.random.default_rng(3), 3000, 5, motion, rotation=0.0)
-        error = error_of_best(five_point(truth.x_p, truth.x_c), truth.E)
-        assert np.median(error) <= 1e-12
-        assert np.max(error) <= 1e-6
-
-
-@pytest.mark.parametrize("seed", [1, 2, 3, 5])
-def test_one_centimetre_of_baseline_is_enough(seed: int) -> None:
-    """Each of these batches has sets that are solved only when looked at along other axes."""
-    truth = random_problems(np.random.default_rng(seed), 3000, 5, "small_baseline")
+@pytest.mark.parametrize(
+    ("motion", "seed", "rotation", "most"),
+    [
+        *((motion, 3, 0.0, 1e-6) for motion in ("forward", "planar_forward")),
+        # Each of these batches has sets that are solved only when looked at along other axes.
+        *(("small_baseline", seed, None, 1e-5) for seed in (1, 2, 3, 5)),
+    ],
+)
+def test_neither_exactly_forward_motion_nor_a_centimetre_of_baseline_loses_a_solution(
+    motion: Motion, seed: int, rotation: float | None, most: float
+) -> None:
+    truth = random_problems(np.random.default_rng(seed), 3000, 5, motion, rotation=rotation)
     error = error_of_best(five_point(truth.x_p, truth.x_c), truth.E)
     assert np.percentile(error, 95) <= 1e-9
-    assert np.max(error) <= 1e-5
+    assert np.max(error) <= most
 
 
 @pytest.mark.parametrize("noise_px", [0.0, 0.3])
@@ -73,11 +78,9 @@ def test_every_candidate_is_an_essential_matrix_through_its_five_points(
 ) -> None:
     given = problems(motion, 1000, noise_px)
     E, index = five_point(given.x_p, given.x_c)
-    singular = np.linalg.svd(E, compute_uv=False)
-    np.testing.assert_allclose(
-        singular, np.broadcast_to([0.5**0.5, 0.5**0.5, 0.0], singular.shape), atol=2e-8
-    )
-    assert np.quantile(np.abs(singular - [0.5**0.5, 0.5**0.5, 0.0]), 0.99) <= 1e-13
+    off = off_essential(E)
+    assert np.max(off) <= 2e-8
+    assert np.quantile(off, 0.99) <= 1e-13
     h_p, h_c = (np.concatenate([x, np.ones((*x.shape[:2], 1))], axis=2) for x in (given.x_p, given.x_c))
     residual = np.einsum("mni,mij,mnj->mn", h_c[index], E, h_p[index])
     assert np.max(np.abs(residual)) <= 1e-12
@@ -111,16 +114,16 @@ def test_opencv_finds_the_same_candidates(motion: Motion) -> None:
         F = np.empty((0, 3, 3)) if stacked is None else stacked.reshape(-1, 3, 3)
         F = F / np.linalg.norm(F, axis=(1, 2), keepdims=True)
         gaps = distance(E[index == s][:, None], F[None])
-        ours.append(np.min(gaps, axis=1, initial=np.inf))
-        theirs.append(np.min(gaps, axis=0, initial=np.inf))
+        ours += [*np.min(gaps, axis=1, initial=np.inf)]
+        theirs += [*np.min(gaps, axis=0, initial=np.inf)]
         # OpenCV does not polish; some of what it returns is no essential matrix to nine digits.
-        precise.append(np.ptp(np.linalg.svd(F, compute_uv=False)[:, :2], axis=1) < 1e-9)
-    gap = np.concatenate(theirs)
+        precise += [*(np.ptp(np.linalg.svd(F, compute_uv=False)[:, :2], axis=1) < 1e-9)]
+    gap = np.array(theirs)
     assert gap.size > 1500
-    assert np.mean(np.concatenate(precise)) > 0.9
-    assert np.max(gap[np.concatenate(precise)]) < 1e-5
+    assert np.mean(precise) > 0.9
+    assert np.max(gap[precise]) < 1e-5
     assert np.mean(gap < 1e-5) > 0.99
-    assert np.mean(np.concatenate(ours) < 1e-5) > 0.99
+    assert np.mean(np.array(ours) < 1e-5) > 0.99
 
 
 @pytest.mark.parametrize("motion", ["general", "planar_forward"])
@@ -132,12 +135,6 @@ def test_a_set_has_the_same_candidates_alone_and_in_a_batch(motion: Motion) -> N
         together = batch.E[batch.set_index == s]
         assert alone.E.shape == together.shape
         np.testing.assert_allclose(distance(alone.E, together), 0.0, atol=1e-8)
-
-
-def test_no_sets_give_no_candidates() -> None:
-    E, index = five_point(np.empty((0, 5, 2)), np.empty((0, 5, 2)))
-    assert E.shape == (0, 3, 3)
-    assert index.shape == (0,)
 
 
 @pytest.mark.parametrize("copies", [2, 3, 5])
@@ -154,7 +151,6 @@ def test_degenerate_sets_raise_nothing_and_give_only_finite_essential_matrices()
     rng = np.random.default_rng(11)
     line = np.stack([np.linspace(-0.5, 0.5, 5), np.linspace(-0.1, 0.2, 5)], axis=1)
     x = rng.uniform(-0.8, 0.8, (20, 5, 2))
-    at_infinity = problems("pure_rotation", 200)
     sets = [
         (np.zeros((3, 5, 2)), np.zeros((3, 5, 2))),
         (x, x),  # nothing moves
@@ -162,60 +158,18 @@ def test_degenerate_sets_raise_nothing_and_give_only_finite_essential_matrices()
         (np.tile(line, (4, 1, 1)), np.tile(line + np.array([0.1, 0.0]), (4, 1, 1))),  # collinear points
         (x, rng.uniform(-0.8, 0.8, x.shape)),  # wrong matches
         (1e8 * x, 1e8 * x + 1.0),
-        (at_infinity.x_p, at_infinity.x_c),
+        (x[:0], x[:0]),
     ]
     for x_p, x_c in sets:
         E, index = five_point(x_p, x_c)
         assert np.isfinite(E).all()
         assert np.all(np.bincount(index, minlength=1) <= 12)
-        singular = np.linalg.svd(E, compute_uv=False)
-        np.testing.assert_allclose(
-            singular, np.broadcast_to([0.5**0.5, 0.5**0.5, 0.0], singular.shape), atol=1e-6
-        )
+        assert np.max(off_essential(E), initial=0.0) <= 1e-6
 
 
 def test_without_parallax_no_candidate_is_singled_out() -> None:
     given = problems("pure_rotation", 500)
     assert len(five_point(given.x_p, given.x_c).E) == 0
-
-
-def test_null_space_is_orthonormal_and_orthogonal_to_the_rows() -> None:
-    given = problems("forward", 200)
-    rows = fp.epipolar_rows(given.x_p, given.x_c)
-    basis, independent = fp.null_space(rows)
-    N = basis.reshape(4, 9, 200)
-    np.testing.assert_allclose(np.einsum("ras,as->rs", rows, given.E.reshape(200, 9).T), 0.0, atol=1e-14)
-    np.testing.assert_allclose(np.einsum("ras,kas->rks", rows, N), 0.0, atol=1e-14)
-    gram = np.einsum("kas,las->kls", N, N)
-    np.testing.assert_allclose(gram, np.broadcast_to(np.eye(4)[..., None], gram.shape), atol=1e-14)
-    assert independent.all()
-
-
-def test_cubics_are_the_constraints_on_any_combination_of_the_basis() -> None:
-    given = problems("general", 50)
-    basis, _ = fp.null_space(fp.epipolar_rows(given.x_p, given.x_c))
-    v = np.random.default_rng(5).normal(size=4)
-    E = np.einsum("a,aijs->sij", v, basis)
-    EEt = E @ np.swapaxes(E, 1, 2)
-    trace = np.trace(EEt, axis1=1, axis2=2)[:, None, None]
-    nine = EEt @ E - 0.5 * trace * E
-    expected = np.concatenate([nine.reshape(50, 9), np.linalg.det(E)[:, None]], axis=1)
-    monomials = np.prod(v**fp.EXPONENTS, axis=1)
-    cubics = np.einsum("cms,m->sc", fp.cubic_constraints(basis), monomials)
-    np.testing.assert_allclose(cubics, expected, atol=1e-12)
-
-
-def test_the_true_solution_is_a_root_of_the_determinant() -> None:
-    given = problems("general", 300)
-    basis, _ = fp.null_space(fp.epipolar_rows(given.x_p, given.x_c))
-    rows = fp.eliminate(fp.cubic_constraints(basis))
-    x, y, z, w = np.einsum("aijs,sij->as", basis, given.E)
-    C = fp.hidden_variable_matrix(rows, z, w)
-    null = np.stack([x * x, y * y, x * y, x, y, np.ones_like(x)])
-    np.testing.assert_allclose(np.einsum("ijs,js->is", C, null), 0.0, atol=1e-13)
-    polynomial = fp.determinant(rows)
-    powers = z ** np.arange(10, -1, -1)[:, None] * w ** np.arange(11)[:, None]
-    assert np.max(np.abs(np.sum(polynomial * powers, axis=0))) <= 1e-14
 
 
 def test_real_roots_are_all_found() -> None:
@@ -235,50 +189,12 @@ def test_real_roots_are_all_found() -> None:
         assert np.all(index == 0)
 
 
-def test_a_newton_step_squares_the_error() -> None:
-    given = problems("general", 200)
-    basis, _ = fp.null_space(fp.epipolar_rows(given.x_p, given.x_c))
-    truth = np.einsum("aijs,sij->as", basis, given.E)
-    start = truth + 1e-5 * np.random.default_rng(4).normal(size=truth.shape)
-    start /= np.linalg.norm(start, axis=0)
-    once = fp.newton_step(basis, start)
-    twice = fp.newton_step(basis, once)
-    before, after, last = (
-        np.linalg.norm(v - truth * np.sum(v * truth, axis=0), axis=0) for v in (start, once, twice)
-    )
-    assert np.median(before) > 1e-6
-    assert np.median(after) < 1e-8
-    assert np.median(last) < 1e-13
-
-
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_problems_agree_with_their_truth(motion: Motion) -> None:
-    given = problems(motion, 50, points=12)
-    X_c = given.X_p @ np.swapaxes(given.R_cp, 1, 2) + given.t_cp[:, None]
-    assert given.X_p[..., 2].min() > 0.0
-    assert X_c[..., 2].min() > 0.0
-    np.testing.assert_allclose(given.x_p, given.X_p[..., :2] / given.X_p[..., 2:])
-    np.testing.assert_allclose(given.x_c, X_c[..., :2] / X_c[..., 2:])
-    h_p, h_c = (np.concatenate([x, np.ones((*x.shape[:2], 1))], axis=2) for x in (given.x_p, given.x_c))
-    np.testing.assert_allclose(np.einsum("sni,sij,snj->sn", h_c, given.E, h_p), 0.0, atol=1e-13)
-    np.testing.assert_allclose(
-        np.linalg.norm(given.E, axis=(1, 2)), 0.0 if motion == "pure_rotation" else 1.0, atol=1e-12
-    )
-
-
 @pytest.mark.parametrize("motion", ["planar", "planar_forward"])
 def test_points_of_a_planar_problem_lie_on_one_plane(motion: Motion) -> None:
     X_p = problems(motion, 50, points=12).X_p
     spread = np.linalg.svd(X_p - X_p.mean(axis=1, keepdims=True), compute_uv=False)
     assert np.all(spread[:, 2] <= 1e-12 * spread[:, 0])
     assert np.all(spread[:, 1] > 1e-3 * spread[:, 0])
-
-
-def test_forward_and_sideways_move_along_their_axes() -> None:
-    np.testing.assert_array_equal(problems("forward", 5).t_cp, np.tile([0.0, 0.0, -1.0], (5, 1)))
-    np.testing.assert_array_equal(problems("sideways", 5).t_cp, np.tile([-1.0, 0.0, 0.0], (5, 1)))
-    short = random_problems(np.random.default_rng(0), 5, motion="general", baseline=0.25)
-    np.testing.assert_allclose(np.linalg.norm(short.t_cp, axis=1), 0.25)
 
 
 def test_noise_has_the_size_asked_for_in_pixels() -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vo_lib.config import FeatureConfig
 from vo_lib.core.types import Image
-from vo_lib.method.features import BLOB, CORNER, Described, describe
+from vo_lib.method.features import Described, describe
 
 BLOB_UP, BLOB_DOWN, CORNER_UP, CORNER_DOWN = range(4)
 CENTRE = (40, 30)
@@ -33,29 +33,6 @@ def strongest(found: Described, kind: int) -> tuple[tuple[float, ...], float]:
     mine = np.flatnonzero(found.kind == kind)
     best = mine[np.argmax(found.strength[mine])]
     return tuple(found.uv[best].tolist()), float(found.strength[best])
-
-
-def test_the_masks_are_those_of_the_paper() -> None:
-    np.testing.assert_array_equal(
-        BLOB,
-        [
-            [-1, -1, -1, -1, -1],
-            [-1, 1, 1, 1, -1],
-            [-1, 1, 8, 1, -1],
-            [-1, 1, 1, 1, -1],
-            [-1, -1, -1, -1, -1],
-        ],
-    )
-    np.testing.assert_array_equal(
-        CORNER,
-        [
-            [-1, -1, 0, 1, 1],
-            [-1, -1, 0, 1, 1],
-            [0, 0, 0, 0, 0],
-            [1, 1, 0, -1, -1],
-            [1, 1, 0, -1, -1],
-        ],
-    )
 
 
 @pytest.mark.parametrize(("height", "kind"), [(50, BLOB_UP), (-50, BLOB_DOWN)])

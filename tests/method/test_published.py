@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from box_scenes import CAMERA, match_points
 
 from vo_lib.config import PUBLISHED, change, preset
 from vo_lib.core.boxes import Boxes, no_boxes
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import (
     essential_angle,
     essential_from_motion,
@@ -20,9 +19,10 @@ from vo_lib.core.geometry import (
     rigid,
     rotation_angle,
     rotation_from_vector,
+    transform,
 )
 from vo_lib.core.matches import StereoMatches, empty_matches
-from vo_lib.core.types import Array
+from vo_lib.core.types import Array, Mask
 from vo_lib.data.sequence import Sequence, open_sequence
 from vo_lib.data.truth import open_truth
 from vo_lib.evaluation.kitti import kitti_errors
@@ -30,9 +30,9 @@ from vo_lib.method.odometry import Odometry
 from vo_lib.method.translation import eliminate_points, feature_rows, solve_translation
 from vo_lib.runs.runner import make_odometry, run
 
-CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
 R_CP = rotation_from_vector(np.array([0.004, 0.03, -0.002]))
 T_CP = rigid(R_CP, np.array([0.05, -0.02, -1.1]))
+CONFIG = PUBLISHED["solution_selection"].translation
 
 
 def scene(
@@ -40,13 +40,15 @@ def scene(
 ) -> StereoMatches:
     """Matches of points that fill the image, 6 m to `farthest` away, under a known motion."""
     rng = np.random.default_rng(seed)
-    depth = rng.uniform(6.0, farthest, number)
-    uv = rng.uniform((60, 20), (1180, 356), (number, 2))
-    X = CAMERA.back_project(uv, CAMERA.f * CAMERA.baseline / depth)
-    exact = [*CAMERA.project(X), *CAMERA.project(X @ T_cp[:3, :3].T + T_cp[:3, 3])]
-    a, b, c, d = (view + noise * rng.standard_normal(view.shape) for view in exact)
-    whole = np.arange(number)
-    return StereoMatches(a, b, c, d, np.ones(number, np.int64), rng.uniform(50, 90, number), whole)
+    disparity = CAMERA.f * CAMERA.baseline / rng.uniform(6.0, farthest, number)
+    X = CAMERA.back_project(rng.uniform((60, 20), (1180, 356), (number, 2)), disparity)
+    return match_points(X, transform(T_cp, X), noise, rng)
+
+
+def translation(matches: StereoMatches, R_cp: Array = R_CP, **settings: float) -> tuple[Array, Mask]:
+    found = solve_translation(CAMERA, matches, R_cp, dataclasses.replace(CONFIG, **settings))
+    assert found is not None
+    return found
 
 
 def odometry(method: str = "solution_selection") -> Odometry:
@@ -58,8 +60,8 @@ def odometry(method: str = "solution_selection") -> Odometry:
 @pytest.mark.parametrize("method", PUBLISHED)
 def test_exact_matches_give_the_exact_motion(method: str) -> None:
     motion = odometry(method).step(scene(), no_boxes())
+    np.testing.assert_allclose(motion.T_cp, T_CP, atol=1e-6)
     assert float(rotation_angle(motion.T_cp[:3, :3] @ R_CP.T)) < 1e-7
-    np.testing.assert_allclose(motion.T_cp[:3, 3], T_CP[:3, 3], atol=1e-6)
     assert motion.flags == ()
 
 
@@ -127,9 +129,6 @@ def test_features_in_a_box_of_either_frame_are_gone_before_buckets_are_filled() 
     gone = (matches.prev_left[:, 0] <= 400) | (matches.cur_left[:, 0] >= 800)
     assert motion.removed == np.count_nonzero(gone)
     assert motion.used > 100
-    people = dataclasses.replace(left, class_id=np.array([0]))
-    system.start(people)
-    assert system.step(matches, people).removed == 0
 
 
 def test_one_feature_is_enough_for_a_translation() -> None:
@@ -141,33 +140,24 @@ def test_one_feature_is_enough_for_a_translation() -> None:
 
 def test_stacked_rows_are_the_pseudo_inverse_of_the_whole_system() -> None:
     matches = scene(40, noise=0.2)
-    config = PUBLISHED["solution_selection"].translation
-    solved = solve_translation(CAMERA, matches, R_CP, dataclasses.replace(config, agreement=50.0))
-    assert solved is not None
-    assert solved[1].all()
+    t, agrees = translation(matches, agreement=50.0)
+    assert agrees.all()
     A, B, c = feature_rows(CAMERA, matches, R_CP)
-    whole = np.zeros((8 * 40, 3 * 40 + 3))
+    whole = np.zeros((40, 8, 3 * 40 + 3))
     for i in range(40):
-        whole[8 * i : 8 * i + 8, 3 * i : 3 * i + 3], whole[8 * i : 8 * i + 8, -3:] = A[i], B[i]
+        whole[i, :, 3 * i : 3 * i + 3], whole[i, :, -3:] = A[i], B[i]
     # In pixels, as (2) projects: each feature's rows divided by its depth.
-    depth = np.repeat(CAMERA.triangulate(matches.prev_left, matches.prev_right)[:, 2], 8)
-    pixels = np.linalg.pinv(whole / depth[:, None]) @ (c.ravel() / depth)
-    np.testing.assert_allclose(solved[0], pixels[-3:], atol=1e-9)
+    depth = CAMERA.triangulate(matches.prev_left, matches.prev_right)[:, 2:]
+    pixels = np.linalg.pinv((whole / depth[:, None]).reshape(320, -1)) @ (c / depth).ravel()
+    np.testing.assert_allclose(t, pixels[-3:], atol=1e-9)
 
 
 def test_pixel_noise_does_not_shorten_the_step_of_far_points() -> None:
     """Least squares with noise in its coefficients is biased: rows in metres lose 0.7 % here."""
-    config, forward = (
-        PUBLISHED["solution_selection"].translation,
-        rigid(np.eye(3), np.array([0.0, 0.0, -1.0])),
-    )
-    steps = []
-    for seed in range(40):
-        matches = scene(400, seed, forward, noise=0.2, farthest=100.0)
-        solved = solve_translation(CAMERA, matches, np.eye(3), config)
-        assert solved is not None
-        steps.append(-solved[0][2])
-    assert abs(np.mean(steps) - 1.0) < 0.003
+    forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
+    far = (scene(400, seed, forward, noise=0.2, farthest=100.0) for seed in range(40))
+    steps = [translation(matches, np.eye(3))[0] for matches in far]
+    assert abs(np.mean(steps, axis=0)[2] + 1.0) < 0.003
 
 
 def test_pixel_noise_leaves_the_length_of_a_drawn_path(street: Sequence) -> None:
@@ -196,24 +186,10 @@ def test_pixel_noise_leaves_the_length_of_a_drawn_path(street: Sequence) -> None
 def test_a_third_of_wrong_depths_does_not_pull_the_translation() -> None:
     matches = scene(300, noise=0.1)
     wrong = np.arange(300) % 3 == 0
-    cur_right = matches.cur_right.copy()
-    cur_right[wrong, 0] -= 9.0  # a repeated texture: all nearer by nine pixels
-    solved = solve_translation(
-        CAMERA,
-        dataclasses.replace(matches, cur_right=cur_right),
-        R_CP,
-        PUBLISHED["solution_selection"].translation,
-    )
-    assert solved is not None
-    assert not solved[1][wrong].any()
-    assert np.linalg.norm(solved[0] - T_CP[:3, 3]) < 0.02
-
-
-def test_a_preset_of_either_variant_takes_a_seed_and_an_unknown_one_is_named() -> None:
-    assert preset("mesvo_f", variant="published", seed=3).seed == 3
-    assert preset("mesvo_f").variant == "kit"
-    with pytest.raises(DataError, match="unknown variant 'paper': expected one of published, kit"):
-        preset("mesvo_f", variant="paper")
+    matches.cur_right[wrong, 0] -= 9.0  # a repeated texture: all nearer by nine pixels
+    t, agrees = translation(matches)
+    assert not agrees[wrong].any()
+    assert np.linalg.norm(t - T_CP[:3, 3]) < 0.02
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not(bands: Path) -> None:

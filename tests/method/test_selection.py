@@ -51,11 +51,8 @@ def test_known_depth_tells_the_four_motions_of_an_essential_matrix_apart(motion:
 
 
 def test_near_points_outweigh_far_ones_where_the_depth_chooses_the_motion() -> None:
-    rng, R_cp, t_cp = (
-        np.random.default_rng(5),
-        rotation_from_vector(np.array([0.01, -0.05, 0.02])),
-        np.array([0, 0, -1.0]),
-    )
+    rng, t_cp = np.random.default_rng(5), np.array([0.0, 0.0, -1.0])
+    R_cp = rotation_from_vector(np.array([0.01, -0.05, 0.02]))
     z = np.concatenate([rng.uniform(4, 10, 40), rng.uniform(400, 800, 40)])
     X_p = np.stack([rng.uniform(-0.6, 0.6, 80) * z, rng.uniform(-0.2, 0.2, 80) * z, z], axis=1)
     # A far point says little of a step: these seem to have made thirty of them, the other way.

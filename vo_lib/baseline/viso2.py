@@ -1,7 +1,7 @@
-"""Motion from points of known depth by Gauss-Newton on the reprojection error in both current images.
+"""The VISO2 estimator of Table 1 (StereoScan: Geiger, Ziegler, Stiller, IV 2011).
 
-`fit_motion` is robust by its weights and needs a start; `ransac_motion` is the VISO2 estimator of Table 1
-(StereoScan: Geiger, Ziegler, Stiller, IV 2011): many motions from three matches each, the best one refitted.
+Gauss-Newton on the reprojection error in both current images: many motions from three points of known depth
+each, the best one refitted.
 """
 
 from __future__ import annotations
@@ -23,9 +23,7 @@ FEWEST = 6  # matches that a motion needs; three would do without one wrong amon
 class Viso2(Odometry):
     """VISO2 along a sequence: StereoScan's estimator in place of the essential matrix and equation (3)."""
 
-    def __init__(self, camera: StereoCamera, config: PublishedConfig):
-        super().__init__(camera, config)
-        self.reprojection = config.reprojection
+    config: PublishedConfig
 
     def stands_still(self, matches: StereoMatches) -> bool:
         """No special case: the reprojection error is defined for a camera at rest."""
@@ -42,38 +40,25 @@ class Viso2(Odometry):
 
     def fit(self, matches: StereoMatches) -> tuple[Array, Array, Mask] | None:
         """Rotation, translation and inliers (N,); None where too few matches agree on them."""
-        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
-        current = matches.cur_left, matches.cur_right
-        found = ransac_motion(self.camera, X_p, *current, self.random(), self.reprojection)
+        found = ransac_motion(self.camera, matches, self.random(), self.config.reprojection)
         enough = found is not None and np.count_nonzero(found[2]) >= self.config.min_matches
         return found if enough else None
 
 
 def ransac_motion(
-    camera: StereoCamera,
-    X_p: Array,
-    cur_left: Array,
-    cur_right: Array,
-    rng: np.random.Generator,
-    config: ReprojectionConfig,
+    camera: StereoCamera, matches: StereoMatches, rng: np.random.Generator, config: ReprojectionConfig
 ) -> tuple[Array, Array, Mask] | None:
     """The motion with the most inliers among those of random triples of matches, refitted on its inliers.
-
-    Parameters
-    ----------
-    X_p : (N, 3) points in the previous left frame, metres; NaN where there is no depth.
-    cur_left, cur_right : (N, 2) pixels.
 
     Returns
     -------
     R_cp (3, 3), t_cp (3,) metres, and the inliers (N,): residual norm over the four coordinates below the
-    threshold. None where fewer than six matches agree on a motion.
+    threshold. None where fewer than six matches have depth or agree on a motion.
     """
-    usable = np.flatnonzero(np.isfinite(X_p).all(axis=1))
+    usable = np.flatnonzero(matches.prev_left[:, 0] > matches.prev_right[:, 0])
     if len(usable) < FEWEST:
         return None
-    X, measured = X_p[usable], measured_pixels(camera, cur_left[usable], cur_right[usable])
-    weight = centre_weight(camera, cur_left[usable], config.centre)
+    X, measured, weight = observed(camera, matches[usable], config)
     triples = _triples(rng, len(usable), config.trials)
     start = np.tile(np.eye(3), (config.trials, 1, 1)), np.zeros((config.trials, 3))
     data = X[triples], measured[triples], weight[triples]
@@ -83,37 +68,34 @@ def ransac_motion(
     agreed = usable[inliers[best]]
     if len(agreed) < FEWEST:
         return None
-    R_cp, t_cp = refit_motion(camera, X_p, cur_left, cur_right, agreed, R[best], t[best], config)
+    R_cp, t_cp = refit_motion(camera, matches[agreed], R[best], t[best], config)
     # The refit moves the border: say which matches agree with the motion that is returned.
-    final = np.zeros(len(X_p), np.bool_)
+    final = np.zeros(len(matches), np.bool_)
     final[usable] = (_residuals(camera, X, measured, R_cp[None], t_cp[None]) < config.threshold)[0]
-    return (R_cp, t_cp, final) if np.count_nonzero(final) >= FEWEST else None
+    return R_cp, t_cp, final
 
 
 def refit_motion(
-    camera: StereoCamera,
-    X_p: Array,
-    cur_left: Array,
-    cur_right: Array,
-    chosen: Index,
-    R_cp: Array,
-    t_cp: Array,
-    config: ReprojectionConfig,
+    camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array, config: ReprojectionConfig
 ) -> tuple[Array, Array]:
-    """Least squares over the chosen matches, from a motion near the answer: R_cp (3, 3), t_cp (3,)."""
-    measured = measured_pixels(camera, cur_left[chosen], cur_right[chosen])
-    weight = centre_weight(camera, cur_left[chosen], config.centre)
-    data = X_p[chosen][None], measured[None], weight[None]
+    """Least squares over matches with depth, from a motion near the answer: R_cp (3, 3), t_cp (3,)."""
+    X_p, measured, weight = observed(camera, matches, config)
+    data = X_p[None], measured[None], weight[None]
     R, t = _gauss_newton(camera, *data, R_cp[None], t_cp[None], config.iterations, CONVERGED)
     return R[0], t[0]
 
 
-def centre_weight(camera: StereoCamera, cur_left: Array, centre: float) -> Array:
-    """StereoScan's weight of a match's residual, (N,): 1 / (|u - cu| / |cu| + centre).
+def observed(
+    camera: StereoCamera, matches: StereoMatches, config: ReprojectionConfig
+) -> tuple[Array, Array, Array]:
+    """Points X_p (N, 3), metres, their current pixels (N, 4), and the weights (N,) of their residuals.
 
-    Calibration errors grow towards the left and right border of the image, so the middle counts more.
+    StereoScan's weight is 1 / (|u - cu| / |cu| + centre): calibration errors grow towards the left and right
+    border of the image, so the middle counts more.
     """
-    return np.asarray(1.0 / (np.abs(cur_left[:, 0] - camera.cx) / abs(camera.cx) + centre))
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    weight = 1.0 / (np.abs(matches.cur_left[:, 0] - camera.cx) / abs(camera.cx) + config.centre)
+    return X_p, measured_pixels(camera, matches.cur_left, matches.cur_right), weight
 
 
 def _gauss_newton(

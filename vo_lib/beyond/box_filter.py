@@ -8,33 +8,35 @@ import numpy as np
 
 from ..core.boxes import Boxes, no_boxes
 from ..core.camera import StereoCamera
-from ..core.matches import StereoMatches
+from ..core.matches import StereoMatches, empty_matches
 from ..core.types import Mask
-from ..method.boxes import inside, on_vehicles
-from .box_tracks import MOVING, UNKNOWN, BoxMotionClassifier, Judgement
+from ..method.boxes import on_vehicles
+from .box_tracks import BoxMotionClassifier, Judgement
 from .config import FilterConfig
+
+Flags = tuple[str, ...]
 
 
 def static_matches(
     matches: StereoMatches, boxes_p: Boxes, boxes_c: Boxes, config: FilterConfig
-) -> tuple[Mask, bool]:
-    """Matches to keep by the rules `none` and `all`, (N,) bool, and whether the filter had to be off.
+) -> tuple[Mask, Flags]:
+    """Matches to keep by the rules `none` and `all`, (N,) bool, and flags, see `Filtered`.
 
     A match goes when its left point, previous or current, lies in a box (section 3; that both count is ours).
     """
     if config.rule == "none":
-        return np.ones(len(matches), np.bool_), False
+        return np.ones(len(matches), np.bool_), ()
     return unless_too_few(~on_vehicles(matches, boxes_p, boxes_c, config), config)
 
 
-def unless_too_few(keep: Mask, config: FilterConfig) -> tuple[Mask, bool]:
-    """The matches to keep, or all and True where too few would be left.
+def unless_too_few(keep: Mask, config: FilterConfig) -> tuple[Mask, Flags]:
+    """The matches to keep; all, and `filter_off`, where too few would be left.
 
     A motion from vehicles is better than a motion from a handful of points.
     """
     left, number = int(np.count_nonzero(keep)), len(keep)
     too_few = left < number and (left < config.min_matches or left < config.min_share * number)
-    return (np.ones(number, np.bool_), True) if too_few else (keep, False)
+    return (np.ones(number, np.bool_), ("filter_off",)) if too_few else (keep, ())
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Filtered:
     """
 
     keep: Mask
-    flags: tuple[str, ...] = ()
+    flags: Flags = ()
     judgement: Judgement | None = None
 
 
@@ -66,7 +68,7 @@ class BoxFilter:
         """The first frame: its boxes."""
         self._boxes = boxes
         if self._classifier is not None:
-            self._classifier.start(boxes)
+            self._classifier.step(empty_matches(), boxes)
 
     def step(self, matches: StereoMatches, boxes: Boxes, on_moving: Mask | None = None) -> Filtered:
         """Which matches of the next frame stay.
@@ -74,32 +76,14 @@ class BoxFilter:
         Parameters
         ----------
         matches : of the frame before with this one; boxes : in this frame's left image.
-        on_moving : (N,) matches known to be on moving things, for the rule `truth`.
+        on_moving : (N,) matches known to be on moving things; the rule `truth` needs it.
         """
         before, self._boxes = self._boxes, boxes
-        flags, judgement = [], None
-        if self.config.rule == "truth":
-            if on_moving is None:
-                raise ValueError("the rule `truth` needs to be told which matches are on moving things")
-            keep, off = unless_too_few(~on_moving, self.config)
-        elif self._classifier is not None:
+        if self._classifier is not None:
             judgement = self._classifier.step(matches, boxes)
-            keep, off = unless_too_few(~on_vehicles_that_move(matches, judgement, self.config), self.config)
-            flags += ["few_background"] if judgement.few_background else []
-        else:
-            keep, off = static_matches(matches, before, boxes, self.config)
-        return Filtered(keep, (*(("filter_off",) if off else ()), *flags), judgement)
-
-
-def on_vehicles_that_move(matches: StereoMatches, judgement: Judgement, config: FilterConfig) -> Mask:
-    """Matches (N,) whose left point, previous or current, lies in a box that moves.
-
-    Of the other boxes those go that do not agree with the background: where a box is, outlines, panes and
-    other cars behind it are near, and features there are worse than elsewhere.
-    """
-    least = MOVING if config.moving.unknown == "keep" else UNKNOWN
-    now, before = inside(matches.cur_left, judgement.boxes.xyxy), inside(matches.prev_left, judgement.before)
-    moving = now[:, judgement.state >= least].any(axis=1)
-    moving |= before[:, judgement.state_before >= least].any(axis=1)
-    boxed = now.any(axis=1) | before.any(axis=1)
-    return np.asarray(moving | (boxed & ~judgement.agrees))
+            keep, flags = unless_too_few(~judgement.removed, self.config)
+            return Filtered(keep, flags + ("few_background",) * judgement.few_background, judgement)
+        if self.config.rule == "truth":
+            assert on_moving is not None
+            return Filtered(*unless_too_few(~on_moving, self.config))
+        return Filtered(*static_matches(matches, before, boxes, self.config))

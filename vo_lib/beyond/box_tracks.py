@@ -17,9 +17,12 @@ from .config import FilterConfig, MovingConfig
 from .moving import BoxSteps, background_motion, background_noise, box_steps, no_steps, owner_of, point_steps
 
 PARKED, UNKNOWN, MOVING = 0, 1, 2
-# Features from which a motion of the camera can be told.
-LEAST_BACKGROUND = 12
+FEWEST = 12  # features from which a motion of the camera can be told
+ENOUGH = 30  # features outside boxes; with fewer those in parked boxes join them
 BACKGROUND_SHARE = 4  # one feature of so many outside the boxes is asked how it scatters
+OVERLAP = 0.3  # a box is known again above this overlap (IoU) with its place expected
+PATIENCE = 3  # frames for which a track waits for its box to be seen again
+MEMORY = 0.7  # share of a track's evidence that is kept when new evidence arrives
 
 
 @dataclass(frozen=True)
@@ -49,32 +52,25 @@ def new_tracks(xyxy: Array) -> Tracks:
     return Tracks(xyxy, np.zeros((m, 3, 3)), np.zeros((m, 3)), zero + UNKNOWN, zero)
 
 
-def pair_up(iou: Array, least: float) -> Whole:
-    """Row for each column (K,) by descending overlap, each row once; -1 where none of `least` is left."""
+def pair_up(iou: Array) -> Whole:
+    """Row for each column (K,) by descending overlap, each row once; -1 where no overlap enough is left."""
     row_of = np.full(iou.shape[1], -1)
     left = iou.copy()
-    while left.size and left.max() >= least:
+    while left.size and left.max() >= OVERLAP:
         row, column = np.unravel_index(np.argmax(left), left.shape)
         row_of[column] = row
         left[row], left[:, column] = -1.0, -1.0
     return row_of
 
 
-def shifted(tracks: Tracks, matches: StereoMatches, in_before: Mask) -> Array:
-    """Where the tracks' boxes (M, 4) are to be expected: each moves as its features do on average."""
-    member = in_before.T.astype(np.float64)
-    flow = member @ (matches.cur_left - matches.prev_left)
-    return np.asarray(tracks.xyxy + np.tile(flow / np.maximum(member.sum(axis=1), 1.0)[:, None], 2))
-
-
 def with_evidence(tracks: Tracks, fresh: BoxSteps, R_cp: Array, config: MovingConfig) -> Tracks:
     """Tracks of the frame before, with the steps of their boxes into this one.
 
-    Evidence fades by `memory` when new evidence arrives, and waits while there is none. A box moves when
+    Evidence fades by `MEMORY` when new evidence arrives, and waits while there is none. A box moves when
     its step is significantly not zero; it is parked when a step of `min_step` would have been seen.
     """
     observed = fresh.information.any(axis=(1, 2))
-    keep = np.where(observed, config.memory, 1.0)
+    keep = np.where(observed, MEMORY, 1.0)
     information = keep[:, None, None] * (R_cp @ tracks.information @ R_cp.T) + fresh.information
     vector = keep[:, None] * (tracks.vector @ R_cp.T) + np.einsum("kij,kj->ki", fresh.information, fresh.step)
     state = tracks.state.copy()
@@ -100,23 +96,22 @@ class Judgement:
     state : (K,) PARKED, UNKNOWN or MOVING.
     step : (K, 3) step from this pair of frames, current left camera's axes, metres; NaN where not seen.
     matches : (K,) features of this frame that may lie on the vehicle.
-    before : (B, 4) the boxes of the frame before, and state_before : (B,) what is known of them now.
+    removed : (N,) matches whose left point, previous or current, lies in a box that moves; of those in other
+        boxes the ones that do not agree with the background: where a box is, outlines, panes and other cars
+        behind it are near, and features there are worse than elsewhere.
     few_background : there was too little background to judge by.
-    agrees : (N,) False for matches in boxes that do not agree with standing still.
     """
 
     boxes: Boxes
     state: Whole
     step: Array
     matches: Whole
-    before: Array
-    state_before: Whole
+    removed: Mask
     few_background: bool
-    agrees: Mask
 
 
 class BoxMotionClassifier:
-    """Judges the boxes of every frame: `start` with those of the first one, then `step` for each."""
+    """Judges the boxes of every frame; to the first one `step` is told no matches."""
 
     def __init__(self, camera: StereoCamera, config: FilterConfig):
         self.camera = camera
@@ -124,63 +119,57 @@ class BoxMotionClassifier:
         self._tracks = new_tracks(np.zeros((0, 4)))
         self._motion: Array | None = None
 
-    def start(self, boxes: Boxes) -> None:
-        """The first frame."""
-        self._tracks = new_tracks(vehicles(boxes, self.config).xyxy)
-
     def step(self, matches: StereoMatches, boxes: Boxes) -> Judgement:
         """Judge the boxes of the next frame's left image by its matches with the frame before."""
         old, found = self._tracks, vehicles(boxes, self.config)
         seen = old.missed == 0
-        in_before = inside(matches.prev_left, old.xyxy)
-        in_seen, in_found = in_before[:, seen], inside(matches.cur_left, found.xyxy)
-        outside = np.asarray(~(in_seen.any(axis=1) | in_found.any(axis=1)))
+        in_before, in_found = inside(matches.prev_left, old.xyxy), inside(matches.cur_left, found.xyxy)
+        unseen = ~in_before[:, seen].any(axis=1)
+        outside = np.asarray(unseen & ~in_found.any(axis=1))
         # A feature that leaves a parked car for a new box is not known to stand still.
-        doubtful = in_before[:, old.state != PARKED].any(axis=1) | (~in_seen.any(axis=1) & ~outside)
-        few_background = self._find_motion(matches, outside, np.asarray(~doubtful))
-        fresh, agrees = self._ask(matches, found, outside)
-        expected = shifted(old, matches, in_before)
-        row_of = pair_up(overlap(expected, found.xyxy), self.config.moving.overlap)
+        still = np.asarray(~in_before[:, old.state != PARKED].any(axis=1) & (outside | ~unseen))
+        few_background = self._find_motion(matches, outside, still)
+        fresh, disagrees = self._ask(matches, found, outside)
+        # Each box is expected where its features go on average.
+        member = in_before.T.astype(np.float64)
+        flow = member @ (matches.cur_left - matches.prev_left) / np.maximum(member.sum(axis=1), 1.0)[:, None]
+        expected = old.xyxy + np.tile(flow, 2)
+        row_of = pair_up(overlap(expected, found.xyxy))
         known = row_of >= 0
-        R_cp = np.eye(3) if self._motion is None else self._motion[:3, :3]
+        lost = np.flatnonzero((old.missed < PATIENCE) & ~np.isin(np.arange(len(old)), row_of))
         index = np.where(known, row_of, len(old) + np.arange(len(found)))
-        now = joined([old, new_tracks(found.xyxy)])[index]
-        now = dataclasses.replace(now, xyxy=found.xyxy, missed=np.zeros(len(found), np.int64))
-        now = with_evidence(now, fresh, R_cp, self.config.moving)
-        lost = dataclasses.replace(old, xyxy=expected, missed=old.missed + 1)
-        lost = with_evidence(lost, no_steps(len(old)), R_cp, self.config.moving)
-        waits = lost.missed <= self.config.moving.patience
-        self._tracks = joined([now, lost[waits & ~np.isin(np.arange(len(old)), row_of)]])
-        observed = np.asarray(fresh.information.any(axis=(1, 2)))
-        state_before = old.state.copy()
-        state_before[row_of[known]] = now.state[known]
-        return Judgement(
-            boxes=found,
-            state=now.state,
-            step=np.where(observed[:, None], fresh.step, np.nan),
-            matches=fresh.matches,
-            before=old.xyxy[seen],
-            state_before=state_before[seen],
-            few_background=few_background,
-            agrees=agrees,
+        tracks = dataclasses.replace(
+            joined([old, new_tracks(found.xyxy)])[np.append(index, lost)],
+            xyxy=np.concatenate([found.xyxy, expected[lost]]),
+            missed=np.append(np.zeros_like(index), old.missed[lost] + 1),
         )
+        R_cp = np.eye(3) if self._motion is None else self._motion[:3, :3]
+        fresh_of_all = joined([fresh, no_steps(len(lost))])
+        self._tracks = with_evidence(tracks, fresh_of_all, R_cp, self.config.moving)
+        state, state_before = self._tracks.state[: len(found)], old.state.copy()
+        state_before[row_of[known]] = state[known]
+        left_it = in_before[:, seen & (state_before == MOVING)].any(axis=1)
+        removed = in_found[:, state == MOVING].any(axis=1) | left_it | disagrees
+        step = np.where(fresh.information.any(axis=1), fresh.step, np.nan)
+        return Judgement(found, state, step, fresh.matches, removed, few_background)
 
     def _ask(self, matches: StereoMatches, found: Boxes, outside: Mask) -> tuple[BoxSteps, Mask]:
-        """Steps of the boxes found, and `agrees` of the judgement."""
+        """Steps of the boxes found, and which matches (N,) in boxes do not agree with standing still."""
+        disagrees = np.zeros(len(matches), np.bool_)
         if self._motion is None:
-            return no_steps(len(found)), np.ones(len(matches), np.bool_)
+            return no_steps(len(found)), disagrees
         config = self.config.moving
-        agrees = np.ones(len(matches), np.bool_)
         # A share of the background is enough to see its noise.
         asked = np.concatenate([np.flatnonzero(~outside), np.flatnonzero(outside)[::BACKGROUND_SHARE]])
         some = matches[asked]
-        owner = owner_of(self.camera, some.cur_left, some.cur_right, found, self.config)
+        owner = owner_of(self.camera, some.cur_left, some.cur_right, found)
         points = point_steps(self.camera, some, self._motion)
         stands = points.squared_error(np.zeros(3))
         noise = background_noise(stands, outside[asked], config)
         # What is not a number does not agree.
-        agrees[asked] = outside[asked] | (stands <= config.agreement**2 * noise)
-        return box_steps(points, owner, len(found), noise, config), agrees
+        agrees = stands <= config.agreement**2 * noise
+        disagrees[asked] = ~outside[asked] & ~agrees
+        return box_steps(points, owner, len(found), noise), disagrees
 
     def _find_motion(self, matches: StereoMatches, outside: Mask, still: Mask) -> bool:
         """Motion of the camera from the background, None where nothing tells it; whether that was too little.
@@ -188,12 +177,11 @@ class BoxMotionClassifier:
         Where boxes hold nearly everything, those judged parked so far count as background (`still`); if that
         is not enough, all features are asked: right while most of them stand still.
         """
-        least = self.config.moving.min_background
-        background = outside if np.count_nonzero(outside) >= least else outside | still
-        few = int(np.count_nonzero(background)) < least
+        background = outside if np.count_nonzero(outside) >= ENOUGH else outside | still
+        few = int(np.count_nonzero(background)) < ENOUGH
         if few:
             background = np.ones(len(matches), np.bool_)
-        if np.count_nonzero(background) < LEAST_BACKGROUND:
+        if np.count_nonzero(background) < FEWEST:
             self._motion = None
         else:
             start, steps = (np.eye(4), 10) if self._motion is None else (self._motion, 3)

@@ -16,38 +16,7 @@ class MovingConfig(Checked):
     """The judgement whether the vehicle in a box moves (chapter 5, beyond the paper)."""
 
     noise: float = setting(
-        0.2,
-        "smallest standard deviation of a match; more where the background shows more",
-        unit="px",
-        low=0.01,
-        high=5,
-    )
-    motion_error: float = setting(
-        0.01, "standard deviation of the camera's step from features outside boxes", unit="m", low=0, high=1
-    )
-    turn_error: float = setting(
-        0.01, "standard deviation of the camera's rotation", unit="deg", low=0, high=1
-    )
-    heights: tuple[float, ...] = setting(
-        (2.3, 4.2, 4.2),
-        "tallest vehicle of each of the classes; what is farther than such a one in its box is background",
-        unit="m",
-        low=0.5,
-        high=10,
-    )
-    min_matches: int = setting(3, "a box with fewer matches is judged by its history", low=1, high=100)
-    min_background: int = setting(
-        30, "with fewer features outside boxes those in parked boxes join them", low=5, high=1000
-    )
-    moved_share: float = setting(
-        0.3, "share of a box's matches that must move together; the rest may be background", low=0, high=1
-    )
-    overlap: float = setting(
-        0.3, "a box is known again above this overlap (IoU) with its place expected", low=0.01, high=1
-    )
-    patience: int = setting(3, "frames for which a track waits for its box to be seen again", low=0, high=100)
-    memory: float = setting(
-        0.7, "share of a track's evidence that is kept from frame to frame", low=0, high=0.99
+        0.2, "standard deviation of a match, or more if the background shows it", unit="px", low=0.01, high=5
     )
     significance: float = setting(
         4.0, "a box moves when its step is this many standard deviations from none", low=1, high=50
@@ -55,14 +24,8 @@ class MovingConfig(Checked):
     min_step: float = setting(
         0.05, "a box moves when its step between two frames is longer than this", unit="m", low=0, high=5
     )
-    unknown: str = setting(
-        "keep", "what happens to features in boxes of which too little is known", choices=("keep", "remove")
-    )
     agreement: float = setting(
-        2.0,
-        "a feature in any box must agree with the background within this many standard deviations",
-        low=0.1,
-        high=1000,
+        2.0, "standard deviations by which a feature in a box may be off", low=0.1, high=1000
     )
 
 
@@ -87,25 +50,16 @@ class SelectionConfig(method.SelectionConfig):
     """Refinement of the winner, standing still, and when the prior is dropped (chapter 3)."""
 
     mode: str = setting(
-        "refined",
-        "take the winner as it is, or refine it on its inliers, from fewer sets where the last motion holds",
-        choices=("literal", "refined"),
+        "refined", "take the winner as it is, or refine it on its inliers", choices=("literal", "refined")
     )
     refine_scale: float = setting(
-        1.5,
-        "residual at which the refinement halves a match's weight, in standard deviations of the residuals; "
-        "never above half the threshold",
-        low=0.5,
-        high=100,
+        1.5, "residual that halves a match's weight when refined, in standard deviations", low=0.5, high=100
     )
     rest_flow: float = setting(
         0.05, "below this median flow, under a millimetre a frame, the camera rests", unit="px", low=0, high=5
     )
     prior_rejection_ratio: float = setting(
-        1.25,
-        "drop the prior when its best candidate scores worse than the best of all by this factor",
-        low=1,
-        high=1000,
+        1.25, "drop the prior when its best candidate is so many times worse than the best", low=1, high=1000
     )
 
 

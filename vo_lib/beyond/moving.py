@@ -21,7 +21,7 @@ from ..core.types import Array, Mask, Whole
 from ..method.boxes import inside
 from ..method.buckets import select_by_bucket
 from ..method.config import BucketConfig
-from .config import FilterConfig, MovingConfig
+from .config import MovingConfig
 
 # Features for the motion of the camera: enough for a millimetre, few enough for a millisecond.
 SPREAD = BucketConfig(size=100, features=2)
@@ -32,6 +32,12 @@ AGREES_CHI2 = 11.3
 ITERATIONS = 3
 # Information on a direction that no feature sees, 1/m².
 OPEN = 1e-6
+# The tallest car, and the tallest vehicle of any other class, metres.
+CAR, CAR_HEIGHT, HEIGHT = 2, 2.3, 4.2
+# Features of a box without which nothing is said of it, and the share of them that must move together.
+FEWEST, MOVED_SHARE = 3, 0.3
+# Standard deviations of the camera's step from features outside boxes, metres, and of its rotation, radians.
+STEP_ERROR, TURN_ERROR = 0.01, np.radians(0.01)
 
 
 @dataclass(frozen=True)
@@ -97,16 +103,15 @@ def _point_covariance(camera: StereoCamera, X: Array) -> Array:
     return D @ np.swapaxes(D, 1, 2)
 
 
-def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes, config: FilterConfig) -> Whole:
+def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes) -> Whole:
     """Box that each feature (N, 2), (N, 2) may lie on, -1 for none; of several the one in front.
 
     The one in front is the lowest in the image. A feature so far away that a vehicle there would be taller
     than any of its class belongs to the background that a box holds beside its vehicle.
     """
-    if len(boxes) == 0 or len(left) == 0:
+    if len(boxes) == 0:
         return np.full(len(left), -1)
-    tallest = dict(zip(config.classes, config.moving.heights, strict=False))
-    height = np.array([tallest.get(kind, max(config.moving.heights)) for kind in boxes.class_id.tolist()])
+    height = np.where(boxes.class_id == CAR, CAR_HEIGHT, HEIGHT)
     # depth <= f height / (bottom - top), as disparity
     least = camera.baseline * (boxes.xyxy[:, 3] - boxes.xyxy[:, 1]) / height
     may = inside(left, boxes.xyxy) & (left[:, :1] - right[:, :1] >= least)
@@ -115,7 +120,7 @@ def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes, conf
 
 
 @dataclass(frozen=True)
-class BoxSteps:
+class BoxSteps(Rows):
     """How the vehicles in K boxes moved between two frames, from these two frames alone.
 
     Attributes
@@ -141,13 +146,13 @@ def background_noise(squared_error: Array, outside: Mask, config: MovingConfig) 
     return max(config.noise**2, float(np.median(background)) / MEDIAN_CHI2 if len(background) else 0.0)
 
 
-def box_steps(points: PointSteps, owner: Whole, number: int, noise: float, config: MovingConfig) -> BoxSteps:
+def box_steps(points: PointSteps, owner: Whole, number: int, noise: float) -> BoxSteps:
     """One step for each of `number` boxes from the features it owns (owner (N,), -1: none).
 
     `noise` is the variance of a match, pixels², as `background_noise` finds it.
 
-    A box holds the vehicle, some background behind it, and outlines that belong to neither. Two robust fits
-    compete: one from all features, one from those alone that do not agree with standing still.
+    A box holds the vehicle, some background behind it, and outlines that belong to neither. Two robust means
+    compete (Cauchy weights): of all features, and of those alone that do not agree with standing still.
     """
     stands = points.squared_error(np.zeros(3)) / noise
     mine = (owner >= 0) & np.isfinite(stands)
@@ -155,41 +160,23 @@ def box_steps(points: PointSteps, owner: Whole, number: int, noise: float, confi
     member = (owner == np.arange(number)[:, None]).astype(np.float64)
     total = member.sum(axis=1)
     moved = stands > AGREES_CHI2
-    start = np.stack([1.0 / (1.0 + stands / AGREES_CHI2), moved.astype(np.float64)])
-    steps, information, errors = _fit(points, member, owner, noise, start)
-    agreeing = member @ (moved & (errors[1] < AGREES_CHI2))
-    moves = (agreeing >= np.maximum(config.min_matches, config.moved_share * total)).astype(np.int64)
-    chosen = moves, np.arange(number)
-    depth = member @ points.depth / np.maximum(total, 1.0)
-    # What the motion of the camera does not know, no number of features in the box can tell.
-    shared = config.motion_error**2 + (np.radians(config.turn_error) * depth) ** 2
-    spread = np.linalg.inv(information[chosen] + OPEN * np.eye(3)) + shared[:, None, None] * np.eye(3)
-    enough = (total >= config.min_matches)[:, None, None]
-    return BoxSteps(steps[chosen], np.where(enough, np.linalg.inv(spread), 0.0), total.astype(np.int64))
-
-
-def _fit(
-    points: PointSteps, member: Array, owner: Whole, noise: float, weight: Array
-) -> tuple[Array, Array, Array]:
-    """Robust means of each box from several starts, with Cauchy weights.
-
-    Parameters
-    ----------
-    member : (K, N) 1 where a feature is in a box; owner : (N,) the box. weight : (S, N) first weights.
-
-    Returns
-    -------
-    Steps (S, K, 3), their information (S, K, 3, 3), and the features' squared errors (S, N) in deviations.
-    """
-    n = len(owner)
-    flat = points.information.reshape(n, 9) / noise
+    weight = np.stack([1.0 / (1.0 + stands / AGREES_CHI2), moved.astype(np.float64)])
+    flat = points.information.reshape(len(owner), 9) / noise
     pull = np.einsum("nij,nj->ni", points.information, points.step) / noise
     parts = np.concatenate([flat, pull], axis=1)
     for _ in range(ITERATIONS):
-        sums = member @ (weight[:, :, None] * parts)
-        information = sums[:, :, :9].reshape(*sums.shape[:2], 3, 3)
+        sums = member @ (weight[:, :, None] * parts)  # (2, K, 12)
+        information = sums[:, :, :9].reshape(2, number, 3, 3)
         steps = np.linalg.solve(information + OPEN * np.eye(3), sums[:, :, 9:, None])[:, :, :, 0]
         e = points.step - steps[:, owner]
         errors = np.einsum("sni,nij,snj->sn", e, points.information, e) / noise
         weight = 1.0 / (1.0 + errors / AGREES_CHI2)
-    return steps, information, errors
+    agreeing = member @ (moved & (errors[1] < AGREES_CHI2))
+    moves = (agreeing >= np.maximum(FEWEST, MOVED_SHARE * total)).astype(np.int64)
+    chosen = moves, np.arange(number)
+    depth = member @ points.depth / np.maximum(total, 1.0)
+    # What the motion of the camera does not know, no number of features in the box can tell.
+    shared = STEP_ERROR**2 + (TURN_ERROR * depth) ** 2
+    spread = np.linalg.inv(information[chosen] + OPEN * np.eye(3)) + shared[:, None, None] * np.eye(3)
+    enough = (total >= FEWEST)[:, None, None]
+    return BoxSteps(steps[chosen], np.where(enough, np.linalg.inv(spread), 0.0), total.astype(np.int64))

@@ -53,7 +53,6 @@ class Learning(Odometry):
 
     def __init__(self, camera: StereoCamera, config: Config, known: Calibration | None = None):
         super().__init__(camera, config)
-        self.config = config
         self.filtered: Filtered | None = None
         self.rig = Rig(camera, config.calibration)
         if known is not None:
@@ -142,10 +141,9 @@ class KitOdometry(Learning):
 
     _dropped = False
 
-    def motion(self, matches: StereoMatches) -> FrameResult | None:
+    def remember(self, rotation: Rotation, t_cp: Array) -> FrameResult:
         """As the paper's; says where the prior was dropped."""
-        motion = super().motion(matches)
-        return motion if motion is None or not self._dropped else replace(motion, flags=("prior_dropped",))
+        return replace(super().remember(rotation, t_cp), flags=("prior_dropped",) * self._dropped)
 
     def rest(self, matches: StereoMatches) -> FrameResult:
         """The small motion that stereo depth shows, or none at all."""
@@ -201,6 +199,8 @@ class KitOdometry(Learning):
 class KitViso2(Learning, Viso2):
     """VISO2, fitted again with what the frame shows of the calibration."""
 
+    config: Config
+
     def fit(self, matches: StereoMatches) -> tuple[Array, Array, Mask] | None:
         """Rotation, translation and inliers (N,); None where too few matches agree on them."""
         found = super().fit(matches)
@@ -210,9 +210,7 @@ class KitViso2(Learning, Viso2):
         R_cp, t_cp, inliers = found
         corrected = self.learn(matches, R_cp, t_cp)
         if corrected is not None:
-            X_p = self.camera.triangulate(corrected.prev_left, corrected.prev_right)
-            agreed = np.flatnonzero(inliers & np.isfinite(X_p[:, 2]))
-            current = corrected.cur_left, corrected.cur_right
-            R_cp, t_cp = refit_motion(self.camera, X_p, *current, agreed, R_cp, t_cp, self.reprojection)
+            agreed = corrected[inliers & (corrected.prev_left[:, 0] > corrected.prev_right[:, 0])]
+            R_cp, t_cp = refit_motion(self.camera, agreed, R_cp, t_cp, self.config.reprojection)
         self.clock.stage("calibration")
         return R_cp, t_cp, inliers

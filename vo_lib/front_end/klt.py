@@ -15,9 +15,9 @@ from ..core.types import Array, Image, Mask, Whole
 from ..method.buckets import select_by_bucket
 from ..method.config import BucketConfig
 from ..method.matching import is_stereo, track
+from .alignment import Pair, refine_over_time, refine_stereo
 from .config import FeatureConfig, MatchingConfig
 from .corners import corner_strength, detect_corners, in_empty_cells
-from .subpixel import refine_over_time, refine_stereo
 from .surface import CoarseDisparity, coarse_disparity
 
 NOTHING = empty_matches(), np.zeros((0, 2))  # matches, and the slopes (N, 2) of their surfaces
@@ -42,13 +42,12 @@ class PreparedPair:
 
     Attributes
     ----------
-    left, right : (H, W) uint8.
+    images : left and right, (H, W) uint8.
     corners : (N, 2) pixels of the left image's corners; strength : (N,) of them.
     disparity : (H / 2, W / 2) coarse disparity, pixels of the full image; negative where none.
     """
 
-    left: Image
-    right: Image
+    images: Pair
     corners: Array
     strength: Array
     disparity: CoarseDisparity
@@ -71,17 +70,16 @@ class LoopMatcher:
         self._motion: tuple[Array, Array] | None = None  # R_cp and t_cp, metres
         self._next_id = 0
 
-    def prepare(self, pair: tuple[Image, Image]) -> PreparedPair:
+    def prepare(self, pair: Pair) -> PreparedPair:
         """Corners and coarse disparity of a stereo pair."""
         corners = detect_corners(corner_strength(pair[0]), self.features)
-        return PreparedPair(*pair, *corners, coarse_disparity(*pair, self.config.max_disparity))
+        return PreparedPair(pair, *corners, coarse_disparity(*pair, self.config.max_disparity))
 
     def step(self, pair: PreparedPair) -> StereoMatches:
         """Matches of the pair before with this one; empty for the first pair."""
         matches, slope = NOTHING if self._previous is None else self._follow(*self._previous, pair)
-        kept = select_by_bucket(
-            matches.cur_left, matches.age, matches.strength, BucketConfig(size=self.features.cell, features=1)
-        )
+        one_a_cell = BucketConfig(size=self.features.cell, features=1)
+        kept = select_by_bucket(matches.cur_left, matches.age, matches.strength, one_a_cell)
         on = matches[kept]
         known = _Features(on.cur_left, on.cur_right, slope[kept], on.age + 1, on.strength, on.id)
         self._previous = (pair, self._add_corners(pair, known))
@@ -93,17 +91,14 @@ class LoopMatcher:
         found, agree, last = NOTHING, 0, self._motion
         if last is not None:
             R, t = last
-            X_p = self.camera.triangulate(known.left, known.right)
-            guess = self.camera.project(X_p @ R.T + t)
+            guess = self.camera.project(self.camera.triangulate(known.left, known.right) @ R.T + t)
             found = self._close_loop(before, pair, known, guess, self.config.levels)
             self._motion, agree = next_motion(self.camera, found[0], last)
         if len(found[0]) < 0.3 * len(known.id) or agree < 0.5 * len(found[0]):
             # No motion yet, or it or the exposure changed abruptly, and perhaps what looks alike was found:
             # search from where the features were.
-            start = known.left, known.right
-            lit = replace(
-                before, left=lit_like(before.left, pair.left), right=lit_like(before.right, pair.right)
-            )
+            left, right = map(lit_like, before.images, pair.images)
+            lit, start = replace(before, images=(left, right)), (known.left, known.right)
             again = self._close_loop(lit, pair, known, start, self.config.search_levels)
             motion, more = next_motion(self.camera, again[0], None)
             if (more, len(again[0])) > (agree, len(found[0])):
@@ -121,50 +116,44 @@ class LoopMatcher:
         """Finished matches, and slopes (N, 2): Lucas-Kanade finds the left features coarsely, block matching
         the right ones; then come sub-pixel places and the checks.
         """
-        start = np.flatnonzero(self._inside(guess[0], pair.left) & self._inside(guess[1], pair.right))
+        left, right = pair.images
+        start = np.flatnonzero(_inside(guess[0], left) & _inside(guess[1], right))
         # No finer: the finish is what makes a place exact.
         window, ends = self.config.window, (10, 0.03)
         cur_left, ok, difference = track(
-            before.left, pair.left, known.left[start], guess[0][start], window, np.inf, levels, ends
+            before.images[0], left, known.left[start], guess[0][start], window, np.inf, levels, ends
         )
-        ok &= (difference <= self.config.max_difference) & self._inside(cur_left, pair.left)
+        ok &= (difference <= self.config.max_difference) & _inside(cur_left, left)
         over_time, known_depth = _in_right_image(pair.disparity, cur_left)
         ok &= known_depth & is_stereo(cur_left, over_time, self.config)
-        seen, images = known[start[ok]], (pair.left, pair.right)
+        seen, motion = known[start[ok]], self._motion or (np.eye(3), np.zeros(3))
+        places = (seen.left, seen.right), seen.slope, (cur_left[ok], over_time[ok])
         cur_left, over_time, ok = refine_over_time(
-            self.camera,
-            (before.left, before.right),
-            images,
-            (seen.left, seen.right),
-            seen.slope,
-            (cur_left[ok], over_time[ok]),
-            self._motion or (np.eye(3), np.zeros(3)),
-            self.config,
+            self.camera, before.images, pair.images, *places, motion, self.config
         )
         seen, cur_left, over_time = seen[ok], cur_left[ok], over_time[ok]
-        cur_right, slope, ok = refine_stereo(images, pair.disparity, cur_left, over_time, self.config)
-        ok &= self._inside(cur_left, pair.left) & self._inside(cur_right, pair.right)
+        cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
+        ok &= _inside(cur_left, left) & _inside(cur_right, right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
-        seen, places = seen[ok], (cur_left[ok], cur_right[ok])
-        return StereoMatches(seen.left, seen.right, *places, seen.age, seen.strength, seen.id), slope[ok]
+        seen, places_now = seen[ok], (cur_left[ok], cur_right[ok])
+        return StereoMatches(seen.left, seen.right, *places_now, seen.age, seen.strength, seen.id), slope[ok]
 
     def _add_corners(self, pair: PreparedPair, known: _Features) -> _Features:
         free = in_empty_cells(pair.corners, known.left, self.features.cell)
         guess, ok = _in_right_image(pair.disparity, pair.corners[free])
-        uv, strength, guess = pair.corners[free][ok], pair.strength[free][ok], guess[ok]
-        images = pair.left, pair.right
-        found, slope, ok = refine_stereo(images, pair.disparity, uv, guess, self.config)
-        ok &= self._inside(found, pair.right)
+        uv, strength = pair.corners[free][ok], pair.strength[free][ok]
+        found, slope, ok = refine_stereo(pair.images, pair.disparity, uv, guess[ok], self.config)
+        ok &= _inside(found, pair.images[1])
         number = int(np.count_nonzero(ok))
         ids = np.arange(self._next_id, self._next_id + number)
         self._next_id += number
         new = _Features(uv[ok], found[ok], slope[ok], np.ones(number, np.int64), strength[ok], ids)
         return joined([known, new])
 
-    def _inside(self, uv: Array, image: Image) -> Mask:
-        # NaN (a point behind the camera) compares false.
-        inside = (uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))
-        return np.asarray(inside.all(axis=1))
+
+def _inside(uv: Array, image: Image) -> Mask:
+    """Which pixels (N, 2) lie in an image; NaN, a point behind the camera, does not."""
+    return np.asarray(((uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))).all(axis=1))
 
 
 def _in_right_image(coarse: CoarseDisparity, uv: Array) -> tuple[Array, Mask]:
