@@ -67,15 +67,6 @@ def test_systems_stand_side_by_side_in_json_csv_and_tables(
     assert float(last["te_percent"]) == pytest.approx(in_json, abs=1e-6)
 
 
-def test_one_truth_may_have_several_estimates_with_names_of_their_own(
-    files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    command = words(files, ["truth/07.txt"], ["ours/07.txt", "theirs/07.txt"])
-    assert main([*command, "--names", "kit,other", "--json"]) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert [system["system"] for system in data["systems"]] == ["kit", "other"]
-
-
 def test_a_truth_that_stands_there_twice_is_two_sequences(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -148,9 +139,8 @@ def test_any_name_stands_in_tables_files_and_pictures(
 ) -> None:
     for folder in ("truth", "ours"):
         (files / folder / "07.txt").rename(files / folder / f"{name}.txt")
-    command = words(files, [f"truth/{name}.txt"], [f"ours/{name}.txt", f"truth/{name}.txt"])
-    out = ["--names", f"{name},other", "--out", str(files / "out"), "--plot", str(files / "plots")]
-    code = main([*command, *out])
+    command = words(files, [f"truth/{name}.txt"], [f"ours/{name}.txt", "theirs/07.txt"])
+    code = main([*command, "--out", str(files / "out"), "--plot", str(files / "plots")])
     said = capsys.readouterr()
     if len(name) > 200:  # a picture's file is named after it
         assert code == 2

@@ -126,12 +126,8 @@ def statistics(errors: Array) -> dict[str, float | None]:
     """Root of the mean square, mean, median and largest of errors (N,); None of nothing."""
     if not len(errors):
         return dict.fromkeys(("rmse", "mean", "median", "max"))
-    return {
-        "rmse": rmse(errors),
-        "mean": float(np.mean(errors)),
-        "median": float(np.median(errors)),
-        "max": float(np.max(errors)),
-    }
+    mean, median, largest = float(np.mean(errors)), float(np.median(errors)), float(np.max(errors))
+    return {"rmse": rmse(errors), "mean": mean, "median": median, "max": largest}
 
 
 def _in(unit: str, errors: Array) -> dict[str, float | None]:

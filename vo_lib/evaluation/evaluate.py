@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import DataError
+from ..core.rows import joined
 from ..core.types import Array
 from .ate_rpe import AbsoluteError, Alignment, RelativeError, absolute_error, check_pair, relative_error
-from .kitti import KITTI_LENGTHS, KITTI_STEP, KittiErrors, kitti_errors, pooled, trajectory_distances
+from .kitti import KITTI_LENGTHS, KITTI_STEP, KittiErrors, kitti_errors, trajectory_distances
 
 
 @dataclass(frozen=True)
@@ -38,17 +39,14 @@ class Evaluation:
     @property
     def pooled(self) -> KittiErrors:
         """All sub-sequences of all sequences: long sequences count more."""
-        return pooled(sequence.kitti for sequence in self.sequences)
+        return joined(sequence.kitti for sequence in self.sequences)
 
     def mean(self) -> dict[str, Any]:
         """Plain mean over the sequences that have sub-sequences: each counts the same."""
         counted = [s for s in self.sequences if len(s.kitti)]
-        te, re = ([getattr(s.kitti, name) for s in counted] for name in ("te", "re"))
-        return {
-            "sequences": [s.name for s in counted],
-            "te_percent": float(np.mean(te)) if te else None,
-            "re_deg_per_100m": float(np.mean(re)) if re else None,
-        }
+        errors = np.array([(s.kitti.te, s.kitti.re) for s in counted], float)
+        te, re = errors.mean(axis=0).tolist() if counted else (None, None)
+        return {"sequences": [s.name for s in counted], "te_percent": te, "re_deg_per_100m": re}
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the single sub-sequences, for JSON: no NaN, None where there is no number."""
@@ -71,7 +69,6 @@ def evaluate(
     lengths: Sequence[float] = KITTI_LENGTHS,
     step: int = KITTI_STEP,
     alignment: Alignment = Alignment.SE3,
-    delta: int = 1,
     times: Mapping[str, Array] = MappingProxyType({}),
 ) -> Evaluation:
     """KITTI errors, ATE and RPE of (name, truth, estimate) triples, poses (N, 4, 4) each.
@@ -85,16 +82,10 @@ def evaluate(
     results = []
     for name, truth, estimate in pairs:
         check_pair(truth, estimate, f"sequence {name}: ")
-        results.append(
-            SequenceResult(
-                name=name,
-                frames=len(truth),
-                distance=float(trajectory_distances(truth)[-1]),
-                kitti=kitti_errors(truth, estimate, lengths, step, times.get(name)),
-                ate=absolute_error(truth, estimate, alignment),
-                rpe=relative_error(truth, estimate, delta),
-            )
-        )
+        distance = float(trajectory_distances(truth)[-1])
+        kitti = kitti_errors(truth, estimate, lengths, step, times.get(name))
+        ate, rpe = absolute_error(truth, estimate, alignment), relative_error(truth, estimate)
+        results.append(SequenceResult(name, len(truth), distance, kitti, ate, rpe))
     if not results:
         raise DataError("nothing to evaluate: expected at least one truth and estimate")
-    return Evaluation(tuple(results), tuple(float(length) for length in lengths), step)
+    return Evaluation(tuple(results), tuple(map(float, lengths)), step)
