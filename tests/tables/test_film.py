@@ -89,6 +89,12 @@ def test_the_view_has_the_points_at_their_depths_and_needs_nothing_else(bands: P
     np.testing.assert_allclose(path[-1], truth[-1], atol=0.1)
 
 
+def write_film(place: Path, result: Run) -> None:
+    with Film(place, result, "mine") as film:
+        for shown in shown_frames(result):
+            film.add(shown)
+
+
 def test_a_film_that_fails_leaves_nothing(bands: Path) -> None:
     result = run(open_sequence(bands), preset("viso2"))
     before = set(bands.parent.iterdir())
@@ -96,12 +102,6 @@ def test_a_film_that_fails_leaves_nothing(bands: Path) -> None:
         film.add(next(iter(shown_frames(result))))
         raise KeyError
     assert set(bands.parent.iterdir()) == before
-
-
-def whole_film(place: Path, result: Run) -> None:
-    with Film(place, result, "mine") as film:
-        for shown in shown_frames(result):
-            film.add(shown)
 
 
 @pytest.mark.parametrize("name", ["film.mp4", "film.avi"])
@@ -114,7 +114,7 @@ def test_a_film_on_a_full_disk_is_no_film_and_the_old_one_stays(bands: Path, nam
     resource.setrlimit(resource.RLIMIT_FSIZE, (6000, limits[1]))  # a write beyond fails, as on a full disk
     try:
         with pytest.raises(DataError, match="is the disk full"):
-            whole_film(place, result)
+            write_film(place, result)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert place.read_bytes() == b"an older one"
