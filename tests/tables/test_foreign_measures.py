@@ -40,9 +40,6 @@ def test_a_whole_sequence_measured_as_the_benchmark_does_is_compared() -> None:
     (group,) = group_entries([whole(SHORT)])
     te = 100 * 0.01  # % of the way; a sub-sequence may end a frame late
     assert gaps(group) == [pytest.approx(te - 2.0, abs=0.02), pytest.approx(-2.0, abs=1e-3)]
-    row = next(row for row in layout_tables(group, table_of_twos())[0].rows if row[0] == SHORT)
-    printed = [float(cell.split("\n")[2].replace("−", "-")) for cell in row[1:3]]
-    assert printed == pytest.approx(gaps(group), abs=6e-4)
 
 
 @pytest.mark.parametrize("foreign", FOREIGN)
@@ -85,19 +82,14 @@ def test_another_measure_of_any_one_row_takes_the_average_away() -> None:
             )
 
 
-def test_a_method_or_a_row_that_the_paper_has_not_is_not_beside_it() -> None:
-    own = entry_of(f"kitti/{SHORT}", WHOLE, [1.0], "moving_selection", measure=KITTI_MEASURE)
-    (group,) = group_entries([own, whole(SHORT)])
-    of_paper, apart = layout_tables(group, table_of_twos())
-    assert [row[0] for row in of_paper.rows] == list(PAPER_ROWS)
-    assert [row[0] for row in apart.rows] == [SHORT]
-    assert of_paper.columns[1:3] == ["VISO2 TE", "VISO2 RE"]
-    # All 88 printed numbers stand there; ours is a dash where nothing was run.
-    printed_there = [cell.split("\n") for row in of_paper.rows for cell in row[1:]]
-    assert len(printed_there) == 2 * len(PAPER_METHODS) * len(PAPER_ROWS) == 88
-    assert sum(cell[0] != NONE for cell in printed_there) == 2
-    assert all(len(cell) >= 2 for cell in printed_there)
-    assert not any("\n" in cell for cell in apart.rows[0][1:])
+def test_all_88_printed_numbers_stand_there_whatever_was_run() -> None:
+    (group,) = group_entries([whole(SHORT)])
+    (table,) = layout_tables(group, table_of_twos())
+    assert [row[0] for row in table.rows] == list(PAPER_ROWS)
+    cells = [cell.split("\n") for row in table.rows for cell in row[1:]]
+    assert len(cells) == 2 * len(PAPER_METHODS) * len(PAPER_ROWS) == 88
+    assert sum(cell[0] != NONE for cell in cells) == 2
+    assert all(cell[1] in ("2.00", "2.000") for cell in cells)
 
 
 def test_a_difference_needs_both_numbers() -> None:
