@@ -10,9 +10,9 @@ from pathlib import Path
 from ..core.errors import DataError
 from ..core.files import write_result
 from ..core.poses import read_by_time, read_euroc, read_kitti_pair, read_tum
-from ..core.types import Array, Progress
+from ..core.types import Array
 from ..evaluation.ate_rpe import Alignment
-from ..evaluation.axes import LARGEST, fit_axes
+from ..evaluation.axes import LARGEST
 from ..evaluation.evaluate import evaluate
 from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP
 from ..runs.results import run_folder
@@ -80,14 +80,19 @@ def _evaluate(options: argparse.Namespace) -> int:
     names = _distinct([[truth] for truth in options.truth])
     read = [_read(options.format, gt, of_one) for gt, *of_one in zip(options.truth, *files, strict=True)]
     times = {name: at for name, (at, _, _) in zip(names, read, strict=True) if at is not None}
-    systems, total = [], len(labels) * len(names)
+    systems: list[System] = []
     with reporting("judging") as report:
+
+        def watched(pairs: list[tuple[Array, Array]]) -> Iterator[tuple[str, Array, Array]]:
+            for number, (name, pair) in enumerate(zip(names, pairs, strict=True), len(systems) * len(names)):
+                report(number, count * len(names))
+                yield name, *pair
+
         for which, label in enumerate(labels):
             pairs = [(truth, estimates[which]) for _, truth, estimates in read]
-            watched = _watched(names, pairs, report, which * len(names), total)
-            result = evaluate(watched, lengths, step, Alignment(options.alignment), times)
-            turned = [fit_axes(*pair, lengths, step) for pair in pairs] if options.axes else []
-            systems.append(System(label, pairs, result, turned, times))
+            alignment = Alignment(options.alignment)
+            result = evaluate(watched(pairs), lengths, step, alignment, times, options.axes)
+            systems.append(System(label, pairs, result, times))
     data = json.dumps(as_json(systems), indent=2, allow_nan=False)
     if options.out is not None:
         with run_folder(options.out, "evaluation.json", "evaluation.csv") as folder:
@@ -106,15 +111,6 @@ def _evaluate(options: argparse.Namespace) -> int:
     for folder in dict.fromkeys(filter(None, (options.out, options.plot))):
         say(f"written to {folder}")
     return 0
-
-
-def _watched(
-    names: list[str], pairs: list[tuple[Array, Array]], report: Progress, done: int, total: int
-) -> Iterator[tuple[str, Array, Array]]:
-    """Named pairs; each is reported when it is asked for."""
-    for number, (name, pair) in enumerate(zip(names, pairs, strict=True), done):
-        report(number, total)
-        yield name, *pair
 
 
 def _distinct(groups: list[list[str]]) -> list[str]:

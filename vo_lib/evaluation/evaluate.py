@@ -13,12 +13,16 @@ from ..core.errors import DataError
 from ..core.rows import joined
 from ..core.types import Array
 from .ate_rpe import AbsoluteError, Alignment, RelativeError, absolute_error, check_pair, relative_error
+from .axes import TurnedErrors, fit_axes
 from .kitti import KITTI_LENGTHS, KITTI_STEP, KittiErrors, kitti_errors, trajectory_distances
 
 
 @dataclass(frozen=True)
 class SequenceResult:
-    """All errors of one sequence; `distance` is the length of its true path, metres."""
+    """All errors of one sequence; `distance` is the length of its true path, metres.
+
+    `turned` : KITTI's with the axes turned, where that was asked for.
+    """
 
     name: str
     frames: int
@@ -26,6 +30,7 @@ class SequenceResult:
     kitti: KittiErrors
     ate: AbsoluteError
     rpe: RelativeError
+    turned: TurnedErrors | None = None
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,7 @@ class Evaluation:
                 {"name": s.name, "frames": s.frames, "distance_m": s.distance}
                 | s.kitti.to_tables(self.lengths)
                 | {"ate": s.ate.to_dict(), "rpe": s.rpe.to_dict()}
+                | ({"axes": s.turned.to_dict()} if s.turned else {})
                 for s in self.sequences
             ],
             "pooled": self.pooled.to_tables(self.lengths),
@@ -70,10 +76,12 @@ def evaluate(
     step: int = KITTI_STEP,
     alignment: Alignment = Alignment.SE3,
     times: Mapping[str, Array] = MappingProxyType({}),
+    axes: bool = False,
 ) -> Evaluation:
     """KITTI errors, ATE and RPE of (name, truth, estimate) triples, poses (N, 4, 4) each.
 
-    `times` : (N,) seconds of the frames of each name, where they are known.
+    `times` : (N,) seconds of the frames of each name, where they are known. `axes` : KITTI errors with the
+    axes turned, too.
 
     Raises
     ------
@@ -85,7 +93,8 @@ def evaluate(
         distance = float(trajectory_distances(truth)[-1])
         kitti = kitti_errors(truth, estimate, lengths, step, times.get(name))
         ate, rpe = absolute_error(truth, estimate, alignment), relative_error(truth, estimate)
-        results.append(SequenceResult(name, len(truth), distance, kitti, ate, rpe))
+        turned = fit_axes(truth, estimate, lengths, step) if axes else None
+        results.append(SequenceResult(name, len(truth), distance, kitti, ate, rpe, turned))
     if not results:
         raise DataError("nothing to evaluate: expected at least one truth and estimate")
     return Evaluation(tuple(results), tuple(map(float, lengths)), step)

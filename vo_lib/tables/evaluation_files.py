@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.rows import joined
 from ..core.types import Array, Progress
 from ..evaluation.ate_rpe import align, rmse, statistics
-from ..evaluation.axes import TurnedErrors
 from ..evaluation.evaluate import Evaluation
 from ..evaluation.kitti import KittiErrors
 from .error_plots import coloured_paths_figure, components_figure
@@ -37,14 +35,12 @@ class System:
     ----------
     label : its name; empty where it is the only one.
     pairs : truth and estimate of each sequence, (N, 4, 4) each, as `result` has them.
-    turned : of each sequence, with axes turned; empty where that was not asked for.
     times : (N,) seconds of the poses of each sequence by name, where the files have them.
     """
 
     label: str
     pairs: list[tuple[Array, Array]]
     result: Evaluation
-    turned: list[TurnedErrors]
     times: Mapping[str, Array]
 
     def called(self, name: str) -> str:
@@ -57,26 +53,19 @@ class System:
         parts = {s.name: s.kitti for s in self.result.sequences}
         return parts | ({POOLED: self.result.pooled} if len(parts) > 1 else {})
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything but the single sub-sequences, for JSON."""
-        data = self.result.to_dict()
-        for sequence, errors in zip(data["sequences"], self.turned, strict=False):
-            sequence["axes"] = errors.to_dict()
-        return data
-
 
 def as_json(systems: list[System]) -> dict[str, Any]:
     """One system's numbers, or those of several under their labels."""
     if len(systems) == 1:
-        return systems[0].to_dict()
-    return {"systems": [{"system": system.label} | system.to_dict() for system in systems]}
+        return systems[0].result.to_dict()
+    return {"systems": [{"system": system.label} | system.result.to_dict() for system in systems]}
 
 
 def as_csv(systems: list[System]) -> str:
     """A row for each system, sequence and length; over all lengths with ATE, RPE and the turned axes."""
     records = []
     for system in systems:
-        data = system.to_dict()
+        data = system.result.to_dict()
         for s in [*data["sequences"], {"name": POOLED} | data["pooled"]]:
             for length, part in [("all", s), *((f"{each['length_m']:g}", each) for each in s["by_length"])]:
                 record = {"system": system.label, "sequence": s["name"], "length_m": length}
@@ -109,16 +98,13 @@ def evaluation_tables(systems: list[System]) -> list[ReportTable]:
             everything.append([name, str(s.frames), str(len(s.kitti)), te_re(s.kitti)])
             for kind, errors in zip(("ATE m", "RPE m", "RPE deg"), (s.ate.distance, *drift), strict=True):
                 others.append([f"{name} {kind}", *(number(x, 4) for x in statistics(errors).values())])
+            if s.turned is not None:
+                angles = f"{s.turned.pitch:+.2f}", f"{s.turned.yaw:+.2f}"
+                turned.append([name, *angles, te_re(s.kitti), te_re(s.turned.kitti)])
         pooled, mean = system.result.pooled, system.result.mean()
         everything.append([system.called("pooled, as the devkit"), "", str(len(pooled)), te_re(pooled)])
         means = " / ".join(number(mean[kind]) for kind in KINDS)
         everything.append([system.called("plain mean"), "", "", means])
-        for s, t in zip(system.result.sequences, system.turned, strict=bool(system.turned)):
-            angles = f"{t.pitch:+.2f}", f"{t.yaw:+.2f}"
-            turned.append([system.called(s.name), *angles, te_re(s.kitti), te_re(t.kitti)])
-        if system.turned:
-            total = joined(t.kitti for t in system.turned)
-            turned.append([system.called(POOLED), "", "", te_re(pooled), te_re(total)])
     columns = ["sequence", "frames", "sub-sequences", "TE / RE"]
     tables.append(ReportTable("All lengths", columns, everything, []))
     note = f"ATE {first.sequences[0].ate.alignment.words}; RPE from frame to frame, which needs no alignment."
