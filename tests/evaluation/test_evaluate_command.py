@@ -67,6 +67,24 @@ def test_systems_stand_side_by_side_in_json_csv_and_tables(
     assert float(last["te_percent"]) == pytest.approx(in_json, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("estimates", "labels"),
+    [
+        (("ours/07.txt", "theirs/07.txt"), ["ours", "theirs"]),
+        (("a/ours/seed_0/poses.txt", "a/theirs/seed_0/poses.txt"), ["ours", "theirs"]),
+        (("orb.txt", "ours/poses.txt"), ["orb", "ours"]),
+    ],
+)
+def test_systems_are_called_by_what_tells_their_files_apart(
+    files: Path, capsys: pytest.CaptureFixture[str], estimates: tuple[str, ...], labels: list[str]
+) -> None:
+    for estimate in estimates:
+        (files / estimate).parent.mkdir(parents=True, exist_ok=True)
+        write_kitti_poses(files / estimate, winding_road(150, 0.03, 1.07))
+    assert main([*words(files, ["truth/07.txt"], [*estimates]), "--json"]) == 0
+    assert [system["system"] for system in json.loads(capsys.readouterr().out)["systems"]] == labels
+
+
 def test_a_truth_that_stands_there_twice_is_two_sequences(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

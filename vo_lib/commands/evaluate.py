@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
 
 from ..core.errors import DataError
@@ -114,15 +115,13 @@ def _evaluate(options: argparse.Namespace) -> int:
 
 
 def _distinct(groups: list[list[str]]) -> list[str]:
-    """The shortest names that tell groups of files apart: a file's own, its folder's, the whole path."""
-    firsts = [Path(group[0]) for group in groups]
-    folders = [path.parent.name for path in firsts]
-    files = [
-        folder if path.stem in NO_NAME else path.stem for path, folder in zip(firsts, folders, strict=True)
-    ]
-    paths = list(map(str, firsts))
-    numbered = [f"{path}, {number}" for number, path in enumerate(paths, start=1)]
-    return first_distinct(files, folders, paths, numbered)
+    """The shortest names that tell groups of files apart: a file's own, else a folder's, inmost first."""
+    firsts = [Path(group[0]).absolute() for group in groups]
+    _, *folders = zip_longest(*(path.parts[::-1] for path in firsts), fillvalue="")
+    pairs = zip(firsts, folders[0], strict=True)
+    files = [folder if path.stem in NO_NAME else path.stem for path, folder in pairs]
+    numbered = [f"{path}, {number}" for number, path in enumerate(firsts, start=1)]
+    return first_distinct(files, *map(list, folders), numbered)
 
 
 def _read(form: str, truth_file: str, files: list[str]) -> tuple[Array | None, Array, list[Array]]:

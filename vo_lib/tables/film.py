@@ -153,7 +153,7 @@ class Film:
             first.append(f"{off:.2f} m from the truth ({100 * off / max(driven, 1e-9):.2f} %)")
         _words(part, "  ".join([*first, *motion.flags]), (12, 22))
         counts = [f"{getattr(motion, name)} {name}" for name in ("matches", "removed", "used", "inliers")]
-        legend = [("  ".join(counts), WHITE), ("new", AGE_COLOURS[0]), ("old", AGE_COLOURS[-1])]
+        legend = [("  ".join(counts), WHITE), ("new match", AGE_COLOURS[0]), ("old", AGE_COLOURS[-1])]
         legend += [("removed", REMOVED), ("path", PATH), ("truth", TRUTH)][: 2 + (self._drift is not None)]
         if shown.state is not None:
             legend.append(("boxes: whole line moves, dashed parked, dots unknown", WHITE))
