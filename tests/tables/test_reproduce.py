@@ -117,17 +117,16 @@ def test_the_layout_is_the_papers_ours_over_its_numbers() -> None:
     assert text.count("2.43 / 1.106") == text.count("1/180") == 1
 
 
-def test_a_part_of_a_sequence_gets_no_difference_and_is_named() -> None:
-    group = group_of(entry_of("kitti/04", 271, [1.0]), entry_of("kitti/07", 300, [1.0]))
-    rows = {row[0]: row[1:] for row in layout(group)[0].rows}
-    assert rows["04"][0].split("\n")[2].startswith("−")
-    assert rows["07"][0].split("\n")[1:] == ["2.00"]
-    assert "mean of 2" in rows
-    # Said before the table, in the terminal, too.
-    for narrow in (False, True):
-        head = layout(group, narrow)[0].head
-        assert "kitti/07 (300 of 1101 frames)" in head[0]
-        assert "kitti/04 (" not in head[0]
+def test_what_is_no_whole_sequence_or_has_no_boxes_is_said_first_in_the_terminal_too() -> None:
+    parts = {"kitti/04": 271, "kitti/07": 300}
+    for method, boxed in (("feature_selection", True), ("solution_selection", False)):
+        group = group_of(*(entry_of(name, n, [1.0], method) for name, n in parts.items()))
+        for narrow in (False, True):
+            head = layout(group, narrow)[0].head
+            assert head[0].endswith("not comparable with whole ones: kitti/07 (300 of 1101 frames).")
+            assert [line.split(":")[0] for line in head[1:]] == [
+                "No vehicle boxes on kitti/04, kitti/07"
+            ] * boxed
 
 
 def test_gains_are_what_the_errors_are_smaller_by_seed_by_seed() -> None:
@@ -156,15 +155,6 @@ def test_variants_are_never_averaged_together_and_each_says_what_made_it() -> No
     assert made_by([fit, entries[0]]).endswith(
         "Motion: one fit (viso2); the five-point winner, as it is (mesvo_f)."
     )
-
-
-def test_that_there_were_no_boxes_is_said_first() -> None:
-    for narrow in (False, True):
-        head = layout(group_of(entry_of("kitti/00", 300, [1.0], "feature_selection")), narrow)[0].head
-        assert head[0].startswith("Parts of a sequence, not comparable with whole ones")
-        assert "No vehicle boxes on kitti/00" in head[1]
-    head = layout(group_of(entry_of("kitti/00", 300, [1.0], "solution_selection")))[0].head
-    assert not any("boxes" in line for line in head)
 
 
 def test_tables_have_a_cell_for_each_column_and_a_dash_where_nothing_is() -> None:
