@@ -20,12 +20,7 @@ from vo_lib.core.poses import read_by_time, read_kitti_poses, read_tum, write_ki
 from vo_lib.core.types import Array
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error
 from vo_lib.evaluation.evaluate import Evaluation, evaluate
-from vo_lib.evaluation.kitti import (
-    KITTI_BIN_MINIMUM,
-    KITTI_LENGTHS,
-    KittiErrors,
-    kitti_errors,
-)
+from vo_lib.evaluation.kitti import KITTI_BIN_MINIMUM, KITTI_LENGTHS, KittiErrors, kitti_errors
 
 KITTI_TRUTH = Path(__file__).resolve().parents[3] / "shared" / "data" / "kitti_poses"
 BENCHMARK = KITTI_TRUTH.parent / "benchmark"

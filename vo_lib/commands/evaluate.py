@@ -34,7 +34,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         required=True,
         metavar="EST",
-        help="as many, in the same order; for several systems, all of one, then all of the next",
+        help="as many, in the same order; for several systems, all of one, then all of the next; "
+        "they are called by what tells their files apart",
     )
     parser.add_argument(
         "--plot",

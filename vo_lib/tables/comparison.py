@@ -18,14 +18,8 @@ from ..runs.results import CONFIG, METRICS, POSES, evaluate_path, read_config, r
 from .report import ReportTable, number
 
 KINDS = {"kitti": "as KITTI, over 100 m and more", "short": "over 20, 50, 100 m, every frame"}
-STORED = {
-    "frames": [str],
-    "settings": {"seed": int},
-    "timing": {"ms_per_frame": NUMBER},
-    "method": str,
-    "sequence": str,
-    "variant": str,
-}
+STORED: dict[str, Any] = {"frames": [str], "settings": {"seed": int}, "timing": {"ms_per_frame": NUMBER}}
+STORED |= dict.fromkeys(("method", "sequence", "variant"), str)
 COLUMNS = ["run", "TE %", "RE deg/100 m", "ATE m", "RPE m", "RPE deg", "ms a frame"]
 
 

@@ -11,25 +11,9 @@ from ..data.sequence import KITTI
 from ..evaluation.ate_rpe import rmse
 from ..evaluation.kitti import KITTI_MEASURE
 from .entries import Entry, Group, made_by, over_seeds
-from .paper import (
-    CLAIMS,
-    PAPER_METHODS,
-    PRINTED_NAMES,
-    PROPOSAL,
-    PaperTable,
-    gain,
-    printed_gains,
-)
+from .paper import CLAIMS, PAPER_METHODS, PRINTED_NAMES, PROPOSAL, PaperTable, gain, printed_gains
 from .report import NONE, ReportTable, mean_and_spread, minus, number, seeds_words, spread, te_re
-from .table1_data import (
-    WHOLE,
-    Row,
-    difference,
-    group_rows,
-    is_whole,
-    papers_numbers,
-    printed_numbers,
-)
+from .table1_data import WHOLE, Row, difference, group_rows, is_whole, papers_numbers, printed_numbers
 
 METHOD_COLUMNS = ["method", "TE %", "RE deg/100 m", "removed", "back end ms"]
 VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
