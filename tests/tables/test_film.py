@@ -18,7 +18,7 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.files import claim
 from vo_lib.core.types import Image
 from vo_lib.data.sequence import open_sequence
-from vo_lib.tables.film import PATH, STRIP, Film, shown_frames
+from vo_lib.tables.film import PATH, STRIP, TRUTH, Film, shown_frames
 from vo_lib.tables.plots import REMOVED
 
 SMALL = ["--features.cell", "10"]
@@ -54,9 +54,10 @@ def test_the_path_grows_and_removed_features_are_orange(bands: Path, variant: st
         pictures = {shown.index: film.picture(shown) for shown in shown_frames(result)}
     assert list(pictures) == [1, 2, 3, 4, 5]
     image, words = (slice(None, 480), slice(None, 960)), (slice(480, None),)
-    drawn = [near(pictures[i][: 480 - 120, 960:], PATH) for i in pictures]
-    assert drawn == sorted(drawn)
-    assert drawn[-1] > 3 * drawn[0] > 0
+    for colour in (PATH, TRUTH):
+        drawn = [near(picture[:480, 960:], colour, 60) for picture in pictures.values()]
+        assert drawn == sorted(drawn)
+        assert drawn[-1] > 3 * drawn[0] > 0
     assert near(pictures[3][image], REMOVED) > 0 == near(pictures[5][image], REMOVED)
     assert all(picture[words].std() > 5 for picture in pictures.values())
 

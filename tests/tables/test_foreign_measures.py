@@ -83,8 +83,11 @@ def test_another_measure_of_any_one_row_takes_the_average_away() -> None:
 
 
 def test_all_88_printed_numbers_stand_there_and_differences_of_whole_runs_alone() -> None:
-    (group,) = group_entries([whole(SHORT), entry_of("kitti/07", 300, [1.0])])
-    rows = {row[0]: row[1:] for row in layout_tables(group, table_of_twos())[0].rows}
+    own = entry_of(f"kitti/{SHORT}", WHOLE, [1.0], "moving_selection")
+    (group,) = group_entries([whole(SHORT), entry_of("kitti/07", 300, [1.0]), own])
+    table, apart = layout_tables(group, table_of_twos())
+    assert [row[0] for row in apart.rows] == ["mean of 2", SHORT, "pooled"]
+    rows = {row[0]: row[1:] for row in table.rows}
     cells = [cell.split("\n") for name in PAPER_ROWS for cell in rows[name]]
     assert len(cells) == 2 * len(PAPER_METHODS) * len(PAPER_ROWS) == 88
     assert all(cell[1] in ("2.00", "2.000") for cell in cells)

@@ -68,6 +68,10 @@ def test_the_mean_leaves_01_out_and_the_pooled_average_does_not() -> None:
     as_paper = np.average(values[::2], weights=counts[::2])
     assert group.pooled("viso2", as_paper=True)[0] == pytest.approx(as_paper)
     assert len(set(counts)) == 2
+    # Under another measure than the benchmark's no row is the paper's; 01 stands last all the same.
+    short_measure = group_of(*(entry_of(f"kitti/{n}", 99, [1.0]) for n in ("00", "01", "04")))
+    rows = [row[0] for row in layout(short_measure)[0].rows]
+    assert rows == ["mean of 2", "00", "04", "01", "pooled"]
     # Sequences that are not KITTI's are averaged as they are.
     others = group_of(entry_of("x/00", 500, [1.0]), entry_of("x/01", 500, [3.0]))
     assert others.mean("viso2")[0] == pytest.approx(2.0, rel=0.011)
@@ -83,6 +87,9 @@ def test_what_cannot_be_averaged_is_not() -> None:
     groups = group_entries([entry_of(name, n, [1.0]) for name, n in frames.items()])
     assert [group.sequences for group in groups] == [["kitti/00"], ["kitti/07"], ["other"]]
     assert group_of(entry_of("kitti/01", 300, [1.0])).mean("viso2").shape == (2, 0)
+    # A path that holds no sub-sequence counts for nothing.
+    long, none = entry_of("a", 300, [1.0]), entry_of("b", 5, [1.0], measure=KITTI_MEASURE)
+    assert group_of(long, none).mean("viso2")[0] == pytest.approx(long.te)
     tiny = group_of(entry_of("a", 5, [1.0, 2.0]), entry_of("b", 5, [1.0, 2.0]))
     assert np.isnan(tiny.mean("viso2")).tolist() == [[True, True]] * 2
 
@@ -131,12 +138,13 @@ def test_what_is_no_whole_sequence_or_has_no_boxes_is_said_first_in_the_terminal
 
 def test_gains_are_what_the_errors_are_smaller_by_seed_by_seed() -> None:
     pairs = {"solution_selection": [2.0, 4.0], "feature_selection": [1.0, 3.0]}
-    parts = {"00": 500, "01": 500, "04": 150}
-    group = group_of(*(entry_of(f"kitti/{s}", n, p, m) for s, n in parts.items() for m, p in pairs.items()))
-    row = gains_table(group, read_paper_table()).rows[0]
+    entries = [entry_of("kitti/01", 500, [9.0, 9.0], method) for method in pairs]  # left out
+    for name, n in (("kitti/00", 500), ("kitti/04", 150)):
+        entries += [entry_of(name, n, percent, method) for method, percent in pairs.items()]
+    row = gains_table(group_of(*entries), read_paper_table()).rows[0]
     assert row[:5] == ["Solution selection, TE", "8.0 %", "8.1 %", "8.6 %", "5.2 %"]
     # Halved in one seed, a quarter less in the other.
-    assert row[5] == "37.5 ± 12.5 %"
+    assert row[5:] == ["37.5 ± 12.5 %"] * 2
     worse = (entry_of("a", 300, [p], m) for p, m in ((1.0, "solution_selection"), (2.0, "feature_selection")))
     table = gains_table(group_of(*worse), None)
     assert table.rows[0][1] == "−100.0 %"

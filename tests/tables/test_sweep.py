@@ -64,11 +64,13 @@ def test_a_cell_that_fails_is_named_and_the_others_finish(sequence: Sequence, tm
     do = partial(run_jobs, cache=tmp_path / "cache")
     (tmp_path / "cells" / "kit" / "selection.sets=30").mkdir(parents=True)
     (tmp_path / "cells" / "kit" / "selection.sets=30" / "seed1").write_text("no folder", encoding="utf-8")
-    sweep = run_sweep(sequence.part(0, 20), "mesvo_f", axes, 2, tmp_path, do)
+    sweep = run_sweep(sequence.part(0, 20), "feature_selection", axes, 2, tmp_path, do)
     assert [len(cell.failed) for cell in sweep.cells] == [0, 1]
     assert [cell.errors.shape for cell in sweep.cells] == [(2, 2), (2, 1)]
     assert sweep.cells[1].failed[0].startswith("seed 1: ")
-    assert "selection.sets=30, seed 1: " in sweep_table(sweep).notes[-1]
+    bare, failed = sweep_table(sweep).notes
+    assert "no labels: boxes remove nothing" in bare
+    assert "selection.sets=30, seed 1: " in failed
     assert "cannot be" in list(csv.DictReader(io.StringIO(sweep_csv(sweep))))[1]["errors"]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
-from itertools import zip_longest
 from pathlib import Path
 
 from ..core.errors import DataError
@@ -118,7 +117,7 @@ def _evaluate(options: argparse.Namespace) -> int:
 def _distinct(groups: list[list[str]]) -> list[str]:
     """The shortest names that tell groups of files apart: a file's own, else a folder's, inmost first."""
     firsts = [Path(group[0]).absolute() for group in groups]
-    _, *folders = zip_longest(*(path.parts[::-1] for path in firsts), fillvalue="")
+    _, *folders = zip(*(path.parts[::-1] for path in firsts), strict=False)
     pairs = zip(firsts, folders[0], strict=True)
     files = [folder if path.stem in NO_NAME else path.stem for path, folder in pairs]
     numbered = [f"{path}, {number}" for number, path in enumerate(firsts, start=1)]

@@ -142,6 +142,5 @@ def distinct(runs: list[StoredRun]) -> list[StoredRun]:
 
 
 def first_distinct(*candidates: list[str]) -> list[str]:
-    """The first of several lists of names in which none is empty or stands twice, else the last."""
-    good = (names for names in candidates if all(names) and len(set(names)) == len(names))
-    return next(good, candidates[-1])
+    """The first of several lists of names in which none stands twice, else the last."""
+    return next((names for names in candidates if len(set(names)) == len(names)), candidates[-1])

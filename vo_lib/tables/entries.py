@@ -126,7 +126,7 @@ class Group:
 
     def _by_seed(self, method: str, as_paper: bool) -> list[list[KittiErrors]]:
         """Errors on every sequence, for each seed that all of them have."""
-        left_out = f"{KITTI}{LEFT_OUT}" if as_paper and self.kitti else None
+        left_out = f"{KITTI}{LEFT_OUT}" if as_paper else None
         entries = [entry for entry in self.of_method(method) if entry.sequence != left_out]
         common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
         return [[e.results[e.seeds.index(seed)].kitti for e in entries] for seed in sorted(common)]
