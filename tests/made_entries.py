@@ -40,7 +40,7 @@ def entry_of(
     measure: Measure | None = None,
 ) -> Entry:
     """Runs whose steps are too long by so many percent, a seed each."""
-    ms = {"matching": 30.0, "rotation": 4.0, "filter": 1.0}
+    ms = {"matching": 30.0, "wait_images": 9.0, "cached_matches": 2.0, "rotation": 4.0, "filter": 1.0}
     motion = FrameResult(np.eye(4), matches=100, removed=25, ms=ms)
     sequence = sequence_of(name, n)
     runs = [

@@ -17,6 +17,7 @@ from vo_lib.evaluation.axes import LARGEST, axes_rotation, fit_axes, turn_axes
 from vo_lib.evaluation.kitti import kitti_errors
 
 LENGTHS = (20.0, 50.0)
+TRUTH = winding_road(150, 0.04, 1.07)
 
 
 def drifting(truth: Array) -> Array:
@@ -35,45 +36,41 @@ def drifting(truth: Array) -> Array:
 def test_a_camera_turned_by_a_known_pitch_and_yaw_gets_them_back_and_no_error(
     pitch: float, yaw: float
 ) -> None:
-    truth = winding_road(150, 0.04, 1.07)
-    seen = turn_axes(truth, axes_rotation(pitch, yaw).T)
-    measured = kitti_errors(truth, seen, LENGTHS, 1).te
+    seen = turn_axes(TRUTH, axes_rotation((pitch, yaw)).T)
+    measured = kitti_errors(TRUTH, seen, LENGTHS, 1).te
     assert measured is not None
     assert measured > 0.1
-    found = fit_axes(truth, seen, LENGTHS, 1)
+    found = fit_axes(TRUTH, seen, LENGTHS, 1)
     assert (found.pitch, found.yaw) == pytest.approx((pitch, yaw), abs=1e-6)
     assert found.kitti.te == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_perfect_estimate_needs_no_turn() -> None:
-    truth = winding_road(150, 0.04, 1.07)
-    found = fit_axes(truth, truth, LENGTHS, 1)
+    found = fit_axes(TRUTH, TRUTH, LENGTHS, 1)
     assert (found.pitch, found.yaw) == (0.0, 0.0)
     assert found.kitti.te == pytest.approx(0.0, abs=1e-12)
 
 
 def test_with_positive_pitch_and_yaw_the_camera_looks_up_and_right() -> None:
-    x, y, _ = axes_rotation(0.5, 0.9) @ np.array([0.0, 0.0, 1.0])
+    x, y, _ = axes_rotation((0.5, 0.9)) @ np.array([0.0, 0.0, 1.0])
     assert x > 0 > y
 
 
 def test_no_other_angles_give_a_smaller_te() -> None:
-    truth = winding_road(150, 0.04, 1.07)
-    estimate = turn_axes(drifting(truth), axes_rotation(0.2, -0.4))
-    found = fit_axes(truth, estimate, LENGTHS, 1)
+    estimate = turn_axes(drifting(TRUTH), axes_rotation((0.2, -0.4)))
+    found = fit_axes(TRUTH, estimate, LENGTHS, 1)
     assert found.kitti.te is not None
     for pitch, yaw in ((0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01)):
-        other = turn_axes(estimate, axes_rotation(found.pitch + pitch, found.yaw + yaw))
-        te = kitti_errors(truth, other, LENGTHS, 1).te
+        other = turn_axes(estimate, axes_rotation((found.pitch + pitch, found.yaw + yaw)))
+        te = kitti_errors(TRUTH, other, LENGTHS, 1).te
         assert te is not None
         assert te > found.kitti.te
 
 
 def test_angles_stay_within_their_limit_and_are_zero_without_sub_sequences() -> None:
-    truth = winding_road(150, 0.04, 1.07)
-    found = fit_axes(truth, turn_axes(truth, axes_rotation(-3.0, 0.0)), LENGTHS, 1)
+    found = fit_axes(TRUTH, turn_axes(TRUTH, axes_rotation((-3.0, 0.0))), LENGTHS, 1)
     assert (found.pitch, found.yaw) == pytest.approx((LARGEST, 0.0), abs=1e-2)
-    assert fit_axes(truth[:5], truth[:5]).to_dict() == {
+    assert fit_axes(TRUTH[:5], TRUTH[:5]).to_dict() == {
         "pitch_deg": 0.0,
         "yaw_deg": 0.0,
         "subsequences": 0,
@@ -85,9 +82,8 @@ def test_angles_stay_within_their_limit_and_are_zero_without_sub_sequences() -> 
 def test_the_command_prints_the_angles_beside_errors_as_measured(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth = winding_road(150, 0.04, 1.07)
-    write_kitti_poses(tmp_path / "truth.txt", truth)
-    write_kitti_poses(tmp_path / "seen.txt", turn_axes(truth, axes_rotation(0.25, -0.5).T))
+    write_kitti_poses(tmp_path / "truth.txt", TRUTH)
+    write_kitti_poses(tmp_path / "seen.txt", turn_axes(TRUTH, axes_rotation((0.25, -0.5)).T))
     words = ["evaluate", "--truth", str(tmp_path / "truth.txt"), "--estimate", str(tmp_path / "seen.txt")]
     words += ["--lengths", "20,50", "--step", "1"]
     assert main([*words, "--axes"]) == 0

@@ -67,13 +67,22 @@ def test_systems_stand_side_by_side_in_json_csv_and_tables(
     assert float(last["te_percent"]) == pytest.approx(in_json, abs=1e-6)
 
 
-def test_one_truth_may_have_several_estimates_with_names_of_their_own(
-    files: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("estimates", "labels"),
+    [
+        (("ours/07.txt", "theirs/07.txt"), ["ours", "theirs"]),
+        (("a/ours/seed_0/poses.txt", "a/theirs/seed_0/poses.txt"), ["ours", "theirs"]),
+        (("orb.txt", "ours/poses.txt"), ["orb", "ours"]),
+    ],
+)
+def test_systems_are_called_by_what_tells_their_files_apart(
+    files: Path, capsys: pytest.CaptureFixture[str], estimates: tuple[str, ...], labels: list[str]
 ) -> None:
-    command = words(files, ["truth/07.txt"], ["ours/07.txt", "theirs/07.txt"])
-    assert main([*command, "--names", "kit,other", "--json"]) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert [system["system"] for system in data["systems"]] == ["kit", "other"]
+    for estimate in estimates:
+        (files / estimate).parent.mkdir(parents=True, exist_ok=True)
+        write_kitti_poses(files / estimate, winding_road(150, 0.03, 1.07))
+    assert main([*words(files, ["truth/07.txt"], [*estimates]), "--json"]) == 0
+    assert [system["system"] for system in json.loads(capsys.readouterr().out)["systems"]] == labels
 
 
 def test_a_truth_that_stands_there_twice_is_two_sequences(
@@ -148,9 +157,8 @@ def test_any_name_stands_in_tables_files_and_pictures(
 ) -> None:
     for folder in ("truth", "ours"):
         (files / folder / "07.txt").rename(files / folder / f"{name}.txt")
-    command = words(files, [f"truth/{name}.txt"], [f"ours/{name}.txt", f"truth/{name}.txt"])
-    out = ["--names", f"{name},other", "--out", str(files / "out"), "--plot", str(files / "plots")]
-    code = main([*command, *out])
+    command = words(files, [f"truth/{name}.txt"], [f"ours/{name}.txt", "theirs/07.txt"])
+    code = main([*command, "--out", str(files / "out"), "--plot", str(files / "plots")])
     said = capsys.readouterr()
     if len(name) > 200:  # a picture's file is named after it
         assert code == 2

@@ -19,16 +19,8 @@ from vo_lib.core.geometry import nearest_rotation, rigid, rotation_from_vector
 from vo_lib.core.poses import read_by_time, read_kitti_poses, read_tum, write_kitti_poses, write_tum
 from vo_lib.core.types import Array
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error
-from vo_lib.evaluation.evaluate import evaluate
-from vo_lib.evaluation.kitti import (
-    KITTI_BIN_MINIMUM,
-    KITTI_LENGTHS,
-    KITTI_STEP,
-    KittiErrors,
-    kitti_errors,
-    pooled,
-    trajectory_distances,
-)
+from vo_lib.evaluation.evaluate import Evaluation, evaluate
+from vo_lib.evaluation.kitti import KITTI_BIN_MINIMUM, KITTI_LENGTHS, KittiErrors, kitti_errors
 
 KITTI_TRUTH = Path(__file__).resolve().parents[3] / "shared" / "data" / "kitti_poses"
 BENCHMARK = KITTI_TRUTH.parent / "benchmark"
@@ -44,11 +36,6 @@ def chain(motions: Array) -> Array:
     for motion in motions:
         T.append(T[-1] @ motion)
     return np.array(T)
-
-
-def test_the_benchmark_measures_over_100_to_800_metres_from_every_tenth_frame() -> None:
-    assert tuple(100.0 * hundreds for hundreds in range(1, 9)) == KITTI_LENGTHS
-    assert KITTI_STEP == 10
 
 
 def random_motions(rng: np.random.Generator, n: int, turn: float, length: float) -> Array:
@@ -173,20 +160,6 @@ def test_a_constant_yaw_drift_gives_its_angle_per_hundred_metres() -> None:
             assert part.re == pytest.approx(0.01 * (length + 1) * 100 / length, rel=digits)
 
 
-def test_a_rotation_of_the_first_step_is_seen_only_by_sub_sequences_that_hold_it() -> None:
-    truth = straight(300)
-    estimate = truth.copy()
-    estimate[1:] = rigid(rotation_from_vector(np.array([0.0, 0.1, 0.0])), np.zeros(3)) @ truth[1:]
-    errors = kitti_errors(truth, estimate, (110.0, 210.0))
-    np.testing.assert_allclose(errors.r_err * errors.length, np.where(errors.first == 0, 0.1, 0.0), atol=1e-7)
-
-
-def test_speed_is_length_over_the_time_of_all_frames_held() -> None:
-    errors = kitti_errors(straight(300), straight(300), lengths=(100.0,))
-    # 101 steps of 1 m are 102 frames of 0.1 s.
-    np.testing.assert_allclose(errors.speed, 100 / 10.2, rtol=1e-7)
-
-
 def test_speed_bins_overlap_and_leave_out_their_edges() -> None:
     speed = np.array([2.0, 3.9, 4.0, 5.0, 6.0, 30.0])
     n = np.arange(len(speed))
@@ -230,15 +203,6 @@ def test_another_world_frame_changes_no_error(seed: int, world: int) -> None:
     np.testing.assert_allclose(moved_rpe.rotation, rpe.rotation, atol=1e-10)
     assert errors.te is not None
     assert errors.te > 0.01
-
-
-@given(seed=seeds)
-@settings(max_examples=20)
-def test_path_length_is_that_of_the_steps(seed: int) -> None:
-    truth, _ = random_pair(seed)
-    expected = STEP_LENGTH * np.arange(len(truth))
-    np.testing.assert_allclose(trajectory_distances(truth), expected, rtol=1e-12)
-    assert trajectory_distances(truth[:1]).tolist() == [0.0]
 
 
 @given(seed=seeds, world=seeds, scale=st.floats(0.2, 5.0))
@@ -320,30 +284,24 @@ def test_pooled_weighs_sub_sequences_and_the_plain_mean_sequences() -> None:
     assert result.pooled.te == pytest.approx((40 * 1.01 + 5 * 2.02) / 45)
     assert result.mean()["te_percent"] == pytest.approx((1.01 + 2.02) / 2)
     assert result.mean()["sequences"] == ["long", "short"]
-    assert len(pooled([result.sequences[2].kitti])) == 0
-
-
-def strict_json(data: dict[str, Any]) -> dict[str, Any]:
-    return dict(json.loads(json.dumps(data, allow_nan=False)))
 
 
 def test_json_has_every_table_and_null_where_a_path_is_too_short() -> None:
-    data = strict_json(evaluate([("00", straight(300), straight(300, 1.01))], (100.0, 800.0)).to_dict())
-    assert data["lengths_m"] == [100.0, 800.0]
-    assert data["step_frames"] == 10
+    def strict(result: Evaluation) -> dict[str, Any]:
+        return dict(json.loads(json.dumps(result.to_dict(), allow_nan=False)))
+
+    data = strict(evaluate([("00", straight(300), straight(300, 1.01))], (100.0, 800.0)))
+    assert (data["lengths_m"], data["step_frames"]) == ([100.0, 800.0], 10)
     (sequence,) = data["sequences"]
-    assert sequence["name"] == "00"
-    assert sequence["frames"] == 300
+    assert (sequence["name"], sequence["frames"]) == ("00", 300)
     assert sequence["distance_m"] == pytest.approx(299.0)
     assert sequence["ate"]["alignment"] == "se3"
     assert sequence["rpe"]["translation"]["rmse_m"] == pytest.approx(0.01)
-    assert data["pooled"]["te_percent"] == pytest.approx(1.01)
     at_100, at_800 = sequence["by_length"]
     assert at_100["length_m"] == 100.0
-    assert at_100["te_percent"] == pytest.approx(1.01)
+    assert at_100["te_percent"] == data["pooled"]["te_percent"] == pytest.approx(1.01)
     assert at_800 == {"length_m": 800.0, "subsequences": 0, "te_percent": None, "re_deg_per_100m": None}
-
-    short = strict_json(evaluate([("clip", straight(1), straight(1))]).to_dict())
+    short = strict(evaluate([("clip", straight(1), straight(1))]))
     assert short["pooled"]["te_percent"] is None
     assert short["mean"] == {"sequences": [], "te_percent": None, "re_deg_per_100m": None}
     assert short["sequences"][0]["rpe"]["rotation"]["mean_deg"] is None
@@ -352,10 +310,10 @@ def test_json_has_every_table_and_null_where_a_path_is_too_short() -> None:
 def test_input_that_cannot_be_evaluated_is_refused() -> None:
     path, broken = straight(10), straight(10)
     broken[4, 0, 3] = np.nan
-    with pytest.raises(DataError, match=r"sequence 07: truth has 10 poses and the estimate 9"):
-        evaluate([("07", path, path[:9])])
-    with pytest.raises(DataError, match=r"sequence 07: pose 4 of the estimate is not finite"):
-        evaluate([("07", path, broken)])
+    faults = {"truth has 10 poses and the estimate 9": path[:9], "pose 4 of the estimate": broken}
+    for said, estimate in faults.items():
+        with pytest.raises(DataError, match=f"sequence 07: {said}"):
+            evaluate([("07", path, estimate)])
     with pytest.raises(DataError, match="nothing to evaluate"):
         evaluate([])
     for lengths in ((), (0.0,), (-1.0,), (math.nan,), (math.inf,)):
@@ -363,8 +321,6 @@ def test_input_that_cannot_be_evaluated_is_refused() -> None:
             kitti_errors(path, path, lengths)
     with pytest.raises(DataError, match="step: expected 1"):
         kitti_errors(path, path, step=0)
-    with pytest.raises(DataError, match="delta: expected 1"):
-        relative_error(path, path, 0)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -395,21 +351,17 @@ def test_ate_and_rpe_equal_those_of_evo(seed: int) -> None:
             np.testing.assert_allclose(errors, rpe.error, atol=1e-8)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_evo_reads_our_files_as_we_do(tmp_path: Path, seed: int) -> None:
+def test_evo_reads_our_files_as_we_do_and_we_its(tmp_path: Path) -> None:
     interface = pytest.importorskip("evo.tools.file_interface", reason="evo is not installed")
-    truth, _ = random_pair(seed)
+    truth, _ = random_pair(0)
     truth[:, :3, :3] = [nearest_rotation(R) for R in truth[:, :3, :3]]
     write_kitti_poses(tmp_path / "kitti.txt", truth)
     path = interface.read_kitti_poses_file(tmp_path / "kitti.txt")
     np.testing.assert_allclose(path.poses_se3, truth, atol=1e-7)
-    times = 1e9 + np.arange(0.0, len(truth)) / 10
-    write_tum(tmp_path / "tum.txt", times, truth)
+    write_tum(tmp_path / "tum.txt", 1e9 + np.arange(0.0, len(truth)) / 10, truth)
     trajectory = interface.read_tum_trajectory_file(tmp_path / "tum.txt")
     assert trajectory.check()[0]
-    np.testing.assert_allclose(trajectory.timestamps, times, atol=1e-6)
     np.testing.assert_allclose(trajectory.poses_se3, truth, atol=1e-7)
-    # And the other way round.
     interface.write_tum_trajectory_file(tmp_path / "evo.txt", trajectory)
     _, _, (ours,) = read_by_time(tmp_path / "tum.txt", [tmp_path / "evo.txt"], read_tum)
     np.testing.assert_allclose(ours, truth, atol=1e-6)
@@ -422,13 +374,11 @@ def test_poses_of_two_clocks_go_together_by_time_as_in_evo(tmp_path: Path) -> No
     kept = np.sort(rng.choice(60, 40, replace=False))
     write_tum(tmp_path / "truth.txt", times, truth)
     write_tum(tmp_path / "estimate.txt", times[kept] + rng.uniform(-0.008, 0.008, 40), estimate[kept])
-    for first, second, at in (
-        ("truth", "estimate", (truth, estimate)),
-        ("estimate", "truth", (estimate, truth)),
-    ):
+    paths = {"truth": truth, "estimate": estimate}
+    for first, second in (("truth", "estimate"), ("estimate", "truth")):
         _, a, (b,) = read_by_time(tmp_path / f"{first}.txt", [tmp_path / f"{second}.txt"], read_tum)
-        np.testing.assert_allclose(a, at[0][kept], atol=1e-6)
-        np.testing.assert_allclose(b, at[1][kept], atol=1e-6)
+        np.testing.assert_allclose(a, paths[first][kept], atol=1e-6)
+        np.testing.assert_allclose(b, paths[second][kept], atol=1e-6)
     write_tum(tmp_path / "later.txt", times + 0.05, estimate)
     with pytest.raises(DataError, match=r"later\.txt: fewer than two times are within 0\.01 s"):
         read_by_time(tmp_path / "truth.txt", [tmp_path / "later.txt"], read_tum)
@@ -451,10 +401,9 @@ def test_the_command_names_the_alignment_and_reads_tum(
     assert main(words) == 0
     assert "best rotation and translation (SE3)" in capsys.readouterr().out
     for alignment in Alignment:
-        assert main([*words, "--alignment", alignment.value, "--delta", "5", "--json"]) == 0
+        assert main([*words, "--alignment", alignment.value, "--json"]) == 0
         (sequence,) = json.loads(capsys.readouterr().out)["sequences"]
         assert sequence["ate"]["alignment"] == alignment.value
-        assert sequence["rpe"]["delta_frames"] == 5
 
 
 def test_a_curve_has_a_point_for_each_bin_of_three_and_more() -> None:

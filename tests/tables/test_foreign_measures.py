@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import csv
-import io
-
 import numpy as np
 import pytest
 from made_entries import entry_of, table_of_twos
 
-from vo_lib.config import METHODS
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, KITTI_STEP, SHORT_MEASURE, Measure
 from vo_lib.tables.entries import Entry, Group, group_entries
 from vo_lib.tables.paper import AVERAGE, PAPER_METHODS, PAPER_ROWS
-from vo_lib.tables.table1 import difference, is_papers, is_whole, layout_tables
-from vo_lib.tables.table1_data import groups_json, table_csv
+from vo_lib.tables.table1 import layout_tables
+from vo_lib.tables.table1_data import difference, is_papers, is_whole, table_records
 
 SHORT = "04"  # the shortest sequence of the table
+WHOLE = EXPECTED_FRAMES[SHORT]
 NONE = "–"
 FOREIGN = {
     "short lengths": SHORT_MEASURE,
@@ -28,50 +25,33 @@ FOREIGN = {
 }
 
 
-def entry(name: str, frames: int, measure: Measure, method: str = "viso2") -> Entry:
-    return entry_of(name, frames, [1.0], method, measure=measure)
+def whole(name: str, measure: Measure = KITTI_MEASURE) -> Entry:
+    return entry_of(f"kitti/{name}", EXPECTED_FRAMES[name], [1.0], measure=measure)
 
 
-def gaps(group: Group) -> list[str]:
-    """What stands behind the printed numbers of the sequences' rows: our differences to them."""
-    """The differences of the rows that were run, of the systems that were; "" where there is none."""
-    table = layout_tables(group, table_of_twos())[0]
-    rows = [row for row in table.rows if f"kitti/{row[0]}" in group.sequences and row[0] in PAPER_ROWS]
-    assert rows
-    cells = [cell.split("\n") for row in rows for cell in row[1:]]
-    return [[*cell, "", ""][2].replace("−", "-") for cell in cells if cell[0] != NONE]
-
-
-def csv_gaps(group: Group) -> set[str]:
-    lines = csv.DictReader(io.StringIO(table_csv(groups_json([group], table_of_twos()))))
-    return {line[name] for line in lines for name in ("te_difference", "re_difference")}
+def gaps(group: Group) -> list[float | None]:
+    """Our differences to the printed numbers of the rows that were run."""
+    records = table_records([group], table_of_twos())
+    names = ("te_percent_difference", "re_deg_per_100m_difference")
+    return [record[name] for record in records for name in names]
 
 
 def test_a_whole_sequence_measured_as_the_benchmark_does_is_compared() -> None:
-    one = entry(f"kitti/{SHORT}", EXPECTED_FRAMES[SHORT], KITTI_MEASURE)
-    assert is_whole(one)
-    (group,) = group_entries([one])
+    (group,) = group_entries([whole(SHORT)])
     te = 100 * 0.01  # % of the way; a sub-sequence may end a frame late
-    assert float(gaps(group)[0]) == pytest.approx(te - 2.0, abs=0.02)
-    assert float(gaps(group)[1]) == pytest.approx(-2.0, abs=1e-3)
-    assert NONE not in gaps(group)
+    assert gaps(group) == [pytest.approx(te - 2.0, abs=0.02), pytest.approx(-2.0, abs=1e-3)]
 
 
 @pytest.mark.parametrize("foreign", FOREIGN)
 def test_a_whole_sequence_under_another_measure_is_not(foreign: str) -> None:
-    one = entry(f"kitti/{SHORT}", EXPECTED_FRAMES[SHORT], FOREIGN[foreign])
+    one = whole(SHORT, FOREIGN[foreign])
     assert np.isfinite(one.te).all()  # there is a number, which is not the paper's kind
     assert not is_whole(one)
     (group,) = group_entries([one])
-    assert set(gaps(group)) == {""}
-    assert csv_gaps(group) == {""}
-    assert groups_json([group], table_of_twos())[0]["entries"][0]["whole_sequence"] is False
-    assert any(
-        "Not the benchmark's sub-sequences" in note for note in layout_tables(group, table_of_twos())[0].head
-    )
-
-
-WHOLE = EXPECTED_FRAMES[SHORT]
+    assert set(gaps(group)) == {None}
+    (table,) = layout_tables(group, table_of_twos())
+    assert not any("\n" in cell for row in table.rows for cell in row)
+    assert any("Not the benchmark's sub-sequences" in line for line in table.head)
 
 
 @pytest.mark.parametrize(
@@ -79,21 +59,19 @@ WHOLE = EXPECTED_FRAMES[SHORT]
     [(f"kitti/{SHORT}", WHOLE - 1), (f"kitti/{SHORT}", WHOLE - 100), ("kitti/07", WHOLE), (SHORT, WHOLE)],
 )
 def test_a_part_another_sequence_or_a_folder_of_ones_own_is_not(name: str, frames: int) -> None:
-    part = entry(name, frames, KITTI_MEASURE)
+    part = entry_of(name, frames, [1.0], measure=KITTI_MEASURE)
     assert np.isfinite(part.te).all()
     assert not is_whole(part)
     (group,) = group_entries([part])
-    assert csv_gaps(group) == {""}
-    assert not group.kitti or set(gaps(group)) == {""}
+    assert set(gaps(group)) == {None}
 
 
 def test_another_measure_of_any_one_row_takes_the_average_away() -> None:
-    names = [row for row in PAPER_ROWS if row != AVERAGE]
-    entries = [entry(f"kitti/{name}", EXPECTED_FRAMES[name], KITTI_MEASURE) for name in names]
-    (whole,) = group_entries(entries)
-    assert is_papers(whole)
+    names = PAPER_ROWS[1:]
+    entries = [whole(name) for name in names]
+    assert is_papers(*group_entries(entries))
     # All of them under a foreign measure, and all but one under the benchmark's.
-    foreign = [entry(f"kitti/{name}", EXPECTED_FRAMES[name], FOREIGN["one length"]) for name in names]
+    foreign = [whole(name, FOREIGN["one length"]) for name in names]
     for given in (foreign, [*entries[:-1], foreign[-1]]):
         for group in group_entries(given):
             assert not is_papers(group)
@@ -104,22 +82,18 @@ def test_another_measure_of_any_one_row_takes_the_average_away() -> None:
             )
 
 
-def test_a_method_or_a_row_that_the_paper_has_not_is_not_beside_it() -> None:
-    own = next(method for method in METHODS if method not in PAPER_METHODS)
-    whole = EXPECTED_FRAMES[SHORT]
-    (group,) = group_entries(
-        [entry(f"kitti/{SHORT}", whole, KITTI_MEASURE, own), entry(f"kitti/{SHORT}", whole, KITTI_MEASURE)]
-    )
-    of_paper, apart = layout_tables(group, table_of_twos())
-    assert [row[0] for row in of_paper.rows] == list(PAPER_ROWS)
-    assert [row[0] for row in apart.rows] == [SHORT]
-    assert of_paper.columns[1:3] == ["VISO2 TE", "VISO2 RE"]
-    # All 88 printed numbers stand there; ours is a dash where nothing was run.
-    printed_there = [cell.split("\n") for row in of_paper.rows for cell in row[1:]]
-    assert len(printed_there) == 88
-    assert sum(cell[0] != NONE for cell in printed_there) == 2
-    assert all(len(cell) >= 2 for cell in printed_there)
-    assert not any("\n" in cell for cell in apart.rows[0][1:])
+def test_all_88_printed_numbers_stand_there_and_differences_of_whole_runs_alone() -> None:
+    own = entry_of(f"kitti/{SHORT}", WHOLE, [1.0], "moving_selection")
+    (group,) = group_entries([whole(SHORT), entry_of("kitti/07", 300, [1.0]), own])
+    table, apart = layout_tables(group, table_of_twos())
+    assert [row[0] for row in apart.rows] == ["mean of 2", SHORT, "pooled"]
+    rows = {row[0]: row[1:] for row in table.rows}
+    cells = [cell.split("\n") for name in PAPER_ROWS for cell in rows[name]]
+    assert len(cells) == 2 * len(PAPER_METHODS) * len(PAPER_ROWS) == 88
+    assert all(cell[1] in ("2.00", "2.000") for cell in cells)
+    assert sum(cell[0] != NONE for cell in cells) == 4
+    assert [len(cell.split("\n")) for cell in (*rows[SHORT][:2], *rows["07"][:2])] == [3, 3, 2, 2]
+    assert sum(len(cell) == 3 for cell in cells) == 2
 
 
 def test_a_difference_needs_both_numbers() -> None:

@@ -36,9 +36,11 @@ def changed(tmp_path: Path, old: str, new: str) -> Path:
 
 def test_the_shipped_table_has_all_88_printed_numbers_and_dashes_for_01() -> None:
     table = read_paper_table()
-    keys = {(row, method) for row in PAPER_ROWS for method in PAPER_METHODS}
-    assert len(PAPER_ROWS) == 11
-    assert all(isinstance(numbers[key], float) for numbers in (table.te, table.re) for key in keys)
+    printed = [
+        number for row in PAPER_ROWS for method in PAPER_METHODS for number in table.value(row, method)
+    ]
+    assert len(printed) == 88
+    assert all(isinstance(number, float) for number in printed)
     assert table.value("01", "viso2") == (None, None)
     assert table.value(AVERAGE, "viso2") == (2.43, 1.106)
     assert table.value("07", "mesvo_f") == (1.20, 0.850)
@@ -46,9 +48,8 @@ def test_the_shipped_table_has_all_88_printed_numbers_and_dashes_for_01() -> Non
     assert set(PAPER_METHODS) <= set(METHODS)
 
 
+@pytest.mark.skipif(not PRINTED.exists(), reason="the paper's table is not in ../shared/data")
 def test_the_shipped_numbers_are_those_of_the_paper_beside_this_checkout() -> None:
-    if not PRINTED.exists():
-        pytest.skip("the paper's table is not beside this checkout (shared/data/paper_table1.csv)")
     lines = [line for line in PRINTED.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     table = read_paper_table()
     for row in csv.DictReader(lines):
@@ -81,9 +82,8 @@ def test_a_printed_error_of_0_has_no_gain(tmp_path: Path) -> None:
     assert printed_gains(table, "mesvo_f")[0][0] is None
 
 
+@pytest.mark.skipif(not TRUTH.is_dir(), reason="the truth of KITTI is not in ../shared/data")
 def test_the_weights_are_the_benchmarks_numbers_of_sub_sequences() -> None:
-    if not TRUTH.is_dir():
-        pytest.skip("the truth of KITTI is not beside this checkout (shared/data/kitti_poses)")
     for row, count in SUB_SEQUENCES.items():
         truth = read_kitti_poses(TRUTH / f"{row}.txt")
         assert len(kitti_errors(truth, truth)) == count, row
@@ -113,11 +113,3 @@ def test_what_is_wrong_is_named_with_its_line(tmp_path: Path, old: str, new: str
     with pytest.raises(DataError) as caught:
         read_paper_table(changed(tmp_path, old, new))
     assert words in str(caught.value)
-
-
-def test_a_missing_or_empty_file_is_said(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="missing"):
-        read_paper_table(tmp_path / "nowhere.csv")
-    (tmp_path / "empty.csv").write_text("", encoding="utf-8")
-    with pytest.raises(DataError, match="heading"):
-        read_paper_table(tmp_path / "empty.csv")

@@ -8,6 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from made_entries import straight
+from matplotlib.colors import to_rgb
 
 from vo_lib.config import METHODS
 from vo_lib.core.boxes import Boxes
@@ -49,15 +51,14 @@ def test_kept_and_removed_matches_have_their_colours_where_they_are() -> None:
 
 @pytest.mark.parametrize("name", ["a$b_{$c", "[/x]", "日本", "\udcff", "x" * 5000, "a\tb", "\x1b[31m"])
 def test_any_name_of_a_folder_can_stand_in_a_picture(name: str) -> None:
-    figure = trajectories_figure({name: (None, {f"{name} m": drives(2)})})
+    figure = trajectories_figure({name: (None, {f"{name} m": straight(2)})})
     assert png(figure)
     assert pdf(figure)
 
 
 def test_the_truth_is_drawn_from_the_place_where_the_estimate_starts() -> None:
     start = rigid(rotation_from_vector(np.array([0.0, 0.5, 0.0])), np.array([10.0, 0.0, -4.0]))
-    poses = np.tile(np.eye(4), (5, 1, 1))
-    poses[:, 2, 3] = np.arange(5.0)
+    poses = straight(5)
     figure = trajectories_figure({"a title": (start @ poses, {"mine": poses})})
     lines = {line.get_label(): line for line in figure.axes[0].get_lines()}
     truth, mine = (np.array(lines[name].get_data(), np.float64) for name in ("ground truth", "mine"))
@@ -65,48 +66,34 @@ def test_the_truth_is_drawn_from_the_place_where_the_estimate_starts() -> None:
     assert figure.axes[0].get_aspect() == 1.0
 
 
-def drives(n: int) -> Array:
-    poses = np.tile(np.eye(4), (n, 1, 1))
-    poses[:, 2, 3] = np.arange(float(n))
-    return poses
-
-
 def test_every_method_has_its_colour_and_it_is_the_papers() -> None:
     assert set(METHODS) <= set(METHOD_COLOURS)
     assert len({*METHOD_COLOURS.values(), TRUTH_COLOUR}) == len(METHOD_COLOURS) + 1
-
-    def strongest(colour: str) -> int:
-        red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-        return int(np.argmax([red, green, blue]))
-
-    assert strongest(TRUTH_COLOUR) == 0
-    assert strongest(METHOD_COLOURS["viso2"]) == 1
+    assert np.argmax(to_rgb(TRUTH_COLOUR)) == 0
     assert METHOD_COLOURS["mesvo_f"] == "#000000"
-    assert (
-        strongest(METHOD_COLOURS["solution_selection"]) == strongest(METHOD_COLOURS["feature_selection"]) == 2
-    )
+    strongest = {"viso2": 1, "solution_selection": 2, "feature_selection": 2}  # of red, green, blue
+    assert {name: np.argmax(to_rgb(METHOD_COLOURS[name])) for name in strongest} == strongest
     assert method_colour("mine", 0) != method_colour("yours", 1)
 
 
 def test_of_paths_that_lie_on_each_other_every_one_is_seen() -> None:
     names = list(METHOD_COLOURS)
-    figure = trajectories_figure({"street": (drives(30), {name: drives(30) for name in names})})
+    figure = trajectories_figure({"street": (straight(30), {name: straight(30) for name in names})})
     widths = [line.get_linewidth() for line in figure.axes[0].get_lines() if line.get_marker() != "o"]
     assert all(before > after for before, after in itertools.pairwise(widths))
     picture = cv2.imdecode(np.frombuffer(png(figure), np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
     # A row through the middle of the drive, above the legend: the truth and every method show in it.
-    rows = picture[picture.shape[0] // 3]
+    row = picture[picture.shape[0] // 3].astype(int)
     for colour in (TRUTH_COLOUR, *METHOD_COLOURS.values()):
-        bgr = [int(colour[i : i + 2], 16) for i in (5, 3, 1)]
-        assert (np.abs(rows.astype(int) - bgr).max(axis=1) < 60).any(), colour
+        assert (np.abs(row - 255 * np.array(to_rgb(colour)[::-1])).max(axis=1) < 60).any(), colour
 
 
 def test_sequences_side_by_side_share_one_legend_and_keep_their_titles() -> None:
     panels: dict[str, tuple[Array | None, dict[str, Array]]] = {
-        f"kitti/{n:02d}": (drives(5), {"viso2": drives(5)}) for n in (2, 7, 8)
+        f"kitti/{n:02d}": (straight(5), {"viso2": straight(5)}) for n in (2, 7, 8)
     }
-    panels["kitti/11"] = (None, {"viso2": drives(5), "mesvo_f": drives(5)})
+    panels["kitti/11"] = (None, {"viso2": straight(5), "mesvo_f": straight(5)})
     figure = trajectories_figure(panels)
     assert [axis.get_title() for axis in figure.axes if axis.get_title()] == list(panels)
     (legend,) = figure.legends
@@ -114,29 +101,24 @@ def test_sequences_side_by_side_share_one_legend_and_keep_their_titles() -> None
 
 
 def test_paths_that_coincide_from_above_differ_in_their_distance_from_the_truth() -> None:
-    truth = drives(30)
-    strayed = truth.copy()
+    truth, strayed = straight(30), straight(30)
     strayed[:, 1, 3] += 0.01 * np.arange(30)  # upwards, which the view from above does not show
-    figure = trajectories_figure({"street": (truth, {"viso2": truth, "mesvo_f": strayed})})
-    above, drift = figure.axes
-    lines = {str(line.get_label()): line for line in drift.get_lines()}
-    np.testing.assert_allclose(np.asarray(lines["viso2"].get_ydata()), 0.0, atol=1e-9)
-    np.testing.assert_allclose(np.asarray(lines["mesvo_f"].get_ydata()), 0.01 * np.arange(30), atol=1e-9)
-    steps = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1)
-    assert np.asarray(lines["viso2"].get_xdata())[-1] == pytest.approx(steps.sum())
-    assert above.get_xlabel() == "x, right [m]"
+    _, drift = trajectories_figure({"street": (truth, {"viso2": truth, "mesvo_f": strayed})}).axes
+    same, off = (np.array(line.get_data(), np.float64) for line in drift.get_lines())
+    np.testing.assert_allclose(same, [np.arange(30.0), np.zeros(30)], atol=1e-9)
+    np.testing.assert_allclose(off, [np.arange(30.0), 0.01 * np.arange(30)], atol=1e-9)
 
 
 def test_error_curves_go_through_their_points_and_start_at_zero() -> None:
     points = [(100.0, 1.5, 0.5), (200.0, 1.0, 0.25)]
     figure = error_curves_figure("title", "length", {"viso2": points, "empty": []})
-    upper, lower = figure.axes
-    np.testing.assert_array_equal(upper.get_lines()[0].get_xydata(), [(x, te) for x, te, _ in points])
-    np.testing.assert_array_equal(lower.get_lines()[0].get_xydata(), [(x, re) for x, _, re in points])
-    assert upper.get_ylim()[0] == lower.get_ylim()[0] == 0.0
-    assert "length [m]" in lower.get_xlabel()
+    for place, axis in enumerate(figure.axes, start=1):
+        line = axis.get_lines()[0]
+        np.testing.assert_array_equal(line.get_xydata(), [(point[0], point[place]) for point in points])
+        assert axis.get_ylim()[0] == 0.0
+        assert line.get_color() == METHOD_COLOURS["viso2"]
+    assert "length [m]" in figure.axes[1].get_xlabel()
     assert "speed" in error_curves_figure("title", "speed", {"viso2": points}).axes[1].get_xlabel()
-    assert upper.get_lines()[0].get_color() == METHOD_COLOURS["viso2"]
 
 
 def test_curves_are_drawn_where_the_points_make_one(tmp_path: Path) -> None:

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from ..core.errors import DataError
 from ..data.drawn import cache_folder, scene_key
@@ -41,7 +37,6 @@ def add(parser: argparse.ArgumentParser) -> None:
         "frames, files in KITTI's format",
     )
     parser.add_argument("--out", default="runs/compared", metavar="DIR", help="folder for the figures")
-    parser.add_argument("--json", action="store_true", help="print JSON")
     add_cache(parser)
     parser.set_defaults(command=_compare)
 
@@ -57,26 +52,16 @@ def _compare(options: argparse.Namespace) -> int:
         groups = {name: distinct([*runs, *(foreign_run(file, runs[0], known) for file in files)])}
     with run_folder(options.out) as folder:
         for name, runs in groups.items():
-            _draw(folder, name, runs, options.cache)
-    if options.json:
-        print(json.dumps([_as_json(name, run) for name, runs in groups.items() for run in runs], indent=2))
-        return 0
+            known, kind = with_truth(runs[0], options.cache), common_kind(runs)
+            paths = {run.label: run.poses for run in runs}
+            figure = trajectories_figure({name: (None if known is None else known.truth, paths)})
+            write_figure(folder, f"trajectory_{slug(name)}", figure)
+            curves = {by: {run.label: curve(run, kind, by) for run in runs} for by in AXES if kind}
+            write_curves(folder, slug(name), name, curves)
     for name, runs in groups.items():
         show_report_table(comparison_table(name, runs))
     say(f"figures in {options.out}")
     return 0
-
-
-def _draw(folder: Path, name: str, runs: list[StoredRun], cache: Path | None) -> None:
-    """Trajectories of the runs over one sequence and, with truth, their error curves."""
-    estimates = {run.label: run.poses for run in runs}
-    known = with_truth(runs[0], cache)
-    panels = {name: (None if known is None else known.truth, estimates)}
-    write_figure(folder, f"trajectory_{slug(name)}", trajectories_figure(panels))
-    kind = common_kind(runs)
-    if kind is not None:
-        curves = {by: {run.label: curve(run, kind, by) for run in runs} for by in AXES}
-        write_curves(folder, slug(name), name, curves)
 
 
 def with_truth(run: StoredRun, cache: Path | None) -> Sequence | None:
@@ -94,15 +79,3 @@ def with_truth(run: StoredRun, cache: Path | None) -> Sequence | None:
     except (DataError, ValueError):
         return None
     return part if part.truth is not None and len(part) == len(run.poses) else None
-
-
-def _as_json(name: str, run: StoredRun) -> dict[str, Any]:
-    ms = run.ms_per_frame
-    return {
-        "sequence": name,
-        "run": run.label,
-        "folder": str(run.folder),
-        "frames": len(run.poses),
-        "ms_per_frame": ms if np.isfinite(ms) else None,
-        "errors": run.metrics,
-    }

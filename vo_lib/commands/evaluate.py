@@ -10,12 +10,13 @@ from pathlib import Path
 from ..core.errors import DataError
 from ..core.files import write_result
 from ..core.poses import read_by_time, read_euroc, read_kitti_pair, read_tum
-from ..core.types import Array, Progress
+from ..core.types import Array
 from ..evaluation.ate_rpe import Alignment
-from ..evaluation.axes import LARGEST, fit_axes
+from ..evaluation.axes import LARGEST
 from ..evaluation.evaluate import evaluate
 from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP
 from ..runs.results import run_folder
+from ..tables.comparison import first_distinct
 from ..tables.evaluation_files import System, as_csv, as_json, evaluation_tables, write_pictures
 from .common import parse_lengths, parse_whole
 from .console import reporting, say, show_report_table, tell
@@ -32,9 +33,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         required=True,
         metavar="EST",
-        help="as many, in the same order; for several systems, all of one, then all of the next",
+        help="as many, in the same order; for several systems, all of one, then all of the next; "
+        "they are called by what tells their files apart",
     )
-    parser.add_argument("--names", metavar="A,B,…", help="what to call the systems; default by their files")
     parser.add_argument(
         "--plot",
         metavar="DIR",
@@ -56,7 +57,6 @@ def add(parser: argparse.ArgumentParser) -> None:
         choices=[alignment.value for alignment in Alignment],
         help="what may be moved before ATE is taken; default se3",
     )
-    parser.add_argument("--delta", metavar="N", default="1", help="frames that RPE is taken over; default 1")
     parser.add_argument(
         "--axes",
         action="store_true",
@@ -76,20 +76,24 @@ def _evaluate(options: argparse.Namespace) -> int:
         )
     lengths = KITTI_LENGTHS if options.lengths is None else parse_lengths(options.lengths)
     step = KITTI_STEP if options.step is None else parse_whole("--step", options.step)
-    delta = parse_whole("--delta", options.delta)
     files = [options.estimate[i * len(options.truth) :][: len(options.truth)] for i in range(count)]
-    labels = _labels(options.names, files)
+    labels = _distinct(files) if count > 1 else [""]
     names = _distinct([[truth] for truth in options.truth])
     read = [_read(options.format, gt, of_one) for gt, *of_one in zip(options.truth, *files, strict=True)]
     times = {name: at for name, (at, _, _) in zip(names, read, strict=True) if at is not None}
-    systems, total = [], len(labels) * len(names)
+    systems: list[System] = []
     with reporting("judging") as report:
+
+        def watched(pairs: list[tuple[Array, Array]]) -> Iterator[tuple[str, Array, Array]]:
+            for number, (name, pair) in enumerate(zip(names, pairs, strict=True), len(systems) * len(names)):
+                report(number, count * len(names))
+                yield name, *pair
+
         for which, label in enumerate(labels):
             pairs = [(truth, estimates[which]) for _, truth, estimates in read]
-            watched = _watched(names, pairs, report, which * len(names), total)
-            result = evaluate(watched, lengths, step, Alignment(options.alignment), delta, times)
-            turned = [fit_axes(*pair, lengths, step) for pair in pairs] if options.axes else []
-            systems.append(System(label, pairs, result, turned, times))
+            alignment = Alignment(options.alignment)
+            result = evaluate(watched(pairs), lengths, step, alignment, times, options.axes)
+            systems.append(System(label, pairs, result, times))
     data = json.dumps(as_json(systems), indent=2, allow_nan=False)
     if options.out is not None:
         with run_folder(options.out, "evaluation.json", "evaluation.csv") as folder:
@@ -110,36 +114,14 @@ def _evaluate(options: argparse.Namespace) -> int:
     return 0
 
 
-def _watched(
-    names: list[str], pairs: list[tuple[Array, Array]], report: Progress, done: int, total: int
-) -> Iterator[tuple[str, Array, Array]]:
-    """Named pairs; each is reported when it is asked for."""
-    for number, (name, pair) in enumerate(zip(names, pairs, strict=True), done):
-        report(number, total)
-        yield name, *pair
-
-
-def _labels(names: str | None, files: list[list[str]]) -> list[str]:
-    """What the systems are called: by `names`, else by their files; nothing where there is one."""
-    if names is None:
-        return _distinct(files) if len(files) > 1 else [""]
-    labels = names.split(",")
-    if len(labels) != len(files) or len(set(labels)) < len(labels) or "" in labels:
-        raise DataError(f"--names {names}: expected {len(files)} different names")
-    return labels
-
-
 def _distinct(groups: list[list[str]]) -> list[str]:
-    """The shortest names that tell groups of files apart: a file's own, its folder's, the whole path."""
-    firsts = [Path(group[0]) for group in groups]
-    folders = [path.parent.name for path in firsts]
-    files = [
-        folder if path.stem in NO_NAME else path.stem for path, folder in zip(firsts, folders, strict=True)
-    ]
-    for names in (files, folders, list(map(str, firsts))):
-        if len(set(names)) == len(names) and all(names):
-            return names
-    return [f"{path}, {number}" for number, path in enumerate(firsts, start=1)]
+    """The shortest names that tell groups of files apart: a file's own, else a folder's, inmost first."""
+    firsts = [Path(group[0]).absolute() for group in groups]
+    _, *folders = zip(*(path.parts[::-1] for path in firsts), strict=False)
+    pairs = zip(firsts, folders[0], strict=True)
+    files = [folder if path.stem in NO_NAME else path.stem for path, folder in pairs]
+    numbered = [f"{path}, {number}" for number, path in enumerate(firsts, start=1)]
+    return first_distinct(files, *map(list, folders), numbered)
 
 
 def _read(form: str, truth_file: str, files: list[str]) -> tuple[Array | None, Array, list[Array]]:

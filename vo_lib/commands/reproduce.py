@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 from pathlib import Path
 
@@ -51,7 +50,6 @@ def add(parser: argparse.ArgumentParser) -> None:
         parser, "find the vehicles of sequences that have no labels: a model by name or an ONNX file"
     )
     common.add_many(parser, parser)
-    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(command=_reproduce)
 
 
@@ -69,22 +67,18 @@ def _reproduce(options: argparse.Namespace) -> int:
     names, missing = split_missing(asked)
     with run_folder(options.out, *TABLE_FILES) as folder:
         opened = [common.open_with_bar(name, options.cache) for name in names]
-        if not options.json:
-            common.warn_of_street(options.detector, *(each for each in opened if each.labels is None))
+        common.warn_of_street(options.detector, *(each for each in opened if each.labels is None))
         sequences = [_labelled(each, options) for each in opened]
         jobs = plan_jobs(sequences, methods, seeds, folder, config)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)
         result = collect(outcomes, missing, seeds, measure)
-        metrics = write_table_files(folder, result, paper, _command(options, names))
-    if options.json:
-        print(json.dumps(metrics, indent=2, allow_nan=False))
-    else:
-        for group in group_entries(result.entries):
-            for table in layout_tables(group, paper, narrow=True):
-                show_report_table(table)
-        tell("", *result.problems)
-        say(f"Spread, differences, gains and figures: {folder / 'report.html'}")
+        write_table_files(folder, result, paper, _command(options, names))
+    for group in group_entries(result.entries):
+        for table in layout_tables(group, paper, narrow=True):
+            show_report_table(table)
+    tell("", *result.problems)
+    say(f"Spread, differences, gains and figures: {folder / 'report.html'}")
     return 1 if result.failed else 0
 
 

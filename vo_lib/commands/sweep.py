@@ -5,16 +5,11 @@ from __future__ import annotations
 import argparse
 from functools import partial
 
-import numpy as np
-
 from ..config import preset
 from ..core.files import write_result
 from ..runs.jobs import run_jobs
 from ..runs.results import run_folder
-from ..tables.error_plots import heat_map_figure
-from ..tables.plots import png
-from ..tables.report import mean_and_spread
-from ..tables.sweep import Sweep, parse_axis, run_sweep, sweep_csv, sweep_table
+from ..tables.sweep import heat_map, parse_axis, run_sweep, sweep_csv, sweep_table
 from . import common
 from .console import reporting, say, show_report_table
 
@@ -70,18 +65,7 @@ def _sweep(options: argparse.Namespace) -> int:
             sweep = run_sweep(sequence, options.method, axes, seeds, folder, run, base)
         write_result(folder / "sweep.csv", sweep_csv(sweep))
         if len(axes) == 2:
-            write_result(folder / "sweep.png", _heat_map(sweep))
+            write_result(folder / "sweep.png", heat_map(sweep))
     show_report_table(sweep_table(sweep))
     say(f"written to {folder / 'sweep.csv'}" + (f" and {folder / 'sweep.png'}" if len(axes) == 2 else ""))
-    return int(any(cell.errors for cell in sweep.cells))
-
-
-def _heat_map(sweep: Sweep) -> bytes:
-    """TE and RE of a grid of two settings as PNG."""
-    down, across = sweep.axes
-    shape = len(down.values), len(across.values), 2
-    panels = {
-        label: np.reshape([mean_and_spread(getattr(cell, name)) for cell in sweep.cells], shape)
-        for label, name in (("TE [%]", "te"), ("RE [deg/100 m]", "re"))
-    }
-    return png(heat_map_figure(sweep.title, (down.name, down.words), (across.name, across.words), panels))
+    return int(any(cell.failed for cell in sweep.cells))

@@ -115,8 +115,6 @@ def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignme
 def relative_error(truth: Array, estimate: Array, delta: int = 1) -> RelativeError:
     """RPE over the frames 0 to delta, delta to 2·delta, … (evo's default pairs); needs no alignment."""
     check_pair(truth, estimate)
-    if delta < 1:
-        raise DataError(f"delta: expected 1 frame or more, got {delta}")
     frames = np.arange(0, len(truth), delta)
     error = motion_error(truth, estimate, frames[:-1], frames[1:])
     return RelativeError(delta, np.linalg.norm(error[:, :3, 3], axis=1), rotation_angle(error[:, :3, :3]))
@@ -126,12 +124,8 @@ def statistics(errors: Array) -> dict[str, float | None]:
     """Root of the mean square, mean, median and largest of errors (N,); None of nothing."""
     if not len(errors):
         return dict.fromkeys(("rmse", "mean", "median", "max"))
-    return {
-        "rmse": rmse(errors),
-        "mean": float(np.mean(errors)),
-        "median": float(np.median(errors)),
-        "max": float(np.max(errors)),
-    }
+    mean, median, largest = float(np.mean(errors)), float(np.median(errors)), float(np.max(errors))
+    return {"rmse": rmse(errors), "mean": mean, "median": median, "max": largest}
 
 
 def _in(unit: str, errors: Array) -> dict[str, float | None]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.geometry import rigid, rotation_from_vector
 from ..core.types import Array
@@ -36,9 +37,10 @@ class TurnedErrors:
         return {"pitch_deg": self.pitch, "yaw_deg": self.yaw} | self.kitti.to_dict()
 
 
-def axes_rotation(pitch: float, yaw: float) -> Array:
-    """C (3, 3), from the camera's axes to the truth's, of a rotation vector (pitch, yaw, 0), degrees."""
-    return rotation_from_vector(np.radians([pitch, yaw, 0.0]))
+def axes_rotation(angles: ArrayLike) -> Array:
+    """C (..., 3, 3), camera to truth, of rotation vectors (pitch, yaw, 0): angles (..., 2), degrees."""
+    angles = np.radians(angles)
+    return rotation_from_vector(np.concatenate([angles, np.zeros_like(angles[..., :1])], axis=-1))
 
 
 def turn_axes(poses: Array, C: Array) -> Array:
@@ -58,18 +60,16 @@ def fit_axes(
     errors = kitti_errors(truth, estimate, lengths, step)
     if not len(errors):
         return TurnedErrors(0.0, 0.0, errors)
-    t_gt, t_est = (
-        (np.linalg.inv(poses[errors.first]) @ poses[errors.last])[:, :3, 3] for poses in (truth, estimate)
-    )
+    motions = (np.linalg.inv(poses[errors.first]) @ poses[errors.last] for poses in (truth, estimate))
+    t_gt, t_est = (motion[:, :3, 3] for motion in motions)
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 5)]), axis=-1).reshape(-1, 2)
     grid = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")]  # of equals, the nearest is kept
     best, width = np.zeros(2), LARGEST
     for _ in range(ROUNDS):
         tried = np.clip(best + width * grid, -LARGEST, LARGEST)
-        C = rotation_from_vector(np.radians(np.pad(tried, ((0, 0), (0, 1)))))
-        off = np.linalg.norm(t_gt - t_est @ np.swapaxes(C, 1, 2), axis=2)
+        off = np.linalg.norm(t_gt - t_est @ np.swapaxes(axes_rotation(tried), 1, 2), axis=2)
         best = tried[np.argmin((off / errors.length).mean(axis=1))]
         width *= SHRINK
-    pitch, yaw = map(float, best)
-    turned = turn_axes(estimate, axes_rotation(pitch, yaw))
+    turned = turn_axes(estimate, axes_rotation(best))
+    pitch, yaw = best.tolist()
     return TurnedErrors(pitch, yaw, kitti_errors(truth, turned, lengths, step))

@@ -8,7 +8,7 @@ All poses are `T_w_c`, (N, 4, 4), metres. ATE and RPE are in `ate_rpe.py`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import DataError
-from ..core.rows import Rows, joined
+from ..core.rows import Rows
 from ..core.types import Array, Index
 from .ate_rpe import check_pair, motion_error
 
@@ -165,15 +165,8 @@ def kitti_errors(
     t_err, r_err = np.where(np.isin(length, KITTI_LENGTHS), single, double)
     taken = KITTI_FRAME_TIME * (last - first + 1) if times is None else times[last] - times[first]
     speed = length / np.maximum(taken, 1e-9)  # a file of times may say nothing
-    return KittiErrors(
-        first=first,
-        last=last,
-        length=length,
-        t_err=t_err,
-        r_err=r_err,
-        # Rounded as the devkit's, so that a speed on the edge of a bin falls on the same side.
-        speed=speed.astype(np.float32).astype(np.float64),
-    )
+    # Rounded as the devkit's, so that a speed on the edge of a bin falls on the same side.
+    return KittiErrors(first, last, length, t_err, r_err, speed.astype(np.float32).astype(np.float64))
 
 
 @dataclass(frozen=True)
@@ -200,8 +193,3 @@ SHORT_MEASURE = Measure(SHORT_LENGTHS, 1)
 def suitable_measure(truth: Array) -> Measure:
     """KITTI's measure where the true path (N, 4, 4) holds a sub-sequence of it, else that of short paths."""
     return KITTI_MEASURE if len(kitti_errors(truth, truth)) else SHORT_MEASURE
-
-
-def pooled(errors: Iterable[KittiErrors]) -> KittiErrors:
-    """All sub-sequences of several sequences as one set: the devkit's total."""
-    return joined(errors)

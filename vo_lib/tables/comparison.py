@@ -18,14 +18,8 @@ from ..runs.results import CONFIG, METRICS, POSES, evaluate_path, read_config, r
 from .report import ReportTable, number
 
 KINDS = {"kitti": "as KITTI, over 100 m and more", "short": "over 20, 50, 100 m, every frame"}
-STORED = {
-    "frames": [str],
-    "settings": {"seed": int},
-    "timing": {"ms_per_frame": NUMBER},
-    "method": str,
-    "sequence": str,
-    "variant": str,
-}
+STORED: dict[str, Any] = {"frames": [str], "settings": {"seed": int}, "timing": {"ms_per_frame": NUMBER}}
+STORED |= dict.fromkeys(("method", "sequence", "variant"), str)
 COLUMNS = ["run", "TE %", "RE deg/100 m", "ATE m", "RPE m", "RPE deg", "ms a frame"]
 
 
@@ -73,16 +67,14 @@ def read_stored_run(folder: str | Path) -> StoredRun:
 
 def read_stored_runs(folders: list[str]) -> dict[str, list[StoredRun]]:
     """Runs by sequence (and frames, where those differ), each with a label of its own."""
-    runs = [read_stored_run(folder) for folder in folders]
-    parts: dict[str, set[tuple[str, str]]] = {}
-    for run in runs:
-        parts.setdefault(run.sequence, set()).add(run.frames)
-    groups: dict[str, list[StoredRun]] = {}
-    for run in runs:
-        whole = len(parts[run.sequence]) == 1
-        name = run.sequence if whole else f"{run.sequence}, frames {run.frames[0]}-{run.frames[1]}"
-        groups.setdefault(name, []).append(run)
-    return {name: distinct(group) for name, group in groups.items()}
+    groups: dict[tuple[str, str, str], list[StoredRun]] = {}
+    for run in map(read_stored_run, folders):
+        groups.setdefault((run.sequence, *run.frames), []).append(run)
+    names = [name for name, _, _ in groups]
+    return {
+        name if names.count(name) == 1 else f"{name}, frames {first}-{last}": distinct(runs)
+        for (name, first, last), runs in groups.items()
+    }
 
 
 def foreign_run(file: str, like: StoredRun, sequence: Sequence | None) -> StoredRun:
@@ -140,19 +132,15 @@ def curve(run: StoredRun, kind: str, by: str) -> list[tuple[float, float | None,
     ]
 
 
-def _in_words(run: StoredRun) -> str:
-    return f"{run.method}, {run.variant}" if run.variant == "published" else run.method
-
-
 def distinct(runs: list[StoredRun]) -> list[StoredRun]:
     """The runs with the shortest labels that tell them apart: method, seed, folder."""
-    named = runs
-    for make in (
-        _in_words,
-        lambda run: f"{_in_words(run)}, seed {run.seed}",
-        lambda run: f"{_in_words(run)}, {run.folder}",
-    ):
-        named = [dataclasses.replace(run, label=make(run)) for run in runs]
-        if len({run.label for run in named}) == len(runs):
-            break
-    return named
+    methods = [f"{r.method}, {r.variant}" if r.variant == "published" else r.method for r in runs]
+    pairs = list(zip(methods, runs, strict=True))
+    seeds, folders = [f"{m}, seed {r.seed}" for m, r in pairs], [f"{m}, {r.folder}" for m, r in pairs]
+    labels = first_distinct(methods, seeds, folders)
+    return [dataclasses.replace(run, label=label) for run, label in zip(runs, labels, strict=True)]
+
+
+def first_distinct(*candidates: list[str]) -> list[str]:
+    """The first of several lists of names in which none stands twice, else the last."""
+    return next((names for names in candidates if len(set(names)) == len(names)), candidates[-1])

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..config import Config, PublishedConfig
 from ..core.errors import DataError
+from ..core.rows import joined
 from ..core.types import Array
 from ..data.sequence import KITTI
 from ..evaluation.evaluate import SequenceResult, evaluate
-from ..evaluation.kitti import KittiErrors, Measure, pooled, suitable_measure
+from ..evaluation.kitti import KittiErrors, Measure, suitable_measure
 from ..runs.runner import Run
 from .paper import LEFT_OUT
 
@@ -28,7 +29,6 @@ class Entry:
     ----------
     sequence, method : names; seeds : (S) seeds that ran.
     variant : `published` or `kit`; how : where matches and motion come from, in words.
-    frames : of the sequence as it was run.
     measure : the sub-sequences that TE and RE are taken over.
     results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
     poses : (N, 4, 4) trajectory of the first seed; truth : (N, 4, 4).
@@ -42,7 +42,6 @@ class Entry:
     variant: str
     how: tuple[str, str]
     seeds: tuple[int, ...]
-    frames: int
     measure: Measure
     results: tuple[SequenceResult, ...]
     poses: Array
@@ -52,19 +51,24 @@ class Entry:
     back_end_ms: float
 
     @property
+    def errors(self) -> Array:
+        """TE and RE of each seed, (2, S), % and deg/100 m; NaN where no sub-sequence fits."""
+        return te_and_re(result.kitti for result in self.results)
+
+    @property
     def te(self) -> Array:
-        """Translation error of each seed, (S,) %; NaN where no sub-sequence fits."""
-        return over_seeds(result.kitti.te for result in self.results)
+        """Translation error of each seed, (S,) %."""
+        return np.asarray(self.errors[0])
+
+    @property
+    def re(self) -> Array:
+        """Rotation error of each seed, (S,) deg/100 m."""
+        return np.asarray(self.errors[1])
 
     @property
     def sub_sequences(self) -> KittiErrors:
         """Those of all seeds together."""
-        return pooled(result.kitti for result in self.results)
-
-    @property
-    def re(self) -> Array:
-        """Rotation error of each seed, (S,) deg/100 m; NaN where no sub-sequence fits."""
-        return over_seeds(result.kitti.re for result in self.results)
+        return joined(result.kitti for result in self.results)
 
 
 @dataclass(frozen=True)
@@ -107,40 +111,35 @@ class Group:
         """Entries of a sequence, in the order of the methods."""
         return [entry for (name, _), entry in self.entries.items() if name == sequence]
 
-    def mean(self, method: str) -> tuple[Array, Array]:
-        """TE and RE of each seed, (S,) each: the plain mean over the sequences, of KITTI without 01."""
-        return self._averaged(self._without_01(method), lambda parts: parts)
+    def mean(self, method: str) -> Array:
+        """TE and RE of each seed, (2, S): the plain mean over the sequences, of KITTI without 01."""
+        by_seed = [te_and_re(part for part in parts if len(part)) for parts in self._by_seed(method, True)]
+        means = [part.mean(axis=1) if part.size else (np.nan, np.nan) for part in by_seed]
+        return np.reshape(means, (-1, 2)).T
 
-    def pooled(self, method: str) -> tuple[Array, Array]:
-        """TE and RE of each seed, (S,) each: over all sub-sequences together, as the devkit's total."""
-        return self._averaged(self.of_method(method), lambda parts: [pooled(parts)])
+    def pooled(self, method: str, as_paper: bool = False) -> Array:
+        """TE and RE of each seed, (2, S): over all sub-sequences together, as the devkit's total.
 
-    def pooled_as_paper(self, method: str) -> tuple[Array, Array]:
-        """As `pooled`, of KITTI without 01."""
-        return self._averaged(self._without_01(method), lambda parts: [pooled(parts)])
+        `as_paper` : of KITTI without 01.
+        """
+        return te_and_re(joined(parts) for parts in self._by_seed(method, as_paper))
 
-    def _without_01(self, method: str) -> list[Entry]:
-        left_out = f"{KITTI}{LEFT_OUT}" if self.kitti else None
-        return [entry for entry in self.of_method(method) if entry.sequence != left_out]
-
-    @staticmethod
-    def _averaged(
-        entries: list[Entry], together: Callable[[list[KittiErrors]], list[KittiErrors]]
-    ) -> tuple[Array, Array]:
-        """The mean over sequences, put together or not, of each seed that all of them have."""
+    def _by_seed(self, method: str, as_paper: bool) -> list[list[KittiErrors]]:
+        """Errors on every sequence, for each seed that all of them have."""
+        left_out = f"{KITTI}{LEFT_OUT}" if as_paper else None
+        entries = [entry for entry in self.of_method(method) if entry.sequence != left_out]
         common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
-        rows = []
-        for seed in sorted(common):
-            parts = together([entry.results[entry.seeds.index(seed)].kitti for entry in entries])
-            numbers = [(part.te, part.re) for part in parts if len(part)]
-            rows.append(np.array(numbers or [(np.nan, np.nan)], float).mean(axis=0))
-        te, re = np.reshape(rows, (-1, 2)).T
-        return te, re
+        return [[e.results[e.seeds.index(seed)].kitti for e in entries] for seed in sorted(common)]
 
 
 def over_seeds(values: Iterable[float | None]) -> Array:
     """Numbers of seeds as an array, NaN for None."""
     return np.array(list(values), float)
+
+
+def te_and_re(parts: Iterable[KittiErrors]) -> Array:
+    """TE and RE of sets of sub-sequences, (2, S); NaN of an empty one."""
+    return np.array([(part.te, part.re) for part in parts], float).reshape(-1, 2).T
 
 
 def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -> Entry:
@@ -156,7 +155,6 @@ def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -
         variant=runs[0].config.variant,
         how=in_words(runs[0].config),
         seeds=tuple(run.config.seed for run in runs),
-        frames=len(sequence),
         measure=measure,
         results=evaluate(
             pairs, measure.lengths, measure.step, times={sequence.name: sequence.times}
@@ -183,13 +181,9 @@ def made_by(entries: Iterable[Entry]) -> str:
     """Where matches and motion of a variant's table come from; motions that differ with their methods."""
     motions: dict[str, dict[str, None]] = {}
     for entry in entries:
-        matches, motion = entry.how
-        motions.setdefault(motion, {})[entry.method] = None
-    words = [
-        motion if len(motions) == 1 else f"{motion} ({', '.join(methods)})"
-        for motion, methods in motions.items()
-    ]
-    return f"Matches: {matches}. Motion: {'; '.join(words)}."
+        motions.setdefault(entry.how[1], {})[entry.method] = None
+    words = [f"{each} ({', '.join(of)})" if len(motions) > 1 else each for each, of in motions.items()]
+    return f"Matches: {entry.how[0]}. Motion: {'; '.join(words)}."
 
 
 def back_end_ms(run: Run) -> float:

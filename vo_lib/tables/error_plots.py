@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.poses import from_first
 from ..core.types import Array
-from .plots import METHOD_MARKERS, SMALL_PAGE, distance_from_truth, page, styled
+from .plots import METHOD_MARKERS, SMALL_PAGE, distance_from_truth, label_axis, page, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,9 +37,7 @@ def coloured_paths_figure(title: str, truth: Array, paths: Mapping[str, Array]) 
         axis.autoscale_view()
         axis.set_aspect("equal", adjustable="datalim")
         axis.set_title(name)
-        axis.set_xlabel("x, right [m]")
-        axis.grid(alpha=0.3)
-    axes[0].set_ylabel("z, forward [m]")
+        label_axis(axis, "x, right [m]", "z, forward [m]" if axis is axes[0] else "")
     figure.colorbar(lines, ax=list(axes), label="distance from the truth [m]", location="bottom", shrink=0.8)
     return figure
 
@@ -62,10 +60,7 @@ def components_figure(title: str, paths: Mapping[str, Array], times: Array | Non
             axis.plot(at, values, **style)
     labels = ("x, right [m]", "y, down [m]", "z, forward [m]", "roll [deg]", "pitch [deg]", "yaw [deg]")
     for axis, label in zip(axes.T.ravel(), labels, strict=True):
-        axis.set_ylabel(label)
-        axis.grid(alpha=0.3)
-    for axis in axes[-1]:
-        axis.set_xlabel("frame" if times is None else "time [s]")
+        label_axis(axis, ("frame" if times is None else "time [s]") * (axis in axes[-1]), label)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
@@ -81,11 +76,10 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, Curve]) -> Fig
         at, *errors = np.reshape(np.asarray(points, np.float64), (-1, 3)).T
         for axis, values in zip(axes, errors, strict=True):
             axis.plot(at, values, **style, **marker, **size)
-    for axis, label in zip(axes, ("TE [%]", "RE [deg/100 m]"), strict=True):
-        axis.set_ylabel(label)
+    label_axis(axes[0], "", "TE [%]")
+    label_axis(axes[1], "sub-sequence length [m]" if by == "length" else "speed [km/h]", "RE [deg/100 m]")
+    for axis in axes:
         axis.set_ylim(bottom=0.0)
-        axis.grid(alpha=0.3)
-    axes[1].set_xlabel("sub-sequence length [m]" if by == "length" else "speed [km/h]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
@@ -114,8 +108,7 @@ def heat_map_figure(
         figure.colorbar(image, ax=axis, label=label, format="%.3g")
         axis.set_xticks(range(len(columns)), columns)
         axis.set_yticks(range(len(rows)), rows)
-        axis.set_xlabel(column_name)
-        axis.set_ylabel(row_name)
+        axis.set(xlabel=column_name, ylabel=row_name)
         for row, column in np.ndindex(mean.shape):
             value, spread = cells[row, column]
             text = f"{value:.3f}\n± {spread:.3f}" if np.isfinite(value) else "×"

@@ -9,21 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from ..core.files import csv_text
-from ..core.rows import joined
 from ..core.types import Array, Progress
-from ..evaluation.ate_rpe import align, statistics
-from ..evaluation.axes import TurnedErrors
+from ..evaluation.ate_rpe import align, rmse, statistics
 from ..evaluation.evaluate import Evaluation
 from ..evaluation.kitti import KittiErrors
 from .error_plots import coloured_paths_figure, components_figure
 from .plots import TRUTH, trajectories_figure
 from .report import ReportTable, number, te_re
 from .reproduce import slug
+from .table1_data import records_csv
 from .table_files import AXES, write_curves, write_figure
 
-HEADING = ["system", "sequence", "length_m", "subsequences", "te_percent", "re_deg_per_100m"]
-HEADING += ["ate_rmse_m", "rpe_rmse_m", "rpe_rmse_deg", "pitch_deg", "yaw_deg", "te_turned", "re_turned"]
 KINDS = "te_percent", "re_deg_per_100m"
 STATISTICS = "rmse", "mean", "median", "max"
 SEQUENCES_A_TABLE = 4
@@ -39,14 +35,12 @@ class System:
     ----------
     label : its name; empty where it is the only one.
     pairs : truth and estimate of each sequence, (N, 4, 4) each, as `result` has them.
-    turned : of each sequence, with axes turned; empty where that was not asked for.
     times : (N,) seconds of the poses of each sequence by name, where the files have them.
     """
 
     label: str
     pairs: list[tuple[Array, Array]]
     result: Evaluation
-    turned: list[TurnedErrors]
     times: Mapping[str, Array]
 
     def called(self, name: str) -> str:
@@ -59,43 +53,30 @@ class System:
         parts = {s.name: s.kitti for s in self.result.sequences}
         return parts | ({POOLED: self.result.pooled} if len(parts) > 1 else {})
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything but the single sub-sequences, for JSON."""
-        data = self.result.to_dict()
-        for sequence, errors in zip(data["sequences"], self.turned, strict=False):
-            sequence["axes"] = errors.to_dict()
-        return data
-
 
 def as_json(systems: list[System]) -> dict[str, Any]:
     """One system's numbers, or those of several under their labels."""
     if len(systems) == 1:
-        return systems[0].to_dict()
-    return {"systems": [{"system": system.label} | system.to_dict() for system in systems]}
+        return systems[0].result.to_dict()
+    return {"systems": [{"system": system.label} | system.result.to_dict() for system in systems]}
 
 
 def as_csv(systems: list[System]) -> str:
     """A row for each system, sequence and length; over all lengths with ATE, RPE and the turned axes."""
-    rows = [HEADING]
+    records = []
     for system in systems:
-        data = system.to_dict()
+        data = system.result.to_dict()
         for s in [*data["sequences"], {"name": POOLED} | data["pooled"]]:
-            numbers: list[float | None] = [s[kind] for kind in KINDS]
-            if "ate" in s:
-                rpe = s["rpe"]
-                numbers += [s["ate"]["rmse_m"], rpe["translation"]["rmse_m"], rpe["rotation"]["rmse_deg"]]
-            if "axes" in s:
-                numbers += [s["axes"][key] for key in ("pitch_deg", "yaw_deg", *KINDS)]
-            lines = [("all", s["subsequences"], numbers)]
-            lines += [
-                (f"{part['length_m']:g}", part["subsequences"], [part[kind] for kind in KINDS])
-                for part in s["by_length"]
-            ]
-            for length, count, values in lines:
-                cells = ["" if value is None else f"{value:.6f}" for value in values]
-                row = [system.label, s["name"], length, str(count), *cells]
-                rows.append(row + [""] * (len(HEADING) - len(row)))
-    return csv_text(rows)
+            for length, part in [("all", s), *((f"{each['length_m']:g}", each) for each in s["by_length"])]:
+                record = {"system": system.label, "sequence": s["name"], "length_m": length}
+                record |= {key: part[key] for key in ("subsequences", *KINDS)}
+                ate, rpe, axes = (part.get(key, {}) for key in ("ate", "rpe", "axes"))
+                record["ate_rmse_m"] = ate.get("rmse_m")
+                record["rpe_rmse_m"] = rpe.get("translation", {}).get("rmse_m")
+                record["rpe_rmse_deg"] = rpe.get("rotation", {}).get("rmse_deg")
+                record |= {key: axes.get(key) for key in ("pitch_deg", "yaw_deg")}
+                records.append(record | {f"turned_{key}": axes.get(key) for key in KINDS})
+    return records_csv(records)
 
 
 def evaluation_tables(systems: list[System]) -> list[ReportTable]:
@@ -113,27 +94,20 @@ def evaluation_tables(systems: list[System]) -> list[ReportTable]:
     everything, others, turned = [], [], []
     for system in systems:
         for s in system.result.sequences:
-            name = system.called(s.name)
+            name, drift = system.called(s.name), (s.rpe.translation, np.degrees(s.rpe.rotation))
             everything.append([name, str(s.frames), str(len(s.kitti)), te_re(s.kitti)])
-            errors = s.ate.distance, s.rpe.translation, np.degrees(s.rpe.rotation)
-            for kind, values in zip(("ATE m", "RPE m", "RPE deg"), errors, strict=True):
-                found = statistics(values)
-                others.append([f"{name} {kind}", *(number(found[each], 4) for each in STATISTICS)])
+            for kind, errors in zip(("ATE m", "RPE m", "RPE deg"), (s.ate.distance, *drift), strict=True):
+                others.append([f"{name} {kind}", *(number(x, 4) for x in statistics(errors).values())])
+            if s.turned is not None:
+                angles = f"{s.turned.pitch:+.2f}", f"{s.turned.yaw:+.2f}"
+                turned.append([name, *angles, te_re(s.kitti), te_re(s.turned.kitti)])
         pooled, mean = system.result.pooled, system.result.mean()
         everything.append([system.called("pooled, as the devkit"), "", str(len(pooled)), te_re(pooled)])
         means = " / ".join(number(mean[kind]) for kind in KINDS)
         everything.append([system.called("plain mean"), "", "", means])
-        for s, t in zip(system.result.sequences, system.turned, strict=bool(system.turned)):
-            angles = f"{t.pitch:+.2f}", f"{t.yaw:+.2f}"
-            turned.append([system.called(s.name), *angles, te_re(s.kitti), te_re(t.kitti)])
-        if system.turned:
-            total = joined(t.kitti for t in system.turned)
-            turned.append([system.called(POOLED), "", "", te_re(pooled), te_re(total)])
-    alignment, delta = first.sequences[0].ate.alignment, first.sequences[0].rpe.delta
-    note = f"ATE {alignment.words}; RPE from frame to frame + {delta}, which needs no alignment."
-    tables.append(
-        ReportTable("All lengths", ["sequence", "frames", "sub-sequences", "TE / RE"], everything, [])
-    )
+    columns = ["sequence", "frames", "sub-sequences", "TE / RE"]
+    tables.append(ReportTable("All lengths", columns, everything, []))
+    note = f"ATE {first.sequences[0].ate.alignment.words}; RPE from frame to frame, which needs no alignment."
     tables.append(ReportTable("ATE and RPE", ["sequence", *STATISTICS], others, [note]))
     if turned:
         columns = ["sequence", "pitch °", "yaw °", "TE / RE\nmeasured", "TE / RE\nturned"]
@@ -142,7 +116,7 @@ def evaluation_tables(systems: list[System]) -> list[ReportTable]:
     return tables
 
 
-def write_pictures(folder: Path, systems: list[System], progress: Progress | None = None) -> None:
+def write_pictures(folder: Path, systems: list[System], report: Progress) -> None:
     """Of each sequence three pictures, of each and of all together the error curves.
 
     trajectory: the paths, aligned as ATE has them, with the distance along them; coloured: these paths,
@@ -151,23 +125,20 @@ def write_pictures(folder: Path, systems: list[System], progress: Progress | Non
     """
     results = systems[0].result.sequences
     for place, sequence in enumerate(results):
-        if progress is not None:
-            progress(place, len(results))
-        truth = systems[0].pairs[place][0]
-        alignment = sequence.ate.alignment
+        report(place, len(results))
+        truth, alignment = systems[0].pairs[place][0], sequence.ate.alignment
+        estimates = {s.label or ONLY: s.pairs[place][1] for s in systems}
         # The first camera's axes: seen from above whatever the world's axes are.
         to_start = np.linalg.inv(truth[0])
-        paths = {s.label or ONLY: to_start @ align(*s.pairs[place], alignment)[0] for s in systems}
+        paths = {name: to_start @ align(truth, path, alignment)[0] for name, path in estimates.items()}
         words = {s.label or ONLY: _in_words(s, place) for s in systems}
         title = f"{sequence.name}\n{alignment.words}"
+        times = systems[0].times.get(sequence.name)
+        moved = components_figure(f"{sequence.name}\nfrom the first pose", {TRUTH: truth} | estimates, times)
         figures = {
             "trajectory": trajectories_figure({title: (truth, paths)}, words),
             "coloured": coloured_paths_figure(title, truth, paths),
-            "components": components_figure(
-                f"{sequence.name}\nfrom the first pose",
-                {TRUTH: truth} | {s.label or ONLY: s.pairs[place][1] for s in systems},
-                systems[0].times.get(sequence.name),
-            ),
+            "components": moved,
         }
         for name, figure in figures.items():
             write_figure(folder, f"{name}_{slug(sequence.name)}", figure)
@@ -176,13 +147,11 @@ def write_pictures(folder: Path, systems: list[System], progress: Progress | Non
             by: {s.label or ONLY: s.errors[name].curve(by, s.result.lengths) for s in systems} for by in AXES
         }
         write_curves(folder, slug(name), name, curves)
-    if progress is not None:
-        progress(len(results), len(results))
+    report(len(results), len(results))
 
 
 def _in_words(system: System, place: int) -> str:
     """A legend's entry: KITTI's percentages beside the aligned path."""
     sequence = system.result.sequences[place]
-    te, re = number(sequence.kitti.te, 2), number(sequence.kitti.re, 2)
-    ate = number(sequence.ate.to_dict()["rmse_m"], 2)
+    te, re, ate = (number(x, 2) for x in (sequence.kitti.te, sequence.kitti.re, rmse(sequence.ate.distance)))
     return f"{system.label or ONLY}: TE {te} %, RE {re} deg/100 m, ATE {ate} m"

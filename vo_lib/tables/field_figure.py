@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,17 +28,11 @@ def field_figure(coefficients: Array, camera: StereoCamera, title: str = "") -> 
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     errors = field_at(coefficients, *camera.normalise(grid).T).reshape(2, len(v), len(u))
     limit = max(LEAST, float(np.abs(errors).max()))
+    colours: Any = {"cmap": "RdBu_r", "vmin": -limit, "vmax": limit, "interpolation": "bilinear"}
     made = Figure(figsize=(11.0, 2.3), layout="constrained")
     axes = made.subplots(1, 2, sharey=True)
     for axis, error, name in zip(axes, errors, ("disparity", "row"), strict=True):
-        image = axis.imshow(
-            error,
-            extent=(0, width, height, 0),
-            cmap="RdBu_r",
-            vmin=-limit,
-            vmax=limit,
-            interpolation="bilinear",
-        )
+        image = axis.imshow(error, extent=(0, width, height, 0), **colours)
         step = 0.2 if limit < 2.0 else 0.5
         levels = np.arange(-np.ceil(limit / step), np.ceil(limit / step) + 1) * step
         lines = axis.contour(u, v, error, levels=levels, colors="#333", linewidths=0.6)

@@ -75,20 +75,19 @@ class Film:
 
     def __init__(self, path: Path, run: Run, label: str):
         self.path, self.run, self.label = path, run, label
-        camera = run.sequence.camera
-        self._zoom = 2 if camera.width < NARROW else 1
-        self._size = self._zoom * camera.width, self._zoom * camera.height
+        camera, truth = run.sequence.camera, run.sequence.truth
+        zoom = 2 if camera.width < NARROW else 1
+        self._size = zoom * camera.width, zoom * camera.height
         side = max(self._size[1], 300)
-        self._shape = side + STRIP, self._size[0] + side
-        truth = run.sequence.truth
-        self._truth = None if truth is None else from_first(truth)
+        # Even numbers of pixels: encoders take no others.
+        self._shape = side + STRIP + side % 2, (self._size[0] + side + 1) // 2 * 2
+        self._paths = [run.poses] if truth is None else [run.poses, from_first(truth)]
         self._drift = None if truth is None else distance_from_truth(run.poses, truth)
-        self._driven = trajectory_distances(run.poses if truth is None else truth)
+        self._driven = trajectory_distances(self._paths[-1])
         self._frames = 0
         self._working = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
-        height, width = (length + length % 2 for length in self._shape)
         code = cv2.VideoWriter.fourcc(*CODES[path.suffix.lower()])
-        self._writer = cv2.VideoWriter(str(self._working), code, FPS, (width, height))
+        self._writer = cv2.VideoWriter(str(self._working), code, FPS, self._shape[::-1])
         if not self._writer.isOpened():
             raise DataError("the film cannot be written there, or OpenCV lacks its encoder", path)
 
@@ -108,68 +107,40 @@ class Film:
     def _require_whole(self) -> None:
         """OpenCV does not say when the disk is full: the frames are counted that can be read again."""
         written = cv2.VideoCapture(str(self._working))
-        try:
-            found = sum(written.grab() for _ in range(self._frames))
-        finally:
-            written.release()
+        found = sum(written.grab() for _ in range(self._frames))
+        written.release()
         if found != self._frames:
             said = f"{found} of {self._frames} frames could be written: is the disk full?"
             raise DataError(said, self.path)
 
     def add(self, shown: Shown) -> None:
         """Write a frame."""
-        height, width = (length + length % 2 for length in self._shape)
-        page = np.full((height, width, 3), DARK, np.uint8)
-        page[: self._shape[0], : self._shape[1]] = self.picture(shown)
-        self._writer.write(page)
+        self._writer.write(self.picture(shown))
         self._frames += 1
 
     def picture(self, shown: Shown) -> Image:
-        """The page of a frame, BGR: image, path and drift beside it, words below."""
+        """The page of a frame, BGR: image, the path beside it, words below."""
         page = np.full((*self._shape, 3), DARK, np.uint8)
         left, _ = self.run.sequence.stereo(shown.index)
         image = match_image(left, shown.matches, shown.keep, shown.boxes, shown.state, by_age=True)
         width, height = self._size
         page[:height, :width] = cv2.resize(image, self._size, interpolation=cv2.INTER_LINEAR)
-        side = self._shape[0] - STRIP
-        lower = 0 if self._drift is None else side // 4
-        self._draw_path(page[: side - lower, width:], shown.index)
-        if self._drift is not None:
-            self._draw_drift(page[side - lower : side, width:], self._drift, shown.index)
-        self._write_words(page[side:], shown)
+        self._draw_paths(page[:-STRIP, width:], shown.index)
+        self._write_words(page[-STRIP:], shown)
         return page
 
-    def _draw_path(self, part: Image, index: int) -> None:
+    def _draw_paths(self, part: Image, index: int) -> None:
         """The path from above up to a frame, the whole truth pale; all of it fits."""
-        paths = [self.run.poses] if self._truth is None else [self._truth, self.run.poses]
-        points = np.concatenate([poses[:, [0, 2], 3] for poses in paths])
-        low, high = points.min(axis=0), points.max(axis=0)
-        room = np.array(part.shape[1::-1]) - 50.0
-        scale = float((room / np.maximum(high - low, 1.0)).min())
-
-        def pixels(poses: Array) -> Array:
-            off = scale * (poses[:, [0, 2], 3] - (low + high) / 2) * [1.0, -1.0]
-            return np.asarray(off + np.array(part.shape[1::-1]) / 2)
-
-        if self._truth is not None:
-            _line(part, pixels(self._truth), PALE, 1)
-            _line(part, pixels(self._truth[: index + 1]), TRUTH, 4)
-        path = pixels(self.run.poses[: index + 1])
-        _line(part, path, PATH, 2)
-        cv2.circle(part, np.rint(path[-1]).astype(int).tolist(), 4, WHITE, -1, cv2.LINE_AA)
-        bar = float(10.0 ** np.floor(np.log10(0.5 * room[0] / scale)))  # metres
-        ends = np.array([[12.0, part.shape[0] - 10.0], [12.0 + scale * bar, part.shape[0] - 10.0]])
-        _line(part, ends, WHITE, 2)
-        _words(part, f"{bar:g} m", (12, part.shape[0] - 16))
-
-    def _draw_drift(self, part: Image, drift: Array, index: int) -> None:
-        """The distance from the truth along the path, up to a frame."""
-        top, length = max(float(drift.max()), 1e-9), max(float(self._driven[-1]), 1e-9)
-        width, height = part.shape[1] - 24, part.shape[0] - 30
-        x, y = 12 + width * self._driven / length, 22 + height * (1 - drift / top)
-        _line(part, np.array([[12.0, 22.0 + height], [12.0 + width, 22.0 + height]]), PALE, 1)
-        _line(part, np.stack([x, y], axis=1)[: index + 1], PATH, 2)
-        _words(part, f"distance from the truth, up to {top:.2g} m", (12, 14))
+        points = [poses[:, [0, 2], 3] for poses in self._paths]
+        low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
+        size = np.array(part.shape[1::-1])
+        scale = float(((size - 50.0) / np.maximum(high - low, 1.0)).min())
+        path, *truth = (scale * (each - (low + high) / 2) * [1.0, -1.0] + size / 2 for each in points)
+        for line in truth:
+            _line(part, line, PALE, 1)
+            _line(part, line[: index + 1], TRUTH, 4)
+        _line(part, path[: index + 1], PATH, 2)
+        cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, WHITE, -1, cv2.LINE_AA)
 
     def _write_words(self, part: Image, shown: Shown) -> None:
         index, motion = shown.index, shown.motion
@@ -182,16 +153,13 @@ class Film:
             first.append(f"{off:.2f} m from the truth ({100 * off / max(driven, 1e-9):.2f} %)")
         _words(part, "  ".join([*first, *motion.flags]), (12, 22))
         counts = [f"{getattr(motion, name)} {name}" for name in ("matches", "removed", "used", "inliers")]
-        at = _words(part, "  ".join(counts), (12, 46)) + 30
-        for number, colour in enumerate(AGE_COLOURS):
-            cv2.rectangle(part, (at + 5 * number, 36), (at + 5 * number + 4, 46), colour, -1)
-        at = _words(part, f"kept, new to {len(AGE_COLOURS)} frames old", (at + 5 * len(AGE_COLOURS) + 6, 46))
-        at = _words(part, "removed", (at + 20, 46), REMOVED)
+        legend = [("  ".join(counts), WHITE), ("new match", AGE_COLOURS[0]), ("old", AGE_COLOURS[-1])]
+        legend += [("removed", REMOVED), ("path", PATH), ("truth", TRUTH)][: 2 + (self._drift is not None)]
         if shown.state is not None:
-            at = _words(part, "boxes: whole line moves, dashed parked, dots unknown", (at + 20, 46))
-        at = _words(part, "path", (at + 20, 46), PATH)
-        if self._truth is not None:
-            _words(part, "truth", (at + 12, 46), TRUTH)
+            legend.append(("boxes: whole line moves, dashed parked, dots unknown", WHITE))
+        at = 12
+        for text, colour in legend:
+            at = _words(part, text, (at, 46), colour) + 20
 
 
 def _line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:

@@ -70,25 +70,24 @@ def styled(named: Mapping[str, Values]) -> Iterator[tuple[str, Values, dict[str,
         yield name, values, {"color": colour, "linewidth": width, "label": name}
 
 
-def draw_trajectory(
-    axis: Axes, poses: Array, label: str, colour: str, style: str = "-", width: float = 1.5
-) -> None:
-    """Top view of poses (N, 4, 4): x to the right, z forward, metres; a dot marks the start."""
-    axis.plot(poses[:, 0, 3], poses[:, 2, 3], style, color=colour, label=label, linewidth=width)
-    axis.plot(poses[0, 0, 3], poses[0, 2, 3], "o", color=colour, markersize=4)
+def label_axis(axis: Axes, x: str, y: str) -> None:
+    """Name what an axis shows, and rule it."""
+    axis.set_xlabel(x)
+    axis.set_ylabel(y)
+    axis.grid(alpha=0.3)
 
 
 def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: Mapping[str, Array]) -> None:
-    """Top view of the truth and of named estimates, (N, 4, 4) each, with equal axes in metres."""
+    """Top view of the truth and of named estimates, (N, 4, 4) each, metres; a dot marks the start."""
     # An estimate starts at the identity; the truth of a part of a sequence does not.
     paths = {} if truth is None else {TRUTH: from_first(truth)}
-    for name, poses, style in styled({**paths, **estimates}):
-        draw_trajectory(axis, poses, name, style["color"], width=style["linewidth"])
+    for _, poses, style in styled({**paths, **estimates}):
+        x, z = poses[:, [0, 2], 3].T
+        axis.plot(x, z, **style)
+        axis.plot(x[0], z[0], "o", color=style["color"], markersize=4)
     axis.set_aspect("equal", adjustable="datalim")
-    axis.set_xlabel("x, right [m]")
-    axis.set_ylabel("z, forward [m]")
     axis.set_title(title)
-    axis.grid(alpha=0.3)
+    label_axis(axis, "x, right [m]", "z, forward [m]")
 
 
 def distance_from_truth(poses: Array, truth: Array) -> Array:
@@ -105,9 +104,7 @@ def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None
     for _, poses, style in styled(estimates):
         axis.plot(path, distance_from_truth(poses, truth), **style)
     axis.set_ylim(bottom=0.0)
-    axis.set_xlabel("along the path [m]")
-    axis.set_ylabel("distance from the truth [m]")
-    axis.grid(alpha=0.3)
+    label_axis(axis, "along the path [m]", "distance from the truth [m]")
 
 
 def trajectories_figure(

@@ -70,11 +70,10 @@ def markdown(table: ReportTable) -> str:
 
 @dataclass(frozen=True)
 class Picture:
-    """Bytes of a PNG or JPEG, what a person should see in it, and what it shows for one who cannot see it."""
+    """Bytes of a PNG or JPEG, and what a person should see in it."""
 
     data: bytes
     caption: str
-    alt: str = ""
 
     @property
     def address(self) -> str:

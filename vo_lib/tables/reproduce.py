@@ -29,7 +29,7 @@ class Reproduction:
     Attributes
     ----------
     entries : errors by sequence and method, where there is truth.
-    poses : trajectories (N, 4, 4) of the first seed by variant and sequence, by method, where there is none.
+    paths : by variant and sequence the truth, if known, and of each method the first seed's, (N, 4, 4) each.
     missing : KITTI sequences asked for that are not here.
     failed : (job, cause) of runs that gave nothing, in words.
     seeds : how many were asked for.
@@ -38,7 +38,7 @@ class Reproduction:
     """
 
     entries: list[Entry]
-    poses: dict[tuple[str, str], dict[str, Array]]
+    paths: dict[tuple[str, str], tuple[Array | None, dict[str, Array]]]
     missing: list[str]
     failed: list[tuple[str, str]]
     seeds: int
@@ -123,12 +123,13 @@ def collect(
                 runs.append(read_run(job.folder, job.sequence))
             except DataError as error:
                 table.failed.append((job.name, str(error)))
-        if runs:
-            table.doubts.setdefault(name, runs[0].doubts)
-        if runs and runs[0].calibration is not None:
-            table.calibrations.setdefault(name, runs[0].calibration)
-        if runs and runs[0].sequence.truth is None:
-            table.poses.setdefault((variant, name), {})[method] = runs[0].poses
-        elif runs:
+        if not runs:
+            continue
+        first = runs[0]
+        table.doubts.setdefault(name, first.doubts)
+        if first.calibration is not None:
+            table.calibrations.setdefault(name, first.calibration)
+        table.paths.setdefault((variant, name), (first.sequence.truth, {}))[1][method] = first.poses
+        if first.sequence.truth is not None:
             table.entries.append(measure_runs(method, runs, measure))
     return table

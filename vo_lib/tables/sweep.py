@@ -21,6 +21,8 @@ from ..evaluation.kitti import Measure, suitable_measure
 from ..runs.jobs import Job, Outcome
 from ..runs.results import read_run
 from .entries import Entry, measure_runs
+from .error_plots import heat_map_figure
+from .plots import png
 from .report import NONE, ReportTable, mean_and_spread, number, seeds_words, spread
 
 
@@ -31,32 +33,22 @@ class Axis:
     name: str
     values: tuple[Any, ...]
 
-    @property
-    def words(self) -> list[str]:
-        """The values as they are typed."""
-        return [_word(value) for value in self.values]
-
 
 @dataclass(frozen=True)
 class Cell:
     """One combination of values: what its runs gave, None where none ran.
 
-    `values` of each axis, as they are typed; `errors` "seed 3: cause" of each run that failed.
+    `values` of each axis, as they are typed; `failed` "seed 3: cause" of each run that failed.
     """
 
     values: tuple[str, ...]
     entry: Entry | None
-    errors: tuple[str, ...]
+    failed: tuple[str, ...]
 
     @property
-    def te(self) -> Array:
-        """Translation error of the seeds that ran, (S,) %; NaN where no sub-sequence fits."""
-        return np.zeros(0) if self.entry is None else self.entry.te
-
-    @property
-    def re(self) -> Array:
-        """Rotation error likewise, (S,) deg/100 m."""
-        return np.zeros(0) if self.entry is None else self.entry.re
+    def errors(self) -> Array:
+        """TE and RE of the seeds that ran, (2, S); NaN where no sub-sequence fits."""
+        return np.zeros((2, 0)) if self.entry is None else self.entry.errors
 
     @property
     def costs(self) -> tuple[float, float]:
@@ -66,24 +58,12 @@ class Cell:
 
 @dataclass(frozen=True)
 class Sweep:
-    """All cells of a grid, the last axis changing fastest.
+    """All cells of a grid, the last axis changing fastest; `title` says what was run and measured."""
 
-    `measure` is what TE and RE are taken over; `labels` is False where the method wants vehicle boxes and the
-    sequence has none.
-    """
-
-    sequence: str
-    method: str
+    title: str
     axes: tuple[Axis, ...]
     cells: list[Cell]
-    seeds: int
-    measure: Measure
-    labels: bool
-
-    @property
-    def title(self) -> str:
-        """What was run and measured."""
-        return f"{self.sequence}, {self.method}: {self.measure.words}; {seeds_words(self.seeds)}"
+    notes: tuple[str, ...]
 
 
 def parse_axis(text: str) -> Axis:
@@ -137,15 +117,14 @@ def run_sweep(
         words = tuple(map(_word, values))
         name = "+".join(f"{axis.name}={word}" for axis, word in zip(axes, words, strict=True))
         place = folder / "cells" / base.variant / name.replace(",", "-")
-        grid[words] = [
-            Job(sequence, method, dataclasses.replace(config, seed=seed), place / f"seed{seed}")
-            for seed in range(seeds)
-        ]
+        configs = {f"seed{seed}": dataclasses.replace(config, seed=seed) for seed in range(seeds)}
+        grid[words] = [Job(sequence, method, each, place / seed) for seed, each in configs.items()]
     outcomes = iter(run([job for jobs in grid.values() for job in jobs]))
     cells = [_cell(words, list(itertools.islice(outcomes, seeds)), measure) for words in grid]
-    labels = sequence.labels is not None or base.filter.rule == "none"
+    bare = sequence.labels is None and base.filter.rule != "none"
     label = method if base.variant == "kit" else f"{method}, {base.variant}"
-    return Sweep(sequence.name, label, axes, cells, seeds, measure, labels)
+    title = f"{sequence.name}, {label}: {measure.words}; {seeds_words(seeds)}"
+    return Sweep(title, axes, cells, ("The sequence has no labels: boxes remove nothing.",) * bare)
 
 
 def sweep_table(sweep: Sweep) -> ReportTable:
@@ -153,14 +132,13 @@ def sweep_table(sweep: Sweep) -> ReportTable:
     # A long name takes two lines, so that the table fits into a terminal.
     names = [axis.name.replace(".", ".\n") for axis in sweep.axes]
     columns = [*names, "TE %", "RE deg/100 m", "removed", "back\nend ms"]
-    rows = []
-    notes = [] if sweep.labels else ["The sequence has no labels: boxes remove nothing."]
+    rows, notes = [], [*sweep.notes]
     for cell in sweep.cells:
         share, ms = cell.costs
         removed = NONE if np.isnan(share) else f"{100 * share:.1f} %"
-        rows.append([*cell.values, spread(cell.te), spread(cell.re), removed, number(ms, 1)])
+        rows.append([*cell.values, *map(spread, cell.errors), removed, number(ms, 1)])
         place = ", ".join(f"{a.name}={v}" for a, v in zip(sweep.axes, cell.values, strict=True))
-        notes += [f"Failed: {place}, {error}" for error in cell.errors]
+        notes += [f"Failed: {place}, {cause}" for cause in cell.failed]
     return ReportTable(sweep.title, columns, rows, notes)
 
 
@@ -169,10 +147,20 @@ def sweep_csv(sweep: Sweep) -> str:
     numbers = ["te_percent", "te_std", "re_deg_per_100m", "re_std", "removed_share", "back_end_ms"]
     rows: list[list[object]] = [[*(axis.name for axis in sweep.axes), "seeds", *numbers, "errors"]]
     for cell in sweep.cells:
-        values = [*mean_and_spread(cell.te), *mean_and_spread(cell.re), *cell.costs]
+        values = [value for each in cell.errors for value in mean_and_spread(each)] + [*cell.costs]
         words = ["" if np.isnan(value) else repr(float(value)) for value in values]
-        rows.append([*cell.values, len(cell.te), *words, "; ".join(cell.errors)])
+        rows.append([*cell.values, cell.errors.shape[1], *words, "; ".join(cell.failed)])
     return csv_text(rows)
+
+
+def heat_map(sweep: Sweep) -> bytes:
+    """TE and RE of a grid of two settings as PNG."""
+    (down, rows), (across, columns) = ((axis.name, [*map(_word, axis.values)]) for axis in sweep.axes)
+    numbers = np.array([[mean_and_spread(values) for values in cell.errors] for cell in sweep.cells])
+    te, re = np.moveaxis(numbers.reshape(len(rows), len(columns), 2, 2), 2, 0)
+    return png(
+        heat_map_figure(sweep.title, (down, rows), (across, columns), {"TE [%]": te, "RE [deg/100 m]": re})
+    )
 
 
 def _cell(words: tuple[str, ...], outcomes: list[Outcome], measure: Measure) -> Cell:

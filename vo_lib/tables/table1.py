@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ..core.types import Array
-from ..data.kitti import EXPECTED_FRAMES
 from ..data.sequence import KITTI
 from ..evaluation.ate_rpe import rmse
 from ..evaluation.kitti import KITTI_MEASURE
 from .entries import Entry, Group, made_by, over_seeds
-from .paper import (
-    AVERAGE,
-    CLAIMS,
-    LEFT_OUT,
-    PAPER_METHODS,
-    PAPER_ROWS,
-    PRINTED_NAMES,
-    PROPOSAL,
-    PaperTable,
-    gain,
-    printed_gains,
-)
+from .paper import CLAIMS, PAPER_METHODS, PRINTED_NAMES, PROPOSAL, PaperTable, gain, printed_gains
 from .report import NONE, ReportTable, mean_and_spread, minus, number, seeds_words, spread, te_re
+from .table1_data import WHOLE, Row, difference, group_rows, is_whole, papers_numbers, printed_numbers
 
 METHOD_COLUMNS = ["method", "TE %", "RE deg/100 m", "removed", "back end ms"]
 VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
 NAMED = 4  # sequences that a sentence lists
 DIGITS = 2, 3  # of the TE and RE that the paper prints
 BOXED = ("feature_selection", "moving_selection")  # methods that need vehicle boxes
-Pair = tuple[Array, Array]  # TE and RE of each seed, (S,) each; empty where nothing was run
-NOTHING: Pair = np.zeros(0), np.zeros(0)
+NOTHING: Array = np.zeros((2, 0))
 
 
 def method_table(entries: list[Entry]) -> ReportTable:
@@ -45,7 +35,7 @@ def method_table(entries: list[Entry]) -> ReportTable:
     return ReportTable(title, METHOD_COLUMNS, rows, [*notes, made_by(entries)])
 
 
-def layout_tables(group: Group, paper: PaperTable | None = None, narrow: bool = False) -> list[ReportTable]:
+def layout_tables(group: Group, paper: PaperTable, narrow: bool = False) -> list[ReportTable]:
     """A group in the layout of Table 1, what Feature selection gains, and apart the kit's own method.
 
     Parameters
@@ -53,26 +43,27 @@ def layout_tables(group: Group, paper: PaperTable | None = None, narrow: bool = 
     paper : printed numbers, shown below ours where the group is KITTI's, by the benchmark's lengths.
     narrow : for a terminal of 80 columns: means alone, TE / RE in one cell, no gains.
     """
-    paper = paper if group.kitti and group.measure == KITTI_MEASURE else None
+    theirs = papers_numbers(group, paper)
+    rows = group_rows(group, theirs)
     run = [method for method in PAPER_METHODS if method in group.methods]
     # As the paper prints it: every column, with dashes for ours where a system was not run.
-    printed = list(PAPER_METHODS) if run and paper is not None else run
+    printed = list(PAPER_METHODS) if run and theirs is not None else run
     own = [method for method in group.methods if method not in PAPER_METHODS]
     words = f"{VARIANT_WORDS[group.variant]}: {group.words}"
-    if narrow:
-        units = "TE in % / RE in deg/100 m, means over seeds"
-    else:
-        units = f"TE in %, RE in deg/100 m; {seeds_words(group.seeds)}"
+    units = "TE in % / RE in deg/100 m, means over seeds" if narrow else "TE in %, RE in deg/100 m; "
+    units += "" if narrow else seeds_words(group.seeds)
     tables = []
     if printed:
-        rows, notes = _rows(group, printed, paper, narrow), _notes(group, units, paper, narrow)
         title = f"{'Table 1' if group.kitti else 'The systems of Table 1'}, {words}"
-        tables.append(ReportTable(title, _columns(printed, narrow), rows, notes, caveats(group)))
-    if PROPOSAL in run and len(run) > 1 and not narrow and np.isfinite(group.mean(PROPOSAL)[0]).any():
-        tables.append(gains_table(group, paper))
+        cells = [_cells(row, printed, theirs, narrow) for row in rows]
+        notes = _notes(group, units, theirs, narrow)
+        tables.append(ReportTable(title, _columns(printed, narrow), cells, notes, caveats(group)))
+    if PROPOSAL in run and len(run) > 1 and not narrow and np.isfinite(group.mean(PROPOSAL)).any():
+        tables.append(gains_table(group, theirs))
     if own:
-        rows = _rows(group, own, None, narrow)
-        tables.append(ReportTable(f"Not in the paper, {words}", _columns(own, narrow), rows, [f"{units}."]))
+        cells = [_cells(row, own, None, narrow) for row in rows if {*own} & {*row.errors}]
+        title = f"Not in the paper, {words}"
+        tables.append(ReportTable(title, _columns(own, narrow), cells, [f"{units}."]))
     return tables
 
 
@@ -83,63 +74,33 @@ def _columns(methods: list[str], narrow: bool) -> list[str]:
     return ["sequence", *(f"{name} {kind}" for name in names for kind in ("TE", "RE"))]
 
 
-def _rows(group: Group, methods: list[str], paper: PaperTable | None, narrow: bool) -> list[list[str]]:
-    """The paper's rows, ours or dashes beside them; without its numbers the mean and what was run.
+def _cells(row: Row, methods: list[str], paper: PaperTable | None, narrow: bool) -> list[str]:
+    """The row's name; of each method TE and RE over the printed numbers over the differences of whole runs.
 
-    The pooled mean and 01, which has no printed numbers, come last.
+    Narrow, both in one cell, and no differences.
     """
-    left_out = f"{KITTI}{LEFT_OUT}"
-    several = len(group.sequences) > 1
-    rows: list[tuple[str, list[Pair], bool]] = []  # name, numbers of each method, comparable with the paper's
-    means = [group.mean(method) for method in methods]
-    if paper is not None or (several and is_papers(group)):
-        rows.append((AVERAGE, means if is_papers(group) else [NOTHING] * len(methods), True))
-    if several and not is_papers(group):
-        rows.append((f"mean of {len(group.sequences) - (left_out in group.sequences)}", means, False))
-    known = [f"{KITTI}{row}" for row in PAPER_ROWS if row != AVERAGE] if paper is not None else []
-    others = [name for name in group.sequences if name not in known]
-    for name in [*known, *sorted(others, key=lambda name: group.kitti and name == left_out)]:
-        entries = [group.entries.get((name, method)) for method in methods]
-        whole = all(entry is None or is_whole(entry) for entry in entries)
-        numbers = [NOTHING if entry is None else (entry.te, entry.re) for entry in entries]
-        rows.append((name.removeprefix(KITTI) if group.kitti else name, numbers, whole))
-    if several:
-        rows.append(("pooled", [group.pooled(method) for method in methods], False))
-    table = []
-    for name, numbers, comparable in rows:
-        cells = [name]
-        for method, ours in zip(methods, numbers, strict=True):
-            printed = (None, None) if paper is None else paper.value(name, method)
-            cells += (_narrow_cell if narrow else _wide_cells)(ours, printed, comparable)
-        table.append(cells)
-    return table
-
-
-def _narrow_cell(ours: Pair, printed: tuple[float | None, float | None], comparable: bool) -> list[str]:
-    """TE / RE, means over seeds; below, the printed numbers."""
-    lines = [" / ".join(number(mean_and_spread(values)[0]) for values in ours)]
-    lines += [" / ".join(map(number, printed, DIGITS))] if printed[0] is not None else []
-    return ["\n".join(lines)]
-
-
-def _wide_cells(ours: Pair, printed: tuple[float | None, float | None], comparable: bool) -> list[str]:
-    """TE and RE with the spread; below, the printed number; below that our difference where they compare."""
-    cells = []
-    for values, theirs, digits in zip(ours, printed, DIGITS, strict=True):
-        gap = difference(values, theirs) if comparable else None
-        lines = [spread(values), *([] if theirs is None else [number(theirs, digits)])]
-        cells.append("\n".join([*lines, *([] if gap is None else [minus(f"{gap:+.3f}")])]))
+    cells = [row.name.removeprefix(KITTI)]
+    for method in methods:
+        ours, printed = row.errors.get(method, NOTHING), printed_numbers(paper, row, method)
+        lines = [[number(mean_and_spread(values)[0]) if narrow else spread(values) for values in ours]]
+        if printed != (None, None):
+            lines.append([number(*each) for each in zip(printed, DIGITS, strict=True)])
+        gaps = [difference(*each) for each in zip(ours, printed, strict=True)]
+        if row.comparable and not narrow and gaps != [None, None]:
+            lines.append([NONE if gap is None else minus(f"{gap:+.3f}") for gap in gaps])
+        cells += (
+            ["\n".join(" / ".join(line) for line in lines)]
+            if narrow
+            else map("\n".join, zip(*lines, strict=True))
+        )
     return cells
 
 
 def caveats(group: Group) -> list[str]:
     """What has to be known before a table is read: what is no whole sequence, and where no boxes were."""
     said = []
-    short = [
-        f"{entry.sequence} ({entry.frames} of {EXPECTED_FRAMES[entry.sequence.removeprefix(KITTI)]} frames)"
-        for entry in {entry.sequence: entry for entry in group.entries.values()}.values()
-        if group.kitti and entry.frames != EXPECTED_FRAMES[entry.sequence.removeprefix(KITTI)]
-    ]
+    frames = {entry.sequence: len(entry.truth) for entry in group.entries.values() if group.kitti}
+    short = [f"{name} ({n} of {WHOLE[name]} frames)" for name, n in frames.items() if n != WHOLE[name]]
     if short:
         said.append(f"Parts of a sequence, not comparable with whole ones: {', '.join(short)}.")
     if group.kitti and group.measure != KITTI_MEASURE:
@@ -176,9 +137,8 @@ def gains_table(group: Group, paper: PaperTable | None) -> ReportTable:
     columns = ["Feature selection over"]
     if paper is not None:
         columns += ["paper says", "printed Avg", "printed rows, mean", "printed rows, pooled"]
-    averages = {"ours, mean": group.mean, "ours, pooled": group.pooled_as_paper}
-    if len(group.sequences) == 1:
-        averages = {"ours": group.mean}
+    several = len(group.sequences) > 1
+    columns += ["ours, mean", "ours, pooled"] if several else ["ours"]
     rows = []
     for other, claims in CLAIMS.items():
         for k, kind in enumerate(("TE", "RE") if other in group.methods else ()):
@@ -186,39 +146,21 @@ def gains_table(group: Group, paper: PaperTable | None) -> ReportTable:
             if paper is not None:
                 printed = [claims[k], *(pair[k] for pair in printed_gains(paper, other))]
                 cells += [_percent(np.array([value], float)) for value in printed]
-            for average in averages.values():
+            for average in (group.mean, partial(group.pooled, as_paper=True))[: 1 + several]:
                 before, after = average(other)[k], average(PROPOSAL)[k]
                 cells.append(_percent(gain(before, after) if len(before) == len(after) else np.zeros(0)))
             rows.append(cells)
     notes = ["How much smaller the error is; minus: larger."]
-    if paper is not None or len(averages) > 1:
+    if paper is not None or several:
         notes[0] += " Pooled: rows weighted by their numbers of sub-sequences, as the benchmark's total does"
         notes[0] += "; 01 left out." if group.kitti else "."
     title = f"What Feature selection gains, {VARIANT_WORDS[group.variant]}"
-    return ReportTable(title, [*columns, *averages], rows, notes, caveats(group))
+    return ReportTable(title, columns, rows, notes, caveats(group))
 
 
 def _percent(values: Array) -> str:
     text = minus(spread(values, 1))
     return text if text == NONE else f"{text} %"
-
-
-def difference(ours: Array, printed: float | None) -> float | None:
-    """Our mean over seeds less the printed number; None where either is not there."""
-    gap = mean_and_spread(ours)[0] - (np.nan if printed is None else printed)
-    return gap if np.isfinite(gap) else None
-
-
-def is_whole(entry: Entry) -> bool:
-    """Whether the benchmark's whole sequence was run and measured as the benchmark does it."""
-    expected = EXPECTED_FRAMES.get(entry.sequence.removeprefix(KITTI))
-    return entry.sequence.startswith(KITTI) and entry.frames == expected and entry.measure == KITTI_MEASURE
-
-
-def is_papers(group: Group) -> bool:
-    """Whether the group's mean is over what the paper's is: whole runs of its ten sequences."""
-    whole = [name for name in group.sequences if all(map(is_whole, group.of_sequence(name)))]
-    return {f"{KITTI}{row}" for row in PAPER_ROWS if row != AVERAGE} <= set(whole)
 
 
 def length_table(group: Group) -> ReportTable:

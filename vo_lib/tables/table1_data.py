@@ -1,103 +1,112 @@
-"""Table 1 for programs: JSON, and the same as one long table in CSV, with the paper's numbers beside ours."""
+"""Table 1 as rows with the paper's numbers beside ours; the same for programs, in JSON and CSV."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..core.files import csv_text
 from ..core.types import Array
+from ..data.kitti import EXPECTED_FRAMES
 from ..data.sequence import KITTI
+from ..evaluation.kitti import KITTI_MEASURE
 from .entries import Entry, Group
-from .paper import AVERAGE, PaperTable
+from .paper import AVERAGE, LEFT_OUT, PAPER_ROWS, PaperTable
 from .report import mean_and_spread
-from .table1 import difference, is_papers, is_whole
 
-HEADING = ["variant", "sequence", "method", "sub_sequences", "seeds", "te_percent", "te_std"]
-HEADING += ["re_deg_per_100m", "re_std", "paper_te_percent", "te_difference", "paper_re_deg_per_100m"]
-HEADING += ["re_difference", "removed_share", "back_end_ms"]
 KINDS = "te_percent", "re_deg_per_100m"
-Printed = tuple[float | None, float | None]
+WHOLE = {f"{KITTI}{name}": frames for name, frames in EXPECTED_FRAMES.items()}
 
 
-def groups_json(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:
-    """Everything measured, for JSON: no NaN, None where there is no number."""
-    return [
-        {
-            "variant": group.variant,
-            "kitti": group.kitti,
-            "lengths_m": list(group.measure.lengths),
-            "step_frames": group.measure.step,
-            "sub_sequences": group.measure.words,
-            "entries": [_entry(e, paper if group.kitti else None) for e in group.entries.values()],
-            "averages": [_averages(group, method, paper) for method in group.methods],
-        }
-        for group in groups
-    ]
+@dataclass(frozen=True)
+class Row:
+    """A line of Table 1.
+
+    `errors` : TE and RE of each seed, (2, S), by method; `comparable` : whether the paper's are of the same.
+    """
+
+    name: str
+    errors: dict[str, Array]
+    comparable: bool
 
 
-def table_csv(groups: list[dict[str, Any]]) -> str:
-    """What `groups_json` holds in one table: a row for each sequence and method, then the averages."""
-    rows: list[list[Any]] = [HEADING]
+def group_rows(group: Group, paper: PaperTable | None) -> list[Row]:
+    """The paper's rows, with its numbers those that were not run too; else the mean and what was run.
+
+    The pooled mean and 01, which has no printed numbers, come last.
+    """
+    left_out, several = f"{KITTI}{LEFT_OUT}", len(group.sequences) > 1
+    rows = []
+    mean = {method: group.mean(method) for method in group.methods}
+    if paper is not None or is_papers(group):
+        rows.append(Row(AVERAGE, mean if is_papers(group) else {}, True))
+    if several and not is_papers(group):
+        rows.append(Row(f"mean of {len(group.sequences) - (left_out in group.sequences)}", mean, False))
+    known = [f"{KITTI}{row}" for row in PAPER_ROWS[1:]] if paper is not None else []
+    others = [name for name in group.sequences if name not in known]
+    for name in [*known, *sorted(others, key=lambda name: name == left_out)]:
+        entries = group.of_sequence(name)
+        rows.append(Row(name, {e.method: e.errors for e in entries}, all(map(is_whole, entries))))
+    if several:
+        rows.append(Row("pooled", {method: group.pooled(method) for method in group.methods}, False))
+    return rows
+
+
+def papers_numbers(group: Group, paper: PaperTable) -> PaperTable | None:
+    """The printed numbers where they may stand below a group's: KITTI's, over the benchmark's lengths."""
+    return paper if group.kitti and group.measure == KITTI_MEASURE else None
+
+
+def printed_numbers(paper: PaperTable | None, row: Row, method: str) -> tuple[float | None, float | None]:
+    """The TE and RE that the paper prints for a row and a method."""
+    return (None, None) if paper is None else paper.value(row.name.removeprefix(KITTI), method)
+
+
+def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:
+    """Table 1 for programs, a record for each row and method that was run; None where there is no number."""
+    records = []
     for group in groups:
-        several = len({entry["sequence"] for entry in group["entries"]}) > 1
-        averages = [
-            {"sequence": name, "method": average["method"], **average[name]}
-            for average in (group["averages"] if several else [])
-            for name in list(average)[1:]
-        ]
-        for row in (*group["entries"], *averages):
-            te, re = (row[kind] for kind in KINDS)
-            numbers = [te["mean"], te["std"], re["mean"], re["std"], te["paper"], te["difference"]]
-            numbers += [re["paper"], re["difference"], row.get("removed_share"), row.get("back_end_ms")]
-            names = [group["variant"], row["sequence"], row["method"], group["sub_sequences"]]
-            plain = ["" if value is None else f"{value:.6f}" for value in numbers]
-            rows.append([*names, str(len(te["seeds"])), *plain])
-    return csv_text(rows)
+        theirs = papers_numbers(group, paper)
+        for row in group_rows(group, theirs):
+            for method, errors in row.errors.items():
+                record: dict[str, Any] = {"variant": group.variant, "sequence": row.name, "method": method}
+                record |= {"sub_sequences": group.measure.words, "seeds": errors.shape[1]}
+                printed = printed_numbers(theirs, row, method)
+                for kind, values, their in zip(KINDS, errors, printed, strict=True):
+                    mean, deviation = (v if np.isfinite(v) else None for v in mean_and_spread(values))
+                    record |= {kind: mean, f"{kind}_std": deviation, f"paper_{kind}": their}
+                    gap = difference(values, their) if row.comparable else None
+                    record |= {f"{kind}_difference": gap}
+                entry = group.entries.get((row.name, method))
+                record["removed_share"] = None if entry is None else entry.removed_share
+                record["back_end_ms"] = None if entry is None else entry.back_end_ms
+                records.append(record)
+    return records
 
 
-def _entry(entry: Entry, paper: PaperTable | None) -> dict[str, Any]:
-    name = entry.sequence.removeprefix(KITTI)
-    printed = (None, None) if paper is None else paper.value(name, entry.method)
-    first = entry.results[0]
-    return {
-        "sequence": entry.sequence,
-        "method": entry.method,
-        "how": "; ".join(entry.how),
-        "frames": entry.frames,
-        "distance_m": first.distance,
-        **_numbers(entry.te, entry.re, printed, is_whole(entry)),
-        "first_seed": first.kitti.to_tables(entry.measure.lengths),
-        "ate": [result.ate.to_dict() for result in entry.results],
-        "rpe": [result.rpe.to_dict() for result in entry.results],
-        "removed_share": entry.removed_share,
-        "back_end_ms": entry.back_end_ms,
-        "seeds": list(entry.seeds),
-        "whole_sequence": is_whole(entry),
-    }
+def records_csv(records: list[dict[str, Any]]) -> str:
+    """Records as CSV, empty where there is no number."""
+    rows = [
+        ["" if v is None else f"{v:.6f}" if isinstance(v, float) else v for v in each.values()]
+        for each in records
+    ]
+    return csv_text([list(records[0]) if records else [], *rows])
 
 
-def _averages(group: Group, method: str, paper: PaperTable) -> dict[str, Any]:
-    """The mean, of KITTI without 01, beside the paper's where it is over the same; and the pooled mean."""
-    printed = paper.value(AVERAGE, method) if is_papers(group) else (None, None)
-    mean = _numbers(*group.mean(method), printed, True)
-    pooled = _numbers(*group.pooled(method), (None, None), False)
-    return {"method": method, "mean_without_01" if group.kitti else "mean": mean, "pooled": pooled}
+def difference(ours: Array, printed: float | None) -> float | None:
+    """Our mean over seeds less the printed number; None where either is not there."""
+    gap = mean_and_spread(ours)[0] - (np.nan if printed is None else printed)
+    return gap if np.isfinite(gap) else None
 
 
-def _numbers(te: Array, re: Array, printed: Printed, comparable: bool) -> dict[str, Any]:
-    """TE and RE of the seeds, their mean and spread, the paper's, and our difference where they compare."""
-    return {
-        kind: {
-            "seeds": [_finite(value) for value in values.tolist()],
-            **dict(zip(("mean", "std"), map(_finite, mean_and_spread(values)), strict=True)),
-            "paper": theirs,
-            "difference": difference(values, theirs) if comparable else None,
-        }
-        for kind, values, theirs in zip(KINDS, (te, re), printed, strict=True)
-    }
+def is_whole(entry: Entry) -> bool:
+    """Whether the benchmark's whole sequence was run and measured as the benchmark does it."""
+    return len(entry.truth) == WHOLE.get(entry.sequence) and entry.measure == KITTI_MEASURE
 
 
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+def is_papers(group: Group) -> bool:
+    """Whether the group's mean is over what the paper's is: whole runs of its ten sequences."""
+    whole = {entry.sequence for entry in group.entries.values() if is_whole(entry)}
+    return {f"{KITTI}{row}" for row in PAPER_ROWS[1:]} <= whole

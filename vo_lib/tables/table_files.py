@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..config import CalibrationConfig
 from ..core.files import write_result
 from ..core.poses import format_kitti_poses
-from ..core.types import Array
+from ..core.rows import joined
 from ..data.sequence import KITTI
-from ..evaluation.kitti import KITTI_MEASURE, pooled
+from ..evaluation.kitti import KITTI_MEASURE
 from .entries import Group, group_entries
 from .error_plots import Curve, error_curves_figure
 from .field_figure import field_figure
@@ -21,7 +21,7 @@ from .plots import pdf, png, trajectories_figure
 from .report import Picture, ReportTable, markdown, provenance, render_report
 from .reproduce import Reproduction, slug
 from .table1 import NAMED, VARIANT_WORDS, layout_tables, length_table, trajectory_table
-from .table1_data import groups_json, table_csv
+from .table1_data import records_csv, table_records
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,32 +44,29 @@ IN_WORDS = {
 
 def write_table_files(
     folder: Path, result: Reproduction, paper: PaperTable, command: str, more: tuple[Picture, ...] = ()
-) -> dict[str, Any]:
-    """Write table1.md, table1.csv, metrics.json, figures, results/ and report.html; `more` pictures go there.
-
-    Returns
-    -------
-    What metrics.json holds.
-    """
+) -> None:
+    """Write `TABLE_FILES`, figures and results/; `more` pictures go into the report."""
     groups = group_entries(result.entries)
-    tables = make_tables(groups, paper)
-    metrics: dict[str, Any] = {
-        "groups": groups_json(groups, paper),
+    tables, records = make_tables(groups, paper), table_records(groups, paper)
+    without_truth = sorted({name for (_, name), (truth, _) in result.paths.items() if truth is None})
+    metrics = {
+        "rows": records,
         "missing": result.missing,
         "failed": [{"job": job, "cause": cause} for job, cause in result.failed],
-        "without_truth": sorted({name for _, name in result.poses}),
+        "without_truth": without_truth,
         "made_with": provenance(),
     }
-    text = "".join(f"{line}\n\n" for line in result.problems) + "\n".join(map(markdown, tables))
-    as_json = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
-    for name, content in zip(TABLE_FILES, (text, table_csv(metrics["groups"]), as_json), strict=False):
-        write_result(folder / name, content)
     write_results(folder, result)
     pictures = [*more, *_trajectories(folder, result), *_curves(folder, groups), *_fields(folder, result)]
-    introduction = _introduction(result)
-    page = render_report(_report_title(groups), introduction, tables, pictures, [command], result.problems)
-    write_result(folder / TABLE_FILES[-1], page)
-    return metrics
+    introduction = _introduction(result, without_truth)
+    contents = (
+        "".join(f"{line}\n\n" for line in result.problems) + "\n".join(map(markdown, tables)),
+        records_csv(records),
+        json.dumps(metrics, indent=2, allow_nan=False) + "\n",
+        render_report(_report_title(groups), introduction, tables, pictures, [command], result.problems),
+    )
+    for name, content in zip(TABLE_FILES, contents, strict=True):
+        write_result(folder / name, content)
 
 
 def make_tables(groups: list[Group], paper: PaperTable) -> list[ReportTable]:
@@ -86,8 +83,8 @@ def make_tables(groups: list[Group], paper: PaperTable) -> list[ReportTable]:
 
 def write_results(folder: Path, result: Reproduction) -> None:
     """Poses of sequences without truth as KITTI's server takes them: results/<variant>/<method>/11.txt."""
-    for (variant, sequence), by_method in result.poses.items():
-        for method, poses in by_method.items():
+    for (variant, sequence), (truth, paths) in result.paths.items():
+        for method, poses in paths.items() if truth is None else ():
             place = folder / "results" / variant / method
             place.mkdir(parents=True, exist_ok=True)
             write_result(place / f"{slug(sequence.removeprefix(KITTI))}.txt", format_kitti_poses(poses))
@@ -100,9 +97,9 @@ def _report_title(groups: list[Group]) -> str:
     return "The paper's methods" + (f" on {_listed(names)}" if 0 < len(names) <= NAMED else "")
 
 
-def _introduction(result: Reproduction) -> list[str]:
+def _introduction(result: Reproduction, without_truth: list[str]) -> list[str]:
     seeds = "one seed" if result.seeds == 1 else f"{result.seeds} seeds"
-    methods = {entry.method for entry in result.entries}.union(*result.poses.values())
+    methods = {method for _, paths in result.paths.values() for method in paths}
     in_words = "; ".join(words for name, words in IN_WORDS.items() if name in methods)
     lines = [
         "The systems of Table 1 of “Enhance stereo visual odometry performance by removing unstable "
@@ -112,22 +109,17 @@ def _introduction(result: Reproduction) -> list[str]:
         "wrong with the stereo calibration is learnt on the way, which helps most where the pair is badly "
         "calibrated.",
     ]
-    if result.poses:
-        names = ", ".join(sorted({name for _, name in result.poses}))
+    if without_truth:
+        names = ", ".join(without_truth)
         lines.append(f"No ground truth, so no errors: {names}. Their poses are in the folder results.")
     return lines
 
 
 def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
     """Of each variant Figure 4, where its two sequences are, and a figure of each sequence."""
-    panels: dict[str, dict[str, tuple[Array | None, dict[str, Array]]]] = {}
-    for entry in result.entries:
-        _, estimates = panels.setdefault(entry.variant, {}).setdefault(entry.sequence, (entry.truth, {}))
-        estimates[entry.method] = entry.poses
-    for (variant, name), estimates in result.poses.items():
-        panels.setdefault(variant, {})[name] = None, estimates
     pictures = []
-    for variant, found in panels.items():
+    for variant in dict.fromkeys(variant for variant, _ in result.paths):
+        found = {name: panel for (each, name), panel in result.paths.items() if each == variant}
         figure_4 = {
             name: (found[name][0], {m: poses for m, poses in found[name][1].items() if m in PAPER_METHODS})
             for name in FIGURE_4
@@ -139,11 +131,10 @@ def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
             known = any(truth is not None for truth, _ in shown.values())
             beside = "; beside it the distance from the truth along the path" if known else ""
             label = "Figure 4: " if file.startswith("figure4") else ""
-            methods = list(dict.fromkeys(method for _, paths in shown.values() for method in paths))
-            where = f"{_listed(list(shown))} from above"
-            caption = f"{label}{where}, {VARIANT_WORDS[variant]}, first seed{beside}."
-            alt = f"Paths over {where} of {_listed(methods)}{beside}."
-            pictures.append(Picture(write_figure(folder, file, trajectories_figure(shown)), caption, alt))
+            caption = (
+                f"{label}{_listed(list(shown))} from above, {VARIANT_WORDS[variant]}, first seed{beside}."
+            )
+            pictures.append(Picture(write_figure(folder, file, trajectories_figure(shown)), caption))
     return pictures
 
 
@@ -151,19 +142,13 @@ def _curves(folder: Path, groups: list[Group]) -> list[Picture]:
     """The devkit's curves of each group, by length and by speed."""
     pictures = []
     for number, group in enumerate(groups):
-        errors = {m: pooled(e.sub_sequences for e in group.of_method(m)) for m in group.methods}
-        lengths = group.measure.lengths
-        kind = f"{group.variant}_{'kitti' if group.kitti else 'others'}"
-        curves = {by: {m: each.curve(by, lengths) for m, each in errors.items()} for by in AXES}
+        errors = {m: joined(e.sub_sequences for e in group.of_method(m)) for m in group.methods}
+        curves = {by: {m: each.curve(by, group.measure.lengths) for m, each in errors.items()} for by in AXES}
+        name = f"{group.variant}_{'kitti' if group.kitti else 'others'}_{number}"
         title = f"{VARIANT_WORDS[group.variant]}\n{group.words}"
-        drawn = write_curves(folder, f"{kind}_{number}", title, curves)
-        for by, data in drawn.items():
-            caption = (
-                f"TE and RE by {by} over {', '.join(group.sequences)}, {VARIANT_WORDS[group.variant]}; "
-                f"{group.measure.words}; all seeds."
-            )
-            alt = f"TE and RE by {by} of {_listed(group.methods)}; the numbers are in metrics.json."
-            pictures.append(Picture(data, caption, alt))
+        for by, data in write_curves(folder, name, title, curves).items():
+            where = f"{', '.join(group.sequences)}, {VARIANT_WORDS[group.variant]}; {group.measure.words}"
+            pictures.append(Picture(data, f"TE and RE by {by} over {where}; all seeds."))
     return pictures
 
 
@@ -174,8 +159,9 @@ def _fields(folder: Path, result: Reproduction) -> list[Picture]:
         errors = calibration.in_use(CalibrationConfig())
         data = write_figure(folder, f"field_{slug(name)}", field_figure(errors, calibration.camera))
         said = calibration.in_words(CalibrationConfig())
-        caption = f"{name}, what the kit's way learnt of the stereo calibration: {said}."
-        pictures.append(Picture(data, caption, f"Errors of disparities and rows over the image of {name}."))
+        pictures.append(
+            Picture(data, f"{name}, what the kit's way learnt of the stereo calibration: {said}.")
+        )
     return pictures
 
 
