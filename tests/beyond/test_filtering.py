@@ -16,7 +16,7 @@ from vo_lib.core import settings
 from vo_lib.core.boxes import Boxes, no_boxes
 from vo_lib.core.matches import StereoMatches
 from vo_lib.data.sequence import Sequence
-from vo_lib.data.truth import open_truth
+from vo_lib.data.truth import STILL, open_truth
 from vo_lib.runs.runner import FoundMatches
 
 
@@ -187,8 +187,9 @@ def judged(street: Sequence) -> list[tuple[float, int, bool, int]]:
             vehicle = int(np.argmax(whole))
             u, v = matches.cur_left.T
             inside = int(np.count_nonzero((u >= x0) & (u <= x1) & (v >= y0) & (v <= y1)))
-            still = not bool(truth.moving[:, vehicle].any())
-            found.append((float(truth.speed[frame, vehicle]), inside, still, state))
+            way = np.linalg.norm(np.diff(truth.objects[:, vehicle, :3, 3], axis=0), axis=1)
+            speed = truth.config.rate * float(way[frame])
+            found.append((speed, inside, float(way.max()) < STILL, state))
     return found
 
 

@@ -203,23 +203,6 @@ def test_prediction_there_and_back_returns_to_the_start(truth: Truth) -> None:
     assert np.median(error) < 0.01
 
 
-def test_moving_flags_tell_traffic_from_parked_cars(truth: Truth) -> None:
-    frame = 3
-    step = np.linalg.norm(truth.objects[frame + 1, :, :3, 3] - truth.objects[frame, :, :3, 3], axis=1)
-    np.testing.assert_array_equal(truth.moving[frame], step > 0.01)
-    assert truth.moving[frame].any()
-    assert not truth.moving[frame].all()
-    parked = truth.speed.max(axis=0) < 1e-9
-    assert parked.sum() > 10
-    ids = truth.ids(frame).astype(int)
-    row, column = np.nonzero(ids > 0)
-    uv = np.stack([column, row], axis=1).astype(float)
-    number = ids[row, column]
-    vehicle = (number - 1) % len(truth.instance)
-    np.testing.assert_array_equal(truth.is_moving(frame, uv), truth.moving[frame][vehicle])
-    assert not truth.is_moving(frame, np.argwhere(ids == 0)[::50, ::-1].astype(float)).any()
-
-
 def test_right_matches_are_told_from_wrong_ones(truth: Truth) -> None:
     uv = grid(truth)
     _, prev_right, valid_p = truth.predict(2, 2, uv)

@@ -64,7 +64,7 @@ def test_shares_are_as_asked(poses: np.ndarray) -> None:
 
 
 def test_points_of_moving_objects_leave_the_still_prediction_together(poses: np.ndarray) -> None:
-    config = TrackConfig(noise=0.0, moving=0.5, objects=1, object_speed=0.8)
+    config = TrackConfig(noise=0.0, moving=0.5, objects=1)
     for frame in simulate_tracks(poses, CAMERA, config, seed=3):
         m = frame.matches[frame.moving]
         P = CAMERA.back_project(m.prev_left, (m.prev_left - m.prev_right)[:, 0])
