@@ -6,10 +6,8 @@ The test split holds scenes that training never draws: the kit's named scenes an
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import cv2
@@ -23,6 +21,7 @@ from vo_lib.core.files import write_bytes_atomic, write_text_atomic
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Progress
 from vo_lib.data.scenes import KITTI_F, SCENES, SceneConfig, scene_config
+from vo_lib.runs.parallel import local_pool
 
 NAMES = ("car", "bus", "truck")
 CLASS_OF = {2: 0, 5: 1, 7: 2}  # COCO number to place in NAMES
@@ -154,7 +153,7 @@ def write_street_set(
             (folder / split / kind).mkdir(parents=True, exist_ok=True)
     write_text_atomic(folder / "data.yaml", data_yaml(NAMES))
     total, done = sum(street.frames for street in everything), 0
-    with ProcessPoolExecutor(max(1, min(jobs, os.cpu_count() or 1)), get_context("spawn")) as pool:
+    with local_pool(jobs) as pool:
         waiting = [pool.submit(draw_street, street, folder, config) for street in everything]
         for future in as_completed(waiting):
             done += future.result()

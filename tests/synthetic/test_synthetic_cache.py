@@ -99,10 +99,10 @@ def test_a_cache_that_cannot_be_written_is_one_clear_error(tmp_path: Path) -> No
 def test_a_disk_that_gets_full_is_one_clear_error_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(path: Path, data: bytes) -> int:
+    def full(path: Path, text: str, **options: str) -> int:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(DataError, match="cannot be written: No space"):
         draw_scene(TINY, tmp_path / "cache", jobs=1)
     assert list((tmp_path / "cache").iterdir()) == []

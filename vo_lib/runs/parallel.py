@@ -142,7 +142,7 @@ def _end_with(parent: int) -> None:
 
 
 @contextmanager
-def _local_pool(workers: int) -> Iterator[Executor]:
+def local_pool(workers: int) -> Iterator[Executor]:
     """Processes of this machine, which end when the work inside is done or fails."""
     pool = loky.ProcessPoolExecutor(workers, initializer=_set_up_worker)
     try:
@@ -160,7 +160,7 @@ def _pools(workers: int, scheduler: str | None) -> Iterator[tuple[Pools, type[Ex
         for tracker in (loky_tracker, resource_tracker) if HOLDS_BACK else ():
             tracker.ensure_running()  # started later, it would let through interrupts that are held back
         # A process costs memory, so none goes without a task.
-        yield lambda tasks: _local_pool(min(workers, tasks)), BrokenProcessPool
+        yield lambda tasks: local_pool(min(workers, tasks)), BrokenProcessPool
         return
     try:
         from distributed import Client, KilledWorker
