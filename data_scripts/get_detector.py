@@ -29,7 +29,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--from", dest="source", type=Path, metavar="FILE", help="an ONNX file on disk")
     parser.add_argument("--licence", default="", metavar="TEXT", help="to be remembered with --from")
     parser.add_argument("--folder", type=Path, metavar="DIR", help=f"where to; default {detector_folder()}")
-    parser.add_argument("--url", help="a mirror that has the same file")
     parser.add_argument("--yes", action="store_true", help="start without asking")
 
 
@@ -64,14 +63,14 @@ def fetch(options: argparse.Namespace, folder: Path) -> int:
     detector = FETCHABLE[options.name]
     say(
         f"{detector.name}: {in_words(detector.size)}, licence {detector.licence}, {detector.about}",
-        f"from {options.url or detector.url}",
+        f"from {detector.url}",
         f"SHA-256 {detector.sha256}",
     )
     if known(folder)[options.name][1] is None and not confirm(f"Fetch it into {folder}?", options.yes):
         say("nothing was written")
         return 1
     with reporting(detector.file, in_bytes=True) as report:
-        path = fetch_detector(options.name, folder, report, options.url)
+        path = fetch_detector(detector, folder, report)
     say(f"verified: {path}")
     return 0
 

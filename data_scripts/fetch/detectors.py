@@ -25,22 +25,11 @@ YOLOV8 = (
 )
 
 
-def fetch_detector(
-    name: str, folder: Path | None = None, progress: Progress | None = None, url: str | None = None
-) -> Path:
-    """Fetch a detector, verified; one that is there with the right hash is left as it is.
-
-    Parameters
-    ----------
-    url : another place of the same file, a mirror.
-    """
-    folder = folder or detector_folder()
-    if name not in FETCHABLE:
-        raise DataError(f"no detector is called {name!r}; expected one of {', '.join(FETCHABLE)}")
-    detector = FETCHABLE[name]
+def fetch_detector(detector: Detector, folder: Path, progress: Progress | None = None) -> Path:
+    """Fetch a detector, verified; one that is there with the right hash is left as it is."""
     path = folder / detector.file
     if not (path.is_file() and file_sha256(path) == detector.sha256):
-        download(url or detector.url, path, detector.size, detector.sha256, progress)
+        download(detector.url, path, detector.size, detector.sha256, progress)
     return path
 
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import opened
@@ -29,23 +28,17 @@ class SequenceReport:
 
     Attributes
     ----------
-    name, folder : the sequence's name and where it is.
+    name : of the sequence.
     pairs, expected : stereo pairs found, and how many the benchmark has (None for a sequence of one's own).
     parts : (part, what was found) in words, in a fixed order.
     problems : what is missing or wrong, a sentence each; none where the sequence is complete.
     """
 
     name: str
-    folder: Path
     pairs: int
     expected: int | None
     parts: tuple[tuple[str, str], ...]
     problems: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        told = {"folder": str(self.folder), "parts": dict(self.parts), "complete": not self.problems}
-        return vars(self) | told
 
 
 def parse_numbers(text: str) -> list[str]:
@@ -138,7 +131,7 @@ def _check_sequence(
         except DataError as error:
             problems.append(f"{label}: " + str(error).removeprefix(f"{path}: "))
             parts.append((label, "missing" if not path.exists() else "not as it should be"))
-    return SequenceReport(folder.name, folder, pairs, expected, tuple(parts), tuple(problems))
+    return SequenceReport(folder.name, pairs, expected, tuple(parts), tuple(problems))
 
 
 def _look_at_images(

@@ -23,16 +23,10 @@ LARGEST_RIG = 100.0  # metres between sensors of one vehicle
 OXTS_ROW = "30 numbers of a GPS/IMU packet"
 
 
-def read_raw_drive(drive: Path, calibration: Path | None = None) -> Drive:
-    """A drive folder such as 2011_09_26_drive_0005_sync.
+def read_raw_drive(drive: Path) -> Drive:
+    """A drive folder such as 2011_09_26_drive_0005_sync, with its calibration in it or above it.
 
-    Parameters
-    ----------
-    calibration : folder of calib_cam_to_cam.txt; by default the drive's own or the one above.
-
-    Raises
-    ------
-    DataError : with the file, where something needed is missing or wrong.
+    Raises `DataError` with the file, where something needed is missing or wrong.
     """
     folders = [drive / f"image_0{camera}" / "data" for camera in (0, 1)]
     for folder in folders:
@@ -44,8 +38,7 @@ def read_raw_drive(drive: Path, calibration: Path | None = None) -> Drive:
     stems = sorted(names[0], key=int)
     if len(stems) < 2:
         raise DataError(f"expected two images or more, found {len(stems)}", folders[0])
-    places = [calibration] if calibration is not None else [drive, drive.resolve().parent]
-    where = next((p for p in places if (p / "calib_cam_to_cam.txt").exists()), places[-1])
+    where = drive if (drive / "calib_cam_to_cam.txt").exists() else drive.resolve().parent
     path = where / "calib_cam_to_cam.txt"
     cameras = read_calibration_file(path)
     P = {f"P{camera + 1}": _matrix(cameras, f"P_rect_0{camera}", (3, 4), path) for camera in (0, 1)}
