@@ -12,7 +12,7 @@ from tiny_onnx import write_answering
 
 from fetch.detectors import fetch_detector, register_detector
 from vo_lib.core.errors import DataError
-from vo_lib.detection.detectors import FETCHABLE, Detector, find_detector, known
+from vo_lib.detection.detectors import FETCHABLE, Detector, find_model, known
 
 DATA = np.random.default_rng(1).bytes(200_000)
 
@@ -49,17 +49,19 @@ def test_a_detector_is_fetched_once_and_again_where_it_is_damaged(
     path = fetch_detector(small, tmp_path)
     assert path.read_bytes() == DATA
     asked = server.gets["small.onnx"]
-    assert fetch_detector(small, tmp_path) == find_detector("small", tmp_path) == path
+    assert fetch_detector(small, tmp_path) == find_model("small", tmp_path) == path
     assert server.gets["small.onnx"] == asked
     path.write_bytes(b"x" * len(DATA))
     assert fetch_detector(small, tmp_path).read_bytes() == DATA
 
 
 def test_names_that_are_not_known_or_not_there_are_said(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="there are yolox-nano, yolox-tiny, yolox-s"):
-        find_detector("yolo", tmp_path)
+    with pytest.raises(DataError, match=r"'yolo': .* street, yolox-nano, yolox-tiny, yolox-s"):
+        find_model("yolo", tmp_path)
     with pytest.raises(DataError, match="yolox-s fetches it"):
-        find_detector("yolox-s", tmp_path)
+        find_model("yolox-s", tmp_path)
+    with pytest.raises(DataError, match=r"my\.onnx: the model is missing: .* street"):
+        find_model("my.onnx", tmp_path)
 
 
 def test_a_model_of_ones_own_is_registered(onnx: Path, tmp_path: Path) -> None:
@@ -71,7 +73,7 @@ def test_a_model_of_ones_own_is_registered(onnx: Path, tmp_path: Path) -> None:
     assert path.read_bytes() == onnx.read_bytes()
     again = register_detector("mine", path, tmp_path / "new")
     assert again.licence == "not stated"
-    assert find_detector("mine", tmp_path / "new") == path
+    assert find_model("mine", tmp_path / "new") == path
 
 
 @pytest.mark.parametrize("name", ["../up", "a/b", "", ".hidden"])

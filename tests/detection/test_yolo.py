@@ -28,7 +28,8 @@ from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels
 from vo_lib.data.scenes import scene_config
 from vo_lib.detection.class_names import COCO, choose_classes, class_numbers, names_from_metadata
-from vo_lib.detection.yolo import MODELS, YoloDetector, find_model
+from vo_lib.detection.detectors import MODELS
+from vo_lib.detection.yolo import YoloDetector
 from vo_lib.detection.yolo_layout import (
     STRIDES,
     best_boxes,
@@ -220,9 +221,7 @@ def test_what_is_no_usable_model_is_said_in_one_line(tmp_path: Path) -> None:
     assert "knows none of the classes car, bus, truck: it has cat, dog" in message(cats)
 
 
-def test_names_of_models_and_providers_are_checked(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"no detector is called 'stret': .* street"):
-        find_model("stret")
+def test_names_of_providers_are_checked(tmp_path: Path) -> None:
     path = write_answering(tmp_path / "model.onnx", yolov8_answer(), names="['cat', 'car']")
     with pytest.raises(DataError, match="expected one of cpu, cuda"):
         YoloDetector(path, provider="tpu")

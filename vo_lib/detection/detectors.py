@@ -13,6 +13,7 @@ from ..core.files import read_json
 
 YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0/"
 REGISTRY = "detectors.json"
+MODELS = {"street": Path(__file__).parent / "models" / "street.onnx"}  # shipped with the kit
 
 
 @dataclass(frozen=True)
@@ -84,15 +85,24 @@ def known(folder: Path | None = None) -> dict[str, tuple[Detector, Path | None]]
     return found
 
 
-def find_detector(name: str, folder: Path | None = None) -> Path:
-    """The file of a detector on disk. `DataError` says how to get one that is not there."""
+def find_model(name: str | Path, folder: Path | None = None) -> Path:
+    """The file of a model: shipped, fetched or registered under a name, or the path of an ONNX file.
+
+    `DataError` says how to get one that is not there.
+    """
+    path = MODELS.get(str(name), Path(name))
+    if path.is_file():
+        return path
     detectors = known(folder)
-    if name not in detectors:
-        raise DataError(f"no detector is called {name!r}; there are {', '.join(detectors)}")
-    path = detectors[name][1]
-    if path is None:
+    names = ", ".join([*MODELS, *detectors])
+    if path.suffix or path.name != str(name):
+        raise DataError(f"the model is missing: expected an ONNX file or one of {names}", path)
+    if str(name) not in detectors:
+        raise DataError(f"no detector is called {str(name)!r}: expected an ONNX file or one of {names}")
+    found = detectors[str(name)][1]
+    if found is None:
         raise DataError(f"the detector {name} is not on this machine: vo data get_detector {name} fetches it")
-    return path
+    return found
 
 
 def registered(folder: Path) -> dict[str, Detector]:
