@@ -289,11 +289,6 @@ def test_outlines_are_smooth_at_a_tenth_of_a_pixel() -> None:
     np.testing.assert_allclose(areas, expected, atol=0.1 * 2 * 40 * 0.5)
 
 
-def test_unknown_settings_are_refused() -> None:
-    with pytest.raises(DataError, match="colour"):
-        scene_config("parked", colour=1)
-
-
 def test_truth_of_a_folder_without_truth_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="no synthetic truth"):
         open_truth(tmp_path)

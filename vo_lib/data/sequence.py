@@ -84,14 +84,13 @@ class Sequence:
             return no_boxes()
         path = self.labels / f"{self.frames[index]}.txt"
         require_written(path, self._written)
-        if not path.exists():
-            return no_boxes()
-        return read_labels(path, self.camera.width, self.camera.height)
+        return read_labels(path, self.camera.width, self.camera.height) if path.exists() else no_boxes()
 
     @functools.cached_property
     def _written(self) -> dict[str, str]:
         """The label files as a detector wrote them."""
-        return {} if self.labels is None else written_labels(self.labels)
+        assert self.labels is not None
+        return written_labels(self.labels)
 
     def labels_identity(self) -> str | None:
         """What decides the boxes where they may not all be written yet; None: the label files as they are."""
@@ -146,13 +145,9 @@ def stereo_ahead(
 def kitti_roots() -> list[Path]:
     """Where KITTI is looked for: KITTI_ROOT, then data/kitti here and beside the package."""
     places = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
-    roots: list[Path] = []
-    for place in places:
-        # The archives unpack to a folder `dataset`; both it and its parent are accepted.
-        for root in (Path(place), Path(place) / "dataset") if place else ():
-            if (root / "sequences").is_dir() and root.resolve() not in roots:
-                roots.append(root.resolve())
-    return roots
+    # The archives unpack to a folder `dataset`; both it and its parent are accepted.
+    roots = [Path(place, inner).resolve() for place in places if place for inner in ("", "dataset")]
+    return [root for root in dict.fromkeys(roots) if (root / "sequences").is_dir()]
 
 
 def kitti_root() -> Path:
