@@ -7,9 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from data_command import load
 
-from fetch.kitti_raw import EARTH_RADIUS, imu_poses, read_raw_drive
+from fetch.kitti_raw import EARTH_RADIUS, read_raw_drive
 from vo_lib.core.errors import DataError
 from vo_lib.core.geometry import inverse, rigid, rotation_from_vector
 from vo_lib.core.types import Array
@@ -93,14 +92,6 @@ def test_the_path_of_the_left_camera_comes_out_of_the_packets(drive: Path) -> No
     np.testing.assert_allclose(found.poses, path_of_the_camera(), atol=1e-4)
 
 
-def test_a_vehicle_facing_east_moves_along_x() -> None:
-    rows = np.zeros((2, 30))
-    rows[:, 0] = 49.0
-    rows[1, 1] = np.degrees(10.0 / (EARTH_RADIUS * np.cos(np.radians(49.0))))
-    T = imu_poses(rows)
-    np.testing.assert_allclose((inverse(T[:1]) @ T)[1, :3, 3], [10.0, 0.0, 0.0], atol=1e-6)
-
-
 def test_images_times_and_calibration_are_read(drive: Path) -> None:
     found = read_raw_drive(drive)
     assert [left.stem for left, _ in found.paths] == [f"{i:010d}" for i in range(8)]
@@ -133,16 +124,3 @@ def test_the_calibration_may_lie_in_the_drive_itself(drive: Path) -> None:
     for path in list(drive.parent.glob("calib_*.txt")):
         path.rename(drive / path.name)
     assert read_raw_drive(drive).poses is not None
-
-
-def test_truth_that_cannot_be_is_one_line_that_names_its_file_and_nothing_is_left(
-    drive: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = drive / "oxts" / "data" / "0000000003.txt"
-    path.write_text("95 " + path.read_text(encoding="utf-8").partition(" ")[2], encoding="utf-8")
-    words = ["--raw", str(drive), "--anyway", "--out", str(drive.parent / "a" / "out")]
-    assert load("from_folder")(words) == 2
-    error = capsys.readouterr().err
-    assert error.startswith(f"vo data from_folder: error: {path}, line 1: no latitude, longitude")
-    assert len(error.splitlines()) == 1
-    assert not (drive.parent / "a").exists()

@@ -69,9 +69,6 @@ def test_the_permutation_leads_to_each_images_drive(objects: Path) -> None:
     kept = check_origin(found, allow_evaluated=False)
     assert [one.image.stem for one in kept] == ["000001", "000002", "000003", "000004"]
     assert check_origin(found, allow_evaluated=True) == found
-
-
-def test_images_of_unknown_origin_are_refused_with_the_reason(objects: Path) -> None:
     with pytest.raises(DataError, match=r"drive it comes from is not known, .* --allow-evaluated"):
         check_origin(read_object_set(objects), allow_evaluated=False)
 
@@ -114,11 +111,3 @@ def test_tracking_labels_belong_to_their_frames(tmp_path: Path) -> None:
     # One drive alone: its last frame validates.
     assert [p.stem for p in (tmp_path / "set" / "valid" / "images").iterdir()] == [f"{FREE}_000002"]
     assert kitti_to_yolo([*words[:4], f"0000={EVALUATED}"]) == 2
-
-
-def test_wrong_options_end_with_one_line(
-    objects: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for words in ([], ["--allow-evaluated", "--seed=-1"], ["--allow-evaluated", "--valid", "2"]):
-        assert kitti_to_yolo(["object", str(objects), str(tmp_path / "set"), *words]) == 2
-        assert capsys.readouterr().err.count("\n") == 1
