@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import inverse, transform
-from vo_lib.data.truth import FARTHEST, NEAREST
+from vo_lib.data.truth import FARTHEST, NEAREST, STILL
 
 from .render import NEAR, View
 from .world import World
@@ -109,6 +109,9 @@ def write_objects(world: World, path: Path) -> None:
     for k, vehicle in enumerate(vehicles):
         poses[:, k] = T_w_s @ vehicle.poses
     velocity = np.gradient(poses[..., :3, 3], world.drive.times, axis=0)
+    # In a frame moves what is elsewhere in the one before or after it.
+    steps = np.linalg.norm(np.diff(poses[..., :3, 3], axis=0), axis=-1) > STILL
+    still = np.zeros((1, len(vehicles)), bool)
     shapes = [vehicle.model.shape for vehicle in vehicles]
     np.savez_compressed(
         path,
@@ -117,5 +120,5 @@ def write_objects(world: World, path: Path) -> None:
         size=np.array([(shape.width, shape.height, shape.length) for shape in shapes]).reshape(-1, 3),
         poses=poses,
         speed=np.linalg.norm(velocity, axis=-1),
-        moving=world.moving(),
+        moving=np.concatenate([still, steps]) | np.concatenate([steps, still]),
     )
