@@ -39,17 +39,10 @@ def is_rotation(R: Array) -> NDArray[np.bool_]:
 
 
 def read_kitti_poses(path: str | Path) -> Array:
-    """Poses of a file in KITTI's format, one row a frame.
+    """Poses T_w_c (N, 4, 4), metres, N >= 1, of a file in KITTI's format, one row a frame.
 
-    Rotations are returned as printed, not made orthonormal: KITTI's own files carry 7 digits.
-
-    Returns
-    -------
-    (N, 4, 4) poses T_w_c, metres, N >= 1.
-
-    Raises
-    ------
-    DataError : with file and line, when a row is not a pose.
+    Rotations are returned as printed, not made orthonormal: KITTI's own files carry 7 digits. Raises
+    `DataError` with file and line, when a row is not a pose.
     """
     rows, lines = read_rows(path, KITTI_ROW, 12)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
@@ -72,16 +65,10 @@ def read_kitti_pair(truth_path: str | Path, estimate_path: str | Path) -> tuple[
 
 
 def read_tum(path: str | Path) -> tuple[Array, Array]:
-    """Times and poses of a file in TUM's format; lines that start with # are comments.
+    """Times (N,), seconds, increasing, and poses T_w_c (N, 4, 4), metres, N >= 1, of a file in TUM's format.
 
-    Returns
-    -------
-    times : (N,) seconds, increasing.
-    T : (N, 4, 4) poses T_w_c, metres, N >= 1.
-
-    Raises
-    ------
-    DataError : with file and line, when a row is not a time and a pose, or time does not increase.
+    Lines that start with # are comments. Raises `DataError` with file and line, when a row is not a time and
+    a pose, or time does not increase.
     """
     return _timed_poses(*read_rows(path, TUM_ROW, 8, comment="#"), path, TUM_ROW)
 

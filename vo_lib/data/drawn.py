@@ -62,19 +62,15 @@ def ensure_scene(
     jobs: int = 2,
     frames: range | None = None,
 ) -> Path:
-    """The folder of a scene; the script that draws runs unless it lies complete in the cache.
+    """The folder of a scene, named or by its settings; it is drawn unless it lies complete in the cache.
 
     Parameters
     ----------
-    name_or_config : a name from `SCENES`, or settings of your own.
     cache : folder that holds the scenes; default the user's cache folder.
-    progress : called with (frames done, frames) while drawing.
     jobs : processes that draw. The pictures do not depend on it.
     frames : draw no others where the whole scene is not there: a part in a folder of its own.
 
-    Raises
-    ------
-    DataError : no such scene, the cache cannot be written, or the kit is not used from its folder.
+    Raises `DataError`: no such scene, the cache cannot be written, or the kit is not used from its folder.
     """
     config = name_or_config if isinstance(name_or_config, SceneConfig) else scene_config(name_or_config)
     parent = (cache_folder() if cache is None else Path(cache)).absolute()

@@ -203,17 +203,14 @@ def open_sequence(
 ) -> Sequence:
     """A sequence by name ("kitti/07", "synthetic/traffic") or by the path of a KITTI-layout folder.
 
-    Everything that can be seen without decoding all images is checked here.
+    Everything that can be seen without decoding all images is checked here; `DataError` names the file and
+    what was expected.
 
     Parameters
     ----------
     labels : folder of YOLO label files; by default `labels` in the sequence's folder, if there.
     cache : folder that keeps synthetic scenes; by default the user's cache folder.
-    progress : called with (frames done, frames in all) while a synthetic scene is drawn.
-
-    Raises
-    ------
-    DataError : one line that names the file and what was expected.
+    progress : called while a synthetic scene is drawn.
     """
     folder, name = Path(where), str(where)
     if folder.is_dir():

@@ -225,11 +225,7 @@ def detected_sequence(
     """The sequence with the boxes of a detector, from the cache or detected in threads that run ahead.
 
     The boxes are always those of the label files, so that a run on cached labels gives the same bytes.
-
-    Parameters
-    ----------
-    model : name of a model or path of an ONNX file. provider : "cpu" or "cuda".
-    cache : folder that keeps the labels, in place of the user's cache folder.
+    `cache` keeps the labels, in place of the user's cache folder.
     """
     config = config or DetectorConfig()
     record = detection_record(model, config, provider)

@@ -70,16 +70,9 @@ class YoloDetector:
     def __init__(
         self, model: str | Path, config: DetectorConfig | None = None, *, provider: str = "cpu"
     ) -> None:
-        """Load a model and try it once.
+        """Load a model, by name or by the path of its ONNX file, and try it once; provider: "cpu" or "cuda".
 
-        Parameters
-        ----------
-        model : name of a shipped model or path of an ONNX file.
-        config : thresholds, classes and threads. provider : "cpu" or "cuda".
-
-        Raises
-        ------
-        DataError : the file is no usable model, or the provider is not installed.
+        Raises `DataError` where the file is no usable model, or the provider is not installed.
         """
         self.path, self.config = find_model(model), config or DetectorConfig()
         self._session = _open_session(self.path, self.config.threads, provider)

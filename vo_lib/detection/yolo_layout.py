@@ -115,17 +115,11 @@ def _corners(centre: Array, size: Array) -> Array:
 
 
 def best_boxes(corners: Array, scores: Array, score: float, nms: float, wanted: Mask | None = None) -> Boxes:
-    """The boxes that stay: each cell's best class, scored at least `score`; per-class suppression at `nms`,
-    and between classes at `SAME`.
+    """The boxes that stay, best first: each cell's best class, scored at least `score`; per-class suppression
+    at `nms`, and between classes at `SAME`.
 
-    Parameters
-    ----------
-    corners : (N, 4) x0, y0, x1, y1. scores : (N, C).
+    corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` becomes the column.
     wanted : (C,) classes that are asked for; by default all.
-
-    Returns
-    -------
-    Boxes in the coordinates given, best first; `class_id` is the column.
     """
     kind = scores.argmax(axis=1)
     best = scores[np.arange(len(scores)), kind]
