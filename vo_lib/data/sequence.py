@@ -9,7 +9,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -51,6 +51,8 @@ class Sequence:
     truth : (N, 4, 4) ground-truth poses T_w_c, or None.
     labels : folder of YOLO label files, or None.
     calibration : what is known of the cameras' errors besides calib.txt, for the kit's own way; or None.
+    wait : returns when the label file of a frame, by its name, is written; or None: the labels are there.
+    labels_identity : what decides the boxes where `wait` is given; None: the label files as they are.
     """
 
     name: str
@@ -60,7 +62,9 @@ class Sequence:
     times: Array
     truth: Array | None
     labels: Path | None
-    calibration: Calibration | None = field(default=None, kw_only=True)
+    calibration: Calibration | None = None
+    wait: Callable[[str], None] | None = None
+    labels_identity: str | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -83,7 +87,10 @@ class Sequence:
         if self.labels is None:
             return no_boxes()
         path = self.labels / f"{self.frames[index]}.txt"
-        require_written(path, self._written)
+        if self.wait is None:
+            require_written(path, self._written)
+        else:
+            self.wait(self.frames[index])
         return read_labels(path, self.camera.width, self.camera.height) if path.exists() else no_boxes()
 
     @functools.cached_property
@@ -91,10 +98,6 @@ class Sequence:
         """The label files as a detector wrote them."""
         assert self.labels is not None
         return written_labels(self.labels)
-
-    def labels_identity(self) -> str | None:
-        """What decides the boxes where they may not all be written yet; None: the label files as they are."""
-        return None
 
     def on_moving(self, index: int, matches: StereoMatches) -> Mask:
         """Which matches (N,) of a drawn frame with the one before are on things that move, shadows too.

@@ -15,11 +15,9 @@ import json
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager, nullcontext, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..core.boxes import Boxes
 from ..core.errors import DataError
 from ..core.files import file_sha256, only_process, read_json, write_text_atomic
 from ..core.settings import to_dict
@@ -142,7 +140,10 @@ def labelled_sequence(
     """The sequence with a detector's labels from the cache, all written now: for runs in many processes."""
     # Nobody else is kept out: all who write into this folder write the same.
     with detected_sequence(sequence, model, config, provider=provider, cache=cache) as detected:
-        detected.writer.wait_for_all(progress)
+        for index in range(len(sequence)):
+            detected.boxes(index)
+            if progress:
+                progress(index + 1, len(sequence))
     return dataclasses.replace(sequence, labels=detected.labels)
 
 
@@ -190,29 +191,6 @@ class LabelWriter:
             file.write(f"\n{path.name},{file_sha256(path)}")  # behind what a killed process began
 
 
-@dataclass(frozen=True)
-class DetectedSequence(Sequence):
-    """A sequence whose labels come from a detector that may still be at work.
-
-    Attributes
-    ----------
-    record : what decides the boxes, `detection_record`. writer : who writes them.
-    """
-
-    record: dict[str, Any]
-    writer: LabelWriter
-
-    def boxes(self, index: int) -> Boxes:
-        """The detector's boxes in a frame's left image; waits until they are there."""
-        self.writer.wait(self.frames[index])
-        assert self.labels is not None
-        return read_labels(self.labels / f"{self.frames[index]}.txt", self.camera.width, self.camera.height)
-
-    def labels_identity(self) -> str:
-        """Digest of model and settings."""
-        return hashlib.sha256(json.dumps(self.record, sort_keys=True).encode()).hexdigest()[:DIGITS]
-
-
 @contextmanager
 def detected_sequence(
     sequence: Sequence,
@@ -221,7 +199,7 @@ def detected_sequence(
     *,
     provider: str = "cpu",
     cache: Path | None = None,
-) -> Iterator[DetectedSequence]:
+) -> Iterator[Sequence]:
     """The sequence with the boxes of a detector, from the cache or detected in threads that run ahead.
 
     The boxes are always those of the label files, so that a run on cached labels gives the same bytes.
@@ -230,9 +208,9 @@ def detected_sequence(
     config = config or DetectorConfig()
     record = detection_record(model, config, provider)
     folder = label_folder(sequence, record, cache)
-    own = {item.name: getattr(sequence, item.name) for item in dataclasses.fields(Sequence)}
+    identity = hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()[:DIGITS]
     with closing(_writer(sequence, model, config, folder, record, replace=True)) as writer:
-        yield DetectedSequence(**{**own, "labels": folder}, record=record, writer=writer)
+        yield dataclasses.replace(sequence, labels=folder, wait=writer.wait, labels_identity=identity)
 
 
 def _writer(
