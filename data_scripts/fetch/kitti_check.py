@@ -15,11 +15,10 @@ from vo_lib.core.errors import DataError
 from vo_lib.core.files import opened
 from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Progress
-from vo_lib.data.kitti import EXPECTED_FRAMES, numbered, read_calibration, read_image, read_times
+from vo_lib.data.kitti import EXPECTED_FRAMES, PNG, numbered, read_calibration, read_image, read_times
 from vo_lib.data.sequence import parse_sequences
 
 LAST_WITH_POSES = "10"
-PNG_START = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
@@ -169,7 +168,7 @@ def _png_size(path: Path) -> tuple[int, int]:
     """Width and height from the first bytes of a PNG file."""
     with opened(path) as file:
         start = file.read(24)
-    if len(start) < 24 or not start.startswith(PNG_START):
+    if len(start) < 24 or not start.startswith(PNG):
         raise DataError("is empty or no PNG file", path)
     width, height = struct.unpack(">II", start[16:24])
     return int(width), int(height)

@@ -37,7 +37,9 @@ def open_set(where: Path, splits: Sequence[str] = ("train", "valid")) -> Detecti
     Raises `DataError` where the file is not understood or one of the `splits` asked for has no images.
     """
     path = where / "data.yaml" if where.is_dir() else where
-    about = _read_yaml(path)
+    about = read_yaml(path)
+    if not about:
+        raise DataError("expected the keys train, val and names", path)
     names = about.get("names")
     if isinstance(names, dict):
         names = [names.get(k) for k in range(len(names))]
@@ -52,16 +54,15 @@ def open_set(where: Path, splits: Sequence[str] = ("train", "valid")) -> Detecti
     return DetectionSet(tuple(names), found)
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> dict[str, Any]:
+    """What a YAML file names; nothing where it is no mapping. `DataError` where it is not YAML."""
     text = read_text(path)
     try:
         about = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:  # of dates too
         mark = getattr(error, "problem_mark", None)
         raise DataError("is not YAML", path, None if mark is None else mark.line + 1) from None
-    if not isinstance(about, dict):
-        raise DataError("expected the keys train, val and names", path)
-    return about
+    return about if isinstance(about, dict) else {}
 
 
 def _images(path: Path, entry: Any) -> tuple[Path, ...]:
