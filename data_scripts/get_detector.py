@@ -15,12 +15,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from fetch.detectors import YOLOV8, fetch_detector, register_detector
+from fetch.detectors import FETCHABLE, YOLOV8, fetch_detector, register_detector
 from fetch.download import confirm, in_words
 from vo_lib.commands.console import reporting, say, show_table
 from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
-from vo_lib.detection.detectors import FETCHABLE, detector_folder, known
+from vo_lib.detection.detectors import detector_folder, known
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
             raise DataError("say under which name: get_detector NAME --from FILE")
         rows = [
             [d.name, in_words(d.size), d.licence, d.about, "here" if path else "not fetched"]
-            for d, path in known(folder).values()
+            for d, path in ({name: (d, None) for name, d in FETCHABLE.items()} | known(folder)).values()
         ]
         show_table(
             f"detectors in {folder}", ["name", "size", "licence", "about", "state"], rows, numbers=False
@@ -66,7 +66,8 @@ def fetch(options: argparse.Namespace, folder: Path) -> int:
         f"from {detector.url}",
         f"SHA-256 {detector.sha256}",
     )
-    if known(folder)[options.name][1] is None and not confirm(f"Fetch it into {folder}?", options.yes):
+    here = (folder / detector.file).is_file()
+    if not here and not confirm(f"Fetch it into {folder}?", options.yes):
         say("nothing was written")
         return 1
     with reporting(detector.file, in_bytes=True) as report:

@@ -13,11 +13,10 @@ from data_command import load
 from file_server import FileServer
 from test_kitti_archive import content, kitti, zipped  # noqa: F401  (one is a fixture)
 
-from fetch.detectors import YOLOV8
+from fetch.detectors import FETCHABLE, YOLOV8
 from fetch.download import confirm, in_words
 from fetch.kitti_archive import COLOR
 from vo_lib.data.kitti import EXPECTED_FRAMES
-from vo_lib.detection.detectors import FETCHABLE
 
 
 def test_get_kitti_asks_fetches_and_goes_on(
