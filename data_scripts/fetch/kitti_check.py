@@ -19,6 +19,7 @@ from vo_lib.data.kitti import EXPECTED_FRAMES, PNG, numbered, read_calibration, 
 from vo_lib.data.sequence import parse_sequences
 
 LAST_WITH_POSES = "10"
+RANGES_SHOWN = 4
 
 
 @dataclass(frozen=True)
@@ -191,7 +192,7 @@ def _gaps(numbers: list[int], start: int, stop: int) -> list[tuple[int, int]]:
     return [(a + 1, b - 1) for a, b in itertools.pairwise(edges) if b - a > 1]
 
 
-def in_ranges(ranges: Iterable[tuple[int, int]], most: int = 4) -> str:
+def in_ranges(ranges: Iterable[tuple[int, int]]) -> str:
     """Ranges of frame numbers (first, last), rising: "3, 7-12 and 40 more"; those that touch are one."""
     runs: list[list[int]] = []
     for first, last in sorted(ranges):
@@ -199,6 +200,6 @@ def in_ranges(ranges: Iterable[tuple[int, int]], most: int = 4) -> str:
             runs[-1][1] = last
         else:
             runs.append([first, last])
-    shown = [str(a) if a == b else f"{a}-{b}" for a, b in runs[:most]]
-    more = sum(b - a + 1 for a, b in runs[most:])
+    shown = [str(a) if a == b else f"{a}-{b}" for a, b in runs[:RANGES_SHOWN]]
+    more = sum(b - a + 1 for a, b in runs[RANGES_SHOWN:])
     return ", ".join(shown) + (f" and {more} more" if more else "")

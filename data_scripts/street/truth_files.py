@@ -57,12 +57,11 @@ def visible_boxes(
     view: View,
     min_pixels: int = MIN_PIXELS,
     min_height: int = MIN_HEIGHT,
-    min_share: float = MIN_SHARE,
 ) -> list[Box]:
     """Boxes round what is visible of each vehicle in the left image.
 
     A vehicle is left out when fewer than `min_pixels` of it are seen, when its box is lower than `min_height`
-    pixels, or when less than `min_share` of its outline within the image is seen: the rest is hidden.
+    pixels, or when less than `MIN_SHARE` of its outline within the image is seen: the rest is hidden.
     """
     count = len(world.vehicles)
     boxes = []
@@ -76,7 +75,7 @@ def visible_boxes(
         kind = world.vehicles[number - 1].model.shape.kind
         box = Box(number - 1, kind, *map(int, (columns[0], rows[0], columns[-1], rows[-1])))
         tall_enough = box.bottom - box.top + 1 >= min_height
-        if tall_enough and area >= min_share * outline_area(world, number - 1, frame):
+        if tall_enough and area >= MIN_SHARE * outline_area(world, number - 1, frame):
             boxes.append(box)
     return boxes
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,10 +30,10 @@ class DetectionSet:
     images: dict[str, tuple[Path, ...]]
 
 
-def open_set(where: Path, splits: Sequence[str] = ("train", "valid")) -> DetectionSet:
+def open_set(where: Path) -> DetectionSet:
     """The data set of a folder, or of its `data.yaml`: drawn by us, converted, or a Roboflow YOLO export.
 
-    Raises `DataError` where the file is not understood or one of the `splits` asked for has no images.
+    Raises `DataError` where the file is not understood or nothing is there to train or validate on.
     """
     path = where / "data.yaml" if where.is_dir() else where
     about = read_yaml(path)
@@ -48,7 +47,7 @@ def open_set(where: Path, splits: Sequence[str] = ("train", "valid")) -> Detecti
     found = {}
     for split, key in SPLITS.items():
         images = _images(path, about.get(key))
-        if split in splits and not images:
+        if split != "test" and not images:
             raise DataError(f"expected `{key}:` with a folder of images; found {about.get(key)!r}", path)
         found[split] = images
     return DetectionSet(tuple(names), found)

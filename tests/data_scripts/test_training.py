@@ -13,7 +13,7 @@ from data_command import load
 
 from training.dataset import open_set
 from training.evaluated import ODOMETRY_DRIVES, evaluated_sequence
-from training.street_set import DetectionSetConfig, Street, draw_street, random_scene, streets
+from training.street_set import MIN_HEIGHT, DetectionSetConfig, Street, draw_street, random_scene, streets
 from vo_lib.core.boxes import Boxes
 from vo_lib.data.labels import read_labels, write_labels
 from vo_lib.detection.yolo import YoloDetector
@@ -22,7 +22,7 @@ train_detector = load("train_detector")
 
 
 def test_no_street_of_one_split_is_in_another() -> None:
-    config = DetectionSetConfig(train=480, valid=48, test_seeds=2, frames=24)
+    config = DetectionSetConfig(train=480, valid=48, frames=24)
     every = streets(config)
     seeds = {split: {s.scene.seed for s in every if s.split == split} for split in ("train", "valid", "test")}
     assert [len(seeds[split]) for split in ("train", "valid", "test")] == [20, 2, 12]
@@ -33,13 +33,12 @@ def test_no_street_of_one_split_is_in_another() -> None:
 
 
 def test_a_drawn_image_has_its_boxes_and_is_not_drawn_twice(tmp_path: Path) -> None:
-    config = DetectionSetConfig(frames=2)
     scene = dataclasses.replace(random_scene(7), width=320, height=96, focal=190.0, length=30.0, parked=0.9)
     scene = dataclasses.replace(scene, layout="city", exposure_change=0.1, shutter=0.0)
     for kind in ("images", "labels"):
         (tmp_path / "train" / kind).mkdir(parents=True)
     street = Street("train", 0, scene, 2)
-    assert draw_street(street, tmp_path, config) == 2
+    assert draw_street(street, tmp_path) == 2
     first = tmp_path / "train" / "images" / "0000_00.jpg"
     image = cv2.imread(str(first), cv2.IMREAD_UNCHANGED)
     assert image is not None
@@ -47,9 +46,9 @@ def test_a_drawn_image_has_its_boxes_and_is_not_drawn_twice(tmp_path: Path) -> N
     found = read_labels(tmp_path / "train" / "labels" / "0000_00.txt", 320, 96)
     assert len(found) >= 3
     assert set(found.class_id.tolist()) <= {0, 1, 2}
-    assert (found.xyxy[:, 3] - found.xyxy[:, 1] >= config.min_height - 0.01).all()
+    assert (found.xyxy[:, 3] - found.xyxy[:, 1] >= MIN_HEIGHT - 0.01).all()
     first.write_bytes(b"mark")
-    draw_street(street, tmp_path, config)
+    draw_street(street, tmp_path)
     assert first.read_bytes() == b"mark"
 
 

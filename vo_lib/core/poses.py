@@ -23,6 +23,7 @@ TUM_ROW = "8 numbers, t x y z qx qy qz qw"
 EUROC_ROW = "8 numbers or more between commas, t in ns, x y z, qw qx qy qz"
 # Wide enough for files printed with three digits, narrow enough to catch rows in another format.
 ROTATION_TOLERANCE = 1e-2
+TOLERANCE = 0.01  # seconds between poses that go together
 FARTHEST = 1e9  # metres; a larger coordinate is no position on Earth and would overflow later on
 
 
@@ -98,28 +99,27 @@ def read_by_time(
     truth_path: str | Path,
     estimate_paths: Sequence[str | Path],
     read_truth: Callable[[str | Path], tuple[Array, Array]],
-    tolerance: float = 0.01,
 ) -> tuple[Array, Array, list[Array]]:
     """Times (N,), truth and estimates of it (TUM, or EuRoC's .csv), (N, 4, 4) each: what all of them have.
 
-    Each pose of the shorter file goes with the one nearest in time of the other, at most `tolerance` seconds
+    Each pose of the shorter file goes with the one nearest in time of the other, at most `TOLERANCE` seconds
     away; poses without a partner are left out. `DataError` where fewer than two go together.
     """
     times, truth = read_truth(truth_path)
     common, found = np.arange(len(truth)), []
     for path in estimate_paths:
         times_e, estimate = read_euroc(path) if Path(path).suffix == ".csv" else read_tum(path)
-        at_truth, at = match_times(times, times_e, tolerance)
+        at_truth, at = match_times(times, times_e, TOLERANCE)
         common = np.intersect1d(common, at_truth)
         if len(common) < 2:
-            raise DataError(f"fewer than two times are within {tolerance:g} s of one in {truth_path}", path)
+            raise DataError(f"fewer than two times are within {TOLERANCE:g} s of one in {truth_path}", path)
         found.append((at_truth, estimate[at]))
     chosen = [estimate[np.searchsorted(at_truth, common)] for at_truth, estimate in found]
     return times[common], truth[common], chosen
 
 
 def match_times(
-    times_a: Array, times_b: Array, tolerance: float = 0.01
+    times_a: Array, times_b: Array, tolerance: float = TOLERANCE
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Places in two increasing lists of times, seconds, that go together, as `read_by_time` says."""
     few, many = (times_a, times_b) if len(times_a) <= len(times_b) else (times_b, times_a)

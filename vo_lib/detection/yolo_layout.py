@@ -43,14 +43,14 @@ class Letterbox:
         return np.asarray(np.clip(moved, 0.0, (width, height) * 2) - 0.5)
 
 
-def fit_size(width: int, height: int, size: int, stride: int = STRIDE) -> tuple[int, int]:
+def fit_size(width: int, height: int, size: int) -> tuple[int, int]:
     """Width and height of a network's image whose longer side is `size`, in the aspect of the image.
 
     Both are multiples of the stride: rounded up, unless a tenth of a stride is all that is missing.
     """
     scale = size / max(width, height)
-    cells = [max(1, math.ceil(side * scale / stride - SQUEEZE)) for side in (width, height)]
-    return cells[0] * stride, cells[1] * stride
+    cells = [max(1, math.ceil(side * scale / STRIDE - SQUEEZE)) for side in (width, height)]
+    return cells[0] * STRIDE, cells[1] * STRIDE
 
 
 def size_from_metadata(text: str) -> int | None:
