@@ -42,7 +42,14 @@ def read_raw_drive(drive: Path) -> Drive:
     path = where / "calib_cam_to_cam.txt"
     cameras = read_calibration_file(path)
     P = {f"P{camera + 1}": _matrix(cameras, f"P_rect_0{camera}", (3, 4), path) for camera in (0, 1)}
-    _check_size(names[0][stems[0]], _matrix(cameras, "S_rect_00", (2,), path))
+    first, size = names[0][stems[0]], _matrix(cameras, "S_rect_00", (2,), path)
+    height, width = read_image(first).shape
+    if (width, height) != tuple(size):
+        raise DataError(
+            f"the image is {width}×{height}, the rectified ones are {size[0]:.0f}×{size[1]:.0f}: "
+            "take the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
+            first,
+        )
     moments = _timestamps(drive / "image_00" / "timestamps.txt")
     if len(moments) <= int(stems[-1]):
         raise DataError(f"{len(moments)} rows, but there is an image {stems[-1]}", drive / "image_00")
@@ -51,16 +58,6 @@ def read_raw_drive(drive: Path) -> Drive:
     paths = [(names[0][stem], names[1][stem]) for stem in stems]
     rig = rig_from_matrices(P, (0, 0), path, rectified=True)
     return Drive(paths, rig, times - times[0], poses, note)
-
-
-def _check_size(image: Path, expected: Array) -> None:
-    height, width = read_image(image).shape
-    if (width, height) != tuple(expected):
-        raise DataError(
-            f"the image is {width}×{height}, the rectified ones are {expected[0]:.0f}×{expected[1]:.0f}: "
-            "take the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
-            image,
-        )
 
 
 def read_calibration_file(path: Path) -> dict[str, Array]:
