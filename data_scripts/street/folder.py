@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+from concurrent.futures import as_completed
 from pathlib import Path
 
 import cv2
@@ -46,7 +47,9 @@ def write_scene(
         raise DataError(f"--frames {wanted.start}:{wanted.stop}: the scene has 0:{len(whole)}")
     with local_pool(jobs) as pool:
         tables = pool.submit(_write_tables, config, folder)
-        for done, _ in enumerate(pool.map(functools.partial(_write_frame, config, folder), wanted), start=1):
+        running = [pool.submit(_write_frame, config, folder, frame) for frame in wanted]
+        for done, ended in enumerate(as_completed(running), start=1):
+            ended.result()
             if progress:
                 progress(done, len(wanted))
         tables.result()

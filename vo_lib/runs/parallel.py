@@ -144,8 +144,12 @@ def _end_with(parent: int) -> None:
 @contextmanager
 def local_pool(workers: int) -> Iterator[Executor]:
     """Processes of this machine, which end when the work inside is done or fails."""
+    for tracker in (loky_tracker, resource_tracker) if HOLDS_BACK else ():
+        tracker.ensure_running()  # started later, it would let through interrupts that are held back
     pool = loky.ProcessPoolExecutor(workers, initializer=_set_up_worker)
     try:
+        with _interrupts_held_back():
+            pool.submit(int)  # starts the processes
         yield pool
     except BaseException:
         pool.shutdown(kill_workers=True)
@@ -157,8 +161,6 @@ def local_pool(workers: int) -> Iterator[Executor]:
 def _pools(workers: int, scheduler: str | None) -> Iterator[tuple[Pools, type[Exception]]]:
     """What makes pools of local processes or a Dask cluster, and the exception that means a killed task."""
     if scheduler is None:
-        for tracker in (loky_tracker, resource_tracker) if HOLDS_BACK else ():
-            tracker.ensure_running()  # started later, it would let through interrupts that are held back
         # A process costs memory, so none goes without a task.
         yield lambda tasks: local_pool(min(workers, tasks)), BrokenProcessPool
         return
