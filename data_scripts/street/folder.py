@@ -18,7 +18,7 @@ from vo_lib.core.settings import to_dict
 from vo_lib.core.types import Progress
 from vo_lib.data.scenes import SceneConfig
 from vo_lib.data.truth import FARTHEST, NEAREST
-from vo_lib.runs.parallel import local_pool
+from vo_lib.runs.parallel import local_pool, submitted
 
 from .drive import make_drive, make_route
 from .render import Renderer
@@ -46,8 +46,8 @@ def write_scene(
     if not 0 <= wanted.start < wanted.stop <= len(whole):
         raise DataError(f"--frames {wanted.start}:{wanted.stop}: the scene has 0:{len(whole)}")
     with local_pool(jobs) as pool:
-        tables = pool.submit(_write_tables, config, folder)
-        running = [pool.submit(_write_frame, config, folder, frame) for frame in wanted]
+        frames_of = (functools.partial(_write_frame, config, folder, frame) for frame in wanted)
+        tables, *running = submitted(pool, [functools.partial(_write_tables, config, folder), *frames_of])
         for done, ended in enumerate(as_completed(running), start=1):
             ended.result()
             if progress:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from concurrent.futures import as_completed
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -21,7 +22,7 @@ from vo_lib.core.files import write_bytes_atomic, write_text_atomic
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Progress
 from vo_lib.data.scenes import KITTI_F, SCENES, SceneConfig, scene_config
-from vo_lib.runs.parallel import local_pool
+from vo_lib.runs.parallel import local_pool, submitted
 
 NAMES = ("car", "bus", "truck")
 CLASS_OF = {2: 0, 5: 1, 7: 2}  # COCO number to place in NAMES
@@ -148,8 +149,9 @@ def write_street_set(
     write_text_atomic(folder / "data.yaml", data_yaml(NAMES))
     total, done = sum(street.frames for street in everything), 0
     with local_pool(jobs) as pool:
-        waiting = [pool.submit(draw_street, street, folder) for street in everything]
-        for future in as_completed(waiting):
+        for future in as_completed(
+            submitted(pool, [partial(draw_street, one, folder) for one in everything])
+        ):
             done += future.result()
             if progress:
                 progress(done, total)

@@ -8,8 +8,8 @@ import signal
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, as_completed
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -148,13 +148,17 @@ def local_pool(workers: int) -> Iterator[Executor]:
         tracker.ensure_running()  # started later, it would let through interrupts that are held back
     pool = loky.ProcessPoolExecutor(workers, initializer=_set_up_worker)
     try:
-        with _interrupts_held_back():
-            pool.submit(int)  # starts the processes
         yield pool
     except BaseException:
         pool.shutdown(kill_workers=True)
         raise
     pool.shutdown()
+
+
+def submitted(pool: Executor, calls: Iterable[Callable[[], Any]]) -> list[Future[Any]]:
+    """Calls given to a pool, whose processes start here: none of them is reached by Ctrl-C."""
+    with _interrupts_held_back():
+        return [pool.submit(call) for call in calls]
 
 
 @contextmanager
