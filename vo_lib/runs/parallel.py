@@ -126,13 +126,13 @@ def _attempt(task: Task) -> tuple[int, str | None]:
     return index, error
 
 
-def _set_up_worker() -> None:
+def _set_up_worker(parent: int) -> None:
     """Ctrl-C reaches every process of a terminal: the first stops the others, none of which may go on.
 
     When the first is killed it stops nothing: each sees itself that it is gone.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 def _end_with(parent: int) -> None:
@@ -146,7 +146,7 @@ def local_pool(workers: int) -> Iterator[Executor]:
     """Processes of this machine, which end when the work inside is done or fails."""
     for tracker in (loky_tracker, resource_tracker) if HOLDS_BACK else ():
         tracker.ensure_running()  # started later, it would let through interrupts that are held back
-    pool = loky.ProcessPoolExecutor(workers, initializer=_set_up_worker)
+    pool = loky.ProcessPoolExecutor(workers, initializer=_set_up_worker, initargs=(os.getpid(),))
     try:
         yield pool
     except BaseException:
