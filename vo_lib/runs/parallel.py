@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import os
 import re
 import signal
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, as_completed
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -155,7 +156,7 @@ def local_pool(workers: int) -> Iterator[Executor]:
     pool.shutdown()
 
 
-def submitted(pool: Executor, calls: Iterable[Callable[[], Any]]) -> list[Future[Any]]:
+def submitted(pool: Executor, calls: list[Callable[[], Item]]) -> list[concurrent.futures.Future[Item]]:
     """Calls given to a pool, whose processes start here: none of them is reached by Ctrl-C."""
     with _interrupts_held_back():
         return [pool.submit(call) for call in calls]
