@@ -10,7 +10,6 @@ examples:
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
@@ -33,7 +32,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--root", type=Path, metavar="DIR", help=f"the tree; default {kitti_root()}")
     parser.add_argument("--sequences", metavar="S,S-S,…", help="only these; default: all that are there")
     parser.add_argument("--deep", action="store_true", help="decode every image, on all cores")
-    parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -47,13 +45,10 @@ def run(options: argparse.Namespace) -> int:
         reports = check_tree(root, names, options.deep, report)
     if not reports:
         raise DataError(f"no sequences in it; {get} 07,04 gets some", root / "sequences")
-    if options.json:
-        print(json.dumps([found.to_dict() for found in reports], indent=2))
-    else:
-        show_sequences(root, reports)
-        fetchable = [r.name for r in reports if r.problems and r.expected is not None]
-        if fetchable:
-            say(f"What is missing comes with: {get} {','.join(fetchable)}")
+    show_sequences(root, reports)
+    fetchable = [r.name for r in reports if r.problems and r.expected is not None]
+    if fetchable:
+        say(f"What is missing comes with: {get} {','.join(fetchable)}")
     return 1 if any(found.problems for found in reports) else 0
 
 
@@ -70,7 +65,7 @@ def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
         for problem in report.problems[:PROBLEMS_SHOWN]:
             branch.add(Text(problem, style="red"))
         if (more := len(report.problems) - PROBLEMS_SHOWN) > 0:
-            branch.add(Text(f"and {more} more (--json has all)", style="red"))
+            branch.add(Text(f"and {more} more", style="red"))
     Console().print(tree, soft_wrap=True)
 
 

@@ -56,7 +56,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     camera.add_argument(
         "--rectified", action="store_true", help="images are rectified; take P1, P2 of the files"
     )
-    camera.add_argument("--calib-dir", type=Path, metavar="DIR", help="of a raw drive; default: above it")
     more = parser.add_argument_group("times, truth, output")
     more.add_argument("--fps", type=float, metavar="N", help="pairs a second; default the video's, else 10")
     more.add_argument("--times", type=Path, metavar="FILE", help="seconds of each pair, one a line")
@@ -111,7 +110,7 @@ def read_drive(options: argparse.Namespace) -> Drive | None:
         if getattr(options, name) not in (None, False):
             raise DataError(f"--{name} with --{known}: that folder says itself what its cameras are")
     if options.raw is not None:
-        return read_raw_drive(options.raw, options.calib_dir)
+        return read_raw_drive(options.raw)
     return read_euroc_drive(options.euroc)
 
 

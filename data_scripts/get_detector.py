@@ -15,12 +15,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from fetch.detectors import YOLOV8, fetch_detector, register_detector
+from fetch.detectors import FETCHABLE, YOLOV8, fetch_detector, register_detector
 from fetch.download import confirm, in_words
 from vo_lib.commands.console import reporting, say, show_table
 from vo_lib.commands.data import run_script
 from vo_lib.core.errors import DataError
-from vo_lib.detection.detectors import FETCHABLE, detector_folder, known
+from vo_lib.detection.detectors import detector_folder, known
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--from", dest="source", type=Path, metavar="FILE", help="an ONNX file on disk")
     parser.add_argument("--licence", default="", metavar="TEXT", help="to be remembered with --from")
     parser.add_argument("--folder", type=Path, metavar="DIR", help=f"where to; default {detector_folder()}")
-    parser.add_argument("--url", help="a mirror that has the same file")
     parser.add_argument("--yes", action="store_true", help="start without asking")
 
 
@@ -41,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
             raise DataError("say under which name: get_detector NAME --from FILE")
         rows = [
             [d.name, in_words(d.size), d.licence, d.about, "here" if path else "not fetched"]
-            for d, path in known(folder).values()
+            for d, path in ({name: (d, None) for name, d in FETCHABLE.items()} | known(folder)).values()
         ]
         show_table(
             f"detectors in {folder}", ["name", "size", "licence", "about", "state"], rows, numbers=False
@@ -64,14 +63,15 @@ def fetch(options: argparse.Namespace, folder: Path) -> int:
     detector = FETCHABLE[options.name]
     say(
         f"{detector.name}: {in_words(detector.size)}, licence {detector.licence}, {detector.about}",
-        f"from {options.url or detector.url}",
+        f"from {detector.url}",
         f"SHA-256 {detector.sha256}",
     )
-    if known(folder)[options.name][1] is None and not confirm(f"Fetch it into {folder}?", options.yes):
+    here = (folder / detector.file).is_file()
+    if not here and not confirm(f"Fetch it into {folder}?", options.yes):
         say("nothing was written")
         return 1
     with reporting(detector.file, in_bytes=True) as report:
-        path = fetch_detector(options.name, folder, report, options.url)
+        path = fetch_detector(detector, folder, report)
     say(f"verified: {path}")
     return 0
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from fetch.stereo_calibration import Rig, rig_from_matrices
 from fetch.stereo_sources import Drive
+from training.dataset import read_yaml
 from vo_lib.core.errors import DataError
-from vo_lib.core.files import read_text
+from vo_lib.core.files import read_csv
 from vo_lib.core.geometry import inverse, rigid
 from vo_lib.core.poses import from_first, is_rotation, match_times, read_euroc
 from vo_lib.core.types import Array
@@ -63,10 +63,8 @@ def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
     """Image files of a camera by their time, nanoseconds, as data.csv lists them up to an absent one."""
     path = camera / "data.csv"
     found: dict[int, Path] = {}
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        words = [word.strip() for word in line.split(",")]
-        if not line.strip() or line.startswith("#"):
-            continue
+    for number, cells in read_csv(path):
+        words = [word.strip() for word in cells]
         if len(words) != 2 or not MOMENT.fullmatch(words[0]):
             raise DataError("expected a time in ns and a file name, with a comma between", path, number)
         if int(words[0]) in found:
@@ -88,7 +86,7 @@ def _rig(base: Path) -> tuple[Rig, Array]:
     T_body, sizes = [], []
     for number, camera in (("1", "cam0"), ("2", "cam1")):
         path = base / camera / "sensor.yaml"
-        sensor = _read_yaml(path)
+        sensor = read_yaml(path)
         model = sensor.get("distortion_model", "none")
         if model not in ("radial-tangential", "radtan"):
             raise DataError(f"distortion_model {model}: only radial-tangential is rectified", path)
@@ -110,18 +108,6 @@ def _rig(base: Path) -> tuple[Rig, Array]:
     rig = rig_from_matrices(found, (width, height), base / "cam0" / "sensor.yaml")
     # Rectification turns the left camera by R1, from its own axes to the rectified ones.
     return rig, T_body[0] @ rigid(rig.R1.T, np.zeros(3))
-
-
-def _read_yaml(path: Path) -> dict[str, Any]:
-    """What a YAML file names."""
-    text = read_text(path)
-    try:
-        data = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        line = None if mark is None else mark.line + 1
-        raise DataError("is not YAML: expected EuRoC's description of a camera", path, line) from None
-    return data if isinstance(data, dict) else {}
 
 
 def _numbers(sensor: dict[str, Any], name: str, count: int, path: Path) -> Array:

@@ -101,12 +101,14 @@ def fetch(
         except OSError as error:
             raise DataError(f"the folder cannot be made: {error.strerror}", folder) from None
     total, done = sum(member.packed for member in members), 0
+
+    def take(member: Member) -> None:
+        write_bytes_atomic(root / member.target, archives.read(member))
+
     pool = ThreadPoolExecutor(max_workers=jobs)
     try:
         # In the order of the archive the server reads ahead.
-        waiting: dict[Future[None], Member] = {
-            pool.submit(_take, archives, member, root): member for member in members
-        }
+        waiting: dict[Future[None], Member] = {pool.submit(take, member): member for member in members}
         for future in as_completed(waiting):
             future.result()
             done += waiting[future].packed
@@ -114,10 +116,6 @@ def fetch(
                 progress(done, total)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _take(archives: Archives, member: Member, root: Path) -> None:
-    write_bytes_atomic(root / member.target, archives.read(member))
 
 
 def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:

@@ -10,17 +10,16 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from vo_lib.core.errors import DataError
 from vo_lib.core.files import opened
 from vo_lib.core.poses import read_kitti_poses
 from vo_lib.core.types import Progress
-from vo_lib.data.kitti import EXPECTED_FRAMES, numbered, read_calibration, read_image, read_times
+from vo_lib.data.kitti import EXPECTED_FRAMES, PNG, numbered, read_calibration, read_image, read_times
 from vo_lib.data.sequence import parse_sequences
 
 LAST_WITH_POSES = "10"
-PNG_START = b"\x89PNG\r\n\x1a\n"
+RANGES_SHOWN = 4
 
 
 @dataclass(frozen=True)
@@ -29,23 +28,17 @@ class SequenceReport:
 
     Attributes
     ----------
-    name, folder : the sequence's name and where it is.
+    name : of the sequence.
     pairs, expected : stereo pairs found, and how many the benchmark has (None for a sequence of one's own).
     parts : (part, what was found) in words, in a fixed order.
     problems : what is missing or wrong, a sentence each; none where the sequence is complete.
     """
 
     name: str
-    folder: Path
     pairs: int
     expected: int | None
     parts: tuple[tuple[str, str], ...]
     problems: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        told = {"folder": str(self.folder), "parts": dict(self.parts), "complete": not self.problems}
-        return vars(self) | told
 
 
 def parse_numbers(text: str) -> list[str]:
@@ -138,7 +131,7 @@ def _check_sequence(
         except DataError as error:
             problems.append(f"{label}: " + str(error).removeprefix(f"{path}: "))
             parts.append((label, "missing" if not path.exists() else "not as it should be"))
-    return SequenceReport(folder.name, folder, pairs, expected, tuple(parts), tuple(problems))
+    return SequenceReport(folder.name, pairs, expected, tuple(parts), tuple(problems))
 
 
 def _look_at_images(
@@ -176,7 +169,7 @@ def _png_size(path: Path) -> tuple[int, int]:
     """Width and height from the first bytes of a PNG file."""
     with opened(path) as file:
         start = file.read(24)
-    if len(start) < 24 or not start.startswith(PNG_START):
+    if len(start) < 24 or not start.startswith(PNG):
         raise DataError("is empty or no PNG file", path)
     width, height = struct.unpack(">II", start[16:24])
     return int(width), int(height)
@@ -199,7 +192,7 @@ def _gaps(numbers: list[int], start: int, stop: int) -> list[tuple[int, int]]:
     return [(a + 1, b - 1) for a, b in itertools.pairwise(edges) if b - a > 1]
 
 
-def in_ranges(ranges: Iterable[tuple[int, int]], most: int = 4) -> str:
+def in_ranges(ranges: Iterable[tuple[int, int]]) -> str:
     """Ranges of frame numbers (first, last), rising: "3, 7-12 and 40 more"; those that touch are one."""
     runs: list[list[int]] = []
     for first, last in sorted(ranges):
@@ -207,6 +200,6 @@ def in_ranges(ranges: Iterable[tuple[int, int]], most: int = 4) -> str:
             runs[-1][1] = last
         else:
             runs.append([first, last])
-    shown = [str(a) if a == b else f"{a}-{b}" for a, b in runs[:most]]
-    more = sum(b - a + 1 for a, b in runs[most:])
+    shown = [str(a) if a == b else f"{a}-{b}" for a, b in runs[:RANGES_SHOWN]]
+    more = sum(b - a + 1 for a, b in runs[RANGES_SHOWN:])
     return ", ".join(shown) + (f" and {more} more" if more else "")

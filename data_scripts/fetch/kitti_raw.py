@@ -23,16 +23,10 @@ LARGEST_RIG = 100.0  # metres between sensors of one vehicle
 OXTS_ROW = "30 numbers of a GPS/IMU packet"
 
 
-def read_raw_drive(drive: Path, calibration: Path | None = None) -> Drive:
-    """A drive folder such as 2011_09_26_drive_0005_sync.
+def read_raw_drive(drive: Path) -> Drive:
+    """A drive folder such as 2011_09_26_drive_0005_sync, with its calibration in it or above it.
 
-    Parameters
-    ----------
-    calibration : folder of calib_cam_to_cam.txt; by default the drive's own or the one above.
-
-    Raises
-    ------
-    DataError : with the file, where something needed is missing or wrong.
+    Raises `DataError` with the file, where something needed is missing or wrong.
     """
     folders = [drive / f"image_0{camera}" / "data" for camera in (0, 1)]
     for folder in folders:
@@ -44,12 +38,18 @@ def read_raw_drive(drive: Path, calibration: Path | None = None) -> Drive:
     stems = sorted(names[0], key=int)
     if len(stems) < 2:
         raise DataError(f"expected two images or more, found {len(stems)}", folders[0])
-    places = [calibration] if calibration is not None else [drive, drive.resolve().parent]
-    where = next((p for p in places if (p / "calib_cam_to_cam.txt").exists()), places[-1])
+    where = drive if (drive / "calib_cam_to_cam.txt").exists() else drive.resolve().parent
     path = where / "calib_cam_to_cam.txt"
     cameras = read_calibration_file(path)
     P = {f"P{camera + 1}": _matrix(cameras, f"P_rect_0{camera}", (3, 4), path) for camera in (0, 1)}
-    _check_size(names[0][stems[0]], _matrix(cameras, "S_rect_00", (2,), path))
+    first, size = names[0][stems[0]], _matrix(cameras, "S_rect_00", (2,), path)
+    height, width = read_image(first).shape
+    if (width, height) != tuple(size):
+        raise DataError(
+            f"the image is {width}×{height}, the rectified ones are {size[0]:.0f}×{size[1]:.0f}: "
+            "take the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
+            first,
+        )
     moments = _timestamps(drive / "image_00" / "timestamps.txt")
     if len(moments) <= int(stems[-1]):
         raise DataError(f"{len(moments)} rows, but there is an image {stems[-1]}", drive / "image_00")
@@ -58,16 +58,6 @@ def read_raw_drive(drive: Path, calibration: Path | None = None) -> Drive:
     paths = [(names[0][stem], names[1][stem]) for stem in stems]
     rig = rig_from_matrices(P, (0, 0), path, rectified=True)
     return Drive(paths, rig, times - times[0], poses, note)
-
-
-def _check_size(image: Path, expected: Array) -> None:
-    height, width = read_image(image).shape
-    if (width, height) != tuple(expected):
-        raise DataError(
-            f"the image is {width}×{height}, the rectified ones are {expected[0]:.0f}×{expected[1]:.0f}: "
-            "take the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
-            image,
-        )
 
 
 def read_calibration_file(path: Path) -> dict[str, Array]:

@@ -71,11 +71,11 @@ class Archives:
     def directory(self, place: str) -> list[zipfile.ZipInfo]:
         """All members of an archive. `DataError` where one of them would leave the folder it is put into."""
         members = self._again(place, lambda: self._open(place).infolist())
-        for info in members:
-            if _leaves(info.filename):
+        for name in (info.filename for info in members):
+            path = PureWindowsPath(name)  # knows what any system takes for a root
+            if path.is_absolute() or path.drive or path.root or ".." in path.parts:
                 raise DataError(
-                    f"the member {info.filename[:80]!r} would leave the folder it is put into: refused",
-                    place,
+                    f"the member {name[:80]!r} would leave the folder it is put into: refused", place
                 )
         return members
 
@@ -151,9 +151,3 @@ def _close_useless(response: requests.Response, *details: object, **options: obj
 
 def _is_url(place: str) -> bool:
     return place.startswith(("http://", "https://"))
-
-
-def _leaves(name: str) -> bool:
-    """Whether a member's name points outside the folder it is unpacked into, on any system."""
-    path = PureWindowsPath(name)
-    return path.is_absolute() or bool(path.drive or path.root) or ".." in path.parts

@@ -9,6 +9,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from loky.process_executor import BrokenProcessPool
+
 from vo_lib.core.errors import DataError
 from vo_lib.core.types import Progress
 from vo_lib.data.drawn import MANIFEST, find_scene, fingerprint, is_complete
@@ -49,6 +51,8 @@ def draw_scene(
             _publish(Path(draft), folder)
     except OSError as error:
         raise DataError(f"the cache cannot be written: {error.strerror}", parent) from None
+    except BrokenProcessPool:
+        raise DataError("a process that draws was killed, perhaps for too much memory") from None
     return folder
 
 

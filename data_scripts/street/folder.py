@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import json
-import os
-import subprocess
-import sys
-from collections.abc import Callable
+from concurrent.futures import as_completed
 from pathlib import Path
 
 import cv2
@@ -16,17 +14,17 @@ from numpy.typing import NDArray
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.errors import DataError
 from vo_lib.core.poses import write_kitti_poses
-from vo_lib.core.settings import from_dict, to_dict
+from vo_lib.core.settings import to_dict
 from vo_lib.core.types import Progress
 from vo_lib.data.scenes import SceneConfig
 from vo_lib.data.truth import FARTHEST, NEAREST
+from vo_lib.runs.parallel import local_pool, submitted
 
+from .drive import make_drive, make_route
 from .render import Renderer
 from .sensor import photograph
 from .truth_files import encode_depth, visible_boxes, write_objects
-from .world import World, make_world
-
-SCENE_FILE = "truth/scene.json"
+from .world import make_world
 
 
 def write_scene(
@@ -42,78 +40,40 @@ def write_scene(
     about = {"config": to_dict(config), "nearest": NEAREST, "farthest": FARTHEST}
     if frames is not None:
         about["frames"] = [frames.start, frames.stop]
-    _write_text(folder / SCENE_FILE, json.dumps(about, indent=1) + "\n")
-    # Helpers are programs of their own: that works from notebooks and unguarded scripts on any system.
-    helpers = [_start_helper(folder, first, jobs) for first in range(1, jobs)]
-    try:
-        world = make_world(config)
-        _write_tables(world, folder)
-        whole = range(len(world.drive.times))
-        wanted = whole if frames is None else frames
-        if not 0 <= wanted.start < wanted.stop <= len(whole):
-            raise DataError(f"--frames {wanted.start}:{wanted.stop}: the scene has 0:{len(whole)}")
-
-        def report() -> None:
+    _write_text(folder / "truth" / "scene.json", json.dumps(about, indent=1) + "\n")
+    whole = range(len(make_drive(config, make_route(config)).times))
+    wanted = whole if frames is None else frames
+    if not 0 <= wanted.start < wanted.stop <= len(whole):
+        raise DataError(f"--frames {wanted.start}:{wanted.stop}: the scene has 0:{len(whole)}")
+    with local_pool(jobs) as pool:
+        frames_of = (functools.partial(_write_frame, config, folder, frame) for frame in wanted)
+        tables, *running = submitted(pool, [functools.partial(_write_tables, config, folder), *frames_of])
+        for done, ended in enumerate(as_completed(running), start=1):
+            ended.result()
             if progress:
-                done = sum(entry.name.endswith(".txt") for entry in os.scandir(folder / "labels"))
                 progress(done, len(wanted))
-
-        _draw(world, folder, wanted[:: max(jobs, 1)], report)
-        for helper in helpers:
-            while helper.poll() is None:
-                try:
-                    helper.wait(timeout=0.5)
-                except subprocess.TimeoutExpired:
-                    report()
-        # What a helper could not draw is drawn here.
-        missing = [i for i in wanted if not (folder / "labels" / f"{i:06d}.txt").exists()]
-        _draw(world, folder, missing, report)
-        report()
-    finally:
-        for helper in helpers:
-            helper.kill()
-            helper.wait()
+        tables.result()
 
 
-def _start_helper(folder: Path, first: int, step: int) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "street", str(folder), str(first), str(step)]
-    package = str(Path(__file__).resolve().parents[1])
-    path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
-    quiet = subprocess.DEVNULL
-    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stdout=quiet, stderr=quiet)
-
-
-def draw_share(folder: Path, first: int, step: int) -> None:
-    """Draw frames first, first + step, … of a scene that `write_scene` has begun."""
-    about = json.loads((folder / SCENE_FILE).read_text())
-    world = make_world(from_dict(SceneConfig, about["config"]))
-    frames = range(*about.get("frames", (0, len(world.drive.times))))
-    _draw(world, folder, frames[first::step], lambda: None)
-
-
-def _draw(world: World, folder: Path, frames: range | list[int], report: Callable[[], None]) -> None:
-    """Draw some frames, one after the other."""
-    renderer, threads = Renderer(world), cv2.getNumThreads()
+@functools.lru_cache(maxsize=1)
+def _renderer(config: SceneConfig) -> Renderer:
+    """What draws a scene in this process."""
     cv2.setNumThreads(1)  # the processes share the work by frames
-    try:
-        for frame in frames:
-            write_frame(renderer, folder, frame)
-            report()
-    finally:
-        cv2.setNumThreads(threads)
+    return Renderer(make_world(config))
 
 
-def _write_tables(world: World, folder: Path) -> None:
+def _write_tables(config: SceneConfig, folder: Path) -> None:
     """Calibration, times, poses and the motion of the vehicles."""
-    _write_text(folder / "calib.txt", calibration_text(world.config.camera))
+    world = _renderer(config).world
+    _write_text(folder / "calib.txt", calibration_text(config.camera))
     _write_text(folder / "times.txt", "".join(f"{t:.6e}\n" for t in world.drive.times))
     write_kitti_poses(folder / "poses.txt", world.poses)
     write_objects(world, folder / "truth" / "objects.npz")
 
 
-def write_frame(renderer: Renderer, folder: Path, frame: int) -> None:
+def _write_frame(config: SceneConfig, folder: Path, frame: int) -> None:
     """Both pictures of a frame, its labels and its truth."""
-    config, name = renderer.world.config, f"{frame:06d}.png"
+    renderer, name = _renderer(config), f"{frame:06d}.png"
     for right in (False, True):
         view, picture = photograph(renderer, frame, right)
         _write_png(folder / f"image_{int(right)}" / name, picture, noisy=True)

@@ -66,16 +66,9 @@ class MeshBuilder:
     """Collects faces; corners run clockwise seen from outside, so that lighting knows the outer side."""
 
     sizes: list[tuple[int, int]]  # texels of each texture, from TextureSet.size
-    parts: list[tuple[Array, Array, int, Array, int]] = field(default_factory=list)
+    parts: list[tuple[Array, Array, int, Array]] = field(default_factory=list)
 
-    def add(
-        self,
-        corners: Array,
-        texture: int,
-        uv: Array | None = None,
-        gain: float | Array = 1.0,
-        instance: int = 0,
-    ) -> None:
+    def add(self, corners: Array, texture: int, uv: Array | None = None, gain: float | Array = 1.0) -> None:
         """Add n faces of one texture.
 
         Parameters
@@ -85,29 +78,25 @@ class MeshBuilder:
         uv : (n, 4, 2) or (4, 2), texture coordinates as shares of the texture, above 1 where it repeats;
             by default the corners of the texture: lower left, upper left, upper right, lower right.
         gain : brightness, one or n.
-        instance : number of the thing they belong to.
         """
         quads = np.asarray(corners, float).reshape(-1, 4, 3)
         if uv is None:
             uv = np.array([[0.0, 1.0], [0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
         uv = np.broadcast_to(np.asarray(uv, float).reshape(-1, 4, 2), (len(quads), 4, 2))
-        self.parts.append(
-            (quads, uv, texture, np.broadcast_to(np.asarray(gain, float), len(quads)), instance)
-        )
+        self.parts.append((quads, uv, texture, np.broadcast_to(np.asarray(gain, float), len(quads))))
 
     def build(self) -> Faces:
         """All faces with their texture axes, not yet lit."""
         corners = np.concatenate([p[0] for p in self.parts])
         uv = np.concatenate([p[1] * self.sizes[p[2]] for p in self.parts])
         texture = np.concatenate([np.full(len(p[0]), p[2], np.int32) for p in self.parts])
-        instance = np.concatenate([np.full(len(p[0]), p[4], np.int32) for p in self.parts])
         gain = np.concatenate([p[3] for p in self.parts])
         a, b = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
         frame = np.stack([a, b, np.cross(a, b)], axis=1)
         # The texture coordinate is linear over the face and constant along its normal.
         rise = np.stack([uv[:, 1] - uv[:, 0], uv[:, 3] - uv[:, 0], np.zeros_like(uv[:, 0])], axis=1)
         axes = np.linalg.solve(frame, rise)
-        return Faces(corners, texture, uv[:, 0], axes[:, :, 0], axes[:, :, 1], gain, instance)
+        return Faces(corners, texture, uv[:, 0], axes[:, :, 0], axes[:, :, 1], gain, np.zeros_like(texture))
 
 
 def prism(base: Array, top: Array) -> Array:

@@ -80,7 +80,6 @@ class Site:
         period: float = 4.0,
         across: float = 0.0,
         flip: bool = False,
-        gain: float = 1.0,
     ) -> None:
         """A ribbon between two lines along the route.
 
@@ -92,7 +91,6 @@ class Site:
         period : metres along for one repeat of the texture.
         across : metres for one repeat from line to line; 0: the ribbon is one texture wide.
         flip : the side that is seen has the first line on its right, not on its left.
-        gain : brightness.
         """
         left, right = (np.broadcast_to(value, s.shape).astype(float) for value in offset)
         a, b = self.route.point(s, left, up[0]), self.route.point(s, right, up[1])
@@ -107,4 +105,4 @@ class Site:
         if not across:
             uv[..., 1] += 1.0
         turn = slice(None, None, -1 if flip else 1)
-        self.add(name, corners[:, turn], uv[:, turn], gain)
+        self.add(name, corners[:, turn], uv[:, turn])

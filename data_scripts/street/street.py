@@ -96,8 +96,9 @@ def build_ground(site: Site) -> None:
     _build_woods(site, middle, half - BEYOND + 240.0)
 
 
-def _build_woods(site: Site, middle: Array, radius: float, count: int = 240) -> None:
+def _build_woods(site: Site, middle: Array, radius: float) -> None:
     """A ring of woods with an uneven top, seen from inside."""
+    count = 240
     base = ring(middle + np.array([0.0, 0.3, 0.0]), radius, count)
     height = 14.0 + 7.0 * np.abs(fractal(site.rng, 8, 256, 1.0)[0, :count])
     top = base - height[:, None] * (0.0, 1.0, 0.0)

@@ -133,10 +133,10 @@ def _manhole(image: Image, at: Array, per_m: Array) -> None:
         cv2.line(image, (rib, y - reach), (rib, y + reach), 118.0, 3)
 
 
-def slabs(rng: Rng, rows: int = 256, columns: int = 512, down: int = 5, along: int = 10) -> Image:
+def slabs(rng: Rng) -> Image:
     """Pavement slabs, each of its own grey; repeats along."""
-    image = plain(138.0, rows, columns, rng, 4.0)
-    ys, xs = np.linspace(0, rows, down + 1), np.linspace(0, columns, along + 1)
+    image = plain(138.0, 256, 512, rng, 4.0)
+    ys, xs = np.linspace(0, 256, 6), np.linspace(0, 512, 11)
     for y0, y1 in itertools.pairwise(ys.astype(int)):
         for x0, x1 in itertools.pairwise(xs.astype(int)):
             image[y0:y1, x0:x1] += rng.normal(0, 9.0)
@@ -154,9 +154,9 @@ def kerb(rng: Rng) -> Image:
     return image
 
 
-def grass(rng: Rng, size: int = 512) -> Image:
+def grass(rng: Rng) -> Image:
     """Lawn: blades and clumps; repeats both ways."""
-    image = 92.0 + 13.0 * fractal(rng, size, size, 0.9) + 12.0 * fractal(rng, size, size, 0.1, 24.0)
+    image = 92.0 + 13.0 * fractal(rng, 512, 512, 0.9) + 12.0 * fractal(rng, 512, 512, 0.1, 24.0)
     return without_stripes(np.clip(image, 25, 190))
 
 
@@ -274,7 +274,7 @@ def sign(rng: Rng, kind: int) -> Image:
     return np.asarray(image + plain(0.0, 128, 128, rng, 2.0), np.float32)
 
 
-def clouds(rng: Rng, size: int = 1024) -> Image:
+def clouds(rng: Rng) -> Image:
     """Sky from below: soft clouds on a bright ground; repeats both ways."""
-    cover = fractal(rng, size, size, 1.7, 2.0)
+    cover = fractal(rng, 1024, 1024, 1.7, 2.0)
     return without_stripes(196.0 + 46.0 * np.clip(cover, -0.6, 1.4) / 1.4)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vo_lib.core.camera import StereoCamera
 from vo_lib.core.geometry import inverse, transform
-from vo_lib.data.truth import FARTHEST, NEAREST
+from vo_lib.data.truth import FARTHEST, NEAREST, STILL
 
 from .render import NEAR, View
 from .world import World
@@ -57,12 +57,11 @@ def visible_boxes(
     view: View,
     min_pixels: int = MIN_PIXELS,
     min_height: int = MIN_HEIGHT,
-    min_share: float = MIN_SHARE,
 ) -> list[Box]:
     """Boxes round what is visible of each vehicle in the left image.
 
     A vehicle is left out when fewer than `min_pixels` of it are seen, when its box is lower than `min_height`
-    pixels, or when less than `min_share` of its outline within the image is seen: the rest is hidden.
+    pixels, or when less than `MIN_SHARE` of its outline within the image is seen: the rest is hidden.
     """
     count = len(world.vehicles)
     boxes = []
@@ -76,7 +75,7 @@ def visible_boxes(
         kind = world.vehicles[number - 1].model.shape.kind
         box = Box(number - 1, kind, *map(int, (columns[0], rows[0], columns[-1], rows[-1])))
         tall_enough = box.bottom - box.top + 1 >= min_height
-        if tall_enough and area >= min_share * outline_area(world, number - 1, frame):
+        if tall_enough and area >= MIN_SHARE * outline_area(world, number - 1, frame):
             boxes.append(box)
     return boxes
 
@@ -109,6 +108,9 @@ def write_objects(world: World, path: Path) -> None:
     for k, vehicle in enumerate(vehicles):
         poses[:, k] = T_w_s @ vehicle.poses
     velocity = np.gradient(poses[..., :3, 3], world.drive.times, axis=0)
+    # In a frame moves what is elsewhere in the one before or after it.
+    steps = np.linalg.norm(np.diff(poses[..., :3, 3], axis=0), axis=-1) > STILL
+    still = np.zeros((1, len(vehicles)), bool)
     shapes = [vehicle.model.shape for vehicle in vehicles]
     np.savez_compressed(
         path,
@@ -117,5 +119,5 @@ def write_objects(world: World, path: Path) -> None:
         size=np.array([(shape.width, shape.height, shape.length) for shape in shapes]).reshape(-1, 3),
         poses=poses,
         speed=np.linalg.norm(velocity, axis=-1),
-        moving=world.moving(),
+        moving=np.concatenate([still, steps]) | np.concatenate([steps, still]),
     )

@@ -11,7 +11,6 @@ from vo_lib.core.geometry import inverse
 from vo_lib.core.rows import joined
 from vo_lib.core.types import Array
 from vo_lib.data.scenes import SceneConfig
-from vo_lib.data.truth import STILL
 
 from .atlas import Atlas, TextureSet
 from .drive import Drive, Route, make_drive, make_route
@@ -88,16 +87,6 @@ class World:
         faces = place_vehicle(self.vehicles[k], k + 1, len(self.vehicles) + k + 1, frame)
         shade = light_at(self.shade, self.route, self.vehicles[k].poses[frame, :3, 3][None])
         return dataclasses.replace(faces, gain=faces.gain * shade)
-
-    def moving(self) -> Array:
-        """(N, K) whether vehicle k moves between frame i and a neighbouring frame."""
-        count = len(self.drive.times)
-        moved = np.zeros((count, len(self.vehicles)), bool)
-        for k, vehicle in enumerate(self.vehicles):
-            step = np.linalg.norm(np.diff(vehicle.poses[:, :3, 3], axis=0), axis=1) > STILL
-            moved[:-1, k] |= step
-            moved[1:, k] |= step
-        return moved
 
 
 def place_vehicle(vehicle: Vehicle, instance: int, shadow: int, frame: int) -> Faces:

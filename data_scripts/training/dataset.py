@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,13 +30,15 @@ class DetectionSet:
     images: dict[str, tuple[Path, ...]]
 
 
-def open_set(where: Path, splits: Sequence[str] = ("train", "valid")) -> DetectionSet:
+def open_set(where: Path) -> DetectionSet:
     """The data set of a folder, or of its `data.yaml`: drawn by us, converted, or a Roboflow YOLO export.
 
-    Raises `DataError` where the file is not understood or one of the `splits` asked for has no images.
+    Raises `DataError` where the file is not understood or nothing is there to train or validate on.
     """
     path = where / "data.yaml" if where.is_dir() else where
-    about = _read_yaml(path)
+    about = read_yaml(path)
+    if not about:
+        raise DataError("expected the keys train, val and names", path)
     names = about.get("names")
     if isinstance(names, dict):
         names = [names.get(k) for k in range(len(names))]
@@ -46,22 +47,21 @@ def open_set(where: Path, splits: Sequence[str] = ("train", "valid")) -> Detecti
     found = {}
     for split, key in SPLITS.items():
         images = _images(path, about.get(key))
-        if split in splits and not images:
+        if split != "test" and not images:
             raise DataError(f"expected `{key}:` with a folder of images; found {about.get(key)!r}", path)
         found[split] = images
     return DetectionSet(tuple(names), found)
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> dict[str, Any]:
+    """What a YAML file names; nothing where it is no mapping. `DataError` where it is not YAML."""
     text = read_text(path)
     try:
         about = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:  # of dates too
         mark = getattr(error, "problem_mark", None)
         raise DataError("is not YAML", path, None if mark is None else mark.line + 1) from None
-    if not isinstance(about, dict):
-        raise DataError("expected the keys train, val and names", path)
-    return about
+    return about if isinstance(about, dict) else {}
 
 
 def _images(path: Path, entry: Any) -> tuple[Path, ...]:

@@ -6,10 +6,9 @@ The test split holds scenes that training never draws: the kit's named scenes an
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -23,11 +22,14 @@ from vo_lib.core.files import write_bytes_atomic, write_text_atomic
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Progress
 from vo_lib.data.scenes import KITTI_F, SCENES, SceneConfig, scene_config
+from vo_lib.runs.parallel import local_pool, submitted
 
 NAMES = ("car", "bus", "truck")
 CLASS_OF = {2: 0, 5: 1, 7: 2}  # COCO number to place in NAMES
 # Seeds of the splits; far apart, so that no street is in two of them.
 TRAIN_SEED, VALID_SEED, TEST_SEED = 100_000, 200_000, 300_000
+TEST_SEEDS = 2  # of each named scene
+MIN_PIXELS, MIN_HEIGHT = 40, 8  # of a vehicle in sight, below which it has no label
 JPEG_QUALITY = 92
 
 
@@ -38,15 +40,7 @@ class DetectionSetConfig(Checked):
     seed: int = setting(0, "shifts all seeds of the streets", low=0, high=99_999)
     train: int = setting(4000, "images to train on", low=1, high=1_000_000)
     valid: int = setting(240, "images for the curve of mAP while training", low=1, high=100_000)
-    test_seeds: int = setting(2, "seeds of each named scene kept for the test", low=1, high=100)
     frames: int = setting(24, "images taken from a street, far apart", low=1, high=1000)
-    min_pixels: int = setting(
-        40, "a vehicle with fewer visible pixels has no label", unit="px", low=1, high=10_000
-    )
-    min_height: int = setting(8, "a vehicle lower than this has no label", unit="px", low=1, high=200)
-    min_share: float = setting(
-        0.2, "a vehicle seen by a smaller share of its outline has no label", low=0, high=1
-    )
 
 
 @dataclass(frozen=True)
@@ -106,7 +100,7 @@ def streets(config: DetectionSetConfig) -> list[Street]:
             for k in range(count)
         ]
     number = 0
-    for seed in range(config.test_seeds):
+    for seed in range(TEST_SEEDS):
         for name in SCENES:
             scene = SCENES[name] if seed == 0 else scene_config(name, seed=config.seed + TEST_SEED + number)
             found.append(Street("test", number, scene, frames))
@@ -114,7 +108,7 @@ def streets(config: DetectionSetConfig) -> list[Street]:
     return found
 
 
-def draw_street(street: Street, folder: Path, config: DetectionSetConfig) -> int:
+def draw_street(street: Street, folder: Path) -> int:
     """Draw the images of one street that are not there yet; returns how many the street has.
 
     An image's label file is written last: where it is, the image is whole.
@@ -132,7 +126,7 @@ def draw_street(street: Street, folder: Path, config: DetectionSetConfig) -> int
         view = renderer.view(frame)
         light = smear(world, frame, view, right=False)
         image = expose(light, street.scene, float(exposure[frame]), frame, right=False)
-        seen = visible_boxes(world, frame, view, config.min_pixels, config.min_height, config.min_share)
+        seen = visible_boxes(world, frame, view, MIN_PIXELS, MIN_HEIGHT)
         data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
         write_bytes_atomic(root / "images" / f"{street.stem(k)}.jpg", data.tobytes())
         lines = [(box.kind, box.yolo(street.scene.camera).partition(" ")[2]) for box in seen]
@@ -154,9 +148,10 @@ def write_street_set(
             (folder / split / kind).mkdir(parents=True, exist_ok=True)
     write_text_atomic(folder / "data.yaml", data_yaml(NAMES))
     total, done = sum(street.frames for street in everything), 0
-    with ProcessPoolExecutor(max(1, min(jobs, os.cpu_count() or 1)), get_context("spawn")) as pool:
-        waiting = [pool.submit(draw_street, street, folder, config) for street in everything]
-        for future in as_completed(waiting):
+    with local_pool(jobs) as pool:
+        for future in as_completed(
+            submitted(pool, [partial(draw_street, one, folder) for one in everything])
+        ):
             done += future.result()
             if progress:
                 progress(done, total)

@@ -102,9 +102,8 @@ def test_rotations_printed_with_few_digits_are_accepted(tmp_path: Path, printed:
     np.testing.assert_allclose(read_kitti_poses(path)[:, :3, :3], T[:, :3, :3], atol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["01", "04"])
-def test_kitti_truth_is_read_as_printed(name: str) -> None:
-    path = KITTI_TRUTH / f"{name}.txt"
+def test_kitti_truth_is_read_as_printed() -> None:
+    path = KITTI_TRUTH / "04.txt"
     if not path.exists():
         pytest.skip("KITTI ground truth is not in ../shared/data")
     T = read_kitti_poses(path)
@@ -141,6 +140,9 @@ def test_a_write_replaces_the_file_whole_and_leaves_nothing_beside_it(tmp_path: 
     assert path.read_bytes() == "zwölf\n".encode()
     write_bytes_atomic(path, b"\x00\xff")
     assert path.read_bytes() == b"\x00\xff"
+    for refused in (tmp_path / "missing" / "note.txt", tmp_path):
+        with pytest.raises(DataError, match="cannot be written"):
+            write_text_atomic(refused, "text")
     assert [p.name for p in tmp_path.iterdir()] == ["note.txt"]
 
 
@@ -160,11 +162,3 @@ def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_beside_it(
     assert str(path) in str(caught.value)
     assert path.read_text() == "old\n"
     assert [p.name for p in tmp_path.iterdir()] == ["note.txt"]
-
-
-def test_a_write_into_a_missing_folder_or_over_a_folder_is_refused(tmp_path: Path) -> None:
-    for path in (tmp_path / "missing" / "note.txt", tmp_path / "folder"):
-        (tmp_path / "folder").mkdir(exist_ok=True)
-        with pytest.raises(DataError, match="cannot be written"):
-            write_text_atomic(path, "text")
-    assert [p.name for p in tmp_path.iterdir()] == ["folder"]

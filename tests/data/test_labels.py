@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vo_lib.core.boxes import Boxes, no_boxes
-from vo_lib.core.errors import DataError
 from vo_lib.data.labels import read_labels, write_labels
 
 shares = st.floats(0, 1)
@@ -54,10 +53,3 @@ def test_no_boxes_make_an_empty_file(tmp_path: Path) -> None:
     write_labels(tmp_path / "a.txt", no_boxes(), 100, 50)
     assert (tmp_path / "a.txt").read_bytes() == b""
     assert len(read_labels(tmp_path / "a.txt", 100, 50)) == 0
-
-
-@pytest.mark.parametrize("line", ["2 0.5 0.5 0.1", "2 0.5 0.5 0.1 1.1", "x 0.5 0.5 0.1 0.1", "2 0 0 nan 0"])
-def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
-    (tmp_path / "a.txt").write_text(f"2 0.5 0.5 0.1 0.1\n{line}\n")
-    with pytest.raises(DataError, match=r"a\.txt, line 2: expected"):
-        read_labels(tmp_path / "a.txt", 100, 50)

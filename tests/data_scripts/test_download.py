@@ -13,13 +13,14 @@ from file_server import FileServer
 
 from fetch import download
 from vo_lib.core.errors import DataError
+from vo_lib.core.types import Progress
 
 DATA = np.random.default_rng(0).bytes(1_000_000)
 SHA256 = hashlib.sha256(DATA).hexdigest()
 
 
-def get(server: FileServer, path: Path, size: int = len(DATA), sha256: str = SHA256) -> None:
-    download.download(server.url + "model.onnx", path, size, sha256)
+def get(server: FileServer, path: Path, progress: Progress | None = None) -> None:
+    download.download(server.url + "model.onnx", path, len(DATA), SHA256, progress)
 
 
 @pytest.fixture
@@ -30,8 +31,7 @@ def path(tmp_path: Path, server: FileServer) -> Path:
 
 def test_a_file_comes_whole_with_its_progress(server: FileServer, path: Path) -> None:
     seen: list[tuple[int, int]] = []
-    url = server.url + "model.onnx"
-    download.download(url, path, len(DATA), SHA256, lambda done, total: seen.append((done, total)))
+    get(server, path, lambda done, total: seen.append((done, total)))
     assert path.read_bytes() == DATA
     assert [p.name for p in path.parent.iterdir()] == ["model.onnx"]
     assert seen[-1] == (len(DATA), len(DATA))
@@ -81,25 +81,18 @@ def test_a_file_that_is_not_the_one_expected_is_thrown_away(server: FileServer, 
 
 
 def test_what_a_server_refuses_is_said(server: FileServer, path: Path) -> None:
-    server.status = 404
-    with pytest.raises(DataError, match="does not give this file"):
-        get(server, path)
-    server.status = 418
-    with pytest.raises(DataError, match="HTTP 418"):
-        get(server, path)
-    server.close()
-    with pytest.raises(DataError, match="no connection to 127"):
-        get(server, path)
+    for status, words in ((404, "does not give this file"), (418, "HTTP 418"), (0, "no connection to 127")):
+        server.status = status
+        if not status:
+            server.close()
+        with pytest.raises(DataError, match=words):
+            get(server, path)
     assert not path.exists()
 
 
 def test_a_short_trouble_of_the_server_goes_unnoticed(server: FileServer, path: Path) -> None:
     server.status = 503
-
-    def recover() -> None:
-        server.status = 0
-
-    server.after = (3, recover)
+    server.after = (3, lambda: setattr(server, "status", 0))
     get(server, path)
     assert path.read_bytes() == DATA
 

@@ -17,8 +17,6 @@ from fetch.kitti_archive import CALIB, GRAY, POSES, absent, fetch, link_tree, pl
 from fetch.zip_archives import Archives, Member
 from vo_lib.core.errors import DataError
 
-FRAMES = 12
-
 
 def content(name: str) -> bytes:
     """Bytes of a member, different for every name, that do not compress."""
@@ -33,42 +31,35 @@ def zipped(names: list[str], method: int = zipfile.ZIP_STORED) -> bytes:
     return buffer.getvalue()
 
 
-def gray_names(sequences: tuple[str, ...] = ("04", "07")) -> list[str]:
-    return [
-        f"dataset/sequences/{sequence}/{side}/{frame:06d}.png"
-        for sequence in sequences
-        for side in ("image_0", "image_1")
-        for frame in range(FRAMES)
-    ]
+IMAGES = [f"image_{side}/{frame:06d}.png" for side in (0, 1) for frame in range(12)]
+GRAY_NAMES = [f"dataset/sequences/{sequence}/{image}" for sequence in ("04", "07") for image in IMAGES]
+EXPECTED = sorted(["poses/07.txt", *(f"sequences/07/{name}" for name in (*IMAGES, "calib.txt", "times.txt"))])
 
 
 @pytest.fixture
 def kitti(server: FileServer) -> FileServer:
     """The three archives of the benchmark, small."""
-    server.files[GRAY] = zipped([*gray_names(), "dataset/sequences/07/calib.txt", "dataset/readme.txt"])
+    server.files[GRAY] = zipped([*GRAY_NAMES, "dataset/sequences/07/calib.txt", "dataset/readme.txt"])
     texts = [f"dataset/sequences/{s}/{name}" for s in ("04", "07") for name in ("calib.txt", "times.txt")]
     server.files[CALIB] = zipped(texts, zipfile.ZIP_DEFLATED)
     server.files[POSES] = zipped(["dataset/poses/04.txt", "dataset/poses/07.txt"], zipfile.ZIP_DEFLATED)
     return server
 
 
-def take(server: FileServer, root: Path, names: tuple[str, ...] = ("07",), jobs: int = 4) -> list[Member]:
-    """What a call of the script does; returns what was fetched."""
+def take(server: FileServer, root: Path, jobs: int = 4) -> list[Member]:
+    """What a call of the script does for sequence 07; returns what was fetched."""
+    return unpack([server.url + kind for kind in (GRAY, CALIB, POSES)], root, jobs)
+
+
+def unpack(places: list[str], root: Path, jobs: int = 4) -> list[Member]:
     with Archives() as archives:
-        members = plan(archives, [server.url + kind for kind in (GRAY, CALIB, POSES)], names)
-        todo = absent(members, root)
+        todo = absent(plan(archives, places, ["07"]), root)
         fetch(archives, todo, root, jobs)
     return todo
 
 
 def files_below(root: Path) -> list[str]:
     return sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
-
-
-EXPECTED = sorted(
-    [name.removeprefix("dataset/") for name in gray_names(("07",))]
-    + ["sequences/07/calib.txt", "sequences/07/times.txt", "poses/07.txt"]
-)
 
 
 def assert_whole(root: Path) -> None:
@@ -112,10 +103,7 @@ def test_lost_connections_are_taken_up_again(kitti: FileServer, tmp_path: Path) 
 def test_a_server_that_goes_away_leaves_whole_files_and_a_second_call_goes_on(
     kitti: FileServer, tmp_path: Path
 ) -> None:
-    def fail() -> None:
-        kitti.drop_every = 1
-
-    kitti.after = (16, fail)
+    kitti.after = (16, lambda: setattr(kitti, "drop_every", 1))
     with pytest.raises(DataError, match="connection was lost"):
         take(kitti, tmp_path)
     there = whole_part(tmp_path)
@@ -132,7 +120,7 @@ def test_a_server_without_ranges_is_said_with_the_way_out(kitti: FileServer, tmp
 
 
 def test_a_wrong_checksum_writes_nothing_of_the_member(kitti: FileServer, tmp_path: Path) -> None:
-    bad = gray_names()[-1]
+    bad = GRAY_NAMES[-1]
     kitti.files[GRAY] = kitti.files[GRAY].replace(content(bad), b"\0" * len(content(bad)))
     with pytest.raises(DataError, match=r"image_1/000011\.png is damaged.*CRC"):
         take(kitti, tmp_path)
@@ -141,18 +129,12 @@ def test_a_wrong_checksum_writes_nothing_of_the_member(kitti: FileServer, tmp_pa
 
 
 def test_an_archive_that_changes_meanwhile_gives_no_mixture(kitti: FileServer, tmp_path: Path) -> None:
-    def change() -> None:
-        kitti.files[GRAY] = zipped(list(reversed(gray_names())))
-
     # The same files at other places are found there; files that are others end the call.
-    kitti.after = (12, change)
+    moved, others = GRAY_NAMES[::-1], [name.replace("sequences/0", "sequences/1") for name in GRAY_NAMES]
+    kitti.after = (12, lambda: kitti.files.update({GRAY: zipped(moved)}))
     take(kitti, tmp_path / "moved")
     assert_whole(tmp_path / "moved")
-
-    def replace() -> None:
-        kitti.files[GRAY] = zipped([name.replace("sequences/0", "sequences/1") for name in gray_names()])
-
-    kitti.after = (sum(kitti.gets.values()) + 12, replace)
+    kitti.after = (sum(kitti.gets.values()) + 12, lambda: kitti.files.update({GRAY: zipped(others)}))
     with pytest.raises(DataError, match="changed meanwhile"):
         take(kitti, tmp_path / "replaced")
     whole_part(tmp_path / "replaced")
@@ -163,27 +145,20 @@ def test_an_archive_that_changes_meanwhile_gives_no_mixture(kitti: FileServer, t
     ["../07.txt", "dataset/../../sequences/07/calib.txt", "/etc/x", "C:/x", "a\\..\\..\\x", "//host/x/y"],
 )
 def test_a_member_that_would_leave_the_root_is_refused(name: str, tmp_path: Path) -> None:
-    path = tmp_path / "bad.zip"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("dataset/poses/07.txt", b"1 0 0 0 0 1 0 0 0 0 1 0\n")
-        archive.writestr(name, b"x")
-    with Archives() as archives, pytest.raises(DataError, match="leave the folder"):
-        plan(archives, [str(path)], ["07"])
+    (tmp_path / "bad.zip").write_bytes(zipped(["dataset/poses/07.txt", name]))
+    with pytest.raises(DataError, match="leave the folder"):
+        unpack([str(tmp_path / "bad.zip")], tmp_path / "root")
 
 
 def test_archives_on_disk_are_unpacked_and_the_calibration_archive_wins(
     kitti: FileServer, tmp_path: Path
 ) -> None:
-    places = []
     for kind in (GRAY, CALIB, POSES):
         (tmp_path / kind).write_bytes(kitti.files[kind])
-        places.append(str(tmp_path / kind))
-    with Archives() as archives:
-        members = plan(archives, places, ["07"])
-        fetch(archives, members, tmp_path / "root")
+    members = unpack([str(tmp_path / kind) for kind in (GRAY, CALIB, POSES)], tmp_path / "root")
     assert_whole(tmp_path / "root")
-    by_target = {str(member.target): member.archive for member in members}
-    assert by_target["sequences/07/calib.txt"] == places[1]
+    (calibration,) = [member for member in members if member.target.name == "calib.txt"]
+    assert calibration.archive == str(tmp_path / CALIB)
 
 
 def packed(how: int, **changes: int) -> bytes:
@@ -228,16 +203,12 @@ ODD_ARCHIVES = {
 
 @pytest.mark.parametrize("kind", ODD_ARCHIVES)
 def test_an_archive_that_cannot_be_unpacked_is_one_line_and_leaves_no_file(tmp_path: Path, kind: str) -> None:
-    path = tmp_path / "odd.zip"
-    path.write_bytes(ODD_ARCHIVES[kind])
-    with (
-        Archives() as archives,
-        pytest.raises(DataError, match=r"odd\.zip: .*(damaged|no.* zip file)") as caught,
-    ):
-        fetch(archives, plan(archives, [str(path)], ["07"]), tmp_path / "root")
+    (tmp_path / "odd.zip").write_bytes(ODD_ARCHIVES[kind])
+    with pytest.raises(DataError, match=r"odd\.zip: .*(damaged|no.* zip file)") as caught:
+        unpack([str(tmp_path / "odd.zip")], tmp_path / "root")
     assert "None" not in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
-    assert [path for path in (tmp_path / "root").rglob("*") if path.is_file()] == []
+    assert files_below(tmp_path / "root") == []
 
 
 @pytest.mark.parametrize("link", ["sequences", "sequences/07"])
@@ -246,27 +217,25 @@ def test_a_link_below_the_root_that_leads_outside_is_not_written_through(tmp_pat
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "root" / link).parent.mkdir(parents=True)
     (tmp_path / "root" / link).symlink_to(tmp_path / "elsewhere")
-    with Archives() as archives, pytest.raises(DataError, match="07: leads outside of the tree"):
-        fetch(archives, plan(archives, [str(tmp_path / "odd.zip")], ["07"]), tmp_path / "root")
+    with pytest.raises(DataError, match="07: leads outside of the tree"):
+        unpack([str(tmp_path / "odd.zip")], tmp_path / "root")
     assert list((tmp_path / "elsewhere").iterdir()) == []
 
 
 def test_a_member_larger_than_any_image_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kitti_archive, "LARGEST_MEMBER", 1000)
     (tmp_path / "big.zip").write_bytes(zipped(["poses/07.txt"]))
-    with Archives() as archives, pytest.raises(DataError, match="no KITTI file"):
-        plan(archives, [str(tmp_path / "big.zip")], ["07"])
+    with pytest.raises(DataError, match="no KITTI file"):
+        unpack([str(tmp_path / "big.zip")], tmp_path / "root")
 
 
 def test_a_disk_that_fills_up_leaves_no_half_file(
     kitti: FileServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    written = 0
+    writes = iter(range(1, 1000))
 
     def full(file: int) -> None:
-        nonlocal written
-        written += 1
-        if written > 5:
+        if next(writes) > 5:
             raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("vo_lib.core.files.os.fsync", full)
@@ -279,31 +248,30 @@ def test_a_folder_that_cannot_be_written_leaves_nothing(kitti: FileServer, tmp_p
     (tmp_path / "sequences").write_text("a file", encoding="utf-8")
     with pytest.raises(DataError, match="the folder cannot be made"):
         take(kitti, tmp_path)
-    assert [path for path in files_below(tmp_path) if path.endswith(".png")] == []
+    assert files_below(tmp_path) == ["sequences"]
 
 
-def test_a_tree_elsewhere_is_linked(tmp_path: Path) -> None:
+def test_a_tree_elsewhere_is_linked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tree, root = tmp_path / "tree", tmp_path / "root"
     (tree / "dataset" / "sequences" / "07").mkdir(parents=True)
     (tree / "dataset" / "poses").mkdir()
     (tree / "dataset" / "poses" / "07.txt").write_text("poses", encoding="utf-8")
     assert link_tree(tree, root, ["04", "07"]) == ["07"]
-    assert (root / "sequences" / "07").resolve() == tree / "dataset" / "sequences" / "07"
+    link = root / "sequences" / "07"
+    assert link.resolve() == tree / "dataset" / "sequences" / "07"
     assert (root / "poses" / "07.txt").read_text(encoding="utf-8") == "poses"
     assert link_tree(tree, root, ["07"]) == ["07"]
     with pytest.raises(DataError, match="none of these sequences"):
         link_tree(tree, root, ["04"])
-    (root / "sequences" / "07").unlink()
-    (root / "sequences" / "07").mkdir()
+    link.unlink()
+    link.mkdir()
     with pytest.raises(DataError, match="is there already"):
         link_tree(tree, root, ["07"])
 
-
-def test_a_system_without_links_says_what_else_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*arguments: object, **options: object) -> None:
         raise OSError(1, "a required privilege is not held")
 
-    (tmp_path / "tree" / "sequences" / "07").mkdir(parents=True)
+    link.rmdir()
     monkeypatch.setattr(Path, "symlink_to", refuse)
-    with pytest.raises(DataError, match="KITTI_ROOT"):
-        link_tree(tmp_path / "tree", tmp_path / "root", ["07"])
+    with pytest.raises(DataError, match="KITTI_ROOT"):  # a system without links
+        link_tree(tree, root, ["07"])

@@ -47,13 +47,6 @@ def test_a_complete_sequence_has_no_problems(tree: Path, deep: bool) -> None:
     parts = dict(report.parts)
     assert list(parts) == ["image_0", "image_1", "calib.txt", "times.txt", "poses/04.txt"]
     assert "480×240" in parts["image_0"]
-    assert report.to_dict()["complete"]
-
-
-def test_every_image_is_looked_at(tree: Path) -> None:
-    seen: list[tuple[int, int]] = []
-    check_tree(tree, progress=lambda done, total: seen.append((done, total)))
-    assert seen[-1] == (2 * FRAMES, 2 * FRAMES)
 
 
 def test_what_is_missing_or_wrong_is_named(tree: Path) -> None:
@@ -94,14 +87,12 @@ def test_an_image_of_another_size_is_found(tree: Path) -> None:
 
 def test_a_sequence_of_ones_own_need_not_start_at_zero_but_have_no_gap(tree: Path) -> None:
     mine = write_bands(tree / "sequences" / "mine")
-    for side in ("image_0", "image_1"):
-        (mine / side / "000000.png").unlink()
-    reports = check_tree(tree, ["mine"])
-    assert reports[0].problems == ()
-    assert reports[0].expected is None
-    for side in ("image_0", "image_1"):
-        (mine / side / "000003.png").unlink()
-    assert check_tree(tree, ["mine"])[0].problems == ("image_0: missing 3", "image_1: missing 3")
+    for frame, problems in ((0, ()), (3, ("image_0: missing 3", "image_1: missing 3"))):
+        for side in ("image_0", "image_1"):
+            (mine / side / f"{frame:06d}.png").unlink()
+        (report,) = check_tree(tree, ["mine"])
+        assert report.problems == problems
+        assert report.expected is None
 
 
 def test_colour_images_are_checked_where_there_are_some(tree: Path) -> None:
@@ -110,16 +101,12 @@ def test_colour_images_are_checked_where_there_are_some(tree: Path) -> None:
     assert only(tree).problems == ("image_3: no images",)
 
 
-def test_a_sequence_that_is_asked_for_and_not_there_is_missing_as_a_whole(tree: Path) -> None:
+def test_what_is_asked_for_and_not_there_is_missing_as_a_whole(tree: Path, tmp_path: Path) -> None:
     (report,) = check_tree(tree, ["07"])
     assert report.pairs == 0
-    assert "image_0: no images" in report.problems
-    assert "poses/07.txt: the file is missing" in report.problems
-
-
-def test_a_folder_that_is_no_tree_is_refused(tmp_path: Path) -> None:
+    assert {"image_0: no images", "poses/07.txt: the file is missing"} <= set(report.problems)
     with pytest.raises(DataError, match="no KITTI tree"):
-        check_tree(tmp_path)
+        check_tree(tree / "poses")
 
 
 def test_the_tree_as_the_archives_unpack_it_is_found(tree: Path, tmp_path: Path) -> None:

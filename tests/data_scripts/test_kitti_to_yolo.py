@@ -49,12 +49,6 @@ def objects(tmp_path: Path) -> Path:
     return root
 
 
-def test_classes_and_regions_go_where_they_belong(objects: Path) -> None:
-    first = read_object_set(objects)[0]
-    assert first.boxes.class_id.tolist() == [0, 0, 1]  # car, van as car, truck
-    assert first.boxes.xyxy[0].tolist() == [20, 30, 60, 70]
-
-
 @pytest.mark.parametrize("stray", ["notes.txt", "._000000.txt", "0000003b.txt", "\u0663.txt"])
 def test_a_file_that_is_no_label_is_named(objects: Path, stray: str) -> None:
     (objects / "label_2" / stray).write_text("x")
@@ -64,14 +58,13 @@ def test_a_file_that_is_no_label_is_named(objects: Path, stray: str) -> None:
 
 def test_the_permutation_leads_to_each_images_drive(objects: Path) -> None:
     found = read_object_set(objects, objects / "train_mapping.txt", objects / "train_rand.txt")
+    assert found[0].boxes.class_id.tolist() == [0, 0, 1]  # car, van as car, truck
+    assert found[0].boxes.xyxy[0].tolist() == [20, 30, 60, 70]
     evaluated = [one.image.stem for one in found if one.drive == EVALUATED]
     assert evaluated == ["000000", "000005"]
     kept = check_origin(found, allow_evaluated=False)
     assert [one.image.stem for one in kept] == ["000001", "000002", "000003", "000004"]
     assert check_origin(found, allow_evaluated=True) == found
-
-
-def test_images_of_unknown_origin_are_refused_with_the_reason(objects: Path) -> None:
     with pytest.raises(DataError, match=r"drive it comes from is not known, .* --allow-evaluated"):
         check_origin(read_object_set(objects), allow_evaluated=False)
 
@@ -114,11 +107,3 @@ def test_tracking_labels_belong_to_their_frames(tmp_path: Path) -> None:
     # One drive alone: its last frame validates.
     assert [p.stem for p in (tmp_path / "set" / "valid" / "images").iterdir()] == [f"{FREE}_000002"]
     assert kitti_to_yolo([*words[:4], f"0000={EVALUATED}"]) == 2
-
-
-def test_wrong_options_end_with_one_line(
-    objects: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for words in ([], ["--allow-evaluated", "--seed=-1"], ["--allow-evaluated", "--valid", "2"]):
-        assert kitti_to_yolo(["object", str(objects), str(tmp_path / "set"), *words]) == 2
-        assert capsys.readouterr().err.count("\n") == 1

@@ -86,12 +86,9 @@ def test_other_kinds_of_images_are_written_as_png(source: FolderSource, tmp_path
 
 
 def test_a_full_calibration_rectifies_the_images(source: FolderSource, tmp_path: Path) -> None:
-    turn = rotation_from_vector(np.array([0.0, 0.0, 0.02]))
-    rig = rig_from_matrices(
-        {"K1": K, "D1": np.zeros(5), "K2": K, "D2": np.zeros(5), "R": turn, "T": turn @ [-0.5, 0.0, 0.0]},
-        (480, 240),
-        Path("rig.yml"),
-    )
+    turn, none = rotation_from_vector(np.array([0.0, 0.0, 0.02])), np.zeros(5)
+    found = {"K1": K, "D1": none, "K2": K, "D2": none, "R": turn, "T": turn @ [-0.5, 0.0, 0.0]}
+    rig = rig_from_matrices(found, (480, 240), Path("rig.yml"))
     write_sequence(source, rig, tmp_path / "mine", times=10.0)
     sequence = open_sequence(tmp_path / "mine")
     assert sequence.camera.baseline == pytest.approx(0.5)
@@ -115,9 +112,8 @@ def test_a_video_side_by_side_is_split(source: FolderSource, tmp_path: Path) -> 
     swapped = VideoSource(path, swap=True).sample()[0]
     np.testing.assert_array_equal(swapped[0], found.sample()[0][1])
     (tmp_path / "text.mp4").write_text("no video", encoding="utf-8")
-    for name, words in (("text.mp4", "no video that OpenCV"), ("nowhere.mp4", "the file is missing")):
-        with pytest.raises(DataError, match=words):
-            VideoSource(tmp_path / name).sample()
+    with pytest.raises(DataError, match="no video that OpenCV"):
+        VideoSource(tmp_path / "text.mp4").sample()
 
 
 def test_files_pair_by_name_else_by_number(tmp_path: Path) -> None:
@@ -138,8 +134,6 @@ def test_files_pair_by_name_else_by_number(tmp_path: Path) -> None:
     ):
         with pytest.raises(DataError, match=words):
             pair_folders(a, folder(name, names))
-    with pytest.raises(DataError, match="the folder is missing"):
-        pair_folders(a, tmp_path / "nowhere")
 
 
 def test_an_image_that_fails_in_the_middle_leaves_nothing(source: FolderSource, tmp_path: Path) -> None:

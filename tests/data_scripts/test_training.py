@@ -12,17 +12,17 @@ import pytest
 from data_command import load
 
 from training.dataset import open_set
-from training.evaluated import ODOMETRY_DRIVES, evaluated_sequence, refuse_evaluated
-from training.street_set import DetectionSetConfig, Street, draw_street, random_scene, streets
-from vo_lib.core.errors import DataError
-from vo_lib.data.labels import read_labels
+from training.evaluated import ODOMETRY_DRIVES, evaluated_sequence
+from training.street_set import MIN_HEIGHT, DetectionSetConfig, Street, draw_street, random_scene, streets
+from vo_lib.core.boxes import Boxes
+from vo_lib.data.labels import read_labels, write_labels
 from vo_lib.detection.yolo import YoloDetector
 
 train_detector = load("train_detector")
 
 
 def test_no_street_of_one_split_is_in_another() -> None:
-    config = DetectionSetConfig(train=480, valid=48, test_seeds=2, frames=24)
+    config = DetectionSetConfig(train=480, valid=48, frames=24)
     every = streets(config)
     seeds = {split: {s.scene.seed for s in every if s.split == split} for split in ("train", "valid", "test")}
     assert [len(seeds[split]) for split in ("train", "valid", "test")] == [20, 2, 12]
@@ -33,13 +33,12 @@ def test_no_street_of_one_split_is_in_another() -> None:
 
 
 def test_a_drawn_image_has_its_boxes_and_is_not_drawn_twice(tmp_path: Path) -> None:
-    config = DetectionSetConfig(frames=2)
     scene = dataclasses.replace(random_scene(7), width=320, height=96, focal=190.0, length=30.0, parked=0.9)
     scene = dataclasses.replace(scene, layout="city", exposure_change=0.1, shutter=0.0)
     for kind in ("images", "labels"):
         (tmp_path / "train" / kind).mkdir(parents=True)
     street = Street("train", 0, scene, 2)
-    assert draw_street(street, tmp_path, config) == 2
+    assert draw_street(street, tmp_path) == 2
     first = tmp_path / "train" / "images" / "0000_00.jpg"
     image = cv2.imread(str(first), cv2.IMREAD_UNCHANGED)
     assert image is not None
@@ -47,26 +46,22 @@ def test_a_drawn_image_has_its_boxes_and_is_not_drawn_twice(tmp_path: Path) -> N
     found = read_labels(tmp_path / "train" / "labels" / "0000_00.txt", 320, 96)
     assert len(found) >= 3
     assert set(found.class_id.tolist()) <= {0, 1, 2}
-    assert (found.xyxy[:, 3] - found.xyxy[:, 1] >= config.min_height - 0.01).all()
+    assert (found.xyxy[:, 3] - found.xyxy[:, 1] >= MIN_HEIGHT - 0.01).all()
     first.write_bytes(b"mark")
-    draw_street(street, tmp_path, config)
+    draw_street(street, tmp_path)
     assert first.read_bytes() == b"mark"
 
 
-@pytest.mark.parametrize(("drive", "sequence"), list(ODOMETRY_DRIVES.items()))
-def test_images_of_evaluated_drives_are_known_by_their_path(drive: str, sequence: str) -> None:
-    assert evaluated_sequence(f"/data/raw/{drive}_sync/image_00/data/0000000001.png") == sequence
-    assert evaluated_sequence(f"{drive}_000001") == sequence
-    assert evaluated_sequence(f"kitti/sequences/{sequence}/image_0/000000.png") == sequence
-
-
-def test_other_images_are_free_and_evaluated_ones_are_refused_with_the_reason(tmp_path: Path) -> None:
-    free = tmp_path / "2011_09_26_drive_0005_000001.png"
-    refuse_evaluated([free, tmp_path / "sequences" / "11" / "000000.png"])
-    with pytest.raises(
-        DataError, match=r"sequence 07, which is evaluated: .* look smaller .* --allow-evaluated"
-    ):
-        refuse_evaluated([free, tmp_path / "2011_09_30_drive_0027_000001.png"])
+def test_images_of_evaluated_drives_are_known_by_their_path() -> None:
+    for drive, sequence in ODOMETRY_DRIVES.items():
+        for path in (
+            f"/data/raw/{drive}_sync/image_00/data/0000000001.png",
+            f"{drive}_000001",
+            f"kitti/sequences/{sequence}/image_0/000000.png",
+        ):
+            assert evaluated_sequence(path) == sequence
+    for path in ("2011_09_26_drive_0005_000001.png", "sequences/11/000000.png"):
+        assert evaluated_sequence(path) is None
 
 
 def write_set(folder: Path, count: int = 12, roboflow: bool = False, prefix: str = "") -> Path:
@@ -77,17 +72,16 @@ def write_set(folder: Path, count: int = 12, roboflow: bool = False, prefix: str
             (folder / split / kind).mkdir(parents=True)
         for k in range(count):
             image = np.full((120, 400), 40, np.uint8)
-            w, h = int(rng.integers(30, 90)), int(rng.integers(24, 60))
-            x, y = int(rng.integers(0, 400 - w)), int(rng.integers(0, 120 - h))
+            w, h = rng.integers((30, 24), (90, 60)).tolist()
+            x, y = rng.integers((400 - w, 120 - h)).tolist()
             image[y : y + h, x : x + w] = 220
             cv2.imwrite(str(folder / split / "images" / f"{prefix}{k:03d}.png"), image)
-            row = f"0 {(x + w / 2) / 400:.6f} {(y + h / 2) / 120:.6f} {w / 400:.6f} {h / 120:.6f}\n"
-            (folder / split / "labels" / f"{prefix}{k:03d}.txt").write_text(row)
+            box = Boxes(np.array([[x, y, x + w, y + h]]) - 0.5, np.zeros(1, np.int64), np.ones(1))
+            write_labels(folder / split / "labels" / f"{prefix}{k:03d}.txt", box, 400, 120, scores=False)
+    text = "train: train/images\nval: valid/images\nnames:\n  0: car\n"
     if roboflow:
         text = "train: ../train/images\nval: ../valid/images\ntest: ../test/images\n\nnc: 1\nnames: ['car']\n"
         text += "\nroboflow:\n  workspace: w\n  version: 3\n  license: CC BY 4.0\n"
-    else:
-        text = "train: train/images\nval: valid/images\nnames:\n  0: car\n"
     (folder / "data.yaml").write_text(text)
     return folder
 
@@ -105,7 +99,10 @@ def test_the_script_refuses_evaluated_images_and_says_what_is_missing(
     write_set(tmp_path / "set", 2, prefix="2011_09_30_drive_0027_")
     words = [str(tmp_path / "set"), "--out", str(tmp_path / "run")]
     assert train_detector(words) == 2
-    assert "KITTI odometry sequence 07, which is evaluated" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "KITTI odometry sequence 07, which is evaluated" in said
+    assert "look smaller" in said
+    assert "--allow-evaluated" in said
     assert train_detector([*words, "--allow-evaluated", "--weights", str(tmp_path / "no.pt")]) == 2
     assert "no.pt: the file is missing" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "onnx", None)
@@ -123,17 +120,8 @@ def test_a_training_ends_in_a_model_that_the_kit_runs(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("YOLO_CONFIG_DIR", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    words = [
-        str(write_set(tmp_path / "set")),
-        "--out",
-        "run",
-        "--epochs",
-        "2",
-        "--size",
-        "96",
-        "--batch",
-        "4",
-    ]
+    options = "--out run --epochs 2 --size 96 --batch 4"
+    words = [str(write_set(tmp_path / "set")), *options.split()]
     assert train_detector([*words, "--one-class", "vehicle", "--register", "mine"]) == 0
     printed = capfd.readouterr().out
     assert "mAP50" in printed

@@ -5,10 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import subprocess
-import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -20,6 +19,7 @@ from tiny_onnx import write_answering
 from vo_lib.config import DetectorConfig, preset
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError
+from vo_lib.core.files import only_process
 from vo_lib.core.types import Image
 from vo_lib.data.labels import written_labels
 from vo_lib.data.sequence import open_sequence
@@ -28,7 +28,7 @@ from vo_lib.detection.yolo import YoloDetector
 from vo_lib.detection.yolo_layout import yolox_cells
 from vo_lib.runs.runner import run
 
-write_labels = load("write_labels")
+Write = Callable[..., int]
 
 
 @pytest.fixture
@@ -39,12 +39,18 @@ def model(tmp_path: Path) -> Path:
     return write_answering(tmp_path / "model.onnx", answer, names="['car']")
 
 
+@pytest.fixture
+def write(bands: Path, model: Path) -> Write:
+    """The script on the bands with this network, and more words."""
+    return lambda *words: load("write_labels")([str(bands), "--model", str(model), *words])
+
+
 def texts(folder: Path) -> dict[str, str]:
     return {path.name: path.read_text() for path in sorted(folder.glob("*.txt"))}
 
 
-def test_labels_stand_beside_the_images_with_the_models_hash(bands: Path, model: Path) -> None:
-    assert write_labels([str(bands), "--model", str(model)]) == 0
+def test_labels_stand_beside_the_images_with_the_models_hash(bands: Path, model: Path, write: Write) -> None:
+    assert write() == 0
     assert len(texts(bands / "labels")) == 6
     record = json.loads((bands / "labels" / RECORD).read_text())
     assert record["sha256"] == hashlib.sha256(model.read_bytes()).hexdigest()
@@ -56,52 +62,46 @@ def test_labels_stand_beside_the_images_with_the_models_hash(bands: Path, model:
 
 
 def test_the_list_of_written_files_is_the_same_whichever_thread_is_first(
-    bands: Path, model: Path, monkeypatch: pytest.MonkeyPatch
+    bands: Path, write: Write, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    detect, lock = YoloDetector.detect, threading.Lock()
-    calls: list[Image] = []
+    detect, pauses = YoloDetector.detect, iter([0.1, 0.0] * 3)
 
     def slow_at_first(self: YoloDetector, image: Image) -> Boxes:
-        with lock:
-            calls.append(image)
-            pause = 0.1 if len(calls) % 2 else 0.0
-        time.sleep(pause)
+        time.sleep(next(pauses))
         return detect(self, image)
 
     monkeypatch.setattr(YoloDetector, "detect", slow_at_first)
-    assert write_labels([str(bands), "--model", str(model)]) == 0
+    assert write() == 0
     assert list(written_labels(bands / "labels")) == sorted(texts(bands / "labels"))
 
 
 def test_a_changed_image_is_detected_again(bands: Path, model: Path) -> None:
     sequence = open_sequence(bands)
     assert write_label_folder(sequence, model, DetectorConfig(), bands / "labels") == 6
-    image = bands / "image_0" / "000003.png"
     later = (bands / "labels" / "000003.txt").stat().st_mtime_ns + 10**9
-    os.utime(image, ns=(later, later))
+    os.utime(bands / "image_0" / "000003.png", ns=(later, later))
     assert write_label_folder(sequence, model, DetectorConfig(), bands / "labels") == 1
 
 
 def test_labels_made_otherwise_are_not_overwritten(
-    bands: Path, model: Path, capsys: pytest.CaptureFixture[str]
+    bands: Path, write: Write, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (bands / "labels").mkdir()
-    (bands / "labels" / "000000.txt").write_text("2 0.5 0.5 0.1 0.1\n")
-    words = [str(bands), "--model", str(model)]
-    assert write_labels(words) == 2
+    (bands / "labels" / "000003.txt").write_text("")
+    assert len(open_sequence(bands).boxes(3)) == 0  # labels of others are taken as they are
+    assert write() == 2
     assert "labels that no detector of the kit wrote" in capsys.readouterr().err
-    assert texts(bands / "labels") == {"000000.txt": "2 0.5 0.5 0.1 0.1\n"}
-    assert write_labels([*words, "--replace"]) == 0
-    assert write_labels([*words, "--score", "0.95"]) == 2
+    assert texts(bands / "labels") == {"000003.txt": ""}
+    assert write("--replace") == 0
+    assert write("--score", "0.95") == 2
     assert "another detector's labels" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("keep", [None, 0, 5, -1])
 def test_a_label_that_was_cut_or_lost_since_is_noticed_and_detected_again(
-    bands: Path, model: Path, capsys: pytest.CaptureFixture[str], keep: int | None
+    bands: Path, write: Write, capsys: pytest.CaptureFixture[str], keep: int | None
 ) -> None:
-    words = [str(bands), "--model", str(model)]
-    assert write_labels(words) == 0
+    assert write() == 0
     whole = texts(bands / "labels")
     label = bands / "labels" / "000003.txt"
     if keep is None:
@@ -112,56 +112,33 @@ def test_a_label_that_was_cut_or_lost_since_is_noticed_and_detected_again(
         open_sequence(bands).boxes(3)
     assert len(open_sequence(bands).boxes(2)) == 1
     capsys.readouterr()
-    assert write_labels(words) == 0
+    assert write() == 0
     assert "1 of them detected now" in capsys.readouterr().out
     assert texts(bands / "labels") == whole
-    assert len(open_sequence(bands).boxes(3)) == 1
 
 
-def test_labels_of_others_are_taken_as_they_are(bands: Path) -> None:
-    (bands / "labels").mkdir()
-    (bands / "labels" / "000003.txt").write_text("")
-    assert len(open_sequence(bands).boxes(3)) == 0
-
-
-def test_a_label_without_its_line_is_detected_again(bands: Path, model: Path) -> None:
-    words = [str(bands), "--model", str(model)]
-    assert write_labels(words) == 0
+def test_a_label_without_its_line_is_detected_again(bands: Path, model: Path, write: Write) -> None:
+    assert write() == 0
     log = bands / "labels" / "written.csv"
     log.write_text(log.read_text()[:-90])  # killed while it wrote the last but one
-    assert write_label_folder(open_sequence(bands), model, DetectorConfig(), bands / "labels") == 2
-    assert write_label_folder(open_sequence(bands), model, DetectorConfig(), bands / "labels") == 0
+    for lacking in (2, 0):
+        assert write_label_folder(open_sequence(bands), model, DetectorConfig(), bands / "labels") == lacking
 
 
 def test_a_second_detector_is_refused_while_the_first_one_writes(
-    bands: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    bands: Path, write: Write, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = (
-        "import sys, threading; from vo_lib.commands.cli import main\n"
-        "from vo_lib.detection.yolo import YoloDetector\n"
-        "def wait(*_): print('in', flush=True); threading.Event().wait(600)\n"
-        "YoloDetector.detect = wait; main(sys.argv[1:])"
-    )
-    words = ["data", "write_labels", str(bands), "--model", str(model), "--score", "0.5"]
-    first = subprocess.Popen([sys.executable, "-c", code, *words], stdout=subprocess.PIPE, text=True)
-    assert first.stdout is not None
-    try:
-        assert first.stdout.readline().startswith("in")
-        record = (bands / "labels" / RECORD).read_bytes()
-        assert write_labels([str(bands), "--model", str(model), "--replace"]) == 2
+    (bands / "labels").mkdir()
+    with only_process(bands / "labels"):
+        assert write("--replace") == 2
         assert "labels: another process is working in this folder" in capsys.readouterr().err
-        assert (bands / "labels" / RECORD).read_bytes() == record
-    finally:
-        first.kill()
-        first.wait()
-        first.stdout.close()
-    assert write_labels([str(bands), "--model", str(model), "--replace"]) == 0
+        assert not (bands / "labels" / RECORD).exists()
+    assert write("--replace") == 0
     assert len(texts(bands / "labels")) == 6
 
 
-def test_pictures_show_the_boxes(bands: Path, model: Path, tmp_path: Path) -> None:
-    words = [str(bands), "--model", str(model), "--out", str(tmp_path / "l")]
-    assert write_labels([*words, "--pictures", str(tmp_path / "p")]) == 0
+def test_pictures_show_the_boxes(bands: Path, write: Write, tmp_path: Path) -> None:
+    assert write("--out", str(tmp_path / "l"), "--pictures", str(tmp_path / "p")) == 0
     picture, image = (
         cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         for path in (tmp_path / "p" / "000001.jpg", bands / "image_0" / "000001.png")
@@ -203,13 +180,10 @@ def test_damaged_cached_labels_are_detected_again(
     assert texts(labels) == whole
 
 
-def test_another_score_or_model_has_a_folder_of_its_own(bands: Path, model: Path, tmp_path: Path) -> None:
-    sequence = open_sequence(bands)
-    folders = set()
-    for config in (DetectorConfig(), DetectorConfig(score=0.5), DetectorConfig(threads=2)):
-        with detected_sequence(sequence, model, config, cache=tmp_path / "cache") as detected:
-            folders.add(detected.labels)
-    assert len(folders) == 2  # the number of threads changes no box
+def test_another_score_has_a_folder_of_its_own(bands: Path, model: Path, tmp_path: Path) -> None:
+    configs = (DetectorConfig(), DetectorConfig(score=0.5), DetectorConfig(threads=2))
+    found = [labelled_sequence(open_sequence(bands), model, config, cache=tmp_path) for config in configs]
+    assert len({sequence.labels for sequence in found}) == 2  # the number of threads changes no box
 
 
 def test_boxes_wait_for_their_frame_while_the_detector_is_at_work(
@@ -217,7 +191,7 @@ def test_boxes_wait_for_their_frame_while_the_detector_is_at_work(
 ) -> None:
     go, real = threading.Event(), YoloDetector.detect
 
-    def held(self: YoloDetector, image: np.ndarray) -> object:
+    def held(self: YoloDetector, image: Image) -> Boxes:
         go.wait(20)
         return real(self, image)
 

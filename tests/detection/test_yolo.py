@@ -6,29 +6,25 @@ import dataclasses
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import onnxruntime
 import pytest
-from detections import Judged, judge, recall_precision
+from detections import judge, recall_precision
 from hypothesis import given
 from hypothesis import strategies as st
 from tiny_onnx import write_answering
 
-from street.render import Renderer
-from street.sensor import expose
-from street.truth_files import visible_boxes
-from street.world import make_world
 from vo_lib.config import DetectorConfig
 from vo_lib.core.boxes import Boxes
 from vo_lib.core.errors import DataError
-from vo_lib.data.labels import read_labels
-from vo_lib.data.scenes import scene_config
+from vo_lib.data.sequence import Sequence, open_sequence
 from vo_lib.detection.class_names import COCO, choose_classes, class_numbers, names_from_metadata
-from vo_lib.detection.yolo import MODELS, YoloDetector, find_model
+from vo_lib.detection.detectors import MODELS
+from vo_lib.detection.yolo import YoloDetector
 from vo_lib.detection.yolo_layout import (
     STRIDES,
     best_boxes,
@@ -107,26 +103,48 @@ def yolox_answer() -> np.ndarray:
     return answer
 
 
-@pytest.mark.parametrize("layout", ["yolov8", "yolox"])
-def test_both_layouts_give_the_box_in_the_image(tmp_path: Path, layout: str) -> None:
-    answer = yolov8_answer() if layout == "yolov8" else yolox_answer()
-    path = write_answering(tmp_path / "model.onnx", answer, names="{0: 'cat', 1: 'Car'}")
+LAYOUTS = {"yolov8": yolov8_answer(), "yolox": yolox_answer()}
+
+
+@pytest.fixture(params=LAYOUTS)
+def either(request: pytest.FixtureRequest, tmp_path: Path) -> YoloDetector:
+    """A network of each layout that finds this box, a car, in every image."""
+    path = write_answering(tmp_path / "m.onnx", LAYOUTS[request.param], names="{0: 'cat', 1: 'Car'}")
     detector = YoloDetector(path)
-    assert detector.layout == layout
+    assert detector.layout == request.param
+    return detector
+
+
+def test_both_layouts_give_the_box_in_the_image(either: YoloDetector) -> None:
     # The image fills the network's image from edge to edge at half the scale.
-    found = detector.detect(np.zeros((128, 128), np.uint8))
+    found = either.detect(np.zeros((128, 128), np.uint8))
     assert found.xyxy == pytest.approx(np.array([[43.5, 37.5, 83.5, 57.5]]), abs=1e-3)
     assert found.class_id.tolist() == [2]  # COCO's number, whatever the model counts
     assert found.score == pytest.approx([0.75], abs=1e-6)
 
 
-def test_a_wide_image_is_centred_by_yolov8_and_in_the_corner_for_yolox(tmp_path: Path) -> None:
-    image = np.zeros((32, 64), np.uint8)
-    names = "{0: 'cat', 1: 'car'}"
-    one = YoloDetector(write_answering(tmp_path / "a.onnx", yolov8_answer(), names=names)).detect(image)
-    two = YoloDetector(write_answering(tmp_path / "b.onnx", yolox_answer(), names=names)).detect(image)
-    assert one.xyxy[0] == pytest.approx([21.5, 2.5, 41.5, 12.5], abs=1e-3)
-    assert two.xyxy[0] == pytest.approx([21.5, 18.5, 41.5, 28.5], abs=1e-3)
+def test_a_wide_image_is_centred_by_yolov8_and_in_the_corner_for_yolox(either: YoloDetector) -> None:
+    found = either.detect(np.zeros((32, 64), np.uint8))
+    top = 2.5 if either.layout == "yolov8" else 18.5
+    assert found.xyxy[0] == pytest.approx([21.5, top, 41.5, top + 10], abs=1e-3)
+
+
+def test_each_family_is_given_the_scale_and_the_colours_it_was_trained_with(either: YoloDetector) -> None:
+    given: list[np.ndarray] = []
+    session = either._session
+
+    def run(names: None, feed: dict[str, np.ndarray]) -> object:
+        given.append(feed["images"])
+        return session.run(names, feed)
+
+    either._session = SimpleNamespace(run=run)
+    blue, green, red = 51, 102, 204
+    either.detect(np.full((64, 64, 3), [blue, green, red], np.uint8))
+    either.detect(np.full((64, 64), 153, np.uint8))
+    # YOLOv8: red, green, blue from 0 to 1; YOLOX: blue, green, red from 0 to 255.
+    planes, white = ([red, green, blue], 255) if either.layout == "yolov8" else ([blue, green, red], 1)
+    np.testing.assert_allclose(given[0][0, :, 5, 9], np.array(planes) / white, rtol=1e-6)
+    np.testing.assert_allclose(given[1], np.full((1, 3, 64, 64), 153 / white), rtol=1e-6)
 
 
 def test_every_yolox_cell_is_decoded_at_its_own_place() -> None:
@@ -190,7 +208,9 @@ def test_eighty_classes_without_names_are_cocos(tmp_path: Path) -> None:
 
 
 def test_what_is_no_usable_model_is_said_in_one_line(tmp_path: Path) -> None:
-    def message(path: Path) -> str:
+    path, box = tmp_path / "model.onnx", yolov8_answer()
+
+    def message() -> str:
         with pytest.raises(DataError) as caught:
             YoloDetector(path)
         text = str(caught.value)
@@ -198,63 +218,41 @@ def test_what_is_no_usable_model_is_said_in_one_line(tmp_path: Path) -> None:
         assert "\n" not in text
         return text
 
-    (tmp_path / "text.onnx").write_text("not a model")
-    assert "no model that ONNX Runtime can load" in message(tmp_path / "text.onnx")
-    (tmp_path / "empty.onnx").write_bytes(b"")
-    assert "no model that ONNX Runtime can load" in message(tmp_path / "empty.onnx")
-    assert "the model is missing" in message(tmp_path / "none.onnx")
-
-    answer = yolov8_answer()
-    gone = write_answering(tmp_path / "gone.onnx", answer, external="gone.onnx.data")
-    assert "kept in a second file, which is missing" in message(gone)
-    flat = write_answering(tmp_path / "flat.onnx", answer, input_shape=(1, 3, 64))
-    assert "expected one input [1, 3, height, width], found input [1, 3, 64]" in message(flat)
-    grey = write_answering(tmp_path / "grey.onnx", answer, input_shape=(1, 1, 64, 64))
-    assert "found input [1, 1, 64, 64]" in message(grey)
-    bytes_in = write_answering(tmp_path / "bytes.onnx", answer, input_kind=2)
-    assert "expected an input of floating-point numbers, found tensor(uint8)" in message(bytes_in)
-    odd = write_answering(tmp_path / "odd.onnx", np.zeros((1, 6, 100), np.float32))
-    assert "unknown layout" in message(odd)
-    assert "found [1, 6, 100]" in message(odd)
-    cats = write_answering(tmp_path / "cats.onnx", answer, names="{0: 'cat', 1: 'dog'}")
-    assert "knows none of the classes car, bus, truck: it has cat, dog" in message(cats)
+    for data in (b"not a model", b""):
+        path.write_bytes(data)
+        assert "no model that ONNX Runtime can load" in message()
+    write_answering(path, box, external="gone.onnx.data")
+    assert "kept in a second file, which is missing" in message()
+    write_answering(path, box, input_shape=(1, 3, 64))
+    assert "expected one input [1, 3, height, width], found input [1, 3, 64]" in message()
+    write_answering(path, box, input_shape=(1, 1, 64, 64))
+    assert "found input [1, 1, 64, 64]" in message()
+    write_answering(path, box, input_kind=2)
+    assert "expected an input of floating-point numbers, found tensor(uint8)" in message()
+    write_answering(path, np.zeros((1, 6, 100), np.float32))
+    assert "found [1, 6, 100]" in message()
+    write_answering(path, box, names="{0: 'cat', 1: 'dog'}")
+    assert "knows none of the classes car, bus, truck: it has cat, dog" in message()
 
 
-def test_names_of_models_and_providers_are_checked(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"no detector is called 'stret': .* street"):
-        find_model("stret")
-    path = write_answering(tmp_path / "model.onnx", yolov8_answer(), names="['cat', 'car']")
+def test_names_of_providers_are_checked() -> None:
     with pytest.raises(DataError, match="expected one of cpu, cuda"):
-        YoloDetector(path, provider="tpu")
+        YoloDetector("street", provider="tpu")
     if "CUDAExecutionProvider" not in onnxruntime.get_available_providers():
         with pytest.raises(DataError, match="install onnxruntime-gpu"):
-            YoloDetector(path, provider="cuda")
-
-
-def drawn(frames: Sequence[int]) -> list[tuple[np.ndarray, Boxes]]:
-    """Left images of a street that training has not seen, with the true boxes."""
-    config = scene_config("traffic", seed=987, length=80.0)
-    world = make_world(config)
-    found = []
-    for frame in frames:
-        view = Renderer(world).view(frame)
-        boxes = visible_boxes(world, frame, view)
-        corners = [[b.left - 0.5, b.top - 0.5, b.right + 0.5, b.bottom + 0.5] for b in boxes]
-        image = expose(view.light, config, 1.0, frame, right=False)
-        truth = Boxes(np.array(corners), np.zeros(len(boxes), np.int64), np.ones(len(boxes)))
-        found.append((np.asarray(image), truth))
-    return found
+            YoloDetector("street", provider="cuda")
 
 
 def as_one_class(boxes: Boxes) -> Boxes:
     return dataclasses.replace(boxes, class_id=np.zeros(len(boxes), np.int64))
 
 
-def test_the_street_model_finds_the_vehicles_of_a_drawn_street() -> None:
+def test_the_street_model_finds_the_vehicles_of_a_street_it_was_not_trained_on(street: Sequence) -> None:
     detector, judged = YoloDetector("street"), []
-    for image, truth in drawn(range(5, 75, 10)):
-        found = detector.detect(image)
+    for frame in range(5, 75, 10):
+        found = detector.detect(street.stereo(frame)[0])
         assert set(found.class_id.tolist()) <= set(VEHICLES)  # the filter's default classes
+        truth = as_one_class(street.boxes(frame))
         judged.append(judge(as_one_class(found), truth, np.zeros((0, 4)), 32.0))
     recall, precision = recall_precision(judged)
     assert sum(len(one.wanted) for one in judged) >= 30
@@ -275,8 +273,8 @@ def test_candidates_can_be_chosen_from_again() -> None:
     assert len(again) > len(strict.choose(found, 0.9, 0.3))
 
 
-def test_detecting_is_the_same_on_two_threads_and_in_grey_or_colour() -> None:
-    image, _ = drawn([60])[0]
+def test_detecting_is_the_same_on_two_threads_and_in_grey_or_colour(street: Sequence) -> None:
+    image, _ = street.stereo(60)
     one = YoloDetector("street", DetectorConfig(threads=1)).detect(image)
     two = YoloDetector("street", DetectorConfig(threads=2)).detect(image)
     colour = YoloDetector("street").detect(np.repeat(image[:, :, None], 3, axis=2))
@@ -310,14 +308,12 @@ def kitti_object_images() -> list[tuple[np.ndarray, Boxes, np.ndarray]]:
 
 def drive_0005_images() -> list[tuple[np.ndarray, Boxes, np.ndarray]]:
     """KITTI's drive 0005 with the vehicles of its labels, which are without scores."""
-    folder = DATA / "kitti_clips" / "sequences" / "drive_0005"
+    drive = open_sequence(DATA / "kitti_clips" / "sequences" / "drive_0005")
     found = []
-    for path in sorted((folder / "image_0").glob("*.png")):
-        image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8)
-        labels = read_labels(folder / "labels" / f"{path.stem}.txt", image.shape[1], image.shape[0])
-        keep = np.isin(labels.class_id, VEHICLES)
-        truth = Boxes(labels.xyxy[keep], np.zeros(int(keep.sum()), np.int64), labels.score[keep])
-        found.append((image, truth, np.zeros((0, 4))))
+    for frame in range(len(drive)):
+        labels = drive.boxes(frame)
+        vehicles = as_one_class(labels[np.isin(labels.class_id, VEHICLES)])
+        found.append((drive.stereo(frame)[0], vehicles, np.zeros((0, 4))))
     return found
 
 
@@ -336,9 +332,10 @@ def test_recall_and_precision_on_real_images(
 ) -> None:
     detector = real_model(model)
     examples = kitti_object_images() if images == "object" else drive_0005_images()
-    judged: list[Judged] = []
-    for image, truth, regions in examples:
-        judged.append(judge(as_one_class(detector.detect(image)), truth, regions, 25.0))
+    judged = [
+        judge(as_one_class(detector.detect(image)), truth, regions, 25.0)
+        for image, truth, regions in examples
+    ]
     found = recall_precision(judged)
     assert sum(len(one.wanted) for one in judged) == (19 if images == "object" else 340)
     assert found[0] >= recall - 0.03

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from ..core.errors import DataError
 from ..data.sequence import Sequence, parse_sequences
+from ..detection.detectors import find_model
 from ..detection.label_cache import labelled_sequence
-from ..detection.yolo import find_model
 from ..evaluation.kitti import Measure
 from ..runs.jobs import run_jobs
 from ..runs.results import run_folder

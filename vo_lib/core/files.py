@@ -164,13 +164,9 @@ def _clear_abandoned(folder: Path) -> None:
 
 
 def write_bytes_atomic(path: str | Path, data: bytes) -> None:
-    """Write `data` to `path`: afterwards the file is either the old one or the new one, whole.
+    """Write `data` to `path` by way of a temporary name beside it: the file is the old one or the new, whole.
 
-    The bytes go to a temporary name in the same folder, which then replaces `path`.
-
-    Raises
-    ------
-    DataError : the folder is missing, not writable or full; `path` is then as it was before.
+    Raises `DataError` where the folder is missing, not writable or full; `path` is then as it was before.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.tmp")

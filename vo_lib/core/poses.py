@@ -23,6 +23,7 @@ TUM_ROW = "8 numbers, t x y z qx qy qz qw"
 EUROC_ROW = "8 numbers or more between commas, t in ns, x y z, qw qx qy qz"
 # Wide enough for files printed with three digits, narrow enough to catch rows in another format.
 ROTATION_TOLERANCE = 1e-2
+TOLERANCE = 0.01  # seconds between poses that go together
 FARTHEST = 1e9  # metres; a larger coordinate is no position on Earth and would overflow later on
 
 
@@ -39,17 +40,10 @@ def is_rotation(R: Array) -> NDArray[np.bool_]:
 
 
 def read_kitti_poses(path: str | Path) -> Array:
-    """Poses of a file in KITTI's format, one row a frame.
+    """Poses T_w_c (N, 4, 4), metres, N >= 1, of a file in KITTI's format, one row a frame.
 
-    Rotations are returned as printed, not made orthonormal: KITTI's own files carry 7 digits.
-
-    Returns
-    -------
-    (N, 4, 4) poses T_w_c, metres, N >= 1.
-
-    Raises
-    ------
-    DataError : with file and line, when a row is not a pose.
+    Rotations are returned as printed, not made orthonormal: KITTI's own files carry 7 digits. Raises
+    `DataError` with file and line, when a row is not a pose.
     """
     rows, lines = read_rows(path, KITTI_ROW, 12)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
@@ -72,16 +66,10 @@ def read_kitti_pair(truth_path: str | Path, estimate_path: str | Path) -> tuple[
 
 
 def read_tum(path: str | Path) -> tuple[Array, Array]:
-    """Times and poses of a file in TUM's format; lines that start with # are comments.
+    """Times (N,), seconds, increasing, and poses T_w_c (N, 4, 4), metres, N >= 1, of a file in TUM's format.
 
-    Returns
-    -------
-    times : (N,) seconds, increasing.
-    T : (N, 4, 4) poses T_w_c, metres, N >= 1.
-
-    Raises
-    ------
-    DataError : with file and line, when a row is not a time and a pose, or time does not increase.
+    Lines that start with # are comments. Raises `DataError` with file and line, when a row is not a time and
+    a pose, or time does not increase.
     """
     return _timed_poses(*read_rows(path, TUM_ROW, 8, comment="#"), path, TUM_ROW)
 
@@ -111,28 +99,27 @@ def read_by_time(
     truth_path: str | Path,
     estimate_paths: Sequence[str | Path],
     read_truth: Callable[[str | Path], tuple[Array, Array]],
-    tolerance: float = 0.01,
 ) -> tuple[Array, Array, list[Array]]:
     """Times (N,), truth and estimates of it (TUM, or EuRoC's .csv), (N, 4, 4) each: what all of them have.
 
-    Each pose of the shorter file goes with the one nearest in time of the other, at most `tolerance` seconds
+    Each pose of the shorter file goes with the one nearest in time of the other, at most `TOLERANCE` seconds
     away; poses without a partner are left out. `DataError` where fewer than two go together.
     """
     times, truth = read_truth(truth_path)
     common, found = np.arange(len(truth)), []
     for path in estimate_paths:
         times_e, estimate = read_euroc(path) if Path(path).suffix == ".csv" else read_tum(path)
-        at_truth, at = match_times(times, times_e, tolerance)
+        at_truth, at = match_times(times, times_e, TOLERANCE)
         common = np.intersect1d(common, at_truth)
         if len(common) < 2:
-            raise DataError(f"fewer than two times are within {tolerance:g} s of one in {truth_path}", path)
+            raise DataError(f"fewer than two times are within {TOLERANCE:g} s of one in {truth_path}", path)
         found.append((at_truth, estimate[at]))
     chosen = [estimate[np.searchsorted(at_truth, common)] for at_truth, estimate in found]
     return times[common], truth[common], chosen
 
 
 def match_times(
-    times_a: Array, times_b: Array, tolerance: float = 0.01
+    times_a: Array, times_b: Array, tolerance: float = TOLERANCE
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Places in two increasing lists of times, seconds, that go together, as `read_by_time` says."""
     few, many = (times_a, times_b) if len(times_a) <= len(times_b) else (times_b, times_a)

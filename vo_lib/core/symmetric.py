@@ -18,16 +18,8 @@ def outer(v: Array) -> Array:
 def invert(C: Array) -> Array:
     """Inverses (6, N) of symmetric 3×3 matrices (6, N), by cofactors."""
     xx, yy, zz, xy, xz, yz = C
-    cofactors = np.stack(
-        [
-            yy * zz - yz * yz,
-            xx * zz - xz * xz,
-            xx * yy - xy * xy,
-            xz * yz - xy * zz,
-            xy * yz - xz * yy,
-            xy * xz - xx * yz,
-        ]
-    )
+    diagonal = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
+    cofactors = np.stack([*diagonal, xz * yz - xy * zz, xy * yz - xz * yy, xy * xz - xx * yz])
     return np.asarray(cofactors / (xx * cofactors[0] + xy * cofactors[3] + xz * cofactors[4]))
 
 

@@ -50,9 +50,8 @@ def scene_key(config: SceneConfig) -> str:
 def find_scene(config: SceneConfig, parent: Path, frames: range | None = None) -> tuple[Path, bool]:
     """The folder of a scene, or of a part of it where the whole is not there, and whether it is complete."""
     folder = parent / scene_key(config)
-    if frames is None or is_complete(folder):
-        return folder, is_complete(folder)
-    folder = parent / f"{folder.name}-{frames.start}-{frames.stop}"
+    if frames is not None and not is_complete(folder):
+        folder = parent / f"{folder.name}-{frames.start}-{frames.stop}"
     return folder, is_complete(folder)
 
 
@@ -63,19 +62,15 @@ def ensure_scene(
     jobs: int = 2,
     frames: range | None = None,
 ) -> Path:
-    """The folder of a scene; the script that draws runs unless it lies complete in the cache.
+    """The folder of a scene, named or by its settings; it is drawn unless it lies complete in the cache.
 
     Parameters
     ----------
-    name_or_config : a name from `SCENES`, or settings of your own.
     cache : folder that holds the scenes; default the user's cache folder.
-    progress : called with (frames done, frames) while drawing.
     jobs : processes that draw. The pictures do not depend on it.
     frames : draw no others where the whole scene is not there: a part in a folder of its own.
 
-    Raises
-    ------
-    DataError : no such scene, the cache cannot be written, or the kit is not used from its folder.
+    Raises `DataError`: no such scene, the cache cannot be written, or the kit is not used from its folder.
     """
     config = name_or_config if isinstance(name_or_config, SceneConfig) else scene_config(name_or_config)
     parent = (cache_folder() if cache is None else Path(cache)).absolute()
@@ -124,17 +119,14 @@ def is_complete(folder: Path) -> bool:
     try:
         manifest = folder / MANIFEST
         finished = manifest.stat().st_mtime_ns
-        files = read_json(manifest, {str: [int]}, "a list of files")
-        return all(_unchanged(folder / name, expected, finished) for name, expected in files.items())
+        for name, expected in read_json(manifest, {str: [int]}, "a list of files").items():
+            now = (folder / name).stat()
+            younger = now.st_mtime_ns > finished
+            if now.st_size != expected[0] or (younger and fingerprint(folder / name) != expected):
+                return False
     except (OSError, DataError, ValueError, IndexError):
         return False
-
-
-def _unchanged(path: Path, expected: list[int], finished: int) -> bool:
-    now = path.stat()
-    if now.st_mtime_ns <= finished:
-        return now.st_size == expected[0]
-    return fingerprint(path) == expected
+    return True
 
 
 def fingerprint(path: Path) -> list[int]:

@@ -17,6 +17,7 @@ MOTIONS: tuple[Motion, ...] = get_args(Motion)
 
 # Half the field of view as tan(angle): the 1241×376 px image of KITTI at f = 718.856 px.
 HALF_WIDTH, HALF_HEIGHT = 0.863, 0.262
+FOCAL = 718.856  # pixels; turns noise into normalised coordinates
 NEAREST, FARTHEST = 4.0, 40.0  # depth of the points in the previous camera, metres
 IN_FRONT = 0.5  # least depth in the current camera, metres
 
@@ -49,7 +50,6 @@ def random_problems(
     motion: Motion = "general",
     *,
     noise_px: float = 0.0,
-    focal: float = 718.856,
     baseline: float = 1.0,
     rotation: float | None = None,
 ) -> PoseProblems:
@@ -61,7 +61,6 @@ def random_problems(
         "planar" and "planar_forward" the same with all points of a problem on one plane of random tilt;
         "small_baseline" 1 cm in any direction; "pure_rotation" no translation.
     noise_px : standard deviation of Gaussian noise on every image coordinate, pixels.
-    focal : focal length that turns pixels into normalised coordinates, pixels.
     baseline : length of t_cp, metres; not used by "small_baseline" and "pure_rotation".
     rotation : largest rotation angle, radians; by default 0.3, and 0.05 when moving forward as a car does.
     """
@@ -82,7 +81,7 @@ def random_problems(
     E = essential_from_motion(R_cp, t_cp)
     norm = np.linalg.norm(E, axis=(1, 2), keepdims=True)
     x_p, x_c = (X[..., :2] / X[..., 2:] for X in (X_p, X_c))
-    noise_p, noise_c = rng.normal(0.0, noise_px / focal, (2, count, points, 2))
+    noise_p, noise_c = rng.normal(0.0, noise_px / FOCAL, (2, count, points, 2))
     return PoseProblems(R_cp, t_cp, E / np.where(norm > 0.0, norm, 1.0), x_p + noise_p, x_c + noise_c, X_p)
 
 

@@ -9,7 +9,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -51,6 +51,8 @@ class Sequence:
     truth : (N, 4, 4) ground-truth poses T_w_c, or None.
     labels : folder of YOLO label files, or None.
     calibration : what is known of the cameras' errors besides calib.txt, for the kit's own way; or None.
+    wait : returns when the label file of a frame, by its name, is written; or None: the labels are there.
+    labels_identity : what decides the boxes where `wait` is given; None: the label files as they are.
     """
 
     name: str
@@ -60,7 +62,9 @@ class Sequence:
     times: Array
     truth: Array | None
     labels: Path | None
-    calibration: Calibration | None = field(default=None, kw_only=True)
+    calibration: Calibration | None = None
+    wait: Callable[[str], None] | None = None
+    labels_identity: str | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -83,19 +87,17 @@ class Sequence:
         if self.labels is None:
             return no_boxes()
         path = self.labels / f"{self.frames[index]}.txt"
-        require_written(path, self._written)
-        if not path.exists():
-            return no_boxes()
-        return read_labels(path, self.camera.width, self.camera.height)
+        if self.wait is None:
+            require_written(path, self._written)
+        else:
+            self.wait(self.frames[index])
+        return read_labels(path, self.camera.width, self.camera.height) if path.exists() else no_boxes()
 
     @functools.cached_property
     def _written(self) -> dict[str, str]:
         """The label files as a detector wrote them."""
-        return {} if self.labels is None else written_labels(self.labels)
-
-    def labels_identity(self) -> str | None:
-        """What decides the boxes where they may not all be written yet; None: the label files as they are."""
-        return None
+        assert self.labels is not None
+        return written_labels(self.labels)
 
     def on_moving(self, index: int, matches: StereoMatches) -> Mask:
         """Which matches (N,) of a drawn frame with the one before are on things that move, shadows too.
@@ -146,13 +148,9 @@ def stereo_ahead(
 def kitti_roots() -> list[Path]:
     """Where KITTI is looked for: KITTI_ROOT, then data/kitti here and beside the package."""
     places = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
-    roots: list[Path] = []
-    for place in places:
-        # The archives unpack to a folder `dataset`; both it and its parent are accepted.
-        for root in (Path(place), Path(place) / "dataset") if place else ():
-            if (root / "sequences").is_dir() and root.resolve() not in roots:
-                roots.append(root.resolve())
-    return roots
+    # The archives unpack to a folder `dataset`; both it and its parent are accepted.
+    roots = [Path(place, inner).resolve() for place in places if place for inner in ("", "dataset")]
+    return [root for root in dict.fromkeys(roots) if (root / "sequences").is_dir()]
 
 
 def kitti_root() -> Path:
@@ -208,17 +206,14 @@ def open_sequence(
 ) -> Sequence:
     """A sequence by name ("kitti/07", "synthetic/traffic") or by the path of a KITTI-layout folder.
 
-    Everything that can be seen without decoding all images is checked here.
+    Everything that can be seen without decoding all images is checked here; `DataError` names the file and
+    what was expected.
 
     Parameters
     ----------
     labels : folder of YOLO label files; by default `labels` in the sequence's folder, if there.
     cache : folder that keeps synthetic scenes; by default the user's cache folder.
-    progress : called with (frames done, frames in all) while a synthetic scene is drawn.
-
-    Raises
-    ------
-    DataError : one line that names the file and what was expected.
+    progress : called while a synthetic scene is drawn.
     """
     folder, name = Path(where), str(where)
     if folder.is_dir():

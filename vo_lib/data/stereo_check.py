@@ -64,30 +64,26 @@ def doubts(sequence: Sequence, matches: float) -> list[str]:
 
 def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
     """Match each pair by SIFT in all directions, so that swapped and unrectified pairs match as well."""
-    shifts = []
-    count = 0
-    for left, right in pairs:
-        if left.shape != right.shape:
-            sizes = " and ".join(f"{image.shape[1]}×{image.shape[0]}" for image in (left, right))
-            raise DataError(f"left and right image have different sizes: {sizes}")
-        shifts.append(_shifts(left, right))
-        count += 1
-    shift = np.concatenate(shifts) if shifts else np.zeros((0, 2))
-    if len(shift) == 0:
-        return PairStatistics(count, 0, 0.0, 0.0, 0.0, 0.0)
-    row = float(np.median(shift[:, 1]))
+    shifts = [_shifts(left, right) for left, right in pairs]
+    disparity, row = np.concatenate([np.zeros((0, 2)), *shifts]).T * [[-1.0], [1.0]]
+    if not len(row):
+        return PairStatistics(len(shifts), 0, 0.0, 0.0, 0.0, 0.0)
+    middle = float(np.median(row))
     return PairStatistics(
-        pairs=count,
-        matches=len(shift),
-        disparity=float(np.median(-shift[:, 0])),
-        negative=float(np.mean(-shift[:, 0] < -NEAR_ZERO)),
-        row=row,
-        row_spread=float(NORMAL * np.median(np.abs(shift[:, 1] - row))),
+        pairs=len(shifts),
+        matches=len(row),
+        disparity=float(np.median(disparity)),
+        negative=float(np.mean(disparity < -NEAR_ZERO)),
+        row=middle,
+        row_spread=float(NORMAL * np.median(np.abs(row - middle))),
     )
 
 
 def _shifts(left: Image, right: Image) -> Array:
     """Right minus left pixel of matched features, (N, 2)."""
+    if left.shape != right.shape:
+        sizes = " and ".join(f"{image.shape[1]}×{image.shape[0]}" for image in (left, right))
+        raise DataError(f"left and right image have different sizes: {sizes}")
     sift = cv2.SIFT.create(FEATURES)
     scale = min(1.0, LARGEST / max(left.shape))
     (points_l, descriptors_l), (points_r, descriptors_r) = (
@@ -99,10 +95,8 @@ def _shifts(left: Image, right: Image) -> Array:
     nearest = cv2.BFMatcher(cv2.NORM_L2).knnMatch(descriptors_l, descriptors_r, k=2)
     # Images of different scenes have nearest neighbours too, but none that is much nearer than the next.
     good = [pair[0] for pair in nearest if len(pair) == 2 and pair[0].distance < RATIO * pair[1].distance]
-    if not good:
-        return np.zeros((0, 2))
-    uv_l = np.array([points_l[match.queryIdx].pt for match in good])
-    shift = (np.array([points_r[match.trainIdx].pt for match in good]) - uv_l) / scale
+    uv_l = np.array([points_l[match.queryIdx].pt for match in good]).reshape(-1, 2)
+    shift = (np.array([points_r[match.trainIdx].pt for match in good]).reshape(-1, 2) - uv_l) / scale
     return np.asarray(shift[np.abs(shift[:, 1]) <= FARTHEST_ROW * left.shape[0]], np.float64)
 
 

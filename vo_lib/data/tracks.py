@@ -24,6 +24,9 @@ from ..core.types import Array, Mask, Whole
 Rng = np.random.Generator
 
 ROUNDS = 8  # attempts to fill a frame with points before it is left with fewer
+NEAREST, FARTHEST = 4.0, 70.0  # metres, depth of the points
+CAMERA_HEIGHT = 1.65  # metres above the road
+AHEAD = rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))  # an object's way from frame to frame, metres
 
 
 @dataclass(frozen=True)
@@ -35,18 +38,10 @@ class TrackConfig(Checked):
     wrong: float = setting(0.0, "Share of matches whose current pair shows another point.", low=0, high=1)
     moving: float = setting(0.0, "Share of matches on moving objects.", low=0, high=1)
     objects: int = setting(2, "Moving objects in view.", low=1, high=20)
-    object_speed: float = setting(0.8, "Way of an object from frame to frame.", unit="m", low=-5, high=5)
     object_heading: float = setting(
-        0.0,
-        "Heading of the objects to the right of the camera's; 90: they cross.",
-        unit="deg",
-        low=-180,
-        high=180,
+        0.0, "Heading of objects, to the right of the camera's.", unit="deg", low=-180, high=180
     )
     survival: float = setting(0.8, "Share of features found again in the next frame.", low=0, high=1)
-    camera_height: float = setting(1.65, "Height of the cameras above the road.", unit="m", low=0.1, high=10)
-    nearest: float = setting(4.0, "Depth of the nearest points.", unit="m", low=0.5, high=50)
-    farthest: float = setting(70.0, "Depth of the farthest points.", unit="m", low=2, high=1000)
 
 
 @dataclass(frozen=True)
@@ -82,11 +77,6 @@ class _Features(Rows):
     id: Whole
 
 
-def _no_features() -> _Features:
-    uv, whole = np.zeros((0, 2)), np.zeros(0, np.int64)
-    return _Features(np.zeros((0, 3)), whole, uv, uv, whole, np.zeros(0), whole)
-
-
 def simulate_tracks(
     poses: Array, camera: StereoCamera, config: TrackConfig | None = None, seed: int | Rng = 0
 ) -> Iterator[SimulatedFrame]:
@@ -106,8 +96,10 @@ def simulate_tracks(
     """
     if camera.width <= 0 or camera.height <= 0:
         raise DataError("simulated matches need the size of the image in the camera")
-    config = TrackConfig() if config is None else config
-    return _Street(np.asarray(poses, np.float64), camera, config, np.random.default_rng(seed)).frames()
+    street = _Street(
+        np.asarray(poses, np.float64), camera, config or TrackConfig(), np.random.default_rng(seed)
+    )
+    return map(street.step, range(1, len(poses)))
 
 
 class _Street:
@@ -116,130 +108,100 @@ class _Street:
     def __init__(self, poses: Array, camera: StereoCamera, config: TrackConfig, rng: Rng):
         self.poses, self.camera, self.config, self.rng = poses, camera, config, rng
         self.from_world = inverse(poses)
-        self.alive = _no_features()
-        self.next_id = 0
-        # Poses T_w_o of the objects in the previous and the current frame; far away until they are placed.
+        # Poses T_w_o of the objects in the current pair; far away until they are placed.
         self.objects = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, -1e6])), (config.objects, 1, 1))
-        self.objects_now = self.objects
+        # Into the camera of the previous and of the current pair, from each object and from the world.
+        self.to_camera = [np.tile(np.eye(4), (config.objects + 1, 1, 1))] * 2
+        self.next_id = 0
+        self.alive = self._new(0, 0, False)
 
-    def frames(self) -> Iterator[SimulatedFrame]:
+    def step(self, frame: int) -> SimulatedFrame:
+        """Features that live on and new ones, measured in the current pair."""
         config, rng = self.config, self.rng
-        for frame in range(1, len(self.poses)):
-            self._move_objects(frame)
-            on_objects = round(config.moving * config.points)
-            quota = {False: config.points - on_objects, True: on_objects}
-            kept = self.alive[rng.random(len(self.alive)) < config.survival]
-            kept = kept[self._visible(frame, kept.point, kept.body)]
-            parts = []
-            for moving, wanted in quota.items():
-                old = kept[np.flatnonzero((kept.body >= 0) == moving)[:wanted]]
-                parts += [old, self._new(frame, wanted - len(old), moving)]
-            yield self._measure(frame, joined(parts))
+        self._move_objects(frame)
+        kept = self.alive[rng.random(len(self.alive)) < config.survival]
+        kept = kept[self._visible(kept.point, kept.body)]
+        on_objects = round(config.moving * config.points)
+        parts = []
+        for moving, wanted in ((False, config.points - on_objects), (True, on_objects)):
+            old = kept[np.flatnonzero((kept.body >= 0) == moving)[:wanted]]
+            parts += [old, self._new(frame, wanted - len(old), moving)]
+        return self._measure(frame, joined(parts))
 
-    def _measure(self, frame: int, features: _Features) -> SimulatedFrame:
+    def _measure(self, frame: int, seen: _Features) -> SimulatedFrame:
         """Measure the features in the current pair; some of them wrongly."""
-        config, rng, count = self.config, self.rng, len(features)
-        left, right = self._project(frame, features.point, features.body, now=True)
-        left, right = left + self._noise(count), right + self._noise(count)
-        street = np.flatnonzero(features.body < 0)
-        wrong = np.zeros(count, bool)
-        wrong[rng.permutation(street)[: round(config.wrong * count)]] = True
+        config, rng, count = self.config, self.rng, len(seen)
+        left, right = (uv + self._noise(count) for uv in self._project(1, seen.point, seen.body))
+        moving, wrong = seen.body >= 0, np.zeros(count, bool)
+        wrong[rng.permutation(np.flatnonzero(~moving))[: round(config.wrong * count)]] = True
         # A mismatch looks like a match: the place of another feature, somewhere near in the picture.
         lying = np.flatnonzero(wrong)
-        shift = rng.uniform(4.0, 40.0, (len(lying), 1)) * _directions(rng, len(lying))
+        way, angle = rng.uniform(4.0, 40.0, len(lying)), rng.uniform(0, 2 * np.pi, len(lying))
         disparity = (left - right)[lying, 0] * rng.uniform(0.6, 1.6, len(lying))
-        left[lying] += shift
-        right[lying, 0], right[lying, 1] = (
-            left[lying, 0] - disparity,
-            left[lying, 1] + self._noise(len(lying))[:, 1],
-        )
-        matches = StereoMatches(
-            features.left, features.right, left, right, features.age, features.strength, features.id
-        )
-        moving = features.body >= 0
-        T_cp = self.from_world[frame] @ self.poses[frame - 1]
-        self.alive = replace(features, left=left, right=right, age=features.age + 1)[~wrong]
-        return SimulatedFrame(frame, matches, wrong, moving, T_cp)
+        left[lying] += way[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        right[lying, 0] = left[lying, 0] - disparity
+        right[lying, 1] = left[lying, 1] + self._noise(len(lying))[:, 1]
+        pairs = seen.left, seen.right, left, right
+        matches = StereoMatches(*pairs, seen.age, seen.strength, seen.id)
+        self.alive = replace(seen, left=left, right=right, age=seen.age + 1)[~wrong]
+        return SimulatedFrame(frame, matches, wrong, moving, self.from_world[frame] @ self.poses[frame - 1])
 
     def _new(self, frame: int, wanted: int, moving: bool) -> _Features:
         """Features first seen in the previous pair, visible in the current one as well."""
-        found, count = [], 0
+        point, body = np.zeros((0, 3)), np.zeros(0, np.int64)
         for _ in range(ROUNDS):
-            if count >= wanted:
+            if (lacking := wanted - len(body)) <= 0:
                 break
-            point, body = self._sample(frame, 2 * (wanted - count) + 20, moving)
-            good = np.flatnonzero(self._visible(frame, point, body))[: wanted - count]
-            found.append((point[good], body[good]))
-            count += len(good)
-        if not found:
-            return _no_features()
-        point, body = (np.concatenate(part) for part in zip(*found, strict=True))
-        left, right = self._project(frame - 1, point, body, now=False)
+            more, its = self._sample(frame, 2 * lacking + 20, moving)
+            good = np.flatnonzero(self._visible(more, its))[:lacking]
+            point, body = np.concatenate([point, more[good]]), np.concatenate([body, its[good]])
+        count = len(body)
+        left, right = (uv + self._noise(count) for uv in self._project(0, point, body))
         self.next_id += count
-        return _Features(
-            point,
-            body,
-            left + self._noise(count),
-            right + self._noise(count),
-            np.ones(count, np.int64),
-            self.rng.gamma(2.0, 20.0, count),
-            np.arange(self.next_id - count, self.next_id),
-        )
+        ages, ids = np.ones(count, np.int64), np.arange(self.next_id - count, self.next_id)
+        return _Features(point, body, left, right, ages, self.rng.gamma(2.0, 20.0, count), ids)
 
     def _sample(self, frame: int, count: int, moving: bool) -> tuple[Array, Whole]:
         """Random points in their body's frame: on road and fronts near the previous camera, or on objects."""
-        rng, config = self.rng, self.config
+        rng = self.rng
         if moving:
-            body = rng.integers(config.objects, size=count)
+            body = rng.integers(self.config.objects, size=count)
             point = rng.uniform((-0.9, -1.4, -2.1), (0.9, 0.0, 2.1), (count, 3))
             point[:, 2] = np.where(rng.random(count) < 0.6, -2.1, point[:, 2])  # the rear is what one sees
             return point, body
-        z = config.nearest * (config.farthest / config.nearest) ** rng.random(count)
+        z = NEAREST * (FARTHEST / NEAREST) ** rng.random(count)
         ground = rng.random(count) < 0.4
         x = rng.uniform(5.0, 14.0, count) * rng.choice([-1.0, 1.0], count)
-        y = config.camera_height - rng.uniform(0.0, 8.0, count)
-        x, y = np.where(ground, rng.uniform(-7.0, 7.0, count), x), np.where(ground, config.camera_height, y)
+        y = CAMERA_HEIGHT - rng.uniform(0.0, 8.0, count)
+        x, y = np.where(ground, rng.uniform(-7.0, 7.0, count), x), np.where(ground, CAMERA_HEIGHT, y)
         return transform(self.poses[frame - 1], np.stack([x, y, z], axis=1)), np.full(count, -1)
 
-    def _project(self, frame: int, point: Array, body: Whole, now: bool) -> tuple[Array, Array]:
-        """Left and right pixels in a frame; `now` says which of the two known poses of the objects holds."""
-        objects = self.objects_now if now else self.objects
-        T = np.concatenate([self.from_world[frame] @ objects, self.from_world[frame][None]])[body]
+    def _project(self, pair: int, point: Array, body: Whole) -> tuple[Array, Array]:
+        """Left and right pixels in the previous (0) or the current pair (1)."""
+        T = self.to_camera[pair][body]
         return self.camera.project(np.einsum("nij,nj->ni", T[:, :3, :3], point) + T[:, :3, 3])
 
-    def _visible(self, frame: int, point: Array, body: Whole) -> Mask:
+    def _visible(self, point: Array, body: Whole) -> Mask:
         """Inside both pictures of both pairs, with a little room for noise."""
-        inside = np.ones(len(body), bool)
+        uv = np.stack([self._project(pair, point, body) for pair in (0, 1)])
         far_corner = (self.camera.width - 3.0, self.camera.height - 3.0)
-        for number, now in ((frame - 1, False), (frame, True)):
-            for uv in self._project(number, point, body, now):
-                with np.errstate(invalid="ignore"):
-                    inside &= np.all((uv > 2.0) & (uv < far_corner), axis=1)
-        return inside
+        return np.asarray(((uv > 2.0) & (uv < far_corner)).all(axis=(0, 1, 3)))
 
     def _move_objects(self, frame: int) -> None:
         """Objects drive on along their own heading; one that leaves the view comes back elsewhere."""
-        ahead = rigid(np.eye(3), np.array([0.0, 0.0, self.config.object_speed]))
-        self.objects, lost = self.objects_now.copy(), []
-        for k in range(len(self.objects)):
-            for number in (frame - 1, frame):
-                T_w_o = self.objects[k] @ (ahead if number == frame else np.eye(4))
-                seen = self.from_world[number] @ T_w_o[:, 3]
-                if not (7.0 < seen[2] < 45.0 and abs(seen[0]) < 0.6 * seen[2]):
-                    lost.append(k)
-        for k in dict.fromkeys(lost):
+        before, T_c_w = self.objects, self.from_world[[frame - 1, frame], None]
+        x, _, z = np.moveaxis((T_c_w @ np.stack([before, before @ AHEAD]))[..., :3, 3], -1, 0)
+        seen = ((z > 7.0) & (z < 45.0) & (np.abs(x) < 0.6 * z)).all(axis=0)
+        for k in np.flatnonzero(~seen):
             side = float(self.rng.choice([-3.3, 0.0, 3.3]))
-            place = np.array([side, self.config.camera_height, self.rng.uniform(11.0, 25.0)])
+            place = np.array([side, CAMERA_HEIGHT, self.rng.uniform(11.0, 25.0)])
             turn = rotation_from_vector(np.array([0.0, np.radians(self.config.object_heading), 0.0]))
-            self.objects[k] = self.poses[frame - 1] @ rigid(turn, place)
+            before[k] = self.poses[frame - 1] @ rigid(turn, place)
             self.alive = self.alive[self.alive.body != k]
-        self.objects_now = self.objects @ ahead
+        self.objects = before @ AHEAD
+        for pair, bodies in enumerate((before, self.objects)):
+            T = self.from_world[frame - 1 + pair]
+            self.to_camera[pair] = np.concatenate([T @ bodies, T[None]])
 
     def _noise(self, count: int) -> Array:
         return self.config.noise * self.rng.standard_normal((count, 2))
-
-
-def _directions(rng: Rng, count: int) -> Array:
-    """Random unit vectors (count, 2)."""
-    angle = rng.uniform(0, 2 * np.pi, count)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -35,10 +35,7 @@ class Truth:
     poses : (N, 4, 4) T_w_c of the left camera; the world is the first left camera.
     instance : (K,) instance numbers of the vehicles; instance K + k is the shadow under vehicle k.
     kind : (K,) COCO class: car 2, bus 5, truck 7.
-    size : (K, 3) width, height and length, metres.
     objects : (N, K, 4, 4) T_w_o. Vehicle axes: x right, y down, z forward, origin on the ground.
-    speed : (N, K) metres a second.
-    moving : (N, K) whether the vehicle moves between this frame and one of its neighbours.
     """
 
     folder: Path
@@ -46,10 +43,7 @@ class Truth:
     poses: Array
     instance: Whole
     kind: Whole
-    size: Array
     objects: Array
-    speed: Array
-    moving: Mask
 
     @property
     def camera(self) -> StereoCamera:
@@ -64,17 +58,11 @@ class Truth:
         """Instance number (H, W) of every pixel of the left image; 0 is street or sky."""
         return _read(self.folder / "truth" / "instance" / f"{frame:06d}.png").astype(np.uint16)
 
-    def moving_ids(self, frame: int, other: int | None = None) -> Whole:
-        """Instance numbers, shadows included, of what moves in a frame, or between it and another frame."""
-        vehicles = np.flatnonzero(self._moves(frame, other)) + 1
-        return np.concatenate([vehicles, vehicles + len(self.instance)])
-
-    def is_moving(self, frame: int, uv: Array, other: int | None = None) -> Mask:
-        """Whether left pixels (N, 2) lie on something that moves.
-
-        With `other`: on something that moves between the two frames; else between `frame` and a neighbour.
-        """
-        return np.isin(self._instance_at(frame, uv), self.moving_ids(frame, other))
+    def is_moving(self, frame: int, uv: Array, other: int) -> Mask:
+        """Whether left pixels (N, 2) of a frame lie on what moves between it and `other`; shadows count."""
+        step = self.objects[other, :, :3, 3] - self.objects[frame, :, :3, 3]
+        moves = np.append(False, np.linalg.norm(step, axis=1) > STILL)
+        return np.asarray(moves[self._vehicle_at(frame, uv)])
 
     def predict(self, frame_p: int, frame_c: int, uv: Array) -> tuple[Array, Array, Mask]:
         """Where points of one left image are in the pair of another frame; the motion of vehicles included.
@@ -95,41 +83,24 @@ class Truth:
         known = np.isfinite(z)
         z = np.where(known, z, 1.0)
         X = np.concatenate([self.camera.normalise(uv) * z[:, None], z[:, None]], axis=1)
-        motion = np.tile(inverse(self.poses[frame_c]) @ self.poses[frame_p], (len(self.instance) + 1, 1, 1))
-        if len(self.instance):
-            moved = self.objects[frame_c] @ inverse(self.objects[frame_p])
-            motion[1:] = inverse(self.poses[frame_c]) @ moved @ self.poses[frame_p]
-        T = motion[self._vehicle_at(frame_p, uv)]
-        Y = np.einsum("nij,nj->ni", T[:, :3, :3], X) + T[:, :3, 3]
-        left, right = self.camera.project(Y)
-        valid = known & np.isfinite(left[:, 0])
-        for point in (left, right):
-            with np.errstate(invalid="ignore"):
-                valid &= np.all(
-                    (point >= 0) & (point <= (self.camera.width - 1, self.camera.height - 1)), axis=1
-                )
-        return left, right, valid
+        still = np.eye(4)[None]
+        moved = np.concatenate([still, self.objects[frame_c] @ inverse(self.objects[frame_p])])
+        T = (inverse(self.poses[frame_c]) @ moved @ self.poses[frame_p])[self._vehicle_at(frame_p, uv)]
+        left, right = self.camera.project(np.einsum("nij,nj->ni", T[:, :3, :3], X) + T[:, :3, 3])
+        both = np.stack([left, right])
+        inside = (both >= 0) & (both <= (self.camera.width - 1, self.camera.height - 1))  # false where NaN
+        return left, right, known & inside.all(axis=(0, 2))
 
-    def match_errors(self, matches: StereoMatches, frame: int, previous: int | None = None) -> Array:
+    def match_errors(self, matches: StereoMatches, frame: int) -> Array:
         """Largest distance (N,) of matches from their true places, pixels; NaN where these are not known.
 
-        Parameters
-        ----------
-        matches : between the pair `previous`, by default the one before, and the pair `frame`. Their places
-            in the three images other than the previous left one are judged.
+        The matches are those of the pair `frame` with the one before. Their places in the three images other
+        than the previous left one are judged.
         """
-        before = frame - 1 if previous is None else previous
-        _, right_p, valid_p = self.predict(before, before, matches.prev_left)
-        left, right, valid_c = self.predict(before, frame, matches.prev_left)
+        _, right_p, valid_p = self.predict(frame - 1, frame - 1, matches.prev_left)
+        left, right, valid_c = self.predict(frame - 1, frame, matches.prev_left)
         away = np.stack([matches.prev_right - right_p, matches.cur_left - left, matches.cur_right - right])
         return np.where(valid_p & valid_c, np.linalg.norm(away, axis=2).max(axis=0), np.nan)
-
-    def _moves(self, frame: int, other: int | None) -> Mask:
-        """(K,) which vehicles move."""
-        if other is None:
-            return np.asarray(self.moving[frame])
-        step = self.objects[other, :, :3, 3] - self.objects[frame, :, :3, 3]
-        return np.asarray(np.linalg.norm(step, axis=1) > STILL)
 
     def _nearest(self, uv: Array) -> tuple[Index, Index]:
         """Row and column of the pixels nearest to positions (N, 2)."""
@@ -138,14 +109,10 @@ class Truth:
         row = np.clip(np.rint(uv[:, 1]), 0, self.camera.height - 1).astype(np.intp)
         return row, column
 
-    def _instance_at(self, frame: int, uv: Array) -> Whole:
-        return self.ids(frame)[self._nearest(uv)].astype(np.int64)
-
     def _vehicle_at(self, frame: int, uv: Array) -> Whole:
         """0 for the street, k + 1 for vehicle k or its shadow."""
-        number = self._instance_at(frame, uv)
-        count = max(len(self.instance), 1)
-        return np.where(number > 0, (number - 1) % count + 1, 0)
+        number = self.ids(frame)[self._nearest(uv)].astype(np.int64)
+        return np.where(number > 0, (number - 1) % max(len(self.instance), 1) + 1, 0)
 
     def _depth_at(self, frame: int, uv: Array) -> Array:
         """Depth (N,) at sub-pixel positions: 1/Z is linear over a flat face, so it is interpolated.
@@ -185,10 +152,7 @@ def open_truth(folder: Path | str) -> Truth:
             poses=read_kitti_poses(folder / "poses.txt"),
             instance=arrays["instance"],
             kind=arrays["kind"],
-            size=arrays["size"],
             objects=arrays["poses"],
-            speed=arrays["speed"],
-            moving=arrays["moving"],
         )
     except (DataError, ValueError, KeyError) as error:
         raise DataError(f"no synthetic truth here: {error}", folder) from None

@@ -1,4 +1,4 @@
-"""Vehicle detectors known by name, with size, licence and hash: those to be fetched, those registered."""
+"""Vehicle detectors known by name: the one shipped, and those fetched or registered."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import platformdirs
 from ..core.errors import DataError
 from ..core.files import read_json
 
-YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0/"
 REGISTRY = "detectors.json"
+MODELS = {"street": Path(__file__).parent / "models" / "street.onnx"}  # shipped with the kit
 
 
 @dataclass(frozen=True)
@@ -42,61 +42,36 @@ def detector_folder() -> Path:
     return platformdirs.user_data_path("stereo-vo-kit", appauthor=False) / "detectors"
 
 
-def _yolox(name: str, size: int, sha256: str, about: str) -> Detector:
-    file = name.replace("-", "_") + ".onnx"
-    return Detector(name, file, YOLOX + file, size, sha256, "Apache-2.0", about)
-
-
-# The release gives no hashes. Size and SHA-256 are those that several independent projects recorded of the
-# release's files; a file that is not exactly that is refused.
-_YOLOX = (
-    _yolox(
-        "yolox-nano",
-        3_659_407,
-        "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d",
-        "COCO, input 416×416, fastest",
-    ),
-    _yolox(
-        "yolox-tiny",
-        20_219_662,
-        "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7",
-        "COCO, input 416×416",
-    ),
-    _yolox(
-        "yolox-s",
-        35_858_002,
-        "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063",
-        "COCO, input 640×640, most exact of the three",
-    ),
-)
-FETCHABLE = {detector.name: detector for detector in _YOLOX}
-
-
 def known(folder: Path | None = None) -> dict[str, tuple[Detector, Path | None]]:
-    """All detectors by name, with their files where they are on disk with the right size."""
+    """All detectors in a folder by name, with their files where they are on disk with the right size."""
     folder = folder or detector_folder()
-    every = {**FETCHABLE, **registered(folder)}
     found: dict[str, tuple[Detector, Path | None]] = {}
-    for name, detector in every.items():
+    for name, detector in registered(folder).items():
         path = folder / detector.file
         there = path.is_file() and path.stat().st_size == detector.size
         found[name] = detector, path if there else None
     return found
 
 
-def find_detector(name: str, folder: Path | None = None) -> Path:
-    """The file of a detector on disk. `DataError` says how to get one that is not there."""
-    detectors = known(folder)
-    if name not in detectors:
-        raise DataError(f"no detector is called {name!r}; there are {', '.join(detectors)}")
-    path = detectors[name][1]
-    if path is None:
-        raise DataError(f"the detector {name} is not on this machine: vo data get_detector {name} fetches it")
-    return path
+def find_model(name: str | Path, folder: Path | None = None) -> Path:
+    """The file of a model: shipped, fetched or registered under a name, or the path of an ONNX file.
+
+    `DataError` says how to get one that is not there.
+    """
+    path = MODELS.get(str(name), Path(name))
+    if path.is_file():
+        return path
+    detectors = {known_as: file for known_as, (_, file) in known(folder).items() if file is not None}
+    expected = f"expected an ONNX file or one of {', '.join([*MODELS, *detectors])}"
+    if path.suffix or path.name != str(name):
+        raise DataError(f"the model is missing: {expected}", path)
+    if str(name) not in detectors:
+        raise DataError(f"no detector is called {str(name)!r}: {expected}; vo data get_detector lists more")
+    return detectors[str(name)]
 
 
 def registered(folder: Path) -> dict[str, Detector]:
-    """Detectors registered in a folder, by name; `DataError` where the record of them is damaged."""
+    """Detectors fetched or registered, by name; `DataError` where a folder's record of them is damaged."""
     path = folder / REGISTRY
     if not path.exists():
         return {}

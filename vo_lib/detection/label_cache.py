@@ -14,12 +14,10 @@ import hashlib
 import json
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-from ..core.boxes import Boxes
 from ..core.errors import DataError
 from ..core.files import file_sha256, only_process, read_json, write_text_atomic
 from ..core.settings import to_dict
@@ -29,7 +27,8 @@ from ..data.kitti import read_image
 from ..data.labels import WRITTEN, read_labels, write_labels, written_labels
 from ..data.sequence import Sequence
 from .config import DetectorConfig
-from .yolo import YoloDetector, find_model
+from .detectors import find_model
+from .yolo import YoloDetector
 
 RECORD = "detector.json"
 DIGITS = 12
@@ -63,9 +62,9 @@ def claim_folder(folder: Path, record: dict[str, Any], replace: bool = False) ->
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / RECORD
-        labels = sorted(folder.glob("*.txt"))
-        made_by = _read_record(path, replace) if path.exists() else None
+        path, labels, made_by = folder / RECORD, sorted(folder.glob("*.txt")), None
+        with suppress(DataError) if replace else nullcontext():
+            made_by = read_json(path, {}, "the record of a detector") if path.exists() else None
         if made_by == record:
             return
         if labels and not replace:
@@ -82,35 +81,24 @@ def claim_folder(folder: Path, record: dict[str, Any], replace: bool = False) ->
     write_text_atomic(path, json.dumps(record, indent=1) + "\n")
 
 
-def _read_record(path: Path, replace: bool) -> Any:
-    try:
-        return read_json(path, {}, "the record of a detector")
-    except DataError:
-        if replace:
-            return None
-        raise
-
-
 def missing_frames(sequence: Sequence, folder: Path) -> list[str]:
     """Frames whose label file is not there, damaged, or older than the image."""
     try:
         written = written_labels(folder)
     except DataError:
         written = {"": ""}  # damaged: nothing is known of any label
-    return [frame for frame in sequence.frames if not _current(sequence, folder, frame, written)]
 
+    def current(frame: str) -> bool:
+        path = folder / f"{frame}.txt"
+        try:
+            if path.stat().st_mtime_ns < _left(sequence, frame).stat().st_mtime_ns:
+                return False
+            read_labels(path, sequence.camera.width, sequence.camera.height)
+            return not written or written.get(path.name) == file_sha256(path)
+        except (OSError, DataError):
+            return False
 
-def _current(sequence: Sequence, folder: Path, frame: str, written: dict[str, str]) -> bool:
-    path = folder / f"{frame}.txt"
-    try:
-        if path.stat().st_mtime_ns < _left(sequence, frame).stat().st_mtime_ns:
-            return False
-        if written and written.get(path.name) != file_sha256(path):
-            return False
-        read_labels(path, sequence.camera.width, sequence.camera.height)
-    except (OSError, DataError):
-        return False
-    return True
+    return [frame for frame in sequence.frames if not current(frame)]
 
 
 def _left(sequence: Sequence, frame: str) -> Path:
@@ -136,7 +124,7 @@ def write_label_folder(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f"cannot be written: {error.strerror}", folder) from None
-    with only_process(folder), _writing(sequence, model, config, folder, record, replace) as writer:
+    with only_process(folder), closing(_writer(sequence, model, config, folder, record, replace)) as writer:
         return writer.wait_for_all(progress)
 
 
@@ -152,7 +140,10 @@ def labelled_sequence(
     """The sequence with a detector's labels from the cache, all written now: for runs in many processes."""
     # Nobody else is kept out: all who write into this folder write the same.
     with detected_sequence(sequence, model, config, provider=provider, cache=cache) as detected:
-        detected.writer.wait_for_all(progress)
+        for index in range(len(sequence)):
+            detected.boxes(index)
+            if progress:
+                progress(index + 1, len(sequence))
     return dataclasses.replace(sequence, labels=detected.labels)
 
 
@@ -167,7 +158,7 @@ class LabelWriter:
         for frame in self._missing:
             before = self._written[frame] = self._pool.submit(self._write, frame, before)
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """End after the frames in work."""
         self._pool.shutdown(cancel_futures=True)
 
@@ -200,33 +191,6 @@ class LabelWriter:
             file.write(f"\n{path.name},{file_sha256(path)}")  # behind what a killed process began
 
 
-@dataclass(frozen=True)
-class DetectedSequence(Sequence):
-    """A sequence whose labels come from a detector that may still be at work.
-
-    Attributes
-    ----------
-    record : what decides the boxes, `detection_record`. writer : who writes them.
-    """
-
-    record: dict[str, Any]
-    writer: LabelWriter
-
-    def boxes(self, index: int) -> Boxes:
-        """The detector's boxes in a frame's left image; waits until they are there."""
-        self.writer.wait(self.frames[index])
-        return super().boxes(index)
-
-    @property
-    def _written(self) -> dict[str, str]:
-        """Nothing: they are being written, and were looked at when this began."""
-        return {}
-
-    def labels_identity(self) -> str:
-        """Digest of model and settings."""
-        return hashlib.sha256(json.dumps(self.record, sort_keys=True).encode()).hexdigest()[:DIGITS]
-
-
 @contextmanager
 def detected_sequence(
     sequence: Sequence,
@@ -235,39 +199,30 @@ def detected_sequence(
     *,
     provider: str = "cpu",
     cache: Path | None = None,
-) -> Iterator[DetectedSequence]:
+) -> Iterator[Sequence]:
     """The sequence with the boxes of a detector, from the cache or detected in threads that run ahead.
 
     The boxes are always those of the label files, so that a run on cached labels gives the same bytes.
-
-    Parameters
-    ----------
-    model : name of a model or path of an ONNX file. provider : "cpu" or "cuda".
-    cache : folder that keeps the labels, in place of the user's cache folder.
+    `cache` keeps the labels, in place of the user's cache folder.
     """
     config = config or DetectorConfig()
     record = detection_record(model, config, provider)
     folder = label_folder(sequence, record, cache)
-    own = {item.name: getattr(sequence, item.name) for item in dataclasses.fields(Sequence)}
-    with _writing(sequence, model, config, folder, record, replace=True) as writer:
-        yield DetectedSequence(**{**own, "labels": folder}, record=record, writer=writer)
+    identity = hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()[:DIGITS]
+    with closing(_writer(sequence, model, config, folder, record, replace=True)) as writer:
+        yield dataclasses.replace(sequence, labels=folder, wait=writer.wait, labels_identity=identity)
 
 
-@contextmanager
-def _writing(
+def _writer(
     sequence: Sequence,
     model: str | Path,
     config: DetectorConfig,
     folder: Path,
     record: dict[str, Any],
     replace: bool,
-) -> Iterator[LabelWriter]:
-    """A context in which the labels that a folder lacks are written."""
+) -> LabelWriter:
+    """What writes the labels that a folder lacks."""
     claim_folder(folder, record, replace)
     missing = missing_frames(sequence, folder)
     detector = YoloDetector(model, config, provider=record["provider"]) if missing else None
-    writer = LabelWriter(sequence, folder, missing, detector)
-    try:
-        yield writer
-    finally:
-        writer.stop()
+    return LabelWriter(sequence, folder, missing, detector)

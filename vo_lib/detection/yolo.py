@@ -20,7 +20,7 @@ from ..core.errors import DataError
 from ..core.types import Array, Image
 from .class_names import COCO, choose_classes, class_numbers, names_from_metadata
 from .config import DetectorConfig
-from .detectors import find_detector, known
+from .detectors import find_model
 from .yolo_layout import (
     STRIDE,
     Letterbox,
@@ -34,24 +34,10 @@ from .yolo_layout import (
     yolox_cells,
 )
 
-MODELS = {"street": Path(__file__).parent / "models" / "street.onnx"}
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 USUAL_SIZE = 640  # what most models are made for
 INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 SILENT = 4  # ONNX Runtime's own lines would come beside ours
-
-
-def find_model(name: str | Path) -> Path:
-    """The file of a model: shipped, fetched or registered under a name, or the path of an ONNX file."""
-    path = MODELS.get(str(name), Path(name))
-    if path.is_file():
-        return path
-    if path.suffix == "" and path.name == str(name):
-        names = ", ".join([*MODELS, *known()])
-        if str(name) not in known():
-            raise DataError(f"no detector is called {str(name)!r}: expected an ONNX file or one of {names}")
-        return find_detector(str(name))
-    raise DataError(f"the model is missing: expected an ONNX file or one of {', '.join(MODELS)}", path)
 
 
 @dataclass(frozen=True)
@@ -84,16 +70,9 @@ class YoloDetector:
     def __init__(
         self, model: str | Path, config: DetectorConfig | None = None, *, provider: str = "cpu"
     ) -> None:
-        """Load a model and try it once.
+        """Load a model, by name or by the path of its ONNX file, and try it once; provider: "cpu" or "cuda".
 
-        Parameters
-        ----------
-        model : name of a shipped model or path of an ONNX file.
-        config : thresholds, classes and threads. provider : "cpu" or "cuda".
-
-        Raises
-        ------
-        DataError : the file is no usable model, or the provider is not installed.
+        Raises `DataError` where the file is no usable model, or the provider is not installed.
         """
         self.path, self.config = find_model(model), config or DetectorConfig()
         self._session = _open_session(self.path, self.config.threads, provider)

@@ -43,14 +43,14 @@ class Letterbox:
         return np.asarray(np.clip(moved, 0.0, (width, height) * 2) - 0.5)
 
 
-def fit_size(width: int, height: int, size: int, stride: int = STRIDE) -> tuple[int, int]:
+def fit_size(width: int, height: int, size: int) -> tuple[int, int]:
     """Width and height of a network's image whose longer side is `size`, in the aspect of the image.
 
     Both are multiples of the stride: rounded up, unless a tenth of a stride is all that is missing.
     """
     scale = size / max(width, height)
-    cells = [max(1, math.ceil(side * scale / stride - SQUEEZE)) for side in (width, height)]
-    return cells[0] * stride, cells[1] * stride
+    cells = [max(1, math.ceil(side * scale / STRIDE - SQUEEZE)) for side in (width, height)]
+    return cells[0] * STRIDE, cells[1] * STRIDE
 
 
 def size_from_metadata(text: str) -> int | None:
@@ -115,17 +115,11 @@ def _corners(centre: Array, size: Array) -> Array:
 
 
 def best_boxes(corners: Array, scores: Array, score: float, nms: float, wanted: Mask | None = None) -> Boxes:
-    """The boxes that stay: each cell's best class, scored at least `score`; per-class suppression at `nms`,
-    and between classes at `SAME`.
+    """The boxes that stay, best first: each cell's best class, scored at least `score`; per-class suppression
+    at `nms`, and between classes at `SAME`.
 
-    Parameters
-    ----------
-    corners : (N, 4) x0, y0, x1, y1. scores : (N, C).
+    corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` becomes the column.
     wanted : (C,) classes that are asked for; by default all.
-
-    Returns
-    -------
-    Boxes in the coordinates given, best first; `class_id` is the column.
     """
     kind = scores.argmax(axis=1)
     best = scores[np.arange(len(scores)), kind]

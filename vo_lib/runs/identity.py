@@ -74,7 +74,7 @@ def labels_digest(sequence: Sequence) -> str:
 
     Of a detector that is still at work: its model and settings, which decide the labels.
     """
-    known = sequence.labels_identity()
+    known = sequence.labels_identity
     if known is not None:
         return known
     digest = hashlib.sha256()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import os
 import re
 import signal
@@ -104,13 +105,13 @@ def _attempt(function: Callable[[Item], None], item: Item) -> str | None:
     return None
 
 
-def _set_up_worker() -> None:
+def _set_up_worker(parent: int) -> None:
     """Ctrl-C reaches every process of a terminal: the first stops the others, none of which may go on.
 
     When the first is killed it stops nothing: each sees itself that it is gone.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 def _end_with(parent: int) -> None:
@@ -120,9 +121,11 @@ def _end_with(parent: int) -> None:
 
 
 @contextmanager
-def _local_pool(workers: int) -> Iterator[Executor]:
+def local_pool(workers: int) -> Iterator[Executor]:
     """Processes of this machine, which end when the work inside is done or fails."""
-    pool = loky.ProcessPoolExecutor(workers, initializer=_set_up_worker)
+    for tracker in (loky_tracker, resource_tracker) if HOLDS_BACK else ():
+        tracker.ensure_running()  # started later, it would let through interrupts that are held back
+    pool = loky.ProcessPoolExecutor(workers, initializer=_set_up_worker, initargs=(os.getpid(),))
     try:
         yield pool
     except BaseException:
@@ -131,14 +134,18 @@ def _local_pool(workers: int) -> Iterator[Executor]:
     pool.shutdown()
 
 
+def submitted(pool: Executor, calls: list[Callable[[], Item]]) -> list[concurrent.futures.Future[Item]]:
+    """Calls given to a pool, whose processes start here: none of them is reached by Ctrl-C."""
+    with _interrupts_held_back():
+        return [pool.submit(call) for call in calls]
+
+
 @contextmanager
 def _pools(workers: int, scheduler: str | None) -> Iterator[tuple[Pools, type[Exception]]]:
     """What makes pools of local processes or a Dask cluster, and the exception that means a killed task."""
     if scheduler is None:
-        for tracker in (loky_tracker, resource_tracker) if HOLDS_BACK else ():
-            tracker.ensure_running()  # started later, it would let through interrupts that are held back
         # A process costs memory, so none goes without a task.
-        yield lambda tasks: _local_pool(min(workers, tasks)), BrokenProcessPool
+        yield lambda tasks: local_pool(min(workers, tasks)), BrokenProcessPool
         return
     try:
         from distributed import Client, KilledWorker

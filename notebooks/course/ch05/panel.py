@@ -16,7 +16,8 @@ from vo_lib.core.geometry import rotation_angle
 from vo_lib.core.settings import Checked, setting
 from vo_lib.core.types import Array, Image, Mask, Progress
 from vo_lib.data.sequence import SYNTHETIC, Sequence, available, open_sequence
-from vo_lib.detection.yolo import Candidates, YoloDetector, find_model
+from vo_lib.detection.detectors import find_model
+from vo_lib.detection.yolo import Candidates, YoloDetector
 from vo_lib.detection.yolo_layout import STRIDES, Float32
 from vo_lib.method.boxes import vehicles
 from vo_lib.runs.runner import make_odometry
