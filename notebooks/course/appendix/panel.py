@@ -142,7 +142,7 @@ def faults_figure(camera: StereoCamera) -> Figure:
 
 
 def lens_figure(camera: StereoCamera) -> Figure:
-    """Where Brown's p1, p2 and k1 move the points; blue: across the epipolar lines of a drive straight ahead."""
+    """Where Brown's p1, p2, k1 and k2 move the points; blue: across the epipolar lines of a drive straight ahead."""
     points = image_grid(camera).T
     across = points[::-1] * [[1], [-1]] / np.maximum(np.linalg.norm(points, axis=0), 1e-6)
     moved: dict[str, tuple[Array, ...]] = {}
