@@ -16,8 +16,7 @@ FAINTEST = 0.3  # pixels; features of smaller disparity are left out
 NEAREST = 0.05  # smallest depth in the current frame, as a share of that in the previous one
 FEWEST = 10  # features; fewer say nothing
 FINEST = 0.1  # pixels; no frame's noise is taken to be smaller
-# Median of a squared residual of unit noise: three free rows of four with stereo, one of two without.
-TYPICAL = {True: 3.0, False: 0.455}
+TYPICAL = 2.366  # median of a squared residual of unit noise with three free rows
 
 
 def parallax_information(
@@ -27,7 +26,6 @@ def parallax_information(
     t_cp: Array,
     effects: Callable[[Array, Array], Array],
     scale: float,
-    stereo: bool = True,
 ) -> tuple[Array, Array] | None:
     """What a frame says of K errors of the cameras: information (K, K), and it times their sizes (K,).
 
@@ -47,7 +45,6 @@ def parallax_information(
     effects : from normalised left positions (2, N) and disparities (N,), pixels, to what errors of size 1 add
         to u and v on the left and to the disparity, (K, 3, N), pixels.
     scale : residual at which a feature's weight is halved, pixels.
-    stereo : compare disparities too; without, epipolar lines are all that is left.
 
     Returns None where too few features are left or the motion has no unique answer.
     """
@@ -59,7 +56,7 @@ def parallax_information(
     D, d_c = (matches.prev_left - matches.prev_right)[:, 0], (matches.cur_left - matches.cur_right)[:, 0]
     measured = np.stack([D, f * x_c[0], f * x_c[1], d_c])
     one = np.ones_like(D)
-    p, rows = np.vstack([x_p, one]), slice(None) if stereo else slice(1, 3)
+    p = np.vstack([x_p, one])
     try:
         for step in range(STEPS):
             ray = R @ p
@@ -83,7 +80,6 @@ def parallax_information(
                 by[6:, 1:] += now
             toward = (t[:2, None] - t[2] * np.stack([x, y])) * s / fb
             by_D = np.stack([one, *toward, (1.0 - t[2] * D / (fb * Z)) / Z])
-            residual, by, by_D = residual[rows], by[:, rows], by_D[rows]
             # Without the part along by_D, D is eliminated: the projector I - J Jᵀ / JᵀJ of each feature.
             norm = np.maximum(np.sum(by_D**2, axis=0), 1e-12)
             own, own_by = np.sum(by_D * residual, axis=0) / norm, np.sum(by_D * by, axis=1) / norm
@@ -91,13 +87,11 @@ def parallax_information(
             squared = np.sum(residual**2, axis=0)
             weighted = (by / (1.0 + squared / scale**2)).reshape(len(by), -1)
             H, g = weighted @ by.reshape(len(by), -1).T, weighted @ residual.ravel()
-            # Without stereo the length of t is open.
-            H[np.diag_indices(6)] += 1e-12 * np.trace(H[:6, :6])
             by_motion = np.linalg.solve(H[:6, :6], np.column_stack([g[:6], H[:6, 6:]]))
             change = by_motion[:, 0]
             R, t = cv2.Rodrigues(change[:3])[0] @ R, t + change[3:]
             D = np.maximum(D + own - change @ own_by[:6], FAINTEST)
     except np.linalg.LinAlgError:
         return None
-    noise = max(float(np.median(squared)) / TYPICAL[stereo], FINEST**2)
+    noise = max(float(np.median(squared)) / TYPICAL, FINEST**2)
     return (H[6:, 6:] - H[6:, :6] @ by_motion[:, 1:]) / noise, (g[6:] - H[6:, :6] @ change) / noise

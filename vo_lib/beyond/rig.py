@@ -18,10 +18,9 @@ Both lenses have errors of their own, taken to be alike: Brown's decentering and
     (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   (k1 r² + k2 r⁴) (x, y).
 
 Stereo matches show the rows at once, and with them roll and focal length, which a moving camera cannot tell
-from a longer step; near and far points on one row show the baseline's direction and the radial terms. The
-rest is learnt from the motion: disparities must agree with parallax, which tells the field, and the same two
-again, and flow with epipolar lines, which tells the decentering. One frame knows little of that; a Kalman
-filter carries everything along.
+from a longer step; near and far points on one row show the baseline's direction and the lens. The motion
+tells the disparities and, again, the lens: disparities must agree with parallax, and flow with epipolar
+lines. One frame knows little of that; a Kalman filter carries everything along.
 
 Noise would do harm where a rig is good. So what is in use is shrunk as empirical Bayes asks: the part of a
 square that its own variance explains is taken for noise (James and Stein 1961, positive part).
@@ -47,7 +46,7 @@ ROWS = COLUMNS[:6]
 BASELINE = {"down": 1.0, "back": 2.0}  # how far the right camera may stand there, % of the baseline
 # How large each may be, and what of it no number of frames mends, standard deviations, pixels: among cars
 # that move a perfect lens seems to have a k1 of some pixels, and the floors keep that out.
-LENS = {"p1": (1.5, 0.85), "p2": (1.5, 0.85), "k1": (10.0, 2.0), "k2": (10.0, 4.0)}
+LENS = {"p1": (1.5, 0.7), "p2": (1.5, 0.7), "k1": (10.0, 2.0), "k2": (10.0, 4.0)}
 N, FIELD = len(COLUMNS), len(COLUMNS) + len(ROWS)
 PAIR = FIELD + len(BASELINE)  # errors of one camera against the other; those of both follow
 NAMES = (
@@ -58,8 +57,7 @@ NAMES = (
 )
 SIZE = len(NAMES)
 DOWN, BACK, P1, P2, K1, K2 = range(FIELD, SIZE)
-# What each of the three kinds of measurement tells.
-BY_ROWS, BY_PARALLAX, BY_FLOW = [*range(N, PAIR), K1, K2], [*range(N), BACK, K1, K2], [P1, P2]
+BY_PARALLAX = [*range(N), *range(BACK, SIZE)]  # what the motion tells; rows tell all but the first N
 # What may be wrong with one camera against the other: its shape in the columns, in the rows, and how large it
 # may be, pixels (standard deviation before the first frame). To first order a yaw is a shift along the rows
 # and a tilt about the vertical; decentering is a tilt of three times its size and what is left here.
@@ -128,8 +126,7 @@ class Rig:
             return
         left, right = self._without(self.errors, matches.cur_left, matches.cur_right)
         A = effects(self.camera, self.camera.normalise(left).T, (left - right)[:, 0])[:, 3]
-        difference = (matches.cur_left - matches.cur_right)[:, 1] - self.errors[BY_FLOW] @ A[BY_FLOW]
-        A[BY_FLOW] = 0.0
+        difference = (matches.cur_left - matches.cur_right)[:, 1]
         known = np.linalg.inv(self.covariance + self.config.drift**2 * self._prior)
         start, estimate = known @ self.estimate, self.estimate
         for _ in range(STEPS):
@@ -143,16 +140,15 @@ class Rig:
 
     def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> Array | None:
         """Learn from a frame's corrected matches and motion; the change (21,), None if it is little."""
+
+        def added(x: Array, disparity: Array) -> Array:
+            return effects(self.camera, x, disparity)[BY_PARALLAX, :3]
+
+        found = parallax_information(self.camera, matches, R_cp, t_cp, added, self.config.scale)
+        if found is None:
+            return None
         information, vector = np.zeros((SIZE, SIZE)), np.zeros(SIZE)
-        for terms, stereo in ((BY_PARALLAX, True), (BY_FLOW, False)):
-
-            def added(x: Array, disparity: Array, terms: list[int] = terms) -> Array:
-                return effects(self.camera, x, disparity)[terms, :3]
-
-            found = parallax_information(self.camera, matches, R_cp, t_cp, added, self.config.scale, stereo)
-            if found is None:
-                return None
-            information[np.ix_(terms, terms)], vector[terms] = found
+        information[np.ix_(BY_PARALLAX, BY_PARALLAX)], vector[BY_PARALLAX] = found
         information /= self.config.noise_inflation**2
         vector /= self.config.noise_inflation**2
         in_use, known = self.errors, np.linalg.inv(self.covariance)
