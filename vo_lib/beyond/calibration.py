@@ -145,11 +145,11 @@ def in_words(errors: Array, camera: StereoCamera) -> str:
     for way, share in (("lower" if down > 0 else "higher", down), ("behind" if back > 0 else "ahead", back)):
         if abs(share) >= SHARE:
             said.append(f"the right camera stands {abs(share):.1f} % of the baseline {way}")
-    if p1 or p2:
-        said.append(f"the lens is decentered, p1 {p1:+.1f} px and p2 {p2:+.1f} px")
-    if k1 or k2:
-        kind = "pincushion" if k1 > 0 else "barrel"
-        said.append(f"the lens has a {kind}, k1 {k1:+.1f} px and k2 {k2:+.1f} px")
+    shape = "a pincushion" if k1 > 0 else "a barrel"
+    for what, terms in (("is decentered", {"p1": p1, "p2": p2}), (f"has {shape}", {"k1": k1, "k2": k2})):
+        large = [f"{name} {size:+.1f} px" for name, size in terms.items() if abs(size) >= NOTHING]
+        if large:
+            said.append(f"the lens {what}, {' and '.join(large)}")
     return "; ".join(said) or "nothing that needs correction"
 
 
