@@ -5,8 +5,8 @@ both are off by a smooth field over the image, of some tenths of a pixel: far po
 and steps come out too long, on the KITTI highway by 5 %. The field is a polynomial for the disparities and
 one for the rows, in the normalised position x, y. They belong together, for each fault of a rig has a shape
 in both (`FAULTS`). Too few terms are worse than none: the rest of the field ends up in the constant, which
-decides the length of the steps. Nobody knows which camera is to blame: half is taken to be the left one's at
-x_l, half the right one's at x_r = x_l - D / f, where D is a point's disparity.
+decides the length of the steps. Half of it is taken to be the left camera's at x_l, half the right one's at
+x_r = x_l - D / f, where D is a point's disparity: flow on KITTI fits that better than all in the right one.
 
 The right camera may also stand a little below the left one, by a share m of the baseline, and behind it, by a
 share n, which shows in near points:
