@@ -9,9 +9,10 @@ import signal
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, as_completed
 from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import partial
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TypeVar
@@ -62,8 +63,8 @@ def parallel(
         def lost(numbers: list[int]) -> bool:
             """Do these items in a pool, each noted as it ends; whether a process was killed meanwhile."""
             with pools(len(numbers)) as pool:
-                with _interrupts_held_back():
-                    running = {pool.submit(_attempt, function, items[n]): n for n in numbers}
+                calls = [partial(_attempt, function, items[n]) for n in numbers]
+                running = dict(zip(submitted(pool, calls), numbers, strict=True))
                 for ended in as_completed(running):
                     with suppress(killed):
                         done[running[ended]] = ended.result()
@@ -77,19 +78,6 @@ def parallel(
                     if lost([number]):
                         done[number] = KILLED
     return [done[n] for n in range(len(items))]
-
-
-@contextmanager
-def _interrupts_held_back() -> Iterator[None]:
-    """A context that Ctrl-C does not reach, nor the processes started in it, before they ignore it."""
-    if not HOLDS_BACK:
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _attempt(function: Callable[[Item], None], item: Item) -> str | None:
@@ -134,10 +122,15 @@ def local_pool(workers: int) -> Iterator[Executor]:
     pool.shutdown()
 
 
-def submitted(pool: Executor, calls: list[Callable[[], Item]]) -> list[concurrent.futures.Future[Item]]:
-    """Calls given to a pool, whose processes start here: none of them is reached by Ctrl-C."""
-    with _interrupts_held_back():
+def submitted(pool: Executor, calls: Iterable[Callable[[], Item]]) -> list[concurrent.futures.Future[Item]]:
+    """Calls given to a pool, whose processes start here: Ctrl-C reaches none before it ignores it."""
+    if not HOLDS_BACK:
         return [pool.submit(call) for call in calls]
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return [pool.submit(call) for call in calls]
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
