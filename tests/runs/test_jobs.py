@@ -17,7 +17,7 @@ from conftest import small, write_bands
 from vo_lib import DataError, Sequence, open_sequence, run
 from vo_lib.commands.cli import main
 from vo_lib.core.poses import format_kitti_poses
-from vo_lib.runs.jobs import Job, run_jobs
+from vo_lib.runs.jobs import MATCHING, Job, run_jobs
 from vo_lib.runs.results import is_finished
 
 FRAMES = 8
@@ -55,8 +55,9 @@ def test_jobs_give_the_bytes_of_single_runs(two: list[Sequence], tmp_path: Path,
         text = (job.folder / "poses.txt").read_text(encoding="utf-8")
         assert text == format_kitti_poses(run(job.sequence, job.config).poses)
     # Eight runs and two front ends.
-    assert {total for _, total in seen} == {10 * FRAMES}
-    assert seen[-1][0] == 10 * FRAMES
+    frames = (8 + 2 * MATCHING) * FRAMES
+    assert {total for _, total in seen} == {frames}
+    assert seen[-1][0] == frames
     assert seen == sorted(seen)
     assert len(list((tmp_path / "cache" / "matches").iterdir())) == 2
 

@@ -22,6 +22,7 @@ from .results import CONFIG, RUN_FILES, is_finished, read_config, read_run, run_
 from .runner import Run, TimedMatches, run_methods, single_threaded
 
 POLL = 0.3  # seconds between two looks at what was done
+MATCHING = 5  # to find a frame's matches takes about as long as so many frames of a run
 # What differs where a digest does.
 DIGESTS = {
     "images": "other images",
@@ -145,7 +146,7 @@ def run_jobs(
     jobs : with folders all different, which hold finished runs afterwards.
     workers : processes; 1 runs in this one.
     progress : called with (frames done, frames in all) over the jobs that are not finished and their front
-        ends, now and then, from another thread.
+        ends, where a frame counts `MATCHING` times, now and then, from another thread.
     cache : folder of the match cache; default the user's cache folder.
     scheduler : address of a Dask scheduler, "tcp://host:port", that runs the jobs in place of local
         processes; its workers must see the same files under the same names.
@@ -207,7 +208,7 @@ def _counting(
     if progress is None or not jobs:
         yield
         return
-    total = sum(len(job.sequence) for job in jobs + front_ends)
+    total = sum(len(job.sequence) for job in jobs + MATCHING * front_ends)
     before = {job.folder: _changed(job) for job in jobs}
     stop = Event()
 
@@ -217,7 +218,7 @@ def _counting(
             with suppress(DataError):  # the task itself says what is wrong
                 caches.append(_matches(job, cache))
         while not stop.is_set():
-            found = sum(matches.frames_kept() for matches in caches)
+            found = MATCHING * sum(matches.frames_kept() for matches in caches)
             ended = sum(len(job.sequence) for job in jobs if _changed(job) != before[job.folder])
             progress(found + ended, total)
             stop.wait(POLL)
