@@ -137,8 +137,7 @@ def calibrations(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> Repor
         "(`vo evaluate --axes`), and these angles; seed 0. Length: of all steps, against the truth. "
         "libviso2 and ORB-SLAM2's published trajectories on the same frames, of clips with KITTI's first "
         "201 frames of 00 and 51 of 01. What learning is set to was chosen on 00, 01, KITTI's raw drive 0005 "
-        "and the drawn scenes, so these rows are no check of it; the appendix leaves each of them out in "
-        "turn."
+        "and the drawn scenes, so these rows are no check of it; the appendix says how."
     ]
     return ReportTable("What learning the calibration does", columns, rows, notes)
 
