@@ -17,7 +17,8 @@ from conftest import small, write_bands
 from vo_lib import DataError, Sequence, open_sequence, run
 from vo_lib.commands.cli import main
 from vo_lib.core.poses import format_kitti_poses
-from vo_lib.runs.jobs import MATCHING, Job, run_jobs
+from vo_lib.runs.jobs import MATCHING, Job, counting, run_jobs
+from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.runs.results import is_finished
 
 FRAMES = 8
@@ -80,6 +81,26 @@ def test_the_front_end_runs_once_for_all_methods_and_seeds(
     outcomes = run_jobs(jobs, cache=tmp_path / "cache")
     assert [outcome.error for outcome in outcomes] == [None] * 4
     assert len(decoded) == FRAMES
+
+
+def test_the_bar_counts_no_matches_that_are_found_again(
+    two: list[Sequence], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vo_lib.runs.match_cache.CHUNK", 2)
+    job, cache = all_jobs(two[:1], tmp_path / "runs")[0], tmp_path / "cache"
+    matches = CachedMatches(job.sequence, job.config.features, job.config.matching, cache)
+    matches.fill()
+
+    def counted() -> int:
+        seen: list[int] = []
+        with counting([job], [job], cache, lambda done, total: seen.append(done)):
+            while not seen:
+                time.sleep(0.01)
+        return seen[0]
+
+    assert counted() == MATCHING * FRAMES
+    next(matches.folder.iterdir()).unlink()
+    assert counted() == 0
 
 
 def test_finished_jobs_are_left_as_they_are_unless_asked(two: list[Sequence], tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Hashable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from .results import CONFIG, RUN_FILES, is_finished, read_config, read_run, run_
 from .runner import Run, TimedMatches, run_methods, single_threaded
 
 POLL = 0.3  # seconds between two looks at what was done
-MATCHING = 5  # to find a frame's matches takes about as long as so many frames of a run
+MATCHING = 3  # to find a frame's matches takes about as long as so many frames of a run
 # What differs where a digest does.
 DIGESTS = {
     "images": "other images",
@@ -166,7 +167,7 @@ def run_jobs(
     left = [job for job in jobs if fresh or not is_finished(job.folder)]
     # One job for each front end that is needed.
     needed = {_front_end(job): job for job in left}
-    with _counting(left, list(needed.values()), cache, progress):
+    with counting(left, list(needed.values()), cache, progress):
         filled = parallel(partial(_fill, cache=cache), list(needed.values()), workers, scheduler)
         broken = {name: error for name, error in zip(needed, filled, strict=True) if error}
         ready = [job for job in jobs if _front_end(job) not in broken or is_finished(job.folder)]
@@ -198,7 +199,7 @@ def _run(job: Job, cache: Path | None, fresh: bool) -> None:
 
 
 @contextmanager
-def _counting(
+def counting(
     jobs: list[Job], front_ends: list[Job], cache: Path | None, progress: Progress | None
 ) -> Iterator[None]:
     """A context in which a thread tells how far the jobs are: matches kept, and runs finished since.
@@ -213,12 +214,15 @@ def _counting(
     stop = Event()
 
     def watch() -> None:
-        caches = []
+        caches, begun = [], time.time()
         for job in front_ends:
             with suppress(DataError):  # the task itself says what is wrong
-                caches.append(_matches(job, cache))
+                matches = _matches(job, cache)
+                # Those of a front end that was stopped half way are all found again.
+                whole = matches.frames_kept() == len(job.sequence)
+                caches.append((matches, 0.0 if whole else begun))
         while not stop.is_set():
-            found = MATCHING * sum(matches.frames_kept() for matches in caches)
+            found = MATCHING * sum(matches.frames_kept(since) for matches, since in caches)
             ended = sum(len(job.sequence) for job in jobs if _changed(job) != before[job.folder])
             progress(found + ended, total)
             stop.wait(POLL)

@@ -85,9 +85,10 @@ class CachedMatches:
         for _ in self:
             pass
 
-    def frames_kept(self) -> int:
-        """Frames in the cache now, for a progress bar: files are counted, not read."""
-        count = sum(self._path(first).exists() for first in range(0, len(self.sequence), CHUNK))
+    def frames_kept(self, since: float = 0.0) -> int:
+        """Frames in the cache, in files written since a time, seconds: they are counted, not read."""
+        paths = map(self._path, range(0, len(self.sequence), CHUNK))
+        count = sum(path.exists() and path.stat().st_mtime >= since for path in paths)
         return min(CHUNK * count, len(self.sequence))
 
     def _path(self, first: int) -> Path:
