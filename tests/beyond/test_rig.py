@@ -337,8 +337,8 @@ def test_shapes_are_browns() -> None:
         ((0.9, -0.4, 1.0, 1.0), (1.0, 0.25, 4.0, 4.0), (0.0, 0.0, 0.0, 0.0)),
         # Variances and floors, 0.51 + 0.7² = 1, 0.56 + 1.2² = 2, 5 + 2² = 9, 9 + 4² = 25.
         ((2.0, -4.0, 6.0, 10.0), (0.51, 0.56, 5.0, 9.0), (1.5, -3.5, 4.5, 7.5)),
-        # Of these the frames know less than was known before them: half of 1.5² and 10².
-        ((4.0, 4.0, 90.0, 90.0), (1.13, 1.12, 51.0, 49.0), (0.0, 3.36, 0.0, 89.27778)),
+        # Of p1 and k1 the frames know less than half of what was known before them, 1.5² and 15².
+        ((4.0, 4.0, 90.0, 90.0), (1.13, 1.12, 113.0, 49.0), (0.0, 3.36, 0.0, 89.27778)),
     ],
 )
 def test_what_noise_explains_of_a_lens_is_taken_for_noise(

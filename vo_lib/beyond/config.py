@@ -94,7 +94,7 @@ class CalibrationConfig(Checked):
         high=1,
     )
     noise_inflation: float = setting(
-        3.0, "errors are learnt as if frames scattered this much more than noise", low=1, high=100
+        2.5, "errors are learnt as if frames scattered this much more than noise", low=1, high=100
     )
     least_change: float = setting(
         0.03, "a smaller change of the disparities does not solve the step again", unit="px", low=0, high=1

@@ -90,7 +90,8 @@ class Learning(Odometry):
         motion = super().step(self._seen, boxes)
         assert self.filtered is not None
         motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
-        motion = self.vehicle.judge(motion, self._seen[self.filtered.keep], seconds)
+        # Found, it may be, with what this frame has taught: so judged.
+        motion = self.vehicle.judge(motion, self.rig.correct(matches)[self.filtered.keep], seconds)
         if not motion.in_doubt:
             if self.vehicle.waiting:
                 self._unsure = before
