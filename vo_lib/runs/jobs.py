@@ -23,7 +23,7 @@ from .results import CONFIG, RUN_FILES, is_finished, read_config, read_run, run_
 from .runner import Run, TimedMatches, run_methods, single_threaded
 
 POLL = 0.3  # seconds between two looks at what was done
-MATCHING = 3  # to find a frame's matches takes about as long as so many frames of a run
+MATCHING = 4  # to find a frame's matches takes about as long as so many frames of a run
 # What differs where a digest does.
 DIGESTS = {
     "images": "other images",
