@@ -90,7 +90,7 @@ class Learning(Odometry):
         motion = super().step(self._seen, boxes)
         assert self.filtered is not None
         motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
-        # Found, it may be, with what this frame has taught: so judged.
+        # What this frame taught may be in the motion, so the matches are judged corrected by it too.
         motion = self.vehicle.judge(motion, self.rig.correct(matches)[self.filtered.keep], seconds)
         if not motion.in_doubt:
             if self.vehicle.waiting:
