@@ -28,7 +28,7 @@ def vehicle() -> Vehicle:
 
 def flags(judge: Vehicle, *motions: FrameResult, seconds: float = TENTH) -> list[tuple[str, ...]]:
     """Of motions that no match supports."""
-    return [judge.judge(m, empty_matches(), seconds).flags for m in motions]
+    return [judge.judge(m, empty_matches, seconds).flags for m in motions]
 
 
 def supported(judge: Vehicle, moved: FrameResult, agree: int, number: int = 100) -> tuple[str, ...]:
@@ -40,7 +40,7 @@ def supported(judge: Vehicle, moved: FrameResult, agree: int, number: int = 100)
     cur_right[agree:, 0] += 5.0
     whole = np.arange(number)
     seen = StereoMatches(left, right, cur_left, cur_right, whole, np.ones(number), whole)
-    return judge.judge(moved, seen, TENTH).flags
+    return judge.judge(moved, lambda: seen, TENTH).flags
 
 
 @pytest.mark.parametrize("sign", [1, -1])

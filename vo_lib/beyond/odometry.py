@@ -90,8 +90,9 @@ class Learning(Odometry):
         motion = super().step(self._seen, boxes)
         assert self.filtered is not None
         motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
+        keep = self.filtered.keep
         # What this frame taught may be in the motion, so the matches are judged corrected by it too.
-        motion = self.vehicle.judge(motion, self.rig.correct(matches)[self.filtered.keep], seconds)
+        motion = self.vehicle.judge(motion, lambda: self.rig.correct(matches)[keep], seconds)
         if not motion.in_doubt:
             if self.vehicle.waiting:
                 self._unsure = before

@@ -236,6 +236,14 @@ def csv_text(rows: Iterable[Sequence[object]]) -> str:
     return buffer.getvalue()
 
 
+def written_at(path: Path) -> int:
+    """When a file was last written, nanoseconds; -1 where there is none."""
+    try:
+        return path.stat().st_mtime_ns
+    except (FileNotFoundError, NotADirectoryError):
+        return -1
+
+
 def file_sha256(path: str | Path) -> str:
     """SHA-256 of a file, 64 hexadecimal digits; raises as `opened`."""
     digest = hashlib.sha256()

@@ -8,6 +8,7 @@ more: at most 22 % of the matches agree where a zoom made them, at most 18 match
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -69,17 +70,20 @@ class Vehicle:
         self.taken_back: tuple[str, ...] = ()
         self._state = self._before = _State([], 0, 0.0)
 
-    def judge(self, motion: FrameResult, matches: StereoMatches, seconds: float) -> FrameResult:
+    def judge(self, motion: FrameResult, matches: Callable[[], StereoMatches], seconds: float) -> FrameResult:
         """The motion of the next frame with its flags: `TIME_JUMP`, `DOUBTFUL` ones, `LOST` after too many.
 
-        matches : those that the motion may have been found from.
+        matches : gives those that the motion may have been found from; asked only beyond the limits.
         seconds : since the frame before; 0 where it is not known, and nothing is doubtful.
         """
         T_cp, state = motion.T_cp, self._state
         judged = not motion.in_doubt and self.config.check and seconds > 0.0
         beyond = self._beyond(T_cp, seconds) if judged else ()
-        agree = self._agreeing(T_cp, matches) if beyond and DOUBTFUL[2] not in beyond else 0
-        some, strong = (agree >= max(number, share * len(matches)) for number, share in (SOME, STRONG))
+        agree = seen = 0
+        if beyond and DOUBTFUL[2] not in beyond:
+            given = matches()
+            agree, seen = self._agreeing(T_cp, given), len(given)
+        some, strong = (agree >= max(number, share * seen) for number, share in (SOME, STRONG))
         believed = not motion.in_doubt and (strong or not beyond)
         self.taken_back, self.waiting = () if believed else self.waiting, ()
         if self.taken_back:

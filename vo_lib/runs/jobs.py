@@ -13,7 +13,7 @@ from typing import Any
 
 from ..config import PublishedConfig
 from ..core.errors import DataError
-from ..core.files import only_process
+from ..core.files import only_process, written_at
 from ..core.types import Progress
 from ..data.sequence import Sequence
 from .identity import run_identity
@@ -210,20 +210,20 @@ def counting(
         yield
         return
     total = sum(len(job.sequence) for job in jobs + MATCHING * front_ends)
-    before = {job.folder: _changed(job) for job in jobs}
+    ends = [(job.folder / CONFIG, written_at(job.folder / CONFIG), len(job.sequence)) for job in jobs]
     stop = Event()
 
     def watch() -> None:
-        caches, begun = [], time.time()
+        caches, begun = [], time.time_ns()
         for job in front_ends:
             with suppress(DataError):  # the task itself says what is wrong
                 matches = _matches(job, cache)
                 # Those of a front end that was stopped half way are all found again.
                 whole = matches.frames_kept() == len(job.sequence)
-                caches.append((matches, 0.0 if whole else begun))
+                caches.append((matches, -1 if whole else begun))
         while not stop.is_set():
             found = MATCHING * sum(matches.frames_kept(since) for matches, since in caches)
-            ended = sum(len(job.sequence) for job in jobs if _changed(job) != before[job.folder])
+            ended = sum(frames for path, before, frames in ends if written_at(path) != before)
             progress(found + ended, total)
             stop.wait(POLL)
 
@@ -235,9 +235,3 @@ def counting(
         stop.set()
         thread.join()
     progress(total, total)
-
-
-def _changed(job: Job) -> int:
-    """When a job's run was last written, nanoseconds; 0 when never."""
-    path = job.folder / CONFIG
-    return path.stat().st_mtime_ns if path.exists() else 0

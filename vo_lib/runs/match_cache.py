@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import DataError
-from ..core.files import read_arrays, write_bytes_atomic
+from ..core.files import read_arrays, write_bytes_atomic, written_at
 from ..core.frame import Clock
 from ..core.matches import SAME, StereoMatches, empty_matches
 from ..core.settings import to_dict
@@ -85,11 +85,10 @@ class CachedMatches:
         for _ in self:
             pass
 
-    def frames_kept(self, since: float = 0.0) -> int:
-        """Frames in the cache, in files written since a time, seconds: they are counted, not read."""
+    def frames_kept(self, since: int = -1) -> int:
+        """Frames in the cache, in files written after a time, nanoseconds: they are counted, not read."""
         paths = map(self._path, range(0, len(self.sequence), CHUNK))
-        count = sum(path.exists() and path.stat().st_mtime >= since for path in paths)
-        return min(CHUNK * count, len(self.sequence))
+        return min(CHUNK * sum(written_at(path) > since for path in paths), len(self.sequence))
 
     def _path(self, first: int) -> Path:
         return self.folder / f"{first:06d}.npz"

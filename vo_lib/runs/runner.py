@@ -108,7 +108,7 @@ class MethodRun:
         else:
             motion = self.odometry.step(matches, boxes)
             # As published, doubtful frames are flagged and no more.
-            motion = self._vehicle.judge(motion, matches, seconds)
+            motion = self._vehicle.judge(motion, lambda: matches, seconds)
         if not motion.in_doubt:
             self._focal.update(matches, motion.T_cp)
         if self._vehicle.taken_back:
