@@ -19,10 +19,10 @@ from rich.tree import Tree
 
 from fetch.kitti_check import SequenceReport, check_tree, parse_numbers
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.data import run_script
 from vo_lib.commands.script import typed
-from vo_lib.core.errors import DataError
-from vo_lib.data.sequence import kitti_root
+from vo_lib.commands.scripts import run_script
+from vo_lib.data.catalogue import kitti_root
+from vo_lib.errors import DataError
 
 PROBLEMS_SHOWN = 8  # of a sequence
 
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     names = None if options.sequences is None else parse_numbers(options.sequences)
     if names is None and not root.is_dir():
         raise DataError(f"the folder is missing; {get} 07,04 makes it", root)
-    with reporting("looking at the images") as report:
+    with reporting("looking at the sequences") as report:
         reports = check_tree(root, names, options.deep, report)
     if not reports:
         raise DataError(f"no sequences in it; {get} 07,04 gets some", root / "sequences")

@@ -19,22 +19,21 @@ import argparse
 import sys
 from pathlib import Path
 
-import numpy as np
-
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
 from fetch.stereo_import import look, require_new, rig_of, write_sequence
 from fetch.stereo_sources import Drive, FolderSource, Source, VideoSource, pair_folders
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.data import run_script
 from vo_lib.commands.script import typed
-from vo_lib.core.errors import DataError
-from vo_lib.core.poses import read_kitti_poses
-from vo_lib.core.types import Array
+from vo_lib.commands.scripts import run_script
+from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.kitti import read_times
-from vo_lib.data.sequence import open_sequence
+from vo_lib.data.poses import read_kitti_poses
+from vo_lib.errors import DataError
+from vo_lib.geometry.types import Array
 
-NEAREST = 5.0  # metres, the least median depth believed where the user gives the baseline
+MIN_MEDIAN_DEPTH_M = 5.0  # a smaller one means a wrong unit of the baseline that the user gives
+MIN_FPS, MAX_FPS = 0.001, 10_000.0
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
@@ -70,8 +69,8 @@ def run(options: argparse.Namespace) -> int:
     require_new(options.out)
     if sum(place is not None for place in (options.video, options.raw, options.euroc, options.left)) != 1:
         raise DataError("say where the images are: --left and --right, or --video, --raw or --euroc")
-    if options.fps is not None and not (np.isfinite(options.fps) and options.fps > 0):
-        raise DataError(f"--fps {options.fps:g}: expected a positive number")
+    if options.fps is not None and not MIN_FPS <= options.fps <= MAX_FPS:
+        raise DataError(f"--fps {options.fps:g}: expected {MIN_FPS:g} to {MAX_FPS:g} pairs a second")
     drive = read_drive(options)
     source: Source
     times: Array | float
@@ -84,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
         times = options.fps or (source.fps() if isinstance(source, VideoSource) else 0.0) or 10.0
         numbers = options.focal, options.centre, options.baseline
         rig = rig_of(source, numbers, options.calibration, options.rectified, UNITS[options.unit])
-    say(*look(source, rig, options.anyway, NEAREST if drive is None else 0.0))
+    say(*look(source, rig, options.anyway, MIN_MEDIAN_DEPTH_M if drive is None else 0.0))
     if options.times is not None:
         times = read_times(options.times)
     if options.poses is not None:
@@ -92,23 +91,22 @@ def run(options: argparse.Namespace) -> int:
     with reporting("writing pairs") as report:
         count = write_sequence(source, rig, options.out, times, poses, options.copy, report)
     camera = open_sequence(options.out).camera
-    carried = " --vehicle.check off" if options.euroc is not None else ""  # what flies moves as no car does
     say(
         f"{count} pairs of {camera.width}×{camera.height}, f {camera.f:.1f} px, centre {camera.cx:.1f},"
         f"{camera.cy:.1f}, baseline {camera.baseline:.3f} m, {'no' if poses is None else 'with'} true poses",
-        "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}{carried}"),
+        "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}"),
     )
     return 0
 
 
 def read_drive(options: argparse.Namespace) -> Drive | None:
     """The drive that --raw or --euroc names; None for images whose cameras the user describes."""
-    known = "raw" if options.raw is not None else "euroc"
-    if getattr(options, known) is None:
+    kind = "raw" if options.raw is not None else "euroc"
+    if getattr(options, kind) is None:
         return None
     for name in ("right", "swap", "focal", "centre", "baseline", "calibration", "rectified", "fps"):
         if getattr(options, name) not in (None, False):
-            raise DataError(f"--{name} with --{known}: that folder says itself what its cameras are")
+            raise DataError(f"--{name} with --{kind}: that folder brings its own calibration")
     if options.raw is not None:
         return read_raw_drive(options.raw)
     return read_euroc_drive(options.euroc)

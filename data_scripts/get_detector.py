@@ -6,7 +6,7 @@ examples:
   vo data get_detector
   vo data get_detector yolox-tiny
   vo data get_detector yolov8n                      says how to make it, and its licence
-  vo data get_detector mine --from runs/best.onnx --licence "own work"
+  vo data get_detector mine --from runs/best.onnx
 """
 
 from __future__ import annotations
@@ -15,19 +15,18 @@ import argparse
 import sys
 from pathlib import Path
 
-from fetch.detectors import FETCHABLE, YOLOV8, fetch_detector, register_detector
+from fetch.detectors import FETCHABLE, LICENCE, YOLOV8, fetch_detector, register_detector
 from fetch.download import confirm, in_words
 from vo_lib.commands.console import reporting, say, show_table
-from vo_lib.commands.data import run_script
-from vo_lib.core.errors import DataError
-from vo_lib.detection.detectors import detector_folder, known
+from vo_lib.commands.scripts import run_script
+from vo_lib.detection.models import detector_folder, list_detectors
+from vo_lib.errors import DataError
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script."""
     parser.add_argument("name", nargs="?", help=f"{', '.join(FETCHABLE)}, or a name of your own with --from")
     parser.add_argument("--from", dest="source", type=Path, metavar="FILE", help="an ONNX file on disk")
-    parser.add_argument("--licence", default="", metavar="TEXT", help="to be remembered with --from")
     parser.add_argument("--folder", type=Path, metavar="DIR", help=f"where to; default {detector_folder()}")
     parser.add_argument("--yes", action="store_true", help="start without asking")
 
@@ -38,17 +37,19 @@ def run(options: argparse.Namespace) -> int:
     if options.name is None:
         if options.source is not None:
             raise DataError("say under which name: get_detector NAME --from FILE")
+        here = list_detectors(folder)
         rows = [
-            [d.name, in_words(d.size), d.licence, d.about, "here" if path else "not fetched"]
-            for d, path in ({name: (d, None) for name, d in FETCHABLE.items()} | known(folder)).values()
+            [d.name, in_words(d.size), d.about, "here" if d.name in here else "not fetched"]
+            for d in FETCHABLE.values()
         ]
-        show_table(
-            f"detectors in {folder}", ["name", "size", "licence", "about", "state"], rows, numbers=False
-        )
+        rows += [
+            [name, in_words(path.stat().st_size), "registered", "here"]
+            for name, path in here.items()
+            if name not in FETCHABLE
+        ]
+        show_table(f"detectors in {folder}", ["name", "size", "about", "state"], rows, numbers=False)
     elif options.source is not None:
-        detector = register_detector(options.name, options.source, folder, options.licence)
-        say(f"{detector.name}: {in_words(detector.size)}, SHA-256 {detector.sha256}")
-        say(f"registered as {folder / detector.file}")
+        say(f"registered as {register_detector(options.name, options.source, folder)}")
     elif options.name.startswith("yolov8"):
         say(*YOLOV8)
     else:
@@ -62,15 +63,14 @@ def fetch(options: argparse.Namespace, folder: Path) -> int:
         raise DataError(f"no detector is called {options.name!r}; expected one of {', '.join(FETCHABLE)}")
     detector = FETCHABLE[options.name]
     say(
-        f"{detector.name}: {in_words(detector.size)}, licence {detector.licence}, {detector.about}",
+        f"{detector.name}: {in_words(detector.size)}, licence {LICENCE}, {detector.about}",
         f"from {detector.url}",
         f"SHA-256 {detector.sha256}",
     )
-    here = (folder / detector.file).is_file()
-    if not here and not confirm(f"Fetch it into {folder}?", options.yes):
+    if detector.name not in list_detectors(folder) and not confirm(f"Fetch it into {folder}?", options.yes):
         say("nothing was written")
         return 1
-    with reporting(detector.file, in_bytes=True) as report:
+    with reporting(detector.name, in_bytes=True) as report:
         path = fetch_detector(detector, folder, report)
     say(f"verified: {path}")
     return 0

@@ -16,16 +16,16 @@ import argparse
 import sys
 from pathlib import Path
 
-from fetch.download import CONNECTIONS, confirm, in_words, require_space
+from fetch.download import MAX_CONNECTIONS, confirm, in_words, require_space
 from fetch.kitti_archive import CALIB, HOST, LICENCE, POSES, absent, archives_at, fetch, link_tree, plan
 from fetch.kitti_check import parse_numbers
 from fetch.zip_archives import Archives
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.data import run_script
 from vo_lib.commands.script import typed
-from vo_lib.core.errors import DataError
+from vo_lib.commands.scripts import run_script
+from vo_lib.data.catalogue import kitti_root
 from vo_lib.data.kitti import EXPECTED_FRAMES
-from vo_lib.data.sequence import kitti_root
+from vo_lib.errors import DataError
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -50,8 +50,8 @@ def run(options: argparse.Namespace) -> int:
     if options.sequences is None and options.from_zip is None:
         raise DataError("say which: --sequences 07,04 (or 00-21 for all)")
     names = list(EXPECTED_FRAMES) if options.sequences is None else parse_numbers(options.sequences)
-    if not 1 <= options.jobs <= CONNECTIONS:
-        raise DataError(f"--jobs {options.jobs}: expected 1 … {CONNECTIONS}")
+    if not 1 <= options.jobs <= MAX_CONNECTIONS:
+        raise DataError(f"--jobs {options.jobs}: expected 1 … {MAX_CONNECTIONS}")
     if not options.host.startswith(("http://", "https://")):
         raise DataError(f"--host {options.host!r}: expected an address that begins with http:// or https://")
     linked = [name for name in names if (root / "sequences" / name).is_symlink()]

@@ -27,8 +27,8 @@ from training.kitti_set import (
 )
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.data import run_script
-from vo_lib.core.errors import DataError
+from vo_lib.commands.scripts import run_script
+from vo_lib.errors import DataError
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

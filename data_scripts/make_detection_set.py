@@ -16,7 +16,7 @@ from pathlib import Path
 from training.street_set import DetectionSetConfig, write_street_set
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.data import run_script
+from vo_lib.commands.scripts import run_script
 from vo_lib.commands.setting_options import add_settings, from_options
 
 

@@ -20,20 +20,20 @@ import numpy as np
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.data import run_script
+from vo_lib.commands.scripts import run_script
 from vo_lib.config import change, preset
-from vo_lib.core.files import csv_text, write_text_atomic
-from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import suitable_measure, trajectory_distances
-from vo_lib.method.boxes import in_boxes
-from vo_lib.method.matching import finish
-from vo_lib.method.translation import ROUNDS, eliminate_points, feature_rows
-from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.runner import run_methods
-from vo_lib.tables.entries import measure_runs
+from vo_lib.files import csv_text, write_atomic
+from vo_lib.geometry.types import Array
+from vo_lib.paper.boxes import in_boxes
+from vo_lib.paper.matching import finish
+from vo_lib.paper.translation import SOLVING_ROUNDS, eliminate_points, feature_rows
+from vo_lib.report.entries import measure_runs
+from vo_lib.runs.drive import run_methods
+from vo_lib.runs.matches import CachedMatches
 
-BOXES = "vo_lib.method.odometry.on_vehicles"
+BOXES = "vo_lib.paper.odometry.on_vehicles"
 
 
 def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any) -> Any:
@@ -42,7 +42,7 @@ def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any) -> Any:
     near = np.flatnonzero(depth <= config.max_depth)
     M, d = eliminate_points(*feature_rows(camera, matches[near], R_cp))
     t = np.median((np.linalg.pinv(M) @ d[..., None])[..., 0], axis=0)
-    for _ in range(ROUNDS):
+    for _ in range(SOLVING_ROUNDS):
         fits = camera.f * np.linalg.norm(d - M @ t, axis=1) / depth[near] < config.agreement
         t = np.linalg.lstsq(M[fits].reshape(-1, 3), d[fits].ravel())[0]
     return t, np.isin(np.arange(len(matches)), near[fits])
@@ -57,12 +57,12 @@ def from_current(before: Any, pair: Any, whole: Any, config: Any) -> Any:
 # Question, a setting or a function by its full name, and other answers.
 OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("as published", "seed", {"": 0}),
-    ("weights of rows", "vo_lib.method.odometry.solve_translation", {"metres": in_metres}),
+    ("weights of rows", "vo_lib.paper.odometry.solve_translation", {"metres": in_metres}),
     ("largest depth", "translation.max_depth", {"20 m": 20.0, "50 m": 50.0, "none": 1000.0}),
     ("agreement", "translation.agreement", {"0.5 px": 0.5, "2 px": 2.0}),
-    ("rounds", "vo_lib.method.translation.ROUNDS", {"1": 1, "4": 4}),
+    ("rounds", "vo_lib.paper.translation.SOLVING_ROUNDS", {"1": 1, "4": 4}),
     ("sub-pixel window", "matching.finish_window", {"7 px": 7, "21 px": 21}),
-    ("place kept whole", "vo_lib.method.matching.finish", {"current left": from_current}),
+    ("place kept whole", "vo_lib.paper.matching.finish", {"current left": from_current}),
     ("features a bucket", "buckets.features", {"2": 2, "6": 6}),
     ("sets n", "selection.sets", {"50": 50, "800": 800}),
     ("solutions kept k", "selection.keep", {"1": 1, "all": 10}),
@@ -79,7 +79,7 @@ def measured(sequence: Sequence, name: str, value: Any, cache: Any) -> Array:
     """TE, RE (NaN without truth) and length of the path, metres, of each seed, (S, 3)."""
     own, config = name.startswith("vo_lib."), preset("feature_selection", variant="published")
     config = config if own else change(config, name, value)
-    kept = None if value is from_current else CachedMatches(sequence, config.features, config.matching, cache)
+    kept = None if value is from_current else CachedMatches(sequence, config, cache)
     with patch(name, value) if own else nullcontext():
         seeds = {str(seed): change(config, "seed", seed) for seed in range(5)}
         runs = [*run_methods(sequence, seeds, None, kept).values()]
@@ -111,7 +111,7 @@ def run(options: argparse.Namespace) -> int:
             rows.append([about, words, sequence.name, *(f"{x:.4f}" if np.isfinite(x) else "" for x in pairs)])
             plain = found if name == "seed" else plain
             report(len(rows) - 1, len(tasks))
-    write_text_atomic(options.out, csv_text(rows))
+    write_atomic(options.out, csv_text(rows))
     say(f"written to {options.out}")
     return 0
 

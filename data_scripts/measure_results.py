@@ -17,21 +17,23 @@ import sys
 from datetime import date
 from pathlib import Path
 
-from _result_tables import Key, box_rules, calibrations, jobs_of, systems
+from measure.result_tables import Key, box_rules, calibrations, jobs_of, systems
 from vo_lib.commands.common import add_cache, open_with_bar, parse_whole
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.data import run_script
-from vo_lib.config import VARIANTS, DetectorConfig
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import write_text_atomic
+from vo_lib.commands.scripts import run_script
+from vo_lib.config import VARIANTS
+from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.scenes import SCENES
-from vo_lib.data.sequence import SYNTHETIC, Sequence, parse_sequences
-from vo_lib.detection.label_cache import labelled_sequence
+from vo_lib.data.sequence import Sequence
+from vo_lib.detection.labels import labelled_sequence
+from vo_lib.detection.settings import DetectorConfig
+from vo_lib.errors import DataError
+from vo_lib.files import write_atomic
+from vo_lib.report.page import ReportTable, markdown, provenance
+from vo_lib.runs.drive import Run
+from vo_lib.runs.folder import read_run, run_folder
 from vo_lib.runs.identity import git_commit
 from vo_lib.runs.jobs import run_jobs
-from vo_lib.runs.results import read_run, run_folder
-from vo_lib.runs.runner import Run
-from vo_lib.tables.report import ReportTable, markdown, provenance
 
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
         box_rules(sequences, runs),
         calibrations(sequences, runs),
     ]
-    write_text_atomic(options.out, _page(tables, options))
+    write_atomic(options.out, _page(tables, options))
     say(f"written to {options.out}")
     return 0
 

@@ -26,10 +26,11 @@ from training.dataset import SPLITS, DetectionSet, open_set
 from training.evaluated import refuse_evaluated
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import say
-from vo_lib.commands.data import run_script
 from vo_lib.commands.script import install
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import require_own, write_result
+from vo_lib.commands.scripts import run_script
+from vo_lib.detection.models import detector_folder
+from vo_lib.errors import DataError
+from vo_lib.files import write_atomic
 
 MODEL = "detector.onnx"
 FAILURES = (RuntimeError, AssertionError, ValueError, TypeError, OSError)  # Ultralytics', of damaged files
@@ -64,10 +65,9 @@ def run(options: argparse.Namespace) -> int:
     if options.weights is not None and not options.weights.is_file():
         raise DataError("the file is missing", options.weights)
     model, described = options.out / MODEL, options.out / "data.yaml"
-    require_own(model, described)
     YOLO = _ultralytics()
     options.out.mkdir(parents=True, exist_ok=True)
-    write_result(described, _description(data, options.one_class))
+    write_atomic(described, _description(data, options.one_class))
     last = options.out / "train" / "weights" / "last.pt"
     say(f"Ultralytics and what it trains are {LICENCE}.")
     try:
@@ -89,12 +89,12 @@ def run(options: argparse.Namespace) -> int:
     except FAILURES as error:
         words = (str(error).splitlines() or [type(error).__name__])[0]
         raise DataError(f"Ultralytics: {words[:160]}") from None
-    write_result(model, exported.read_bytes())
+    write_atomic(model, exported.read_bytes())
     (last.parent / "finished").touch()
     say(f"{model}: mAP50 {found.box.map50:.3f}, mAP50-95 {found.box.map:.3f} on {split}")
     if options.register is not None:
-        registered = register_detector(options.register, model, licence=LICENCE)
-        say(f"registered: vo run … --detector {registered.name}")
+        register_detector(options.register, model, detector_folder())
+        say(f"registered: vo run … --detector {options.register}")
     return 0
 
 

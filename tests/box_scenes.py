@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vo_lib.core.boxes import Boxes
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import rigid, rotation_from_vector, transform
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array
+from vo_lib.geometry.boxes import Boxes
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import rigid, rotation_from_vector, transform
+from vo_lib.geometry.types import Array
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
 # The camera drives forward a metre a frame and turns by half a degree.
@@ -25,7 +25,7 @@ def street_points(rng: np.random.Generator, number: int) -> Array:
 
 
 def match_points(
-    X_p: Array, X_c: Array, noise: float = 0.0, rng: np.random.Generator | None = None, first: int = 0
+    X_p: Array, X_c: Array, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> StereoMatches:
     """Matches of points (N, 3) in the axes of the previous and of the current left camera."""
     n = len(X_p)
@@ -33,7 +33,7 @@ def match_points(
     if rng is not None:
         a, b, c, d = (uv + rng.normal(0.0, noise, uv.shape) for uv in views)
         views = a, b, c, d
-    return StereoMatches(*views, np.ones(n, np.int64), np.ones(n), first + np.arange(n))
+    return StereoMatches(*views, np.ones(n, np.int64), np.ones(n), np.arange(n))
 
 
 @dataclass
@@ -42,12 +42,11 @@ class Vehicle:
 
     place: tuple[float, float, float]
     step: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    points: int = 20
     X: Array = field(init=False)
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(int(100 * abs(self.place[0])) + int(self.place[2]))
-        self.X = np.array(self.place) + rng.uniform(-1, 1, (self.points, 3)) * (0.9, 0.75, 0.5)
+        self.X = np.array(self.place) + rng.uniform(-1, 1, (20, 3)) * (0.9, 0.75, 0.5)
 
     def box(self) -> Array:
         """Its box in the left image, (4,)."""
@@ -65,13 +64,13 @@ class Vehicle:
 
 
 def drive(
-    vehicles: list[Vehicle], frames: int, noise: float = 0.15, street: int = 200, seed: int = 6
+    vehicles: list[Vehicle], frames: int, noise: float = 0.15
 ) -> tuple[Boxes, list[tuple[StereoMatches, Boxes]]]:
     """Boxes of the first frame; then matches and boxes of each next one. Vehicles hide nothing."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(6)
     first, found = _boxes(vehicles), []
     for _ in range(frames):
-        fixed = street_points(rng, street)
+        fixed = street_points(rng, 200)
         before = np.concatenate([fixed, *(vehicle.X for vehicle in vehicles)])
         for vehicle in vehicles:
             vehicle.drive()
@@ -82,5 +81,4 @@ def drive(
 
 def _boxes(vehicles: list[Vehicle]) -> Boxes:
     k = len(vehicles)
-    xyxy = np.stack([vehicle.box() for vehicle in vehicles]) if k else np.zeros((0, 4))
-    return Boxes(xyxy, np.full(k, 2), np.ones(k))
+    return Boxes(np.stack([vehicle.box() for vehicle in vehicles]), np.full(k, 2), np.ones(k))

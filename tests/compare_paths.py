@@ -15,10 +15,10 @@ import itertools
 import sys
 from typing import Any
 
-from vo_lib import available, open_sequence, preset
-from vo_lib.config import METHODS, PUBLISHED, PublishedConfig, change
-from vo_lib.core.poses import format_kitti_poses
-from vo_lib.runs.runner import run_methods
+from vo_lib import MethodConfig, available, open_sequence
+from vo_lib.config import KIT, PUBLISHED, change
+from vo_lib.data.poses import format_kitti_poses
+from vo_lib.runs.drive import run_methods
 
 MODES = ("refined", "literal")
 SEQUENCES = ("synthetic/traffic", "synthetic/jam", "kitti/00")
@@ -26,15 +26,15 @@ SEQUENCES = ("synthetic/traffic", "synthetic/jam", "kitti/00")
 
 def print_digests(sequence: str) -> None:
     """A line for the path of each run over a sequence."""
-    configs: dict[str, PublishedConfig] = {
-        f"{mode} {method}": change(preset(method), "selection.mode", mode)
-        for mode, method in itertools.product(MODES, METHODS)
+    configs: dict[str, MethodConfig] = {
+        f"{mode} {method}": change(KIT[method], "selection.mode", mode)
+        for mode, method in itertools.product(MODES, KIT)
     }
     configs |= {f"published {method}": config for method, config in PUBLISHED.items()}
     # Runs with the same front end share its matches, which take most of the time.
-    groups: dict[Any, dict[str, PublishedConfig]] = {}
+    groups: dict[Any, dict[str, MethodConfig]] = {}
     for name, config in configs.items():
-        groups.setdefault((config.features, config.matching), {})[name] = config
+        groups.setdefault((config.variant, config.features, config.matching), {})[name] = config
     opened = open_sequence(sequence)
     for group in groups.values():
         for name, run in run_methods(opened, group).items():

@@ -15,10 +15,12 @@ from file_server import FileServer
 from filelock import FileLock
 from hypothesis import settings
 
-from vo_lib.config import Config, change, preset
-from vo_lib.core.geometry import rigid, rotation_from_vector
-from vo_lib.core.types import Array, Image
-from vo_lib.data.sequence import Sequence, open_sequence
+from vo_lib.config import change, preset
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.sequence import Sequence
+from vo_lib.geometry.motion import rigid, rotation_from_vector
+from vo_lib.geometry.types import Array, Image
+from vo_lib.kit.settings import KitConfig
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
 
@@ -31,7 +33,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Files that take longest come first, so that no process works on one when the others are done.
-LONGEST = ("test_browser.py", "test_panels.py", "test_scenes.py", "test_notebooks.py", "test_panels_ch07.py")
+LONGEST = ("test_browser.py", "test_notebooks.py", "test_panels.py", "test_odometry.py", "test_jobs.py")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
@@ -115,9 +117,9 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
     return folder
 
 
-def small(method: str = "solution_selection", **changes: object) -> Config:
+def small(method: str = "solution_selection", **changes: object) -> KitConfig:
     """A method with cells that suit the band sequence, and settings such as selection__sets=20."""
-    config = change(preset(method), "features.cell", 10)
+    config = change(preset(method, variant="kit"), "features.cell", 10)
     for name, value in changes.items():
         config = change(config, name.replace("__", "."), value)
     return config
@@ -149,7 +151,7 @@ def bands(tmp_path: Path) -> Path:
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[FileServer]:
     """A web server on this machine; downloads do not pause before they try again."""
-    monkeypatch.setattr("fetch.download.PAUSE", 0.0)
+    monkeypatch.setattr("fetch.download.PAUSE_S", 0.0)
     made = FileServer()
     yield made
     made.close()

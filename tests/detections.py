@@ -2,59 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 import numpy as np
 
-from vo_lib.core.boxes import Boxes, area, common_area, overlap
-from vo_lib.core.types import Array, Mask, Whole
+from vo_lib.geometry.boxes import Boxes, area, common_area, overlap
+from vo_lib.geometry.types import Array
+
+MIN_IOU = 0.5
 
 
-@dataclass(frozen=True)
-class Judged:
-    """Detections of one image beside its truth.
+def recall_precision(
+    images: Iterable[tuple[Boxes, Boxes, Array]], min_height: float
+) -> tuple[float, float, int]:
+    """Recall, precision and number of true boxes, of detections, truth and regions (M, 4) of each image.
 
-    Attributes
-    ----------
-    score, right : (D,) of the detections that count; `right` where one found a true box of its own.
-    wanted : (K,) classes of the true boxes that count.
+    A detection is right when it overlaps a true box, not yet found by a better one, by `MIN_IOU` or more.
+    True boxes lower than `min_height`, and detections of them, do not count; neither do wrong detections
+    lower than that, or at least half inside one of the regions.
     """
-
-    score: Array
-    right: Mask
-    wanted: Whole
-
-
-def judge(found: Boxes, truth: Boxes, regions: Array, min_height: float = 0.0, least: float = 0.5) -> Judged:
-    """Compare the detections of one image with its truth.
-
-    A detection is right when it overlaps a true box of its class, not yet found by a better one, by an IoU of
-    `least` or more. True boxes lower than `min_height`, and what is found of them, do not count; neither do
-    detections lower than that, nor those at least half inside one of the `regions` (M, 4), unless right.
-    """
-    order = np.argsort(-found.score, kind="stable")
-    boxes, kinds = found.xyxy[order], found.class_id[order]
-    tall = truth.xyxy[:, 3] - truth.xyxy[:, 1] >= min_height
-    shared = np.where(kinds[:, None] == truth.class_id[None], overlap(boxes, truth.xyxy), 0.0)
-    free = np.ones(len(truth), np.bool_)
-    right, counts = np.zeros(len(boxes), np.bool_), np.ones(len(boxes), np.bool_)
-    aside = np.asarray((common_area(boxes, regions) >= 0.5 * area(boxes)[:, None]).any(axis=1))
-    low = boxes[:, 3] - boxes[:, 1] < min_height
-    for k in range(len(boxes)):
-        # A box that counts goes before one that does not, then the larger overlap.
-        worth = shared[k] * free * np.where(tall, 2.0, 1.0)
-        best = int(worth.argmax()) if len(truth) else -1
-        if best >= 0 and shared[k, best] >= least and free[best]:
-            free[best] = False
-            right[k], counts[k] = tall[best], tall[best]
-        else:
-            counts[k] = not (aside[k] or low[k])
-    return Judged(found.score[order][counts], right[counts], truth.class_id[tall])
-
-
-def recall_precision(images: list[Judged], score: float = 0.0) -> tuple[float, float]:
-    """Recall and precision of all images' detections scored at least `score`; NaN where undefined."""
-    above = [part.right[part.score >= score] for part in images]
-    right, found = sum(int(part.sum()) for part in above), sum(len(part) for part in above)
-    wanted = sum(len(part.wanted) for part in images)
-    return (right / wanted if wanted else np.nan), (right / found if found else np.nan)
+    right = counted = wanted = 0
+    for found, truth, regions in images:
+        boxes = found.xyxy[np.argsort(-found.score, kind="stable")]
+        tall = truth.xyxy[:, 3] - truth.xyxy[:, 1] >= min_height
+        shared, free = overlap(boxes, truth.xyxy), np.ones(len(truth), np.bool_)
+        aside = (common_area(boxes, regions) >= 0.5 * area(boxes)[:, None]).any(axis=1)
+        aside |= boxes[:, 3] - boxes[:, 1] < min_height
+        for k in range(len(boxes)):
+            # A true box that counts goes before one that does not, then the larger overlap.
+            worth = np.where(free & (shared[k] >= MIN_IOU), shared[k] + tall, 0.0)
+            best = int(worth.argmax()) if worth.any() else -1
+            if best >= 0:
+                free[best] = False
+                right, counted = right + int(tall[best]), counted + int(tall[best])
+            else:
+                counted += int(not aside[k])
+        wanted += int(tall.sum())
+    return right / max(wanted, 1), right / max(counted, 1), wanted

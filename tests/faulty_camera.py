@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.types import Array
 
 F, CX, CY, B = 700.0, 600.0, 180.0, 0.5
 CAMERA = StereoCamera(f=F, cx=CX, cy=CY, baseline=B, width=1200, height=360)
@@ -26,19 +26,13 @@ def none(x: Array, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Faults:
-    """Disparities and rows too large by fields of (x, y), half of them each camera's; lenses; all in pixels.
-
-    The right camera stands `down` and `back` by % of the baseline.
-    """
+    """Disparities and rows too large by fields of (x, y), half of them each camera's; lenses; in pixels."""
 
     disparities: Field = none
     rows: Field = none
     p1: float = 0.0
     p2: float = 0.0
     k1: float = 0.0
-    k2: float = 0.0
-    down: float = 0.0
-    back: float = 0.0
 
 
 # What sequences 00 and 01 of KITTI show, to a first approximation.
@@ -58,12 +52,12 @@ def pair(X: Array, faults: Faults, noise: float, rng: np.random.Generator) -> tu
 
     def seen(x: Array, y: Array, half: float) -> tuple[Array, Array]:
         r2 = x * x + y * y
-        radial = faults.k1 * r2 + faults.k2 * r2**2
+        radial = faults.k1 * r2
         u = F * x + CX + faults.p1 * 2 * x * y + faults.p2 * (r2 + 2 * x * x) + radial * x
         v = F * y + CY + faults.p1 * (r2 + 2 * y * y) + faults.p2 * 2 * x * y + radial * y
         return u + half * faults.disparities(x, y), v + half * faults.rows(x, y)
 
-    from_right = X - np.multiply(B / 100.0, [100.0, faults.down, -faults.back])
+    from_right = X - (B, 0.0, 0.0)
     (x, y, _), (x_r, y_r, _) = (place.T / place[:, 2] for place in (X, from_right))
     left, right = np.stack(seen(x, y, 0.5), axis=1), np.stack(seen(x_r, y_r, -0.5), axis=1)
     return left + rng.normal(0, noise, left.shape), right + rng.normal(0, noise, right.shape)
@@ -74,13 +68,12 @@ def drive(
     faults: Faults,
     noise: float = 0.2,
     points: int = 300,
-    yaw: Callable[[int], float] = lambda i: 0.01 * np.sin(i / 5),
     step: float = 1.0,
 ) -> Iterator[tuple[StereoMatches, Array, Array]]:
-    """Matches, R_cp and t_cp of a camera that goes `step` metres ahead a frame and turns by `yaw` radians."""
+    """Matches, R_cp and t_cp of a camera that goes `step` metres ahead a frame and turns."""
     rng = np.random.default_rng(11)
     for i in range(frames):
-        R_cp, t_cp = yaw_matrix(yaw(i)), np.array([0.0, 0.0, -step])
+        R_cp, t_cp = yaw_matrix(0.01 * np.sin(i / 5)), np.array([0.0, 0.0, -step])
         z = rng.uniform(5.0, 45.0, points)
         x, y = rng.uniform(-0.8, 0.8, points), rng.uniform(-0.25, 0.25, points)
         X_p = np.stack([x * z, y * z, z], axis=1)

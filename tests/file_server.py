@@ -6,7 +6,6 @@ import re
 import threading
 from collections import Counter
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
 
 
 class FileServer:
@@ -17,7 +16,6 @@ class FileServer:
     files : content by name. ranges : whether parts of a file are given.
     drop_every : close the connection half-way through every n-th answer (0: never).
     status : answer every GET with this code instead (0: as it should be).
-    after : once this many GETs are answered, call `event` (a change of the file, say).
     gets, sent : how many GETs and body bytes were answered, by name.
     """
 
@@ -26,7 +24,6 @@ class FileServer:
         self.ranges = True
         self.drop_every = 0
         self.status = 0
-        self.after: tuple[int, Any] | None = None
         self.gets: Counter[str] = Counter()
         self.sent: Counter[str] = Counter()
         self._lock = threading.Lock()
@@ -86,8 +83,6 @@ class FileServer:
         with self._lock:
             self.gets[name] += 1
             number = sum(self.gets.values())
-            if self.after is not None and number == self.after[0]:
-                self.after[1]()
             return bool(self.drop_every) and number % self.drop_every == 0
 
     def close(self) -> None:

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from vo_lib.config import METHODS, preset
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.frame import FrameResult
-from vo_lib.core.types import Array
+from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import Measure
-from vo_lib.runs.runner import Run
-from vo_lib.tables.entries import Entry, measure_runs
-from vo_lib.tables.paper import PAPER_ROWS, PaperTable
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.result import FrameResult
+from vo_lib.geometry.types import Array
+from vo_lib.report.entries import Entry, measure_runs
+from vo_lib.report.printed import PAPER_METHODS, PAPER_ROWS, PaperTable
+from vo_lib.runs.drive import Run
 
 
 def straight(n: int, step: float = 1.0) -> Array:
@@ -54,5 +54,5 @@ def entry_of(
 
 def table_of_twos() -> PaperTable:
     """A made-up table in which every printed number is 2."""
-    numbers: dict[tuple[str, str], float | None] = {(r, m): 2.0 for r in PAPER_ROWS for m in METHODS}
+    numbers: dict[tuple[str, str], float | None] = {(r, m): 2.0 for r in PAPER_ROWS for m in PAPER_METHODS}
     return PaperTable(numbers, dict(numbers))

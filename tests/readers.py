@@ -6,9 +6,7 @@ import functools
 import io
 import json
 import re
-import shutil
 import tempfile
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,25 +17,20 @@ import numpy as np
 from conftest import write_bands
 
 from fetch.euroc import read_euroc_drive
-from fetch.kitti_archive import fetch, plan
 from fetch.kitti_raw import read_raw_drive
 from fetch.stereo_calibration import read_opencv, rig_from_matrices
-from fetch.zip_archives import Archives
 from training.dataset import open_set
 from training.kitti_set import read_object_set, read_tracking_set
 from vo_lib import open_sequence, preset, run
-from vo_lib.beyond.calibration import read_calibration as read_learnt
-from vo_lib.core.poses import read_euroc, read_kitti_poses, read_tum
-from vo_lib.core.settings import to_dict
 from vo_lib.data.kitti import read_calibration, read_image, read_times
-from vo_lib.data.labels import read_labels, written_labels
+from vo_lib.data.labels import read_labels
+from vo_lib.data.poses import read_euroc, read_kitti_poses, read_tum
 from vo_lib.data.scenes import scene_config
 from vo_lib.data.truth import open_truth
-from vo_lib.detection.detectors import Detector, registered
-from vo_lib.detection.label_cache import claim_folder
-from vo_lib.runs.results import read_run, write_run
-from vo_lib.tables.comparison import comparison_table, read_stored_run
-from vo_lib.tables.paper import read_paper_table, shipped_table
+from vo_lib.kit.calibration import read_learnt_calibration
+from vo_lib.runs.folder import read_run, write_run
+from vo_lib.runs.identity import run_identity
+from vo_lib.settings import to_dict
 
 KITTI = "1 0 0 0 0 1 0 0 0 0 1 {}\n"
 CALIB = "P0: 300 0 240 0 0 300 120 0 0 0 1 0\nP1: 300 0 240 -150 0 300 120 0 0 0 1 0\n"
@@ -126,26 +119,9 @@ def _euroc() -> dict[str, str | bytes]:
     return files
 
 
-def _archive() -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("dataset/sequences/07/calib.txt", CALIB)
-        archive.writestr("dataset/sequences/07/image_0/000000.png", png())
-    return buffer.getvalue()
-
-
-def _fetched(folder: Path) -> None:
-    with Archives() as archives:
-        members = plan(archives, [str(folder / "kitti.zip")], ["07"])
-        fetch(archives, members, folder / "tree", jobs=1)
-
-
 def _truth() -> dict[str, str | bytes]:
     buffer = io.BytesIO()
-    arrays: dict[str, Any] = {"instance": np.arange(1), "kind": np.full(1, 2), "size": np.ones((1, 3))}
-    arrays |= {"poses": np.tile(np.eye(4), (2, 1, 1, 1)), "speed": np.zeros((2, 1))}
-    arrays["moving"] = np.zeros((2, 1))
-    np.savez(buffer, **arrays)
+    np.savez(buffer, kind=np.full(1, 2), poses=np.tile(np.eye(4), (2, 1, 1, 1)))
     scene = json.dumps({"config": to_dict(scene_config("traffic"))})
     poses = KITTI.format(0) + KITTI.format(1)
     return {"truth/scene.json": scene, "truth/objects.npz": buffer.getvalue(), "poses.txt": poses}
@@ -153,29 +129,16 @@ def _truth() -> dict[str, str | bytes]:
 
 @functools.cache
 def _run() -> tuple[dict[str, str | bytes], Callable[[Path], Any]]:
-    """The files of a run's folder, without the hashes of each other, and how it is read."""
-    place = Path(tempfile.mkdtemp())
-    try:
-        result = run(open_sequence(write_bands(place / "bands", frames=3)), preset("solution_selection"))
-        (place / "run").mkdir()
-        write_run(place / "run", result, "solution_selection")
-        names = ("config.json", "metrics.json", "frames.csv", "poses.txt", "calibration.json")
-        files: dict[str, str | bytes] = {name: (place / "run" / name).read_bytes() for name in names}
-        config = json.loads(files["config.json"])
-        del config["files"]
-        files["config.json"] = json.dumps(config)
-    finally:
-        shutil.rmtree(place)
-
-    def read(folder: Path) -> Any:
-        stored = read_stored_run(folder)
-        return comparison_table("", [stored]), read_run(folder, result.sequence).ms_per_frame, stored.poses
-
-    return files, read
+    """The files of a run's folder, and how it is read."""
+    with tempfile.TemporaryDirectory() as place:
+        sequence = open_sequence(write_bands(Path(place, "bands"), frames=3))
+        config = preset("solution_selection", variant="kit")
+        write_run(Path(place), run(sequence, config), run_identity(sequence, config, "solution_selection"))
+        names = ("config.json", "frames.csv", "poses.txt", "calibration.json")
+        files: dict[str, str | bytes] = {name: Path(place, name).read_bytes() for name in names}
+    return files, lambda folder: read_run(folder, sequence).poses
 
 
-DETECTOR = {"sha256": "0" * 64, "settings": {"score": 0.25}}
-ENTRIES = json.dumps({"mine": vars(Detector("mine", "mine.onnx", "", 12, "0" * 64, "MIT", "registered"))})
 TRACKING = "".join(f"{frame} 0 {OBJECT}" for frame in range(2))
 
 
@@ -201,15 +164,9 @@ def readers() -> dict[str, Reader]:
         "times": _alone("times.txt", read_times, "0.0\n0.1\n0.2\n"),
         "labels": _alone("000000.txt", lambda path: read_labels(path, 480, 240), LABEL),
         "image": _alone("000000.png", read_image, png()),
-        "paper": _alone("table.csv", read_paper_table, shipped_table().read_bytes()),
-        "calibration.json": _alone("calibration.json", read_learnt, run_files["calibration.json"]),
-        "detector.json": Reader(
-            "detector.json",
-            lambda folder: claim_folder(folder, DETECTOR),
-            {"detector.json": json.dumps(DETECTOR), "000000.txt": LABEL},
+        "calibration.json": _alone(
+            "calibration.json", read_learnt_calibration, run_files["calibration.json"]
         ),
-        "detectors.json": Reader("detectors.json", registered, {"detectors.json": ENTRIES}),
-        "written.csv": Reader("written.csv", written_labels, {"written.csv": f"000000.txt,{'0' * 64}\n"}),
         "data.yaml": Reader(
             "data.yaml",
             open_set,
@@ -226,11 +183,10 @@ def readers() -> dict[str, Reader]:
             lambda folder: read_tracking_set(folder, {"0000": "2011_09_26_drive_0005"}),
             {"label_02/0000.txt": TRACKING} | {f"image_02/0000/{frame:06d}.png": png() for frame in range(2)},
         ),
-        "archive": Reader("kitti.zip", _fetched, {"kitti.zip": _archive()}),
         "scene.json": Reader("truth/scene.json", open_truth, _truth()),
         "objects.npz": Reader("truth/objects.npz", open_truth, _truth()),
     }
-    for name in ("config.json", "metrics.json", "frames.csv"):
+    for name in ("config.json", "frames.csv"):
         found[name] = Reader(name, read_folder, run_files)
     for name in ("calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "image_00/timestamps.txt"):
         found[name.removeprefix("image_00/")] = Reader(name, read_raw_drive, _raw())

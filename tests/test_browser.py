@@ -45,8 +45,7 @@ CHANGED = f"async before => (await ({PICTURES})()).some((picture, i) => picture 
 
 
 def free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
+    with socket.create_server(("127.0.0.1", 0)) as listener:
         return int(listener.getsockname()[1])
 
 

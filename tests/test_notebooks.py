@@ -26,7 +26,7 @@ WIDGETS = "application/vnd.jupyter.widget-state+json"
 UNSEEN = pytest.mark.skipif(find_browser() is not None, reason="test_browser.py runs it, in a browser")
 THERE = pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_clips is not there")
 KITTI = [pytest.param("", marks=UNSEEN), pytest.param(str(CLIPS), marks=THERE)]
-LONGEST_CELL = 300  # seconds; a safeguard, not a measurement
+CELL_TIMEOUT_S = 300  # a safeguard, not a measurement
 
 
 def name(path: Path) -> str:
@@ -64,14 +64,10 @@ def verdicts(notebook: Any) -> list[str]:
 def execute(path: Path, folder: Path, **environment: str) -> Any:
     """The notebook with its outputs and widget state; it runs in a folder of its own."""
     notebook = read(path)
-    client = nbclient.NotebookClient(
-        notebook,
-        timeout=LONGEST_CELL,
-        kernel_name="python3",
-        allow_errors=True,
-        resources={"metadata": {"path": str(folder)}},
-    )
-    client.execute(env={**os.environ, "PYTHONPATH": str(FOLDER), **environment})
+    where = {"metadata": {"path": str(folder)}}
+    client = nbclient.NotebookClient(notebook, timeout=CELL_TIMEOUT_S, allow_errors=True, resources=where)
+    paths = [str(FOLDER), os.environ.get("PYTHONPATH", "")]
+    client.execute(env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), **environment})
     return notebook
 
 
@@ -97,6 +93,7 @@ def student(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> tuple
     return folder, {path: execute(path, folder) for path in SOLUTIONS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", SOLUTIONS, ids=name)
 def test_the_solutions_are_right(path: Path, student: tuple[Path, dict[Path, Any]]) -> None:
     notebook = student[1][path]
@@ -106,6 +103,7 @@ def test_the_solutions_are_right(path: Path, student: tuple[Path, dict[Path, Any
     assert [verdict for verdict in judged if RIGHT_CLASS not in verdict] == []
 
 
+@pytest.mark.slow
 def test_what_a_student_has_kept_drives_in_chapter_8(student: tuple[Path, dict[Path, Any]]) -> None:
     folder = student[0]
     notebook = execute(CHAPTERS[8], folder)
@@ -120,10 +118,9 @@ def test_what_a_student_has_kept_drives_in_chapter_8(student: tuple[Path, dict[P
 
 
 @pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES, *SOLUTIONS], ids=name)
-def test_notebooks_are_committed_without_outputs(path: Path) -> None:
+def test_notebooks_are_committed_without_outputs_and_their_links_lead_somewhere(path: Path) -> None:
     notebook = read(path)
     nbformat.validate(notebook)
-    assert (notebook.nbformat, notebook.nbformat_minor) == (4, 5)
     assert set(notebook.metadata) <= {"kernelspec", "language_info"}
     assert notebook.metadata["kernelspec"]["name"] == "python3"
     for cell in notebook.cells:
@@ -131,11 +128,7 @@ def test_notebooks_are_committed_without_outputs(path: Path) -> None:
         assert cell.get("outputs", []) == []
         assert cell.get("execution_count") is None
         assert cell.source.strip()
-
-
-@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES, *SOLUTIONS], ids=name)
-def test_links_in_the_prose_lead_somewhere(path: Path) -> None:
-    prose = "\n".join(cell.source for cell in read(path).cells if cell.cell_type == "markdown")
+    prose = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
     links = [link for link in re.findall(r"\]\(([^)\s]+)\)", prose) if "://" not in link]
     for link in links:
         assert (path.parent / link.split("#")[0]).exists(), link
@@ -143,16 +136,12 @@ def test_links_in_the_prose_lead_somewhere(path: Path) -> None:
 
 
 def test_every_chapter_has_its_solutions() -> None:
-    assert CHAPTERS
-    assert {*FOLDER.glob("*.ipynb")} == {*CHAPTERS, *APPENDICES}
-    assert [path.name for path in SOLUTIONS] == [path.name for path in (*CHAPTERS, *APPENDICES)]
+    assert [path.name for path in SOLUTIONS] == [path.name for path in sorted(FOLDER.glob("*.ipynb"))]
 
 
 def test_the_scan_sees_an_error_inside_a_panel(street: Sequence, tmp_path: Path) -> None:
-    panel = f"StartPanel({street.name!r}).set(sequence='nowhere')"
-    lines = f"from course.ch00 import StartPanel\n{panel}"
-    cell = nbformat.v4.new_code_cell(lines)  # type: ignore[no-untyped-call]
+    panel = f"from course.ch00 import StartPanel\nStartPanel({street.name!r}).set(sequence='nowhere')"
+    cell = nbformat.v4.new_code_cell(panel)  # type: ignore[no-untyped-call]
     broken = tmp_path / "broken.ipynb"
-    notebook = nbformat.v4.new_notebook(cells=[cell])  # type: ignore[no-untyped-call]
-    nbformat.write(notebook, broken)  # type: ignore[no-untyped-call]
+    nbformat.write(nbformat.v4.new_notebook(cells=[cell]), broken)  # type: ignore[no-untyped-call]
     assert "nowhere" in "".join(complaints(execute(broken, tmp_path)))

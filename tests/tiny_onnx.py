@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FLOAT, EXTERNAL = 1, 1  # numbers of ONNX: an element type, a place of data
+FLOAT = 1  # ONNX's number of an element type
 
 
 def _varint(value: int) -> bytes:
@@ -39,17 +39,10 @@ def write_answering(
     input_shape: Sequence[int | str] = (1, 3, 64, 64),
     names: str | None = None,
     input_kind: int = FLOAT,
-    external: str | None = None,
 ) -> Path:
-    """A network that answers `answer` to every image of `input_shape`.
-
-    names : text of the metadata's `names`. external : the answer is said to be in this other file.
-    """
+    """A network that answers `answer` to every image of `input_shape`; `names` is text of the metadata."""
     tensor = b"".join(field(1, side) for side in answer.shape) + field(2, FLOAT) + field(8, "answer")
-    if external is None:
-        tensor += field(9, answer.astype(np.float32).tobytes())
-    else:
-        tensor += field(13, field(1, "location") + field(2, external)) + field(14, EXTERNAL)
+    tensor += field(9, answer.astype(np.float32).tobytes())
     node = field(1, "answer") + field(2, "output0") + field(4, "Identity")
     graph = field(1, node) + field(2, "answering") + field(5, tensor)
     graph += field(11, _value_info("images", input_shape, input_kind))

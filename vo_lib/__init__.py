@@ -7,33 +7,37 @@
 
 import os
 from importlib import import_module
+from typing import TYPE_CHECKING
 
-# ONNX Runtime sends its maker reports on its use, unless this is set before it starts.
+# ONNX Runtime reports its use to its maker unless this is set before it is imported.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
-TYPE_CHECKING = False  # typing's own would cost time before Ctrl-C is answered
 if TYPE_CHECKING:
-    from .config import METHODS, Config, preset
-    from .core.errors import DataError
-    from .data.sequence import Sequence, available, open_sequence
-    from .runs.runner import Run, run
+    from .config import METHODS as METHODS
+    from .config import preset as preset
+    from .data.catalogue import available as available
+    from .data.catalogue import open_sequence as open_sequence
+    from .data.sequence import Sequence as Sequence
+    from .errors import DataError as DataError
+    from .paper.settings import MethodConfig as MethodConfig
+    from .runs.drive import Run as Run
+    from .runs.drive import run as run
 
-__all__ = ["METHODS", "Config", "DataError", "Run", "Sequence", "available", "open_sequence", "preset", "run"]
-
-# Read when they are wanted: the `vo` command answers Ctrl-C before the second of imports.
-_PLACES = {
-    **dict.fromkeys(("METHODS", "Config", "preset"), "config"),
-    "DataError": "core.errors",
-    **dict.fromkeys(("Sequence", "available", "open_sequence"), "data.sequence"),
-    **dict.fromkeys(("Run", "run"), "runs.runner"),
+# The module of each public name, imported when it is first used: `vo --help` needs none of them.
+_MODULES = {
+    "METHODS": "config",
+    "preset": "config",
+    "available": "data.catalogue",
+    "open_sequence": "data.catalogue",
+    "Sequence": "data.sequence",
+    "DataError": "errors",
+    "MethodConfig": "paper.settings",
+    "Run": "runs.drive",
+    "run": "runs.drive",
 }
 
 
 def __getattr__(name: str) -> object:
-    if name not in _PLACES:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return [*globals(), *__all__]
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
-from fetch.download import download, require_space
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import file_sha256, write_bytes_atomic, write_text_atomic
-from vo_lib.core.types import Progress
-from vo_lib.detection.detectors import REGISTRY, Detector, detector_folder, registered
+from fetch.download import download
 from vo_lib.detection.yolo import YoloDetector
+from vo_lib.errors import DataError
+from vo_lib.files import file_sha256, read_bytes, write_atomic
+from vo_lib.geometry.types import Progress
 
 YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0/"
+LICENCE = "Apache-2.0"  # of YOLOX
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 YOLOV8 = (
@@ -22,32 +22,41 @@ YOLOV8 = (
     "https://www.ultralytics.com/license. To make the ONNX file yourself, in an environment of its own:",
     "  pip install ultralytics onnx",
     "  yolo export model=yolov8n.pt format=onnx",
-    "  vo data get_detector yolov8n --from yolov8n.onnx --licence AGPL-3.0",
+    "  vo data get_detector yolov8n --from yolov8n.onnx",
 )
 
 
-def _yolox(name: str, size: int, sha256: str, about: str) -> Detector:
-    file = name.replace("-", "_") + ".onnx"
-    return Detector(name, file, YOLOX + file, size, sha256, "Apache-2.0", about)
+@dataclass(frozen=True)
+class Detector:
+    """A fetchable ONNX file: name, address, bytes, SHA-256, description."""
+
+    name: str
+    url: str
+    size: int
+    sha256: str
+    about: str
 
 
 # The release gives no hashes. Size and SHA-256 are those that several independent projects recorded of the
 # release's files; a file that is not exactly that is refused.
 _YOLOX = (
-    _yolox(
+    Detector(
         "yolox-nano",
+        YOLOX + "yolox_nano.onnx",
         3_659_407,
         "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d",
         "COCO, input 416×416, fastest",
     ),
-    _yolox(
+    Detector(
         "yolox-tiny",
+        YOLOX + "yolox_tiny.onnx",
         20_219_662,
         "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7",
         "COCO, input 416×416",
     ),
-    _yolox(
+    Detector(
         "yolox-s",
+        YOLOX + "yolox_s.onnx",
         35_858_002,
         "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063",
         "COCO, input 640×640, most exact of the three",
@@ -58,47 +67,24 @@ FETCHABLE = {detector.name: detector for detector in _YOLOX}
 
 def fetch_detector(detector: Detector, folder: Path, progress: Progress | None = None) -> Path:
     """Fetch a detector, verified; one that is there with the right hash is left as it is."""
-    path = folder / detector.file
+    path = folder / f"{detector.name}.onnx"
     if not (path.is_file() and file_sha256(path) == detector.sha256):
         download(detector.url, path, detector.size, detector.sha256, progress)
-    _record(detector, folder)
     return path
 
 
-def register_detector(name: str, source: Path, folder: Path | None = None, licence: str = "") -> Detector:
-    """Copy an ONNX file from disk under a name; its size and SHA-256 are recorded.
-
-    A file called like a fetchable detector must be that detector's.
-    """
-    folder = folder or detector_folder()
+def register_detector(name: str, source: Path, folder: Path) -> Path:
+    """Copy an ONNX file from disk under a name; a fetchable detector's name is for that detector only."""
     if not NAME.fullmatch(name):
         raise DataError(f"{name!r} is no name: expected letters, digits, - and _")
-    if not source.is_file():
-        raise DataError("the file is missing", source)
+    data = read_bytes(source)
     YoloDetector(source)  # a `DataError` where the kit cannot run it
-    sha256, size = file_sha256(source), source.stat().st_size
-    own = Detector(name, f"{name}.onnx", "", size, sha256, licence or "not stated", "registered")
-    detector = FETCHABLE.get(name, own)
-    if (size, sha256) != (detector.size, detector.sha256):
-        raise DataError(
-            f"is not the official {name} ({size} bytes, SHA-256 {sha256[:12]}…; expected {detector.size} "
-            f"bytes, {detector.sha256[:12]}…); register it under another name",
-            source,
-        )
-    path = folder / detector.file
+    if name in FETCHABLE and file_sha256(source) != FETCHABLE[name].sha256:
+        raise DataError(f"is not the official {name}; register it under another name", source)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        require_space(folder, size)
-        if not (path.is_file() and path.samefile(source)):
-            write_bytes_atomic(path, source.read_bytes())
     except OSError as error:
-        raise DataError(f"cannot be written: {error.strerror}", path) from None
-    _record(detector, folder)
-    return detector
-
-
-def _record(detector: Detector, folder: Path) -> None:
-    """Note a detector that is in the folder, so that it is found by its name."""
-    every = {**registered(folder), detector.name: detector}
-    text = json.dumps({name: vars(one) for name, one in every.items()}, indent=2)
-    write_text_atomic(folder / REGISTRY, text + "\n")
+        raise DataError(f"cannot be written: {error.strerror}", folder) from None
+    path = folder / f"{name}.onnx"
+    write_atomic(path, data)
+    return path

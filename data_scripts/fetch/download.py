@@ -1,12 +1,10 @@
-"""One file over HTTP, fetched whole, resumable and verified."""
+"""One file over HTTP, fetched whole and verified."""
 
 from __future__ import annotations
 
-import errno
-import os
+import hashlib
 import shutil
 import sys
-import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -14,16 +12,16 @@ import requests
 import urllib3
 from requests.adapters import HTTPAdapter
 
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import file_sha256
-from vo_lib.core.types import Progress
+from vo_lib.errors import DataError
+from vo_lib.files import write_atomic
+from vo_lib.geometry.types import Progress
 
 ATTEMPTS = 5  # tries without a single new byte before a transfer is given up
-PAUSE = 1.0  # seconds before the second try; each further one waits longer
-TIMEOUT = (10.0, 30.0)  # seconds to connect, and to wait for the next bytes
-CHUNK = 1 << 18
-CONNECTIONS = 16  # to one server at once, at most
-SPARE = 100_000_000  # bytes left free on the disk beside what is written
+PAUSE_S = 1.0  # before the second try; each further one waits longer
+TIMEOUT_S = (10.0, 30.0)  # to connect, and to wait for the next bytes
+CHUNK_BYTES = 1 << 18
+MAX_CONNECTIONS = 16  # to one server at once
+SPARE_BYTES = 100_000_000  # of the disk, left free beside the file
 
 LOST = (requests.RequestException, urllib3.exceptions.HTTPError)
 
@@ -33,12 +31,12 @@ def open_session() -> requests.Session:
     session = requests.Session()
     retry = urllib3.Retry(
         total=ATTEMPTS - 1,
-        backoff_factor=PAUSE / 2,
+        backoff_factor=PAUSE_S / 2,
         status_forcelist=(500, 502, 503, 504),
         raise_on_status=False,
     )
     for scheme in ("http://", "https://"):
-        session.mount(scheme, HTTPAdapter(max_retries=retry, pool_maxsize=CONNECTIONS))
+        session.mount(scheme, HTTPAdapter(max_retries=retry, pool_maxsize=MAX_CONNECTIONS))
     # Compressed answers would break ranges and sizes.
     session.headers["Accept-Encoding"] = "identity"
     return session
@@ -47,16 +45,13 @@ def open_session() -> requests.Session:
 def what_failed(error: BaseException | None, url: str) -> str:
     """A failed request in words a person can act on."""
     host = urlsplit(url).hostname
-    response = getattr(error, "response", None)
-    if response is not None:
-        if response.status_code in (401, 403, 404, 410):
-            return f"{url}: {host} does not give this file (HTTP {response.status_code}); has it moved?"
-        return f"{url}: {host} answers with HTTP {response.status_code}; try again later"
+    if (response := getattr(error, "response", None)) is not None:
+        return f"{url}: {host} answers with HTTP {response.status_code}"
     if isinstance(error, requests.Timeout):
         return f"{url}: {host} does not answer; try again later"
     if isinstance(error, requests.ConnectionError):
         return f"{url}: no connection to {host}; is this machine online?"
-    return f"{url}: the connection was lost again and again; call again to go on where it stopped"
+    return f"{url}: the connection was lost; call again"
 
 
 def in_words(size: int) -> str:
@@ -73,11 +68,9 @@ def require_space(folder: Path, size: int) -> None:
     """`DataError` unless `size` bytes, and some to spare, are free where `folder` is or will be."""
     there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
     free = shutil.disk_usage(there).free
-    if free < size + SPARE:
-        raise DataError(
-            f"needs {in_words(size)} and {in_words(SPARE)} to spare, but only {in_words(free)} are free",
-            folder,
-        )
+    if free < size + SPARE_BYTES:
+        needed = f"{in_words(size)} and {in_words(SPARE_BYTES)} to spare"
+        raise DataError(f"needs {needed}, but only {in_words(free)} are free", folder)
 
 
 def confirm(question: str, yes: bool) -> bool:
@@ -97,73 +90,30 @@ def confirm(question: str, yes: bool) -> bool:
 
 
 def download(url: str, path: Path, size: int, sha256: str, progress: Progress | None = None) -> None:
-    """Fetch one file; it appears under its name only when size and hash are right.
+    """Fetch one file into memory, and write it when size and SHA-256 are right.
 
-    Until then it is `<name>.part`, from which the next call goes on.
-
-    Parameters
-    ----------
-    size : bytes; sha256 : 64 hexadecimal digits. What is not exactly this is refused.
+    size, sha256 : bytes and 64 hexadecimal digits of the file; any other file is refused.
     progress : called with (bytes done, bytes in all).
 
-    Raises
-    ------
-    DataError : no connection, a wrong file, a full disk.
+    Raises `DataError`: no connection, a wrong file, a full disk.
     """
-    part = path.with_name(path.name + ".part")
+    require_space(path.parent, size)
+    data = bytearray()
+    try:
+        with open_session() as session, session.get(url, stream=True, timeout=TIMEOUT_S) as answer:
+            answer.raise_for_status()
+            for chunk in answer.iter_content(CHUNK_BYTES):
+                data += chunk
+                if progress is not None:
+                    progress(min(len(data), size), size)
+                if len(data) > size:
+                    break
+    except requests.RequestException as error:
+        raise DataError(what_failed(error, url)) from None
+    if len(data) != size or hashlib.sha256(data).hexdigest() != sha256:
+        raise DataError(f"{url}: this is not the file expected: {size} bytes with SHA-256 {sha256[:12]}…")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        require_space(path.parent, size)
-        with open_session() as session:
-            _fetch(session, url, part, size, progress)
-        if part.stat().st_size != size or file_sha256(part) != sha256:
-            found = part.stat().st_size
-            part.unlink()
-            raise DataError(
-                f"{url}: what came is not the file expected ({found} bytes, {size} expected, or another "
-                "SHA-256); it was thrown away"
-            )
-        os.replace(part, path)
     except OSError as error:
-        words = "the disk is full" if error.errno == errno.ENOSPC else f"cannot be written: {error.strerror}"
-        raise DataError(words, path) from None
-
-
-def _fetch(session: requests.Session, url: str, part: Path, size: int, progress: Progress | None) -> None:
-    """Append to `part` until it has `size` bytes; connections that break are opened again."""
-    failures = 0
-    while (done := part.stat().st_size if part.exists() else 0) < size:
-        try:
-            _append(session, url, part, done, size, progress)
-            if part.stat().st_size < size:
-                raise urllib3.exceptions.ProtocolError("the answer ended early")
-        except requests.RequestException as error:
-            # No answer at all: the session has tried several times already.
-            raise DataError(what_failed(error, url)) from None
-        except urllib3.exceptions.HTTPError as error:
-            failures = failures + 1 if part.stat().st_size <= done else 1
-            if failures >= ATTEMPTS:
-                raise DataError(what_failed(error, url)) from None
-            time.sleep(PAUSE * failures)
-
-
-def _append(
-    session: requests.Session, url: str, part: Path, done: int, size: int, progress: Progress | None
-) -> None:
-    headers = {"Range": f"bytes={done}-"} if done else {}
-    with session.get(url, headers=headers, stream=True, timeout=TIMEOUT) as answer:
-        # A server without ranges sends the whole file again.
-        resumed = answer.status_code == 206
-        offered = answer.headers.get("Content-Range" if resumed else "Content-Length", "")
-        whole = offered.rpartition("/")[2]
-        if answer.status_code == 416 or (answer.ok and whole.isdecimal() and int(whole) != size):
-            part.unlink(missing_ok=True)
-            raise DataError(f"{url}: the server has another file there; expected one of {size} bytes")
-        answer.raise_for_status()
-        done = done if resumed else 0
-        with open(part, "ab" if resumed else "wb") as file:
-            while done <= size and (data := answer.raw.read(CHUNK)):
-                file.write(data)
-                done += len(data)
-                if progress is not None:
-                    progress(done, size)
+        raise DataError(f"cannot be written: {error.strerror}", path) from None
+    write_atomic(path, bytes(data))

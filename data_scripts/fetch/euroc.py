@@ -12,16 +12,16 @@ import numpy as np
 from fetch.stereo_calibration import Rig, rig_from_matrices
 from fetch.stereo_sources import Drive
 from training.dataset import read_yaml
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import read_csv
-from vo_lib.core.geometry import inverse, rigid
-from vo_lib.core.poses import from_first, is_rotation, match_times, read_euroc
-from vo_lib.core.types import Array
+from vo_lib.data.poses import from_first, is_rotation, match_times, read_euroc
+from vo_lib.errors import DataError
+from vo_lib.files import read_csv
+from vo_lib.geometry.motion import inverse, rigid
+from vo_lib.geometry.types import Array
 
 TRUTH = Path("state_groundtruth_estimate0") / "data.csv"
-TOLERANCE = 0.003  # seconds from an image to its pose; the truth has 200 Hz
+MAX_POSE_DELAY_S = 0.003  # from an image to its pose; the truth has 200 Hz
 MOMENT = re.compile(r"[0-9]{1,19}")
-LARGEST = 1e5  # of the numbers of a camera: pixels, metres
+MAX_CAMERA_NUMBER = 1e5  # pixels, metres
 LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  # of a 4×4 pose
 
 
@@ -45,7 +45,7 @@ def read_euroc_drive(folder: Path) -> Drive:
     chosen, poses = slice(0, len(moments)), None
     if (base / TRUTH).exists():
         true_times, bodies = read_euroc(base / TRUTH)
-        at, at_truth = match_times(times, true_times, TOLERANCE)
+        at, at_truth = match_times(times, true_times, MAX_POSE_DELAY_S)
         if len(at) < 2 or len(at) < at[-1] - at[0] + 1:
             notes.append(f"no true poses: {base / TRUTH} does not have one for every pair")
         else:
@@ -116,8 +116,8 @@ def _numbers(sensor: dict[str, Any], name: str, count: int, path: Path) -> Array
     try:
         value = value["data"] if isinstance(value, dict) else value
         numbers = np.array([float(word) for word in value])  # PyYAML takes 1e-05 for a word
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         numbers = np.zeros(0)
-    if len(numbers) != count or not (np.abs(numbers) < LARGEST).all():
+    if len(numbers) != count or not (np.abs(numbers) < MAX_CAMERA_NUMBER).all():
         raise DataError(f"{name}: expected {count} numbers in brackets", path)
     return numbers

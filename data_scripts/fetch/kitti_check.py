@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import itertools
 import os
-import struct
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import opened
-from vo_lib.core.poses import read_kitti_poses
-from vo_lib.core.types import Progress
-from vo_lib.data.kitti import EXPECTED_FRAMES, PNG, numbered, read_calibration, read_image, read_times
-from vo_lib.data.sequence import parse_sequences
+from vo_lib.data.catalogue import parse_sequences
+from vo_lib.data.kitti import EXPECTED_FRAMES, read_calibration, read_image, read_times
+from vo_lib.data.poses import read_kitti_poses
+from vo_lib.errors import DataError
+from vo_lib.geometry.types import Progress
 
 LAST_WITH_POSES = "10"
-RANGES_SHOWN = 4
 
 
 @dataclass(frozen=True)
@@ -57,8 +55,8 @@ def check_tree(
 
     Parameters
     ----------
-    deep : decode every image, on all cores; else only its first bytes are read.
-    progress : called with (images looked at, images in all).
+    deep : decode every image, on all cores; else only their names are read.
+    progress : called with (sequences looked at, sequences in all).
 
     Raises
     ------
@@ -69,62 +67,54 @@ def check_tree(
         raise DataError("no KITTI tree: expected the folder sequences, with 00 … 21, in it", root)
     if names is None:
         names = sorted(p.name for p in (root / "sequences").iterdir() if p.is_dir())
-    folders = [root / "sequences" / name for name in names]
-    found = [{side: numbered(folder / side) for side in _sides(folder)} for folder in folders]
-    total = sum(len(images) for sides in found for images in sides.values())
-    done = 0
-
-    def looked() -> None:
-        nonlocal done
-        done += 1
-        if progress is not None and (done % 20 == 0 or done == total):
-            progress(done, total)
-
-    return [
-        _check_sequence(root, folder, sides, deep, looked)
-        for folder, sides in zip(folders, found, strict=True)
-    ]
+    reports, names = list[SequenceReport](), list(names)
+    for name in names:
+        reports.append(_check_sequence(root, root / "sequences" / name, deep))
+        if progress is not None:
+            progress(len(reports), len(names))
+    return reports
 
 
-def _sides(folder: Path) -> list[str]:
+def _by_number(folder: Path) -> dict[int, str]:
+    """File names of a folder's images by their numbers; empty if there is no folder."""
+    names = sorted(path.name for path in folder.glob("*.png") if re.fullmatch(r"\d+", path.stem))
+    return {int(name[:-4]): name for name in names}
+
+
+def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
     colour = [side for side in ("image_2", "image_3") if (folder / side).is_dir()]
-    return ["image_0", "image_1", *(["image_2", "image_3"] if colour else [])]
-
-
-def _check_sequence(
-    root: Path, folder: Path, sides: dict[str, dict[int, str]], deep: bool, looked: Callable[[], None]
-) -> SequenceReport:
+    kinds = ["image_0", "image_1", *(["image_2", "image_3"] if colour else [])]
+    sides = {side: _by_number(folder / side) for side in kinds}
     expected = EXPECTED_FRAMES.get(folder.name)
     everything = set().union(*sides.values())
     # A clip of one's own may start anywhere; the benchmark's sequences start at 0.
-    start, stop = 0, expected
-    if stop is None:
-        start, stop = min(everything, default=0), max(everything, default=-1) + 1
+    start, stop = (0, expected) if expected else (min(everything, default=0), max(everything, default=-1) + 1)
+    frames = stop - start
     problems: list[str] = []
     parts: list[tuple[str, str]] = []
     for side, images in sides.items():
-        count = f"{len(images)} of {stop}" if expected is not None else str(len(images))
+        count = f"{len(images)} of {frames}" if expected is not None else str(len(images))
         inside = [number for number in images if start <= number < stop]
-        lost = _gaps(inside, start, stop)
-        if lost or not images:
-            problems.append(f"{side}: missing {in_ranges(lost)}" if images else f"{side}: no images")
-        surplus = [(number, number) for number in images.keys() - set(inside)]
-        if surplus:
-            problems.append(f"{side}: not of this sequence: {in_ranges(surplus)}")
-        size, wrong = _look_at_images(folder / side, images, deep, looked)
+        if not images:
+            problems.append(f"{side}: no images")
+        elif len(inside) < frames:
+            first = next(number for number in itertools.count(start) if number not in images)
+            problems.append(f"{side}: {frames - len(inside)} images missing, the first is {first:06d}")
+        if surplus := images.keys() - set(inside):
+            problems.append(f"{side}: {len(surplus)} images not of this sequence, such as {min(surplus):06d}")
+        size, wrong = _look_at_images(folder / side, images) if deep else ("", [])
         problems += [f"{side}/{words}" for words in wrong]
         parts.append((side, f"{count} images{size}"))
     pairs = len(set(sides["image_0"]) & set(sides["image_1"]))
-    numbers = stop - start
     files: list[tuple[str, Path, Callable[[Path], str]]] = [
         ("calib.txt", folder / "calib.txt", _camera),
-        ("times.txt", folder / "times.txt", lambda path: _rows(len(read_times(path)), numbers)),
+        ("times.txt", folder / "times.txt", lambda path: _rows(len(read_times(path)), frames)),
     ]
     poses = folder / "poses.txt"
     poses = poses if poses.exists() else root / "poses" / f"{folder.name}.txt"
     if poses.exists() or (expected is not None and folder.name <= LAST_WITH_POSES):
         label = poses.name if poses.parent == folder else f"poses/{poses.name}"
-        files.append((label, poses, lambda path: _rows(len(read_kitti_poses(path)), numbers)))
+        files.append((label, poses, lambda path: _rows(len(read_kitti_poses(path)), frames)))
     for label, path, read in files:
         try:
             parts.append((label, read(path)))
@@ -134,14 +124,12 @@ def _check_sequence(
     return SequenceReport(folder.name, pairs, expected, tuple(parts), tuple(problems))
 
 
-def _look_at_images(
-    folder: Path, images: dict[int, str], deep: bool, looked: Callable[[], None]
-) -> tuple[str, list[str]]:
+def _look_at_images(folder: Path, images: dict[int, str]) -> tuple[str, list[str]]:
     """The size that most images have, in words, and what is wrong with single images."""
 
     def outcome(name: str) -> tuple[int, int] | str:
         try:
-            return read_image(folder / name).shape[::-1] if deep else _png_size(folder / name)
+            return read_image(folder / name).shape[::-1]
         except DataError as error:
             return str(error).removeprefix(f"{folder / name}: ")
 
@@ -153,7 +141,6 @@ def _look_at_images(
                 problems.append(f"{name}: {found}")
             else:
                 sizes[name] = found
-            looked()
     if not sizes:
         return "", problems
     usual = Counter(sizes.values()).most_common(1)[0][0]
@@ -162,17 +149,7 @@ def _look_at_images(
         for name, size in sizes.items()
         if size != usual
     ]
-    return f", {usual[0]}×{usual[1]}" + (", all decoded" if deep else ""), problems
-
-
-def _png_size(path: Path) -> tuple[int, int]:
-    """Width and height from the first bytes of a PNG file."""
-    with opened(path) as file:
-        start = file.read(24)
-    if len(start) < 24 or not start.startswith(PNG):
-        raise DataError("is empty or no PNG file", path)
-    width, height = struct.unpack(">II", start[16:24])
-    return int(width), int(height)
+    return f", {usual[0]}×{usual[1]}, all decoded", problems
 
 
 def _camera(path: Path) -> str:
@@ -184,22 +161,3 @@ def _rows(found: int, frames: int) -> str:
     if found < frames:
         raise DataError(f"{found} rows for {frames} frames")
     return f"{found} rows"
-
-
-def _gaps(numbers: list[int], start: int, stop: int) -> list[tuple[int, int]]:
-    """Ranges (first, last) of start … stop - 1 without any of the numbers, by their edges."""
-    edges = [start - 1, *sorted(numbers), stop]
-    return [(a + 1, b - 1) for a, b in itertools.pairwise(edges) if b - a > 1]
-
-
-def in_ranges(ranges: Iterable[tuple[int, int]]) -> str:
-    """Ranges of frame numbers (first, last), rising: "3, 7-12 and 40 more"; those that touch are one."""
-    runs: list[list[int]] = []
-    for first, last in sorted(ranges):
-        if runs and first == runs[-1][1] + 1:
-            runs[-1][1] = last
-        else:
-            runs.append([first, last])
-    shown = [str(a) if a == b else f"{a}-{b}" for a, b in runs[:RANGES_SHOWN]]
-    more = sum(b - a + 1 for a, b in runs[RANGES_SHOWN:])
-    return ", ".join(shown) + (f" and {more} more" if more else "")

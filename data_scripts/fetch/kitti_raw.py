@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import datetime
+import re
 from pathlib import Path
 
 import numpy as np
 
 from fetch.stereo_calibration import rig_from_matrices
 from fetch.stereo_sources import Drive
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import read_text
-from vo_lib.core.geometry import inverse, nearest_rotation, rigid, rotation_from_vector
-from vo_lib.core.poses import is_rotation, read_rows
-from vo_lib.core.types import Array
 from vo_lib.data.kitti import read_image
+from vo_lib.data.poses import is_rotation, read_rows
+from vo_lib.errors import DataError
+from vo_lib.files import read_text
+from vo_lib.geometry.motion import inverse, nearest_rotation, rigid, rotation_from_vector
+from vo_lib.geometry.types import Array
 
-EARTH_RADIUS = 6378137.0  # metres, at the equator
+EARTH_RADIUS_M = 6378137.0  # at the equator
 # Latitude and longitude, degrees; altitude, metres; roll, pitch, yaw, radians. The map ends before the poles.
 OXTS_LIMITS = np.array([85.0, 180.0, 1e5, 7.0, 7.0, 7.0])
-LARGEST_RIG = 100.0  # metres between sensors of one vehicle
+MAX_SENSOR_DISTANCE_M = 100.0  # between sensors of one vehicle
+MOMENT = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?", re.ASCII)
 OXTS_ROW = "30 numbers of a GPS/IMU packet"
 
 
@@ -61,7 +62,7 @@ def read_raw_drive(drive: Path) -> Drive:
 
 
 def read_calibration_file(path: Path) -> dict[str, Array]:
-    """The lines `name: numbers` of one of KITTI's calibration files; other lines are left out."""
+    """The lines `name: numbers` of a KITTI calibration file; other lines are skipped."""
     found = {}
     for line in read_text(path).splitlines():
         name, _, rest = line.partition(":")
@@ -80,25 +81,20 @@ def _matrix(found: dict[str, Array], name: str, shape: tuple[int, ...], path: Pa
 
 
 def _timestamps(path: Path) -> Array:
-    """Seconds of the lines `2011-09-26 13:02:25.964389445`, from midnight of the first day. (N,)"""
-    seconds = []
-    first: datetime.datetime | None = None
+    """Seconds of the lines `2011-09-26 13:02:25.964389445`, from the first one. (N,)"""
+    moments = []
     for number, line in enumerate(read_text(path).splitlines(), start=1):
-        if not line.strip():
-            continue
-        whole, _, fraction = line.strip().partition(".")
         try:
-            moment = datetime.datetime.fromisoformat(whole)
-            if moment.tzinfo is not None or not (fraction or "0").isdecimal():
+            if MOMENT.fullmatch(line.strip()):
+                moments.append(np.datetime64(line.strip(), "ns"))
+            elif line.strip():
                 raise ValueError
-            part = float(f"0.{fraction or 0}")
         except ValueError:
             raise DataError("expected a time such as 2011-09-26 13:02:25.964389445", path, number) from None
-        first = first or moment.replace(hour=0, minute=0, second=0)
-        seconds.append((moment - first).total_seconds() + part)
-        if len(seconds) > 1 and seconds[-1] < seconds[-2]:
+        if moments[-1:] < moments[-2:-1]:
             raise DataError("time goes back", path, number)
-    return np.array(seconds)
+    stamps = np.array(moments, "datetime64[ns]")
+    return np.asarray((stamps - stamps[:1]) / np.timedelta64(1, "s"), np.float64)
 
 
 def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]) -> tuple[Array | None, str]:
@@ -123,8 +119,8 @@ def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]
 def _rigid(path: Path) -> Array:
     found = read_calibration_file(path)
     T = _matrix(found, "T", (3,), path)
-    if np.abs(T).max() > LARGEST_RIG:
-        raise DataError(f"T: expected metres on one vehicle, at most {LARGEST_RIG:g}", path)
+    if np.abs(T).max() > MAX_SENSOR_DISTANCE_M:
+        raise DataError(f"T: expected metres on one vehicle, at most {MAX_SENSOR_DISTANCE_M:g}", path)
     return rigid(nearest_rotation(_rotation(found, "R", path)), T)
 
 
@@ -147,7 +143,7 @@ def imu_poses(rows: Array) -> Array:
     (N, 4, 4) poses; the map's scale is that of the first latitude (Geiger et al., IJRR 2013).
     """
     latitude, longitude = np.radians(rows[:, :2]).T
-    scale = EARTH_RADIUS * np.cos(latitude[0])
+    scale = EARTH_RADIUS_M * np.cos(latitude[0])
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, 0, 3] = scale * longitude
     T[:, 1, 3] = scale * np.log(np.tan(np.pi / 4 + latitude / 2))

@@ -10,9 +10,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import read_text
-from vo_lib.core.types import Array, Image
+from vo_lib.data.kitti import MAX_BASELINE_M
+from vo_lib.errors import DataError
+from vo_lib.files import read_text
+from vo_lib.geometry.types import Array, Image
 
 # Names of one matrix in files of OpenCV's samples, of ORB-SLAM and of calibration tools; capitals and
 # underscores do not count. Second camera: 2 for 1, right for left.
@@ -29,9 +30,8 @@ NAMES = {
     "T": ("t", "translation"),
 }
 SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
-LARGEST = 1e9  # of the numbers of a camera: pixels, millimetres
-MOST_NODES = 1000  # opening brackets and dashes in a file; a calibration has a few dozen
-LONGEST_BASELINE = 10.0  # metres; a longer one was given in millimetres
+MAX_CAMERA_NUMBER = 1e9  # pixels, millimetres
+MAX_BRACKETS = 1000  # opening brackets and dashes in a file; a calibration has a few dozen
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ def read_opencv(paths: list[Path]) -> dict[str, Array]:
     for path in paths:
         for name, matrix in _matrices(path).items():
             plain = name.lower().replace("_", "")
-            for known, names in NAMES.items():
+            for key, names in NAMES.items():
                 if plain in names:
-                    found[known] = _shaped(known, matrix, path)
+                    found[key] = _shaped(key, matrix, path)
     if not found:
         raise DataError("no calibration in it: expected OpenCV matrices K1 D1 K2 D2 R T, or P1 P2", paths[0])
     return found
@@ -84,8 +84,8 @@ def read_opencv(paths: list[Path]) -> dict[str, Array]:
 
 def _matrices(path: Path) -> dict[str, Array]:
     text = read_text(path)
-    # OpenCV reads what is nested by calling itself, and dies of what is nested deep.
-    if sum(map(text.count, ("[", "{", "<", "- ", "-\t"))) > MOST_NODES:
+    # OpenCV reads nested brackets by recursion and crashes where they are nested deep.
+    if sum(map(text.count, ("[", "{", "<", "- ", "-\t"))) > MAX_BRACKETS:
         raise DataError("is no stereo calibration: it has too many brackets", path)
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
@@ -114,7 +114,7 @@ def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
 
 
 def _shaped(name: str, matrix: Array, path: Path) -> Array:
-    if not (np.abs(matrix) < LARGEST).all():
+    if not (np.abs(matrix) < MAX_CAMERA_NUMBER).all():
         raise DataError(f"{name}: expected finite numbers", path)
     if name == "T":
         expected, fits, matrix = "3 numbers", matrix.size == 3, matrix.reshape(-1)
@@ -184,6 +184,6 @@ def rig_from_numbers(f: float, cx: float, cy: float, baseline: float, path: Path
         raise DataError(f"focal length {f:g} px, centre {cx:g},{cy:g} px: expected positive numbers", path)
     if baseline == 0:
         raise DataError("the baseline is 0 m: expected the distance between the two cameras", path)
-    if abs(baseline) > LONGEST_BASELINE:
+    if abs(baseline) > MAX_BASELINE_M:
         raise DataError(f"the baseline is {abs(baseline):g} m: is it in millimetres? say --unit mm", path)
     return Rig(f, cx, cy, baseline)

@@ -7,22 +7,22 @@ import shutil
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
+from fetch.stereo_check import complaints, measure_pairs
 from fetch.stereo_sources import Pair, Source
-from street.folder import calibration_text
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import write_text_atomic
-from vo_lib.core.poses import write_kitti_poses
-from vo_lib.core.types import Array, Progress
-from vo_lib.data.sequence import open_sequence
-from vo_lib.data.stereo_check import complaints, measure_pairs
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.poses import write_kitti_poses
+from vo_lib.errors import DataError
+from vo_lib.files import write_atomic
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.types import Array, Progress
+from vo_street.folder import calibration_text
 
 
 def rig_of(
@@ -55,7 +55,7 @@ def rig_of(
 
 
 def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[str]:
-    """What a sample of pairs shows, a line each; `DataError` where they cannot be right.
+    """Findings of a sample of pairs, a line each; `DataError` where they cannot be right.
 
     `anyway` : doubts are said as warnings; a wrong sign of the baseline is refused all the same.
     `nearest` : metres, the least median depth that is believed.
@@ -114,8 +114,8 @@ def write_sequence(
             if length != count:
                 raise DataError(f"{length} rows of {name} for {count} pairs: expected one row a pair")
         camera = StereoCamera(rig.f, rig.cx, rig.cy, rig.baseline)
-        write_text_atomic(folder / "calib.txt", calibration_text(camera))
-        write_text_atomic(folder / "times.txt", "".join(f"{seconds:.9f}\n" for seconds in rows))
+        write_atomic(folder / "calib.txt", calibration_text(camera))
+        write_atomic(folder / "times.txt", "".join(f"{seconds:.9f}\n" for seconds in rows))
         if poses is not None:
             write_kitti_poses(folder / "poses.txt", poses)
         try:
@@ -136,7 +136,6 @@ def _new_folder(out: Path) -> Iterator[Path]:
     """A folder beside `out` that takes its name when all went well, and goes away otherwise."""
     require_new(out)
     working = out.with_name(f".{out.name}.{os.getpid()}.tmp")
-    made = [parent for parent in out.parents if not parent.exists()]
     try:
         for side in ("image_0", "image_1"):
             (working / side).mkdir(parents=True)
@@ -148,9 +147,6 @@ def _new_folder(out: Path) -> Iterator[Path]:
         raise DataError(f"cannot be written: {error.strerror}", out) from None
     finally:
         shutil.rmtree(working, ignore_errors=True)
-        with suppress(OSError):  # folders made for it go too; one with something in it stays
-            for parent in made:
-                parent.rmdir()
 
 
 def _take_files(files: list[tuple[Path, Path]], folder: Path, copy: bool, progress: Progress | None) -> int:

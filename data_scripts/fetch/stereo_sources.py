@@ -13,11 +13,10 @@ import cv2
 import numpy as np
 
 from fetch.stereo_calibration import Rig
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import read_bytes
-from vo_lib.core.types import Array, Image
-from vo_lib.data.kitti import decode_image, read_image
-from vo_lib.data.stereo_check import SAMPLE, sample_of
+from fetch.stereo_check import SAMPLE_PAIRS, sample_of
+from vo_lib.data.kitti import read_image
+from vo_lib.errors import DataError
+from vo_lib.geometry.types import Array, Image
 
 Pair = tuple[Image, Image]
 
@@ -77,7 +76,7 @@ class VideoSource:
 
     def sample(self) -> list[Pair]:
         """Pairs of the first frames: videos are read in order."""
-        some = itertools.islice(self.pairs(), 0, SAMPLE * VIDEO_SAMPLE_STEP, VIDEO_SAMPLE_STEP)
+        some = itertools.islice(self.pairs(), 0, SAMPLE_PAIRS * VIDEO_SAMPLE_STEP, VIDEO_SAMPLE_STEP)
         return [read() for read in some]
 
     def pairs(self) -> Iterator[Callable[[], Pair]]:
@@ -98,15 +97,15 @@ class VideoSource:
 
     def size_hint(self) -> int:
         """As many as the video says it has."""
-        return int(self._told(cv2.CAP_PROP_FRAME_COUNT))
+        return int(self._property(cv2.CAP_PROP_FRAME_COUNT))
 
     def fps(self) -> float:
         """Frames a second, or 0 where the video does not say."""
-        return self._told(cv2.CAP_PROP_FPS)
+        return self._property(cv2.CAP_PROP_FPS)
 
-    def _told(self, what: int) -> float:
+    def _property(self, number: int) -> float:
         video = self._open()
-        value = float(video.get(what))
+        value = float(video.get(number))
         video.release()
         return max(value, 0.0) if np.isfinite(value) else 0.0
 
@@ -164,10 +163,4 @@ def _by_number(path: Path) -> list[tuple[int, str]]:
 
 
 def _read_pair(paths: tuple[Path, Path]) -> Pair:
-    return _read_grey(paths[0]), _read_grey(paths[1])
-
-
-def _read_grey(path: Path) -> Image:
-    if path.suffix.lower() == ".png":
-        return read_image(path)
-    return decode_image(read_bytes(path), path)
+    return read_image(paths[0]), read_image(paths[1])

@@ -1,18 +1,14 @@
-"""Zip archives on disk or on a web server: their members listed and read, connections that break reopened."""
+"""Zip archives on disk or on a web server: members listed and read, over lost connections too."""
 
 from __future__ import annotations
 
-import errno
-import lzma
-import struct
 import threading
 import time
 import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import PurePosixPath, PureWindowsPath
+from pathlib import PurePosixPath
 from typing import TypeVar
 
 import requests
@@ -20,21 +16,14 @@ from remotezip import RangeNotSupported, RemoteZip, RemoteZipError
 
 from fetch import download
 from fetch.download import LOST, open_session, what_failed
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import opened
+from vo_lib.errors import DataError
 
 Answer = TypeVar("Answer")
-NO_DISK = (None, errno.EINVAL)  # numbers of errors that no disk made
-# Of members that are encrypted, packed in another way, cut or garbled.
-DAMAGED = (
-    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error),
-    *(EOFError, ValueError, RuntimeError, OverflowError),
-)
 
 
 @dataclass(frozen=True)
 class Member:
-    """A file of an archive that is wanted.
+    """A file of an archive.
 
     Attributes
     ----------
@@ -56,7 +45,7 @@ class Archives:
 
     def __init__(self) -> None:
         self._session = open_session()
-        self._session.hooks["response"].append(_close_useless)
+        self._session.hooks["response"].append(_close_unread)
         self._here = threading.local()
         self._opened: list[zipfile.ZipFile] = []
 
@@ -69,82 +58,55 @@ class Archives:
         self._session.close()
 
     def directory(self, place: str) -> list[zipfile.ZipInfo]:
-        """All members of an archive. `DataError` where one of them would leave the folder it is put into."""
-        members = self._again(place, lambda: self._open(place).infolist())
-        for name in (info.filename for info in members):
-            path = PureWindowsPath(name)  # knows what any system takes for a root
-            if path.is_absolute() or path.drive or path.root or ".." in path.parts:
-                raise DataError(
-                    f"the member {name[:80]!r} would leave the folder it is put into: refused", place
-                )
-        return members
+        """All members of an archive; `DataError` where it cannot be read."""
+        return self._again(place, lambda: self._open(place).infolist())
 
     def read(self, member: Member) -> bytes:
-        """Content of a member, its checksum verified."""
-        place = member.archive
-
-        def once() -> bytes:
-            archive = self._open(place)
-            info = archive.NameToInfo.get(member.name)
-            if info is None or (info.file_size, info.CRC) != (member.size, member.crc):
-                raise DataError("the archive changed meanwhile; call again to use the new one", place)
-            data = archive.read(info)
-            if len(data) != member.size:
-                raise zipfile.BadZipFile(f"{len(data)} bytes, {member.size} declared")
-            return data
-
-        return self._again(place, once, member.name)
+        """Content of a member, its checksum verified; `DataError` where it is damaged or cannot be read."""
+        return self._again(member.archive, lambda: self._open(member.archive).read(member.name), member.name)
 
     def _open(self, place: str) -> zipfile.ZipFile:
         mine: dict[str, zipfile.ZipFile] = self._here.__dict__
         if place not in mine:
-            if not _is_url(place):
-                with opened(place):
-                    pass  # no pipe, no device
-            remote = partial(RemoteZip, session=self._session, timeout=download.TIMEOUT)
+            remote = partial(RemoteZip, session=self._session, timeout=download.TIMEOUT_S)
             mine[place] = remote(place) if _is_url(place) else zipfile.ZipFile(place)
             self._opened.append(mine[place])
         return mine[place]
 
-    def _again(self, place: str, once: Callable[[], Answer], name: str = "") -> Answer:
-        """The answer of `once`, tried again after a lost connection or a wrong checksum."""
-        failure: BaseException | None = None
+    def _again(self, place: str, ask: Callable[[], Answer], member: str = "") -> Answer:
+        """The answer of `ask`, which is asked again after a lost connection or a wrong checksum."""
         for attempt in range(download.ATTEMPTS):
-            time.sleep(download.PAUSE * attempt)
+            time.sleep(download.PAUSE_S * attempt)
             try:
-                return once()
+                return ask()
             except RangeNotSupported:
                 raise DataError(
                     "the server gives only whole files (no range requests): download the archive as a whole "
                     "and call again with --from-zip FILE",
                     place,
                 ) from None
-            except (*LOST, RemoteZipError, *DAMAGED, OSError) as error:
+            except Exception as error:  # those of zip files and of their compressions share no other base
                 failure = error.__context__ if isinstance(error, RemoteZipError) else error
                 broken = self._here.__dict__.pop(place, None)
                 if broken is not None:
                     _close(broken)
                 if isinstance(failure, requests.RequestException) or not _is_url(place):
                     break
-        # What bz2 cannot unpack is an error without a number; a place before the file's start is EINVAL.
-        damaged = isinstance(failure, OSError) and failure.errno in NO_DISK and not _is_url(place)
-        if isinstance(failure, DAMAGED) or damaged:
-            what = f"the member {name} is damaged or packed otherwise" if name else "is not a whole zip file"
-            raise DataError(f"{what} ({failure}); nothing of it was written", place) from None
-        if not _is_url(place):
-            raise DataError(f"cannot be read: {getattr(failure, 'strerror', failure)}", place) from None
-        raise DataError(what_failed(failure, place)) from None
+        if isinstance(failure, LOST):
+            raise DataError(what_failed(failure, place)) from None
+        what = f"the member {member} is damaged or packed otherwise" if member else "is not a whole zip file"
+        raise DataError(f"{what} ({failure})", place) from None
 
 
 def _close(archive: zipfile.ZipFile) -> None:
     file = archive.fp
     archive.close()
     if file is not None:
-        file.close()  # a remote one stays open otherwise, with what the server still sends
+        file.close()  # a remote one stays open otherwise, with the rest of the server's answer
 
 
-def _close_useless(response: requests.Response, *details: object, **options: object) -> None:
-    """Close answers that nobody will read: refusals, and the whole file where a part was asked for."""
+def _close_unread(response: requests.Response, *details: object, **options: object) -> None:
+    """Close answers that nobody reads: refusals, and a whole file where a part was asked for."""
     if response.status_code >= 400 or (response.status_code == 200 and "Range" in response.request.headers):
         response.close()
 

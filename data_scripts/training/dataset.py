@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import fits, read_text
+from vo_lib.errors import DataError
+from vo_lib.files import read_text
 
 IMAGE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp")
 SPLITS = {"train": "train", "valid": "val", "test": "test"}  # our name and the key in data.yaml
@@ -42,7 +42,7 @@ def open_set(where: Path) -> DetectionSet:
     names = about.get("names")
     if isinstance(names, dict):
         names = [names.get(k) for k in range(len(names))]
-    if not names or not fits(names, [str]):
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         raise DataError("expected `names:` with a list of class names", path)
     found = {}
     for split, key in SPLITS.items():

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from vo_lib.core.errors import DataError
+from vo_lib.errors import DataError
 
 # Raw drive of each KITTI odometry sequence with ground truth (odometry development kit, readme).
 ODOMETRY_DRIVES = {

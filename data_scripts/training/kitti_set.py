@@ -16,12 +16,12 @@ import numpy as np
 
 from training.evaluated import DRIVE, WHY, evaluated_sequence
 from training.street_set import data_yaml
-from vo_lib.core.boxes import Boxes
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import read_bytes, read_text, write_text_atomic
-from vo_lib.core.types import Progress
-from vo_lib.data.kitti import decode_image
+from vo_lib.data.kitti import read_image
 from vo_lib.data.labels import write_labels
+from vo_lib.errors import DataError
+from vo_lib.files import read_text, write_atomic
+from vo_lib.geometry.boxes import Boxes
+from vo_lib.geometry.types import Progress
 
 NAMES = ("car", "truck", "train")
 CLASS_OF = {"Car": 0, "Van": 0, "Truck": 1, "Tram": 2}
@@ -186,14 +186,14 @@ def write_set(parts: dict[str, list[Labelled]], folder: Path, progress: Progress
         for kind in ("images", "labels"):
             (folder / name / kind).mkdir(parents=True, exist_ok=True)
         for one in part:
-            height, width = decode_image(read_bytes(one.image), one.image).shape[:2]
+            height, width = read_image(one.image).shape[:2]
             _link(one.image, folder / name / "images" / f"{one.stem}{one.image.suffix}")
             label = folder / name / "labels" / f"{one.stem}.txt"
             write_labels(label, one.boxes, width, height, scores=False)
             done += 1
             if progress:
                 progress(done, total)
-    write_text_atomic(folder / "data.yaml", data_yaml(NAMES, test=False))
+    write_atomic(folder / "data.yaml", data_yaml(NAMES, test=False))
 
 
 def _link(source: Path, target: Path) -> None:

@@ -8,21 +8,20 @@ from __future__ import annotations
 
 from concurrent.futures import as_completed
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from street.render import Renderer
-from street.sensor import expose, exposures, smear
-from street.truth_files import visible_boxes
-from street.world import make_world
-from vo_lib.core.files import write_bytes_atomic, write_text_atomic
-from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Progress
 from vo_lib.data.scenes import KITTI_F, SCENES, SceneConfig, scene_config
-from vo_lib.runs.parallel import local_pool, submitted
+from vo_lib.files import write_atomic
+from vo_lib.geometry.types import Progress
+from vo_lib.parallel import local_pool
+from vo_lib.settings import Checked, setting
+from vo_street.render import Renderer
+from vo_street.sensor import expose, exposures, smear
+from vo_street.truth_files import visible_boxes
+from vo_street.world import make_world
 
 NAMES = ("car", "bus", "truck")
 CLASS_OF = {2: 0, 5: 1, 7: 2}  # COCO number to place in NAMES
@@ -128,10 +127,10 @@ def draw_street(street: Street, folder: Path) -> int:
         image = expose(light, street.scene, float(exposure[frame]), frame, right=False)
         seen = visible_boxes(world, frame, view, MIN_PIXELS, MIN_HEIGHT)
         data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
-        write_bytes_atomic(root / "images" / f"{street.stem(k)}.jpg", data.tobytes())
+        write_atomic(root / "images" / f"{street.stem(k)}.jpg", data.tobytes())
         lines = [(box.kind, box.yolo(street.scene.camera).partition(" ")[2]) for box in seen]
         text = "".join(f"{CLASS_OF[kind]} {shares}\n" for kind, shares in lines)
-        write_text_atomic(root / "labels" / f"{street.stem(k)}.txt", text)
+        write_atomic(root / "labels" / f"{street.stem(k)}.txt", text)
     return street.frames
 
 
@@ -146,12 +145,10 @@ def write_street_set(
     for split in ("train", "valid", "test"):
         for kind in ("images", "labels"):
             (folder / split / kind).mkdir(parents=True, exist_ok=True)
-    write_text_atomic(folder / "data.yaml", data_yaml(NAMES))
+    write_atomic(folder / "data.yaml", data_yaml(NAMES))
     total, done = sum(street.frames for street in everything), 0
     with local_pool(jobs) as pool:
-        for future in as_completed(
-            submitted(pool, [partial(draw_street, one, folder) for one in everything])
-        ):
+        for future in as_completed([pool.submit(draw_street, street, folder) for street in everything]):
             done += future.result()
             if progress:
                 progress(done, total)

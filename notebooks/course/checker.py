@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.core.types import Array
+from vo_lib.geometry.types import Array
 
 from .keep import handed_back, is_stub, keep
 from .results import (

@@ -8,7 +8,7 @@ from typing import Any
 
 import ipywidgets as widgets
 
-from vo_lib.core.settings import Setting
+from vo_lib.settings import Setting
 
 CELL_WIDTH = 320  # pixels; three stand side by side
 # A little narrower where the window is; below each other where it is much narrower.

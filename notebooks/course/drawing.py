@@ -19,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from vo_lib.core.types import Image
+from vo_lib.geometry.types import Image
 
 WIDTH = 980  # pixels of every picture
 HALF_HEIGHT = 150  # of a photo of half the width

@@ -11,22 +11,23 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from vo_lib.beyond.selection import motion_of_winner, sample_sets
-from vo_lib.config import Config, SelectionConfig
-from vo_lib.core.errors import DataError
-from vo_lib.core.geometry import inverse
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array, Image, Progress
+from vo_lib.data.catalogue import DRAWING_PROCESSES, SYNTHETIC, open_sequence
 from vo_lib.data.drawn import ensure_scene
-from vo_lib.data.sequence import PROCESSES, SYNTHETIC, Sequence, open_sequence
+from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import Truth, open_truth
-from vo_lib.front_end.front_end import make_front_end
-from vo_lib.front_end.surface import CoarseDisparity, coarse_disparity
-from vo_lib.method.buckets import select_by_bucket
-from vo_lib.method.config import FeatureConfig, MatchingConfig
-from vo_lib.method.five_point import five_point
-from vo_lib.method.selection import truncated_errors
-from vo_lib.runs.runner import single_threaded
+from vo_lib.errors import DataError
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import inverse
+from vo_lib.geometry.types import Array, Image, Progress
+from vo_lib.kit.selection import motion_of_winner, sample_sets
+from vo_lib.kit.settings import KitSelectionConfig
+from vo_lib.kit.surface import CoarseDisparity, coarse_disparity
+from vo_lib.paper.buckets import select_by_bucket
+from vo_lib.paper.five_point import five_point
+from vo_lib.paper.selection import truncated_errors
+from vo_lib.paper.settings import MethodConfig
+from vo_lib.runs.drive import single_threaded
+from vo_lib.runs.front_end import make_front_end
 
 from .progress import with_bar
 
@@ -101,7 +102,7 @@ def load_part(name: str, first: int, last: int) -> Sequence:
     def find(report: Progress) -> Sequence:
         frames = range(first, last + 1)
         scene = name.removeprefix(SYNTHETIC)
-        folder = ensure_scene(scene, progress=report, jobs=PROCESSES, frames=frames)
+        folder = ensure_scene(scene, progress=report, jobs=DRAWING_PROCESSES, frames=frames)
         sequence = replace(open_sequence(folder), name=name)
         start = sequence.frames.index(f"{first:06d}")
         return sequence.part(start, start + len(frames))
@@ -125,14 +126,12 @@ def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDispari
     return _disparities.get((*key_of(sequence, frame), largest), lambda: coarse_disparity(*pair, largest))
 
 
-def before_step(
-    sequence: Sequence, frame: int, features: FeatureConfig, matching: MatchingConfig
-) -> tuple[Any, Any]:
+def before_step(sequence: Sequence, frame: int, config: MethodConfig) -> tuple[Any, Any]:
     """A front end that has seen the pairs before `frame` >= 1, and the prepared pair of `frame`."""
-    front_end = make_front_end(sequence.camera, features, matching)
+    front_end = make_front_end(sequence.camera, config)
 
     def prepare(index: int) -> Any:
-        key = (*key_of(sequence, index), features, matching)
+        key = (*key_of(sequence, index), config.features, config.matching)
         return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
 
     indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
@@ -143,16 +142,15 @@ def before_step(
     return front_end, pair
 
 
-def frame_matches(sequence: Sequence, frame: int, config: Config) -> StereoMatches:
+def frame_matches(sequence: Sequence, frame: int, config: MethodConfig) -> StereoMatches:
     """Matches of a frame >= 1 with the one before, as the configuration's front end finds them."""
-    settings = config.features, config.matching
 
     def make() -> StereoMatches:
-        front_end, pair = before_step(sequence, frame, *settings)
+        front_end, pair = before_step(sequence, frame, config)
         matches: StereoMatches = front_end.step(pair)
         return matches
 
-    return _matches.get((*key_of(sequence, frame), *settings), make)
+    return _matches.get((*key_of(sequence, frame), config.features, config.matching), make)
 
 
 @dataclass(frozen=True)
@@ -172,7 +170,7 @@ class Points:
     T_cp: Array | None
 
 
-def frame_points(sequence: Sequence, frame: int, config: Config) -> Points:
+def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points:
     """What chapters 2 to 4 start from: a frame's matches, bucketed, in normalised coordinates."""
     matches, camera = frame_matches(sequence, frame, config), sequence.camera
     matches = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)]
@@ -189,7 +187,7 @@ def frame_points(sequence: Sequence, frame: int, config: Config) -> Points:
 
 def consensus_rotation(x_p: Array, x_c: Array, X_p: Array, rng: np.random.Generator, focal: float) -> Array:
     """R_cp (3, 3) of the candidate with the smallest error, refined, from matches (N, 2) and points (N, 3)."""
-    config = SelectionConfig()
+    config = KitSelectionConfig()
     sets = sample_sets(rng, len(x_p), config.sets, np.arctan2(x_c[:, 1], x_c[:, 0]))
     E, _ = five_point(x_p[sets], x_c[sets])
     winner = E[np.argmin(truncated_errors(E, x_p, x_c, config.threshold / focal))]

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import write_text_atomic
+from vo_lib.errors import DataError
+from vo_lib.files import write_atomic
 
 NAME = "my_vo.py"
 CALLED = ("LOAD_GLOBAL", "LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM")  # steps that name a function
@@ -48,7 +48,7 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
         _refuse_clash(text, function.__name__, needed)
         for name, definition in needed.items():
             text = _with(text, name, *definition)
-        write_text_atomic(path, text)
+        write_atomic(path, text)
         verdict = judge(load(path)[function.__name__]) if judge else None
     except Exception as error:  # what the student has made of the file, or a folder that cannot be written
         return f" It could not be kept in `{NAME}`: {error}."
@@ -65,6 +65,8 @@ def load(path: Path) -> dict[str, Any]:
     module = importlib.util.module_from_spec(spec)
     try:
         exec(compile(path.read_bytes(), path, "exec"), vars(module))  # never an older compiled file
+    except ImportError as error:
+        raise DataError(f"it cannot be run, {error}: CONTRIBUTING.md says what moved where", path) from None
     except (Exception, SystemExit, KeyboardInterrupt) as error:
         raise DataError(f"it cannot be run, {type(error).__name__}: {error}", path) from None
     return vars(module)

@@ -8,15 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
-from vo_lib.config import SelectionConfig
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import essential_vector, rigid, rotation_angle, rotation_from_vector
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array
-from vo_lib.data.problems import random_problems
-from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
-from vo_lib.method.five_point import five_point
+from course.simulation.problems import random_problems
+from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import essential_vector, rigid, rotation_angle, rotation_from_vector
+from vo_lib.geometry.types import Array
+from vo_lib.kit.selection import choose, motion_of_winner, sample_sets
+from vo_lib.kit.settings import KitSelectionConfig
+from vo_lib.paper.five_point import five_point
 
 from .frames import consensus_rotation
 
@@ -44,10 +44,10 @@ class Scene:
     plane: bool = False
 
 
-def selections(mode: str = "literal") -> dict[str, SelectionConfig]:
+def selections(mode: str = "literal") -> dict[str, KitSelectionConfig]:
     """The ways to choose a winner that are compared: all candidates, or the k nearest of each set."""
-    nearest = {f"k = {keep}": SelectionConfig(mode=mode, keep=keep) for keep in (1, 2)}
-    return {"consensus": SelectionConfig(mode=mode, prior=False), **nearest}
+    nearest = {f"k = {keep}": KitSelectionConfig(mode=mode, keep=keep) for keep in (1, 2)}
+    return {"consensus": KitSelectionConfig(mode=mode, prior=False), **nearest}
 
 
 def drive(frames: int, sharp: bool = False) -> Array:
@@ -82,7 +82,7 @@ def _pair(matches: StereoMatches, R_cp: Array) -> Pair:
 
 
 def selection_errors(
-    scene: Scene, configs: dict[str, SelectionConfig], frames: int, seed: int
+    scene: Scene, configs: dict[str, KitSelectionConfig], frames: int, seed: int
 ) -> dict[str, Array]:
     """Rotation error of each frame, (frames,) degrees, by selection; all choose from the same candidates."""
     e_prev: dict[str, Array | None] = dict.fromkeys(configs)

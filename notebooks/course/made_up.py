@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vo_lib.core.geometry import rigid, rotation_from_vector
-from vo_lib.core.types import Array
+from vo_lib.geometry.motion import rigid, rotation_from_vector
+from vo_lib.geometry.types import Array
 
 SIDE, CORNER = 200, 20  # metres: a side of the block, and the arc that rounds a corner
 

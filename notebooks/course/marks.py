@@ -17,7 +17,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from vo_lib.core.errors import DataError
+from vo_lib.errors import DataError
 
 from .checker import Exercise
 from .keep import load

@@ -17,12 +17,14 @@ from typing import Any, ClassVar
 import ipywidgets as widgets
 import numpy as np
 
-from vo_lib.config import Config, preset
-from vo_lib.core.errors import DataError
-from vo_lib.core.settings import declared, replace
-from vo_lib.core.types import Progress
-from vo_lib.data.sequence import Sequence, available
-from vo_lib.runs.runner import single_threaded
+from vo_lib.config import preset
+from vo_lib.data.catalogue import available
+from vo_lib.data.sequence import Sequence
+from vo_lib.errors import DataError
+from vo_lib.geometry.types import Progress
+from vo_lib.kit.settings import KitConfig
+from vo_lib.runs.drive import single_threaded
+from vo_lib.settings import declared, replace
 
 from .colours import BAD
 from .controls import CELL, CELL_WIDTH, PLAIN, Control, Knob
@@ -39,7 +41,7 @@ ERROR_STYLE = f"max-width:{WIDTH - 20}px;padding:4px 8px;border-left:4px solid {
 class State:
     """What a panel's controls say: all settings, the sequence, and the current frame >= 1."""
 
-    config: Config
+    config: KitConfig
     view: Any
     sequence: Sequence
     frame: int
@@ -61,8 +63,8 @@ class Panel:
     Class attributes
     ----------------
     title : a line above the controls.
-    controls : in the order shown; settings of `Config`, or of `view` with the prefix "view.".
-    view : class of the panel's own settings, made with `setting` like those of `Config`.
+    controls : in the order shown; settings of `KitConfig`, or of `view` with the prefix "view.".
+    view : class of the panel's own settings, made with `setting` like those of `KitConfig`.
     start : configuration that the controls begin with.
     height : rows of the picture.
     long_job : words on the Run button of a panel whose `work` takes more than a second; empty without.
@@ -76,7 +78,7 @@ class Panel:
     title: ClassVar[str] = ""
     controls: ClassVar[tuple[Control, ...]] = ()
     view: ClassVar[type | None] = None
-    start: ClassVar[Config] = preset("solution_selection")
+    start: ClassVar[KitConfig] = preset("solution_selection", variant="kit")
     height: ClassVar[int] = 600
     long_job: ClassVar[str] = ""
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import ipywidgets as widgets
 from IPython.display import display
 
-from vo_lib.core.types import Progress
+from vo_lib.geometry.types import Progress
 
 Value = TypeVar("Value")
 

@@ -12,16 +12,20 @@ from readers import expanded
 
 from vo_lib.commands.cli import main
 
-# A command line and a part of what is said; BANDS, LEFT, POSES and OUT stand for places, <9*50> for 50 nines.
+# A command line and a part of the error; words in capitals stand for places, <9*50> for 50 nines.
 CASES = json.loads((Path(__file__).parent / "bad_input.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """A sequence, its left images, its poses, and where nothing may be written."""
+    """A sequence, its left images, its poses, a run's settings, a loop of links, and an unwritten folder."""
     bands = write_bands(tmp_path_factory.mktemp("bad") / "bands")
-    found = {"BANDS": bands, "LEFT": bands / "image_0", "POSES": bands / "poses.txt", "OUT": bands / "out"}
-    return {name: str(path) for name, path in found.items()}
+    config = {"method": "mesvo_f", "variant": "published", "settings": {}}
+    (bands / "config.json").write_text(json.dumps(config), encoding="utf-8")
+    (bands / "loop").symlink_to(bands / "loop")
+    paths = {"BANDS": bands, "LEFT": bands / "image_0", "POSES": bands / "poses.txt", "OUT": bands / "out"}
+    paths |= {"CONFIG": bands / "config.json", "LOOP/x": bands / "loop" / "x"}
+    return {name: str(path) for name, path in paths.items()}
 
 
 @pytest.mark.parametrize(("line", "expected"), CASES, ids=[line[:60] for line, _ in CASES])

@@ -1,14 +1,15 @@
-"""The command as a person uses it: files written, tables printed, one line and exit code 2 for bad input."""
+"""The command as a person uses it: files written, tables printed, how it starts and ends."""
 
 from __future__ import annotations
 
-import csv
+import importlib
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
+import traceback
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,44 +17,57 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import HEIGHT, WIDTH
+from conftest import HEIGHT, WIDTH, write_bands
 
-from vo_lib.beyond.calibration import read_calibration
+from vo_lib import settings
+from vo_lib.commands import common
 from vo_lib.commands.cli import main
-from vo_lib.commands.script import typed
-from vo_lib.config import Config
-from vo_lib.core import settings
-from vo_lib.core.poses import read_kitti_poses, read_tum
-from vo_lib.data.scenes import SCENES
+from vo_lib.config import CONFIG_CLASSES
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.poses import read_kitti_poses, read_tum
+from vo_lib.files import read_csv
+from vo_lib.kit.calibration import read_learnt_calibration
 
-FILES = {"calibration.json", "config.json", "frames.csv", "metrics.json", "poses.txt", "poses_tum.txt"}
-SMALL = ["--features.cell", "10"]
 ROOT = Path(__file__).resolve().parents[2]
+FILES = {"config.json", "frames.csv", "metrics.json", "poses.txt", "poses_tum.txt", "trajectory.png"}
+SMALL = {"published": ["--features.blob_cell", "9"], "kit": ["--variant", "kit", "--features.cell", "10"]}
+START = "import sys; from vo_lib.__main__ import main; sys.exit(main())"
+BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
 
 
 @pytest.fixture
 def done(bands: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """A function that runs `vo run` on the bands, to its end, and gives what it printed."""
 
-    def run(out: str, *words: str, code: int = 0) -> str:
-        assert main(["run", str(bands), "--out", str(bands.parent / out), *SMALL, *words]) == code
+    def run(out: str, *words: str, code: int = 0, variant: str = "published") -> str:
+        assert main(["run", str(bands), "--out", str(bands.parent / out), *SMALL[variant], *words]) == code
         return "".join(capsys.readouterr())
 
     return run
-
-
-def read_log(out: Path) -> list[dict[str, str]]:
-    with open(out / "frames.csv", encoding="utf-8", newline="") as lines:
-        return list(csv.DictReader(lines))
 
 
 def read_json(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def test_a_run_writes_its_files(bands: Path, done: Callable[..., str]) -> None:
-    printed, out = done("new/out", "--method", "mesvo_f"), bands.parent / "new" / "out"
-    assert {path.name for path in out.glob("[!.]*")} == FILES | {"trajectory.png"}
+def read_log(out: Path) -> list[dict[str, str]]:
+    (_, names), *rows = read_csv(out / "frames.csv")
+    return [dict(zip(names, cells, strict=True)) for _, cells in rows]
+
+
+def program(code: str, *words: str, **environ: str) -> subprocess.CompletedProcess[str]:
+    """A fresh Python that does some code with words, at the end of its own environment."""
+    command = [sys.executable, "-c", code, *words]
+    return subprocess.run(
+        command, capture_output=True, text=True, cwd=ROOT, env={**os.environ, **environ}, encoding="utf-8"
+    )
+
+
+@pytest.mark.parametrize("variant", SMALL)
+def test_a_run_writes_its_files(bands: Path, done: Callable[..., str], variant: str) -> None:
+    printed, out = done("new/out", "--method", "mesvo_f", variant=variant), bands.parent / "new" / "out"
+    wanted = FILES | ({"calibration.json"} if variant == "kit" else set())
+    assert {path.name for path in out.glob("[!.]*")} == wanted
     poses = read_kitti_poses(out / "poses.txt")
     assert poses.shape == (6, 4, 4)
     times, tum = read_tum(out / "poses_tum.txt")
@@ -62,167 +76,184 @@ def test_a_run_writes_its_files(bands: Path, done: Callable[..., str]) -> None:
     rows = read_log(out)
     assert [row["frame"] for row in rows] == [f"{i:06d}" for i in range(1, 6)]
     assert all(float(row["matching_ms"]) > 0 and int(row["inliers"]) > 20 for row in rows)
-    config = settings.from_dict(Config, read_json(out / "config.json")["settings"])
-    assert config.features.cell == 10
+    config = settings.from_dict(CONFIG_CLASSES[variant], read_json(out / "config.json")["settings"])
     assert not config.selection.prior
     image = cv2.imread(str(out / "trajectory.png"))
     assert image is not None
     assert image.std() > 5
-    assert "matches a frame" in printed
-    assert "ATE, aligned" in printed  # though the path is too short for TE
+    assert f"bands, mesvo_f, {variant}, 6 frames" in printed
+    assert "ATE m" in printed  # though the path is too short for TE
     assert str(out) in printed
-    said = read_calibration(out / "calibration.json").in_words(config.calibration)
-    assert f"errors of the calibration {said}" in re.sub(r"[│\s]+", " ", printed)
+    if variant == "kit":
+        learnt = read_learnt_calibration(out / "calibration.json").in_words(config.calibration)
+        assert f"errors of the calibration {learnt}" in re.sub(r"[│\s]+", " ", printed)
 
 
 def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path, done: Callable[..., str]) -> None:
     labels = bands.parent / "boxes"
     labels.mkdir()
     (labels / "000002.txt").write_text("2 0.5 0.5 0.4 0.4 0.9\n", encoding="utf-8")
-    done("out", "--frames", "1:4", "--labels", str(labels), "--filter.min_matches", "5")
+    done("out", "--frames", "1:4", "--labels", str(labels))
     rows = read_log(bands.parent / "out")
     assert [row["frame"] for row in rows] == ["000002", "000003"]
     assert int(rows[0]["removed_by_boxes"]) > 0
 
 
-def test_matches_are_kept_where_it_is_asked_and_used_again(
+def test_matches_are_kept_on_demand_and_used_again(
     bands: Path, done: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vo_lib.runs.match_cache.cache_folder", lambda: bands.parent / "user" / "synthetic")
+    monkeypatch.setattr("vo_lib.runs.matches.cache_folder", lambda: bands.parent / "user" / "synthetic")
     for name, cache in (("filled", []), ("used", []), ("elsewhere", [str(bands.parent / "mine")])):
         done(name, "--cache", *cache)
-    kept = {p.relative_to(bands.parent).parts[:2] for p in bands.parent.rglob("*.npz")}
+    kept = {path.relative_to(bands.parent).parts[:2] for path in bands.parent.rglob("*.npz")}
     assert kept == {("user", "matches"), ("mine", "matches")}
     row = read_log(bands.parent / "used")[0]
     assert (row["matching_ms"], row["wait_images_ms"]) == ("", "")
     assert float(row["cached_matches_ms"]) >= 0
 
 
-def test_a_folder_belongs_to_one_run(bands: Path, done: Callable[..., str]) -> None:
-    done("out")
-    other = ("--selection.sets", "50")
-    assert "selection.sets is 200 there and 50 here" in done("out", *other, code=2)
-    done("out", *other, "--fresh")
-    assert read_json(bands.parent / "out" / "config.json")["settings"]["selection"]["sets"] == 50
-    assert "finished before" in done("out", *other)
-
-
 def test_a_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) -> None:
     (bands / "poses.txt").unlink()
-    said = done("out")
-    wanted = {"path": {"frames_in_doubt": 0, "time_jumps": 0, "lost": False, "doubts": []}}
-    assert read_json(bands.parent / "out" / "metrics.json") == wanted
-    assert "no ground truth" in said
-    assert "lost" not in said
+    printed = done("out")
+    assert read_json(bands.parent / "out" / "metrics.json").keys() == {"path"}
+    assert "no ground truth" in printed
+    assert "lost" not in printed
 
 
-def test_a_lost_path_is_said(bands: Path, done: Callable[..., str]) -> None:
-    for frame in (3, 4, 5):
-        cv2.imwrite(str(bands / "image_1" / f"{frame:06d}.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
-    said = done("out", "--vehicle.patience", "2")
-    assert "The path was lost: 3 of 5 frames" in " ".join(said.split())
-    found = read_json(bands.parent / "out" / "metrics.json")["path"]
-    assert found == {"frames_in_doubt": 3, "time_jumps": 0, "lost": True, "doubts": []}
+def test_lost_tracking_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bands = write_bands(tmp_path / "bands", 14)
+    for frame in range(3, 13):  # the frame behind them has no motion either
+        for side in ("image_0", "image_1"):
+            cv2.imwrite(str(bands / side / f"{frame:06d}.png"), BLACK)
+    assert main(["run", str(bands), "--out", str(tmp_path / "out"), *SMALL["published"]]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "Tracking was lost: 11 of 13 frames have no motion" in printed
 
 
-def test_a_run_without_matches_says_what_is_wrong_with_the_images(
-    bands: Path, done: Callable[..., str]
+def test_a_config_gives_the_same_run_again_and_options_go_before_it(
+    bands: Path, done: Callable[..., str], tmp_path: Path
 ) -> None:
-    assert "warning" not in done("right")
-    (bands / "image_0").rename(bands / "left")
-    (bands / "image_1").rename(bands / "image_0")
-    (bands / "left").rename(bands / "image_1")
-    assert "warning: left and right are swapped" in done("swapped")
-
-
-def test_the_model_of_drawn_streets_says_so_on_other_images(done: Callable[..., str]) -> None:
-    assert "`street` was trained on drawn streets" in done("out", "--detector", "street")
-
-
-def test_list_names_what_is_found(
-    bands: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    root = bands.parent / "root"
-    shutil.copytree(bands, root / "sequences" / "07")
-    monkeypatch.setenv("KITTI_ROOT", str(root))
-    assert main(["list"]) == 0
-    printed = capsys.readouterr().out
-    assert all(name in printed for name in ("kitti/07", *(f"synthetic/{name}" for name in SCENES)))
-
-
-def test_check_finds_this_installation_healthy_and_two_opencv_packages_a_problem(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("KITTI_ROOT", "")
-    assert main(["check"]) == 0
-    printed = capsys.readouterr().out
-    assert f"cv2 {cv2.__version__}" in printed
-    assert np.__version__ in printed
-    assert "problem" not in printed
-    monkeypatch.setattr("vo_lib.commands.environment.installed_version", lambda name: "5.0")
-    assert main(["check"]) == 1
-    assert "pip uninstall -y opencv-python" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("word", ["--help", "--help-settings"])
-def test_the_short_help_leaves_thresholds_out_and_a_longer_one_has_them(
-    capsys: pytest.CaptureFixture[str], word: str
-) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["run", word])
-    assert stop.value.code == 0
-    text = capsys.readouterr().out
-    shown = [f"--{item.name} X" in text for item in settings.declared(Config)]
-    assert all(shown) if word == "--help-settings" else not any(shown)
-    assert word == "--help-settings" or len(text.splitlines()) < 60
-
-
-def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["--version"])
-    assert re.fullmatch(r"vo \d+\.\d+\.\d+\n", capsys.readouterr().out)
-
-
-def test_a_shell_completes_commands_sequences_and_thresholds(tmp_path: Path) -> None:
-    answer = tmp_path / "found"
-    for line, expected in (
-        ("vo re", "reproduce"),
-        ("vo run synthetic/t", "synthetic/traffic"),
-        ("vo run x --selection.se", "--selection.sets"),
-        ("vo sweep --method vi", "viso2"),
-    ):
-        asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9"}
-        asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(answer), "IFS": "\n", "COMP_WORDBREAKS": " "}
-        subprocess.run([sys.executable, "-m", "vo_lib"], env={**os.environ, **asked}, cwd=ROOT, check=True)
-        assert answer.read_text(encoding="utf-8").split() == [expected]
-
-
-def test_printed_commands_name_the_program_where_the_shell_would_not_find_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert typed("vo list") == "vo list"
-    monkeypatch.setattr(sys, "argv", [str(tmp_path / "bin" / "vo"), "demo"])
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert typed("vo list") == f"{tmp_path / 'bin' / 'vo'} list"
-
-
-def test_a_config_gives_the_same_run_again_and_options_go_before_it(bands: Path, tmp_path: Path) -> None:
-    words = ["run", str(bands), "--method", "mesvo_f", "--variant", "published", "--features.blob_cell", "9"]
-    assert main([*words, "--out", str(tmp_path / "a")]) == 0
-    stored = ["run", str(bands), "--config", str(tmp_path / "a" / "config.json")]
-    assert main([*stored, "--out", str(tmp_path / "b")]) == 0
-    a, b = ((tmp_path / name / "poses.txt").read_bytes() for name in "ab")
-    assert a == b
-    assert main([*stored, "--seed", "3", "--out", str(tmp_path / "c")]) == 0
-    saved = read_json(tmp_path / "c" / "config.json")
-    assert (saved["method"], saved["variant"], saved["settings"]["seed"]) == ("mesvo_f", "published", 3)
-    assert saved["settings"]["features"]["blob_cell"] == 9
+    done("a", "--method", "mesvo_f")
+    config = ["--config", str(tmp_path / "a" / "config.json")]
+    for name, more in (("b", ["--method", "mesvo_f", "--variant", "published"]), ("c", ["--seed", "3"])):
+        assert main(["run", str(bands), *config, *more, "--out", str(tmp_path / name)]) == 0
+    a = (tmp_path / "a" / "poses.txt").read_bytes()
+    assert (tmp_path / "b" / "poses.txt").read_bytes() == a
+    stored = read_json(tmp_path / "c" / "config.json")
+    assert (stored["method"], stored["variant"], stored["settings"]["seed"]) == ("mesvo_f", "published", 3)
+    assert stored["settings"]["features"]["blob_cell"] == 9
     # A table and a grid take it as well.
-    config = ["--config", str(tmp_path / "a" / "config.json"), "--seeds", "1", "--cache", str(tmp_path / "c")]
+    config += ["--seeds", "1", "--cache", str(tmp_path / "cache")]
     assert main(["reproduce", "--sequences", str(bands), *config, "--out", str(tmp_path / "d")]) == 0
-    (run,) = (tmp_path / "d").rglob("seed_0/poses.txt")
-    assert run.read_bytes() == a
     grid = ["--sequence", str(bands), "--set", "selection.sets=200", "--out", str(tmp_path / "e")]
     assert main(["sweep", *grid, *config]) == 0
-    (run,) = (tmp_path / "e").rglob("seed0/poses.txt")
-    assert run.read_bytes() == a
+    assert [path.read_bytes() for path in tmp_path.glob("[de]/**/poses.txt")] == [a, a]
+
+
+def test_a_run_starts_from_the_calibration_of_another(bands: Path, done: Callable[..., str]) -> None:
+    done("first", variant="kit")
+    known = ("--calibration", str(bands.parent / "first" / "calibration.json"))
+    done("held", *known, "--calibration.estimate", "off", variant="kit")
+    done("learning", *known, variant="kit")
+    first, held, then = (
+        read_learnt_calibration(bands.parent / name / "calibration.json")
+        for name in ("first", "held", "learning")
+    )
+    assert np.any(first.estimate)
+    np.testing.assert_array_equal(held.estimate, first.estimate)
+    assert (np.diag(then.covariance)[9:15] < np.diag(first.covariance)[9:15]).all()
+    assert "other calibration" in done("first", *known, variant="kit", code=2)
+    calib = bands / "calib.txt"
+    calib.write_text(calib.read_text(encoding="utf-8").replace("-150.0", "-160.0"), encoding="utf-8")
+    assert "another camera: baseline 0.5, here 0.53" in done("other", *known, variant="kit", code=2)
+
+
+@pytest.mark.parametrize("variant", SMALL)
+def test_the_settings_page_has_the_variants_own_settings_and_defaults(
+    capsys: pytest.CaptureFixture[str], variant: str
+) -> None:
+    pages = []
+    for words in (["--help-settings", "--variant", variant], ["--variant", variant, "--help-settings"]):
+        assert main(["run", *words]) == 0
+        pages.append(" ".join(capsys.readouterr().out.split()))
+    assert pages[0] == pages[1]
+    names = re.findall(r"--([a-z_.]+) X", pages[0])
+    own = [item.name for item in settings.declared(CONFIG_CLASSES[variant])]
+    assert [name for name in names if not name.startswith("detector.")] == own
+    agreement = {"published": "default 1.0", "kit": "default 2.0"}[variant]
+    assert agreement in pages[0].partition("--translation.agreement X")[2].partition("--")[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "start"), [("run --help", "usage: vo run "), ("--version", "vo ")], ids=["help", "version"]
+)
+def test_the_short_help_leaves_thresholds_out(
+    capsys: pytest.CaptureFixture[str], words: str, start: str
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(words.split())
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    assert text.startswith(start)
+    assert "--selection.sets X" not in text
+    assert len(text.splitlines()) < 60
+
+
+def test_five_functions_lie_from_the_program_to_the_sequence(
+    bands: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files: list[str] = []
+
+    def opened(*details: Any) -> Any:
+        files.extend(frame.filename for frame in traceback.extract_stack())
+        return open_sequence(*details)
+
+    monkeypatch.setattr(common, "open_sequence", opened)
+    monkeypatch.setattr(sys, "argv", ["vo", "run", str(bands), "--out", str(bands.parent / "out")])
+    assert importlib.import_module("vo_lib.__main__").main() == 0
+    inside = [name for name in files if Path(name).is_relative_to(ROOT / "vo_lib")]
+    assert len([*inside, open_sequence]) <= 5
+
+
+def test_no_help_waits_for_matplotlib() -> None:
+    code = (
+        "import sys; from vo_lib.commands.cli import COMMANDS, make_parser\n"
+        "for name in COMMANDS: make_parser([name])\n"
+        "print({'matplotlib', 'jinja2', 'rich.progress', 'from_folder'}.intersection(sys.modules))"
+    )
+    assert program(code).stdout == "set()\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (OSError(28, "No space left on device", "/x/y"), 2, "vo: error: /x/y: No space left on device\n"),
+        (KeyboardInterrupt(), 130, "vo: interrupted\n"),
+        (None, 0, f"vo: warning: overflow in the field ({__file__}:"),
+    ],
+)
+def test_a_librarys_warning_is_printed_after_success_and_not_beside_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException | None,
+    code: int,
+    line: str,
+) -> None:
+    def available() -> dict[str, None]:
+        warnings.simplefilter("always")
+        warnings.warn("overflow in the field", RuntimeWarning, stacklevel=1)
+        if error is not None:
+            raise error
+        return {}
+
+    monkeypatch.setattr("vo_lib.commands.sequences.available", available)
+    assert main(["list"]) == code
+    said = capsys.readouterr().err
+    assert said == line if error is not None else said.startswith(line)
+
+
+def test_an_unknown_matplotlib_backend_is_one_line(bands: Path, tmp_path: Path) -> None:
+    ended = program(START, "run", str(bands), "--out", str(tmp_path / "out"), MPLBACKEND="nonsense")
+    assert ended.returncode == 2
+    assert re.search(r"^vo: error: .*nonsense.*\n\Z", ended.stderr, re.M)
+    assert "Traceback" not in ended.stderr

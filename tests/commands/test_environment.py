@@ -1,46 +1,65 @@
-"""What `vo check` says of the data: where it is, what is missing, and the steps that get it."""
+"""`vo list` and `vo check`: sequences, packages, data, caches, and the steps to missing data."""
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
-from conftest import write_bands
 
-from vo_lib.commands import environment
-from vo_lib.commands.data import scripts
-from vo_lib.data import sequence
+from vo_lib.commands.cli import main
+from vo_lib.commands.scripts import scripts
 from vo_lib.data.kitti import EXPECTED_FRAMES
+from vo_lib.data.scenes import SCENES
 
 
-def test_a_user_without_data_is_told_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("KITTI_ROOT", str(tmp_path))
+@pytest.fixture(autouse=True)
+def _own_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No data, no detectors, a cache with 2 MB of matches by other code."""
+    for name in ("KITTI_ROOT", "XDG_CACHE_HOME", "XDG_DATA_HOME"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    monkeypatch.setattr("vo_lib.data.catalogue.PROJECT", tmp_path)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(environment, "available", lambda: {"synthetic/jam": None})
-    monkeypatch.setattr(environment, "detector_folder", lambda: tmp_path)
-    monkeypatch.setattr(environment, "known", lambda: {})
-    remedies = {finding.what: finding.remedy for finding in environment.check()}
-    steps = list(environment.data_steps())
-    assert all(command.startswith("vo data ") for command in steps)
-    told = remedies["KITTI odometry"] + remedies["fetched detectors"]
-    assert all(command in told for command in steps)
-    assert {command.split()[2] for command in steps} < scripts().keys()
+    stale = tmp_path / "XDG_CACHE_HOME" / "stereo-vo-kit" / "matches" / "old" / "a.npz"
+    stale.parent.mkdir(parents=True)
+    stale.write_bytes(bytes(2_000_000))
 
 
-def test_incomplete_sequences_are_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = write_bands(tmp_path / "sequences" / "04")
-    monkeypatch.setattr(environment, "available", lambda: {"kitti/04": folder})
-    finding = next(f for f in environment.check() if f.what == "KITTI odometry")
-    assert finding.state == "note"
-    assert "incomplete: 04" in finding.found
+def test_a_user_without_data_is_told_the_steps_and_the_size_of_the_caches(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["check"]) == 0
+    printed = capsys.readouterr().out
+    assert f"opencv {cv2.__version__}" in printed
+    assert np.__version__ in printed
+    assert "matches of other code: 2.0 MB" in printed
+    assert "vo data clean_cache" in printed
+    steps = {line.split()[2] for line in printed.splitlines() if line.startswith("  vo data ")}
+    assert {"get_kitti", "get_detector", "clean_cache"} < steps < scripts().keys()
+
+
+def test_incomplete_sequences_are_noted(
+    bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(bands, tmp_path / "KITTI_ROOT" / "sequences" / "04")
+    assert main(["check"]) == 0
+    assert "incomplete: 04" in " ".join(capsys.readouterr().out.replace("│", "").split())
     monkeypatch.setitem(EXPECTED_FRAMES, "04", 6)
-    finding = next(f for f in environment.check() if f.what == "KITTI odometry")
-    assert finding.state == "ok"
+    assert main(["check"]) == 0
+    assert "incomplete: " not in capsys.readouterr().out
+    assert main(["list"]) == 0
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in ("kitti/04", *(f"synthetic/{name}" for name in SCENES)))
 
 
-def test_data_goes_where_the_kit_looks_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sequence, "kitti_roots", lambda: [])
-    monkeypatch.setenv("KITTI_ROOT", str(tmp_path / "kitti"))
-    assert sequence.kitti_root() == tmp_path / "kitti"
-    monkeypatch.setenv("KITTI_ROOT", "")
-    assert sequence.kitti_root() == sequence.PROJECT / "data" / "kitti"
+def test_two_packages_of_opencv_are_a_problem(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = tmp_path / "opencv_contrib_python-5.0.dist-info" / "METADATA"
+    record.parent.mkdir()
+    record.write_text("Metadata-Version: 2.1\nName: opencv-contrib-python\nVersion: 5.0\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert main(["check"]) == 1
+    assert "pip uninstall -y opencv-contrib-python opencv-python-headless" in capsys.readouterr().out

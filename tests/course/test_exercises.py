@@ -22,18 +22,18 @@ from course.ch08 import exercises as ch08
 from course.checker import SLIPS, Exercise
 from course.made_up import block_tour, made_up
 from course.results import NOT_YET_CLASS, Verdict
-from vo_lib.beyond.box_filter import static_matches
-from vo_lib.config import FilterConfig, TranslationConfig
-from vo_lib.core.boxes import Boxes
-from vo_lib.core.matches import StereoMatches
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.method.translation import feature_rows
+from vo_lib.geometry.boxes import Boxes
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.kit.settings import KitTranslationConfig
+from vo_lib.paper.boxes import on_vehicles
+from vo_lib.paper.settings import FilterConfig
+from vo_lib.paper.translation import feature_rows
 
-CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch08, appendix)
 TABLES = {
     f"{chapter.__name__.split('.')[1]}.{name}": exercise
-    for chapter in CHAPTERS
+    for chapter in (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch08, appendix)
     for name, exercise in vars(chapter).items()
     if isinstance(exercise, Exercise)
 }
@@ -107,23 +107,7 @@ def test_a_slip_is_told_in_the_words_of_the_exercise(name: str, slip: str) -> No
     assert verdict.message == exercise.slips[slip]
 
 
-@pytest.mark.parametrize("name", TABLES)
-def test_the_second_time_the_line_of_code_is_told(name: str) -> None:
-    exercise = TABLES[name]
-    wrong_one: Any = {} if isinstance(exercise.right, dict) else 12345.6
-    answer = (lambda *case: wrong_one) if exercise.cases else wrong_one
-    judge(name, exercise.right)
-    first, second = (exercise(answer, *GIVEN.get(name, ())).hint for _ in range(2))
-    assert exercise.more in second
-    assert "In code" not in first
-
-
 BANK = Path(__file__).with_name("wrong_answers.txt").read_text(encoding="utf-8").split("\n# ")[1:]
-
-
-def test_the_bank_of_wrong_answers_is_large() -> None:
-    assert len(BANK) >= 60
-    assert len({entry.split(" |")[0] for entry in BANK}) >= 30
 
 
 @pytest.mark.parametrize("entry", BANK, ids=lambda entry: entry.split("\n")[0])
@@ -151,16 +135,6 @@ def test_every_check_stands_answers_that_are_none(name: str) -> None:
         assert "cannot be judged" not in verdict.message
 
 
-def wrong(verdict: Verdict, words: str) -> None:
-    """The verdict is "not yet" and says why."""
-    assert not verdict.passed
-    assert words in f"{verdict.message} {verdict.hint}"
-
-
-def test_a_path_without_truth_cannot_be_judged() -> None:
-    wrong(ch00.path_length(9.0, tour(None)), "tour has no ground truth")
-
-
 def test_numbers_of_chapters_2_and_6_are_those_of_the_kit() -> None:
     assert [count for count in range(11) if ch02.most_frequent_count(count).passed] in ([2], [4], [6])
     assert 3.0 < ch02.growth() < 5.0
@@ -176,7 +150,7 @@ def test_the_answers_of_chapter_4_are_the_librarys() -> None:
     M, right = ch04.eight_rows(*ch04.one_match()[0])
     np.testing.assert_allclose(M, np.concatenate([A[0], B[0]], axis=1), atol=1e-12)
     np.testing.assert_allclose(right, c[0], atol=1e-12)
-    solved = solve_by(METRES, ch04.CAMERA, matches, ch04.R_CP, TranslationConfig(max_depth=1000))
+    solved = solve_by(METRES, ch04.CAMERA, matches, ch04.R_CP, KitTranslationConfig(max_depth=1000))
     assert solved is not None
     np.testing.assert_allclose(ch04.stacked(*ch04.noisy_rows(30, 5, 0.5)), solved[0], atol=1e-9)
 
@@ -186,5 +160,5 @@ def test_the_rule_of_chapter_5_is_the_librarys() -> None:
         ones = np.ones(len(uv_p), np.int64)
         matches = StereoMatches(uv_p, uv_p, uv_c, uv_c, ones, np.ones(len(ones)), np.arange(len(ones)))
         boxes = [Boxes(xyxy, np.full(len(xyxy), 2), np.ones(len(xyxy))) for xyxy in corners]
-        kept = static_matches(matches, boxes[0], boxes[1], FilterConfig(min_matches=0, min_share=0.0))[0]
+        kept = ~on_vehicles(matches, boxes[0], boxes[1], FilterConfig())
         np.testing.assert_array_equal(ch05.outside(uv_p, uv_c, *corners), kept)

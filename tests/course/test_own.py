@@ -1,4 +1,4 @@
-"""The student's stages joined, filmed, judged and marked; sources, slides, some drawn frames."""
+"""The student's stages joined, filmed, judged and marked; some drawn frames."""
 
 from __future__ import annotations
 
@@ -11,24 +11,21 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import write_bands
+from conftest import small
 
-import course
-from course import drawing, marks, slides
+from course import marks, view3d
 from course.ch00 import exercises as ch00
 from course.ch03 import exercises as ch03
-from course.ch04 import exercises as ch04
 from course.ch08 import exercises as ch08
 from course.ch08 import own
-from course.checker import any_order
-from course.drawing import figure, show_source
 from vo_lib import open_sequence, preset, run
-from vo_lib.core.errors import DataError
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.scenes import scene_config
 from vo_lib.data.sequence import Sequence
-from vo_lib.method.selection import nearest_to_prior
-from vo_lib.method.translation import feature_rows
+from vo_lib.errors import DataError
+from vo_lib.runs.drive import run_methods
+from vo_lib.runs.folder import write_run
+from vo_lib.runs.identity import run_identity
 
 
 def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
@@ -53,25 +50,25 @@ def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
 
 def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
     part = street.part(0, 30)
-
-    def peeks(sequence: Any, matches: Any, seed: int) -> Any:
-        return sequence.truth[:, :3]
+    configs = {str(seed): preset("feature_selection", seed=seed) for seed in ch08.SEEDS}
+    published = run_methods(part, configs)
 
     def hands_over(sequence: Any, matches: Any, seed: int) -> Any:
-        return run(sequence, preset("feature_selection", seed=seed)).poses
+        return run(sequence, configs[str(seed)]).poses
 
-    configs = [preset("feature_selection", variant="published", seed=seed) for seed in ch08.SEEDS]
-    published = [run(part, config).poses for config in configs]
-    assert "expected your function" in ch08.better({"RE": 0.1, "RE published": 0.5}, part).message
-    assert "replace the dots" in ch08.better(..., part).message
-    assert "hands the work to `run`" in ch08.better(hands_over, part).message
-    assert "TypeError" in ch08.better(peeks, part).message
-    assert "gave back no path" in ch08.better(lambda *_, seed: published[seed][1:], part).message
-    assert "not yet a quarter" in ch08.better(lambda *_, seed: published[seed], part).message
+    for answer, words in (
+        ({"RE": 0.1, "RE published": 0.5}, "expected your function"),
+        (..., "replace the dots"),
+        (hands_over, "hands the work to `run`"),
+        (lambda sequence, *_, seed: sequence.truth[:, :3], "TypeError"),  # there is none to peek at
+        (lambda *_, seed: published[str(seed)].poses[1:], "gave back no path"),
+        (lambda *_, seed: published[str(seed)].poses, "not yet a quarter"),
+    ):
+        assert words in ch08.better(answer, part).message
 
 
-def test_a_film_has_every_frame_of_ones_own_path(tmp_path: Path) -> None:
-    road = open_sequence(write_bands(tmp_path / "bands"))
+def test_a_film_has_every_frame_of_ones_own_path(bands: Path, tmp_path: Path) -> None:
+    road = open_sequence(bands)
     assert road.truth is not None
     last = own.film(tmp_path / "mine.mp4", road, road.truth)
     film = cv2.VideoCapture(str(tmp_path / "mine.mp4"))
@@ -79,70 +76,61 @@ def test_a_film_has_every_frame_of_ones_own_path(tmp_path: Path) -> None:
     assert not np.array_equal(own.film(tmp_path / "other.mp4", road, np.array([np.eye(4)] * len(road))), last)
 
 
+def test_a_runs_folder_becomes_a_page_in_three_dimensions(bands: Path, tmp_path: Path) -> None:
+    sequence, config = open_sequence(bands).part(1, 5), small(filter__rule="none")
+    made = run(sequence, config)
+    write_run(tmp_path, made, run_identity(sequence, config, "mine"))
+    view3d.write_view(tmp_path, tmp_path / "view.html")
+    page = (tmp_path / "view.html").read_text(encoding="utf-8")
+    data = json.loads(next(re.finditer(r"= (\{.*\});", page))[1])
+    (_, truth), (_, path) = data["lines"]
+    np.testing.assert_allclose(path, made.poses[:, :3, 3], atol=1e-3)
+    assert len(truth) == len(path) == 4
+    # Six walls, the farthest at f b / 4 px.
+    depths = np.unique(np.round(np.array(data["points"]).reshape(-1, 3)[:, 2] / 100, 0))
+    assert 5 < depths.min() < depths.max() < 40
+
+
 def test_marks_say_of_each_function_whether_it_passes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     anna, ben = tmp_path / "anna.py", tmp_path / "ben.py"
-    anna.write_text("""from vo_lib.method.five_point import five_point
+    anna.write_text("""from vo_lib.paper.five_point import five_point
 def weights(r, s): return 1 / (1 + (r / s) ** 2)
-def chain(motions): return motions
 def solve_five(x_p, x_c): return five_point(x_p, x_c)
 """)
     ben.write_text("1 / 0")
-    words = ["marks", str(anna), str(ben)]
-    monkeypatch.setattr(sys, "argv", words)
+    monkeypatch.setattr(sys, "argv", ["marks", str(anna), str(ben)])
     assert marks.main() == 2
     told = capsys.readouterr()
     weights, select = "4.7  weights              passes", "3.5  select               not there"
     for line in (f"1 of {len(marks.asked())} pass", weights, select, "hands the work to `five_point`"):
         assert line in told.out
     assert re.fullmatch("error: .*ben.py: it cannot be run.*\n", told.err)
-    monkeypatch.setattr(sys, "argv", ["marks", "--json", words[1]])
+    monkeypatch.setattr(sys, "argv", ["marks", "--json", str(anna)])
     assert marks.main() == 0
-    functions = json.loads(capsys.readouterr().out)[words[1]]["functions"]
+    functions = json.loads(capsys.readouterr().out)[str(anna)]["functions"]
     assert functions["weights"] == {"exercise": "4.7", "passed": True, "says": ""}
-    assert not functions["chain"]["passed"]
-    assert functions["chain"]["says"]
 
 
-def test_what_is_shown_is_written_for_slides(tmp_path: Path) -> None:
-    written = []
-    for name in ("one", "two"):
-        with pytest.MonkeyPatch.context() as patch:
-            for place in (course, drawing):
-                patch.setattr(place, "show", place.show)  # both are put back
-            slides.export(tmp_path / name, "03")
-            made, (axis,) = figure(120)
-            axis.plot([0, 1], [0, 1])
-            shown = course.show(made, np.zeros((20, 30), np.uint8))
-        assert (tmp_path / name / "03_01.png").read_bytes() == shown.data
-        written.append((tmp_path / name / "03_01a.svg").read_text(encoding="utf-8"))
-    assert written[0] == written[1]
-    assert "<path" in written[0]
+MOVED = "from vo_lib.core.geometry import inverse"
 
 
-def test_exact_rows_leave_nothing_under_the_true_translation() -> None:
-    matches, camera = ch04.exact_matches(20, 1), ch04.CAMERA
-    A, B, c = feature_rows(camera, matches, ch04.R_CP)
-    M = np.concatenate([A, B], axis=2)
-    assert own.residuals(M, c, ch04.T_CP).max() < 1e-9
-    assert own.residuals(M, c, ch04.T_CP + 0.1).min() > 1e-3
-
-
-@pytest.mark.parametrize("line", ["import sys; sys.exit(0)", "raise KeyboardInterrupt", "1 / 0"])
-def test_a_module_of_mine_that_ends_the_program_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("import sys; sys.exit(0)", "SystemExit"),
+        ("1 / 0", "ZeroDivisionError"),
+        (MOVED, "CONTRIBUTING.md says"),
+    ],
+)
+def test_a_module_of_mine_that_cannot_be_run_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str, words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_vo.py").write_text(f"{line}\n", encoding="utf-8")
-    with pytest.raises(DataError, match=r"my_vo\.py: it cannot be run"):
+    with pytest.raises(DataError, match=rf"my_vo\.py: it cannot be run.*{words}"):
         own.join()
-
-
-def test_the_source_of_a_stage_is_the_real_one() -> None:
-    shown = str(show_source(nearest_to_prior, any_order))
-    assert shown.startswith("# vo_lib/method/selection.py\ndef nearest_to_prior(")
-    assert "# course/checker.py\ndef any_order" in shown
 
 
 def test_some_frames_of_a_scene_are_those_of_the_whole_scene(tmp_path: Path) -> None:

@@ -56,14 +56,9 @@ def test_the_vote_takes_one_solution_of_a_plane_and_the_prior_stays_with_the_oth
     plane = {"view__plane": True, "selection__keep": 1}
     now, _, _ = seen("03", "here it is the true one", **plane)
     assert now["error by consensus"] == now["error by selection"] < 0.2
-    text = (
-        r"`k` to (1)\..*\*draw again\* once.* more than (\d+)° from the previous vector, .* ([.\d]+)° wrong"
-    )
-    now, _, (_, angle, wrong) = seen("03", text, **plane, view__draw=1)
+    text = r"`k` to (1)\..*\*draw again\* once.* more than \d+° from the previous vector, .* ([.\d]+)° wrong"
+    now, _, (_, wrong) = seen("03", text, **plane, view__draw=1)
     assert now["error by consensus"] > wrong > 5 * now["error by selection"]
-    now, before, _ = seen("03", "With `k` = 2 it follows the vote", view__plane=True, view__draw=1)
-    assert now["error by selection"] == now["error by consensus"]
-    assert now["angle to the previous vector"] > angle > 5 * before["angle to the previous vector"]
 
 
 def test_far_features_are_not_missed_and_near_ones_are(seen: Seen) -> None:
@@ -81,26 +76,6 @@ def test_far_features_are_not_missed_and_near_ones_are(seen: Seen) -> None:
     assert said == [5]
     assert 10 <= now["features used"] <= 14
     assert now["error"] > 4 * before["error"]
-
-
-def test_boxes_follow_their_thresholds(seen: Seen) -> None:
-    now, before, said = seen(
-        "05", r"Lower the \*score\* to ([.\d]+): more than twice as many", filter__score=0.02
-    )
-    assert said == [0.02]
-    assert now["boxes"] > 2 * before["boxes"]
-    now, before, said = seen("05", r"At ([.\d]+) a car swallows its neighbours", view__nms=0.05)
-    assert said == [0.05]
-    assert now["boxes"] < before["boxes"]
-    now, _, said = seen("05", r"Type (\d) into \*classes\*: .* so no box counts", filter__classes="7")
-    assert said == [7]
-    assert now["boxes"] == now["removed"] == 0
-    now, _, said = seen("05", r"Raise the \*margin\* to (\d): .* the filter goes off", filter__margin=1.0)
-    assert said == [1]
-    assert now["removed"] == 0
-    text = "Choose `labels`: the end of the white car behind the dark one has no box"
-    now, before, _ = seen("05", text, view__model="labels")
-    assert now["boxes"] == before["boxes"] - 1
 
 
 def test_made_up_errors_have_the_size_that_is_said(seen: Seen) -> None:

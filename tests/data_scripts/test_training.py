@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from pathlib import Path
 
@@ -13,10 +12,10 @@ from data_command import load
 
 from training.dataset import open_set
 from training.evaluated import ODOMETRY_DRIVES, evaluated_sequence
-from training.street_set import MIN_HEIGHT, DetectionSetConfig, Street, draw_street, random_scene, streets
-from vo_lib.core.boxes import Boxes
-from vo_lib.data.labels import read_labels, write_labels
+from training.street_set import DetectionSetConfig, streets
+from vo_lib.data.labels import write_labels
 from vo_lib.detection.yolo import YoloDetector
+from vo_lib.geometry.boxes import Boxes
 
 train_detector = load("train_detector")
 
@@ -32,32 +31,11 @@ def test_no_street_of_one_split_is_in_another() -> None:
     assert streets(config) == every
 
 
-def test_a_drawn_image_has_its_boxes_and_is_not_drawn_twice(tmp_path: Path) -> None:
-    scene = dataclasses.replace(random_scene(7), width=320, height=96, focal=190.0, length=30.0, parked=0.9)
-    scene = dataclasses.replace(scene, layout="city", exposure_change=0.1, shutter=0.0)
-    for kind in ("images", "labels"):
-        (tmp_path / "train" / kind).mkdir(parents=True)
-    street = Street("train", 0, scene, 2)
-    assert draw_street(street, tmp_path) == 2
-    first = tmp_path / "train" / "images" / "0000_00.jpg"
-    image = cv2.imread(str(first), cv2.IMREAD_UNCHANGED)
-    assert image is not None
-    assert image.shape == (96, 320)
-    found = read_labels(tmp_path / "train" / "labels" / "0000_00.txt", 320, 96)
-    assert len(found) >= 3
-    assert set(found.class_id.tolist()) <= {0, 1, 2}
-    assert (found.xyxy[:, 3] - found.xyxy[:, 1] >= MIN_HEIGHT - 0.01).all()
-    first.write_bytes(b"mark")
-    draw_street(street, tmp_path)
-    assert first.read_bytes() == b"mark"
-
-
 def test_images_of_evaluated_drives_are_known_by_their_path() -> None:
     for drive, sequence in ODOMETRY_DRIVES.items():
         for path in (
-            f"/data/raw/{drive}_sync/image_00/data/0000000001.png",
-            f"{drive}_000001",
-            f"kitti/sequences/{sequence}/image_0/000000.png",
+            f"/data/raw/{drive}_sync/image_00/data/0.png",
+            f"kitti/sequences/{sequence}/image_0/0.png",
         ):
             assert evaluated_sequence(path) == sequence
     for path in ("2011_09_26_drive_0005_000001.png", "sequences/11/000000.png"):
@@ -65,7 +43,7 @@ def test_images_of_evaluated_drives_are_known_by_their_path() -> None:
 
 
 def write_set(folder: Path, count: int = 12, roboflow: bool = False, prefix: str = "") -> Path:
-    """A data set of bright rectangles on dark images, as ours or with the entries of a Roboflow export."""
+    """A data set of bright rectangles on dark images, as ours or with the paths of a Roboflow export."""
     rng = np.random.default_rng(3)
     for split in ("train", "valid"):
         for kind in ("images", "labels"):
@@ -81,7 +59,6 @@ def write_set(folder: Path, count: int = 12, roboflow: bool = False, prefix: str
     text = "train: train/images\nval: valid/images\nnames:\n  0: car\n"
     if roboflow:
         text = "train: ../train/images\nval: ../valid/images\ntest: ../test/images\n\nnc: 1\nnames: ['car']\n"
-        text += "\nroboflow:\n  workspace: w\n  version: 3\n  license: CC BY 4.0\n"
     (folder / "data.yaml").write_text(text)
     return folder
 
@@ -101,10 +78,7 @@ def test_the_script_refuses_evaluated_images_and_says_what_is_missing(
     assert train_detector(words) == 2
     said = capsys.readouterr().err
     assert "KITTI odometry sequence 07, which is evaluated" in said
-    assert "look smaller" in said
     assert "--allow-evaluated" in said
-    assert train_detector([*words, "--allow-evaluated", "--weights", str(tmp_path / "no.pt")]) == 2
-    assert "no.pt: the file is missing" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "onnx", None)
     assert train_detector([*words, "--allow-evaluated"]) == 2
     assert 'onnx is missing: pip install -e ".[train]"' in capsys.readouterr().err
@@ -130,9 +104,3 @@ def test_a_training_ends_in_a_model_that_the_kit_runs(
         assert detector.layout == "yolov8"
         assert detector.names == ("vehicle",)
         detector.detect(np.full((120, 400), 40, np.uint8))
-    before = (tmp_path / "run" / "detector.onnx").stat().st_mtime_ns
-    (tmp_path / "run" / "train" / "weights" / "last.pt").write_bytes(b"no weights")
-    (tmp_path / "run" / "train" / "weights" / "finished").unlink()
-    assert train_detector(words) == 2
-    assert "Ultralytics:" in capfd.readouterr().err
-    assert (tmp_path / "run" / "detector.onnx").stat().st_mtime_ns == before

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from conftest import BASELINE, small, with_box, write_bands
 
+from measure.axes import fit_axes
 from vo_lib import Run, open_sequence, preset, run
-from vo_lib.core.poses import format_kitti_poses
-from vo_lib.evaluation.axes import fit_axes
 from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.runs.runner import run_methods
+from vo_lib.runs.drive import run_methods
+from vo_lib.runs.folder import warnings_of
 
 METHODS = ("mesvo_f", "solution_selection", "feature_selection")
 
@@ -34,39 +34,20 @@ def test_each_method_finds_the_exact_motion(bands: Path, method: str) -> None:
     assert flags(result) == [set()] * 5
 
 
-def test_same_seed_same_bytes_and_another_seed_other_bytes(bands: Path) -> None:
-    sequence = open_sequence(bands)
-    first, second, other = (format_kitti_poses(run(sequence, small(seed=s)).poses) for s in (1, 1, 2))
-    assert first == second
-    assert first != other
-
-
-def changed(folder: Path, frame: int) -> None:
-    """One pixel of a frame's left image becomes another: noise makes no two images the same."""
-    path = str(folder / "image_0" / f"{frame:06d}.png")
-    image = np.asarray(cv2.imread(path, cv2.IMREAD_GRAYSCALE), np.uint8)
-    image[0, 0] += np.uint8(1 + frame)
-    cv2.imwrite(path, image)
-
-
-def test_standing_still_is_no_motion_and_flagged(tmp_path: Path) -> None:
-    folder = write_bands(tmp_path / "still", standing=True)
-    same = run(open_sequence(folder), small())
-    assert flags(same) == [{"same_images"}] * 5
-    for frame in range(6):
-        changed(folder, frame)
-    result = run(open_sequence(folder), small())
+@pytest.mark.parametrize("variant", ["published", "kit"])
+def test_a_pair_that_equals_the_one_before_is_no_motion_and_flagged(tmp_path: Path, variant: str) -> None:
+    sequence = open_sequence(write_bands(tmp_path / "still", standing=True))
+    result = run(sequence, preset("solution_selection") if variant == "published" else small())
     assert flags(result) == [{"standstill"}] * 5
-    for still in (same, result):
-        np.testing.assert_array_equal(still.poses, np.tile(np.eye(4), (6, 1, 1)))
+    np.testing.assert_array_equal(result.poses, np.tile(np.eye(4), (6, 1, 1)))
 
 
 @pytest.mark.parametrize("unit", [1e9, 1e-6, 0.0, 1.0])
-def test_times_that_are_no_seconds_are_doubted(bands: Path, unit: float) -> None:
+def test_times_that_are_no_seconds_are_warned_of(bands: Path, unit: float) -> None:
     sequence = open_sequence(bands)
-    doubts = run(dataclasses.replace(sequence, times=unit * sequence.times), small()).doubts
+    warnings = warnings_of(run(dataclasses.replace(sequence, times=unit * sequence.times), small()))
     begin = [] if unit == 1.0 else [f"times.txt has {0.1 * unit:.3g}"]
-    assert [said.partition(" s ")[0] for said in doubts] == begin
+    assert [sentence.partition(" s ")[0] for sentence in warnings] == begin
 
 
 def test_after_a_black_frame_the_run_goes_on_with_the_last_motion(tmp_path: Path) -> None:
@@ -79,14 +60,13 @@ def test_after_a_black_frame_the_run_goes_on_with_the_last_motion(tmp_path: Path
     np.testing.assert_allclose(result.poses[:, 0, 3], BASELINE * np.arange(8), atol=0.03)
 
 
-def test_a_standstill_of_one_frame_is_a_jump_in_time_as_all_images_agree(bands: Path) -> None:
+def test_a_pair_shown_twice_stays_in_the_path_as_a_standstill(bands: Path) -> None:
     for side in ("image_0", "image_1"):
         shutil.copy(bands / side / "000002.png", bands / side / "000003.png")
-    changed(bands, 3)
     sequence = open_sequence(bands)
     assert sequence.truth is not None
     result = run(sequence, small())  # from 5 m/s to none and to 10 m/s
-    assert flags(result)[2:4] == [{"standstill", "time_jump"}, {"time_jump"}]
+    assert flags(result)[2] == {"standstill"}
     np.testing.assert_allclose(result.poses[4:, :3, 3], sequence.truth[4:, :3, 3], atol=0.08)
 
 
@@ -104,7 +84,7 @@ def test_boxes_remove_their_features_and_the_motion_stays(bands: Path) -> None:
 # Bounds of the whole method on the first 201 frames of KITTI 00.
 def test_real_clip_00_is_as_good_as_promised(clips: Path) -> None:
     sequence = open_sequence(clips / "sequences" / "00")
-    seeds = {str(seed): preset("feature_selection", seed=seed) for seed in range(5)}
+    seeds = {str(seed): preset("feature_selection", seed=seed, variant="kit") for seed in range(5)}
     assert sequence.truth is not None
     for result in run_methods(sequence, seeds).values():
         # KITTI's truth looks aside: a principal point that is off imitates that, so TE is judged without it.
@@ -113,16 +93,3 @@ def test_real_clip_00_is_as_good_as_promised(clips: Path) -> None:
             without = fit_axes(sequence.truth, result.poses, [length], 1).kitti
             found = np.array([errors.te, errors.re, without.te], float)
             assert (found < (te, re, turned)).all()
-
-
-def test_real_clip_01_runs_without_a_jump(clips: Path) -> None:
-    result = run(open_sequence(clips / "sequences" / "01"), preset("solution_selection"))
-    steps = [np.linalg.norm(motion.T_cp[:3, 3]) for motion in result.motions]
-    assert max(steps) < 3.0
-
-
-def test_real_clip_drive_0005_loses_features_to_its_labels(clips: Path) -> None:
-    sequence = open_sequence(clips / "sequences" / "drive_0005")
-    result = run(sequence.part(0, 20), preset("feature_selection"))
-    assert sum(motion.removed for motion in result.motions) > 500
-    assert not any("filter_off" in motion.flags for motion in result.motions)

@@ -6,6 +6,7 @@ import dataclasses
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,12 @@ import pytest
 from conftest import small, with_box, write_bands
 
 from vo_lib import DataError, Sequence, open_sequence, run
-from vo_lib.config import Config
-from vo_lib.core.files import only_process, write_text_atomic
-from vo_lib.core.poses import format_kitti_poses
+from vo_lib.data.poses import format_kitti_poses
+from vo_lib.files import only_process, write_atomic
+from vo_lib.kit.settings import KitConfig
+from vo_lib.runs.folder import is_finished, read_run, run_folder, timing
 from vo_lib.runs.jobs import run_once
-from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.results import is_finished, read_run
+from vo_lib.runs.matches import CachedMatches
 
 FRAMES = 14
 
@@ -41,7 +42,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-def boxed(**changes: object) -> Config:
+def boxed(**changes: object) -> KitConfig:
     return small("feature_selection", **{"filter.min_matches": 10, "selection.sets": 20, **changes})
 
 
@@ -62,58 +63,37 @@ def require_same(folder: Path, sequence: Sequence) -> None:
             assert getattr(one, name) == getattr(other, name)
 
 
-@pytest.mark.parametrize("cached", [False, True])
 def test_a_stopped_run_leaves_nothing_and_starts_over_to_the_same_bytes(
-    sequence: Sequence, folder: Path, tmp_path: Path, cached: bool
+    sequence: Sequence, folder: Path, tmp_path: Path
 ) -> None:
-    config = boxed()
-    matches = CachedMatches(sequence, config.features, config.matching, tmp_path) if cached else None
-    for stop in (1, 6, 14):
+    matches = CachedMatches(sequence, boxed(), tmp_path)
+    for stop in (1, 14):
         with pytest.raises(Stopped):
             run_once(folder, sequence, boxed(), "m", matches=matches, progress=stop_at(stop))
         assert list(folder.iterdir()) == []
-    seen: list[int] = []
-    result, before = run_once(
-        folder, sequence, boxed(), "m", matches=matches, progress=lambda n, _: seen.append(n)
-    )
-    assert not before
-    assert len(result.motions) == FRAMES - 1
-    assert seen == list(range(1, FRAMES + 1))
+    assert not run_once(folder, sequence, boxed(), "m", matches=matches)[1]
     require_same(folder, sequence)
 
 
-@pytest.mark.parametrize("old", [False, True])
-@pytest.mark.parametrize("written", range(6))
-def test_a_run_stopped_between_two_of_its_files_is_no_finished_run_and_is_done_again(
-    sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch, written: int, old: bool
+@pytest.mark.parametrize("written", [0, 3, 5, 6])
+def test_a_run_stopped_between_two_of_its_files_is_done_again(
+    sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch, written: int
 ) -> None:
     sequence = sequence.part(0, 4)
-    if old:
-        run_once(folder, sequence, boxed(seed=1), "m")
-    left = [None] * written
+    run_once(folder, sequence, boxed(seed=1), "m")
+    missing = iter(range(written))
 
     def stops(path: Path, text: str) -> None:
-        if not left:
+        if next(missing, None) is None:
             raise Stopped
-        left.pop()
-        write_text_atomic(path, text)
+        write_atomic(path, text)
 
     with monkeypatch.context() as patch:
-        patch.setattr("vo_lib.runs.results.write_text_atomic", stops)
-        with pytest.raises(Stopped):
+        patch.setattr("vo_lib.runs.folder.write_atomic", stops)
+        with suppress(Stopped):
             run_once(folder, sequence, boxed(), "m", fresh=True)
-    # Before the first new file the old run is still whole.
-    assert is_finished(folder) == (old and written == 0)
-    if is_finished(folder):
-        assert read_run(folder, sequence).config.seed == 1
-        return
-    if written:
-        with pytest.raises(
-            DataError, match=r"config\.json: the run was stopped while its files were written"
-        ):
-            read_run(folder, sequence)
-    assert not run_once(folder, sequence, boxed(), "m")[1]
-    assert is_finished(folder)
+    assert is_finished(folder) == (written == 6)  # config.json is the last of six files
+    assert run_once(folder, sequence, boxed(), "m")[1] == (written == 6)
     require_same(folder, sequence)
 
 
@@ -139,50 +119,67 @@ def test_other_settings_method_sequence_label_or_code_are_refused_by_name(
             run_once(folder, other, boxed(**changes), method)
         return str(error.value)
 
-    assert "selection.sets is 20 there and 50 here" in refused(selection__sets=50)
-    assert "seed is 0 there and 4 here" in refused(seed=4)
+    assert "another run, with other settings.selection.sets;" in refused(selection__sets=50)
     assert "and 1 more" in refused(seed=4, filter__classes=(2,), min_matches=13, buckets__size=40)
-    assert "method is m there and n here" in refused(method="n")
-    words = "frames is ['000000', '000013'] there and ['000000', '000006'] here"
-    assert words in refused(sequence.part(0, 7))
+    assert "other method;" in refused(method="n")
+    assert "other frames, images, times" in refused(sequence.part(0, 7))
     camera = dataclasses.replace(sequence.camera, f=301.0)
-    assert "camera.f is 300.0 there and 301.0 here" in refused(dataclasses.replace(sequence, camera=camera))
+    assert "other camera.f;" in refused(dataclasses.replace(sequence, camera=camera))
     for name, words in (("labels/000012.txt", "other labels"), ("image_0/000012.png", "other images")):
         path = sequence.folder / name
         data = path.read_bytes()
         path.write_bytes(path.with_stem("000011").read_bytes() + b"\n")
         assert words in refused()
         path.write_bytes(data)
+    assert "other times;" in refused(dataclasses.replace(sequence, times=2 * sequence.times))
     with monkeypatch.context() as patch:
-        patch.setattr("vo_lib.runs.identity.code_digest", lambda: "changed")
-        assert "the kit's code has changed" in refused()
-        patch.setattr("vo_lib.runs.identity.np.__version__", "1.0")
-        assert "numpy is" in refused()
+        patch.setattr("vo_lib.runs.identity.code_digest", lambda modules: "changed")
+        assert "other made_with.code;" in refused()
     # A name of the same data is no other run.
     assert run_once(folder, dataclasses.replace(sequence, name="x"), boxed(), "m")[1]
 
 
-@pytest.mark.parametrize("text", ["[1]", '{"settings": {}, "frames": 5, "labels": [1], "made_with": 3}'])
-def test_a_folder_of_something_else_is_refused(sequence: Sequence, folder: Path, text: str) -> None:
-    (folder / "config.json").write_text(text, encoding="utf-8")
-    with pytest.raises(DataError):
+def test_a_folder_with_other_files_is_refused_once_and_fresh_overrides(
+    sequence: Sequence, folder: Path
+) -> None:
+    (folder / "notes.md").write_text("mine", encoding="utf-8")
+    with pytest.raises(DataError, match=r"other files, such as notes\.md: .*--fresh"):
         run_once(folder, sequence, boxed(), "m")
-
-
-@pytest.mark.parametrize("name", ["poses.txt", "metrics.json"])
-def test_a_result_of_another_program_is_not_written_over(sequence: Sequence, folder: Path, name: str) -> None:
-    (folder / name).write_text("mine", encoding="utf-8")
-    with pytest.raises(DataError, match=f"{name}: of something else, for there is no config.json"):
-        run_once(folder, sequence, boxed(), "m")
-    assert [path.name for path in folder.iterdir()] == [name]
-    assert (folder / name).read_text(encoding="utf-8") == "mine"
     run_once(folder, sequence, boxed(), "m", fresh=True)
     assert run_once(folder, sequence, boxed(), "m")[1]
+    assert (folder / "notes.md").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_run_is_read_back_to_the_digits_written(sequence: Sequence, folder: Path) -> None:
+    result, _ = run_once(folder, sequence, boxed(), "m")
+    back = read_run(folder, sequence)
+    assert back.config == result.config
+    np.testing.assert_allclose(back.poses, result.poses, atol=1e-9)
+    for one, other in zip(back.motions, result.motions, strict=True):
+        np.testing.assert_allclose(one.T_cp, other.T_cp, atol=1e-8)
+        np.testing.assert_allclose(one.prior_angle, other.prior_angle, atol=1e-4)
+    times = timing(result)
+    assert sum(times["ms_per_frame_of"].values()) == pytest.approx(times["ms_per_frame"])
+    assert back.ms_per_frame == pytest.approx(result.ms_per_frame, abs=0.05)
+    with pytest.raises(DataError, match="expected a row for each of the 5 frames of bands"):
+        read_run(folder, sequence.part(0, 5))
+
+
+def test_a_sequence_keeps_its_truth_and_a_folder_for_work_that_fails_is_removed(
+    bands: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(DataError, match="holds a sequence's images"), run_folder(bands):
+        pass
+    with pytest.raises(DataError, match="empty"), run_folder(""):
+        pass
+    with pytest.raises(RuntimeError), run_folder(tmp_path / "a" / "b"):
+        raise RuntimeError
+    assert not (tmp_path / "a").exists()
 
 
 def test_one_process_at_a_time_and_the_lock_of_a_killed_one_is_gone(sequence: Sequence, folder: Path) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from vo_lib.core.files import only_process\n"
+        "import sys, time; from pathlib import Path; from vo_lib.files import only_process\n"
         "with only_process(Path(sys.argv[1])):\n    print('in', flush=True); time.sleep(600)"
     )
     other = subprocess.Popen([sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE, text=True)

@@ -11,13 +11,15 @@ import pytest
 from course.frames import load_part
 from vo_lib import preset
 from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.runs.runner import run_methods
+from vo_lib.runs.drive import run_methods
 
 
 @pytest.mark.parametrize(("name", "first"), [("empty", 0), ("parked", 90)])
 def test_where_nothing_moves_the_path_is_right(name: str, first: int) -> None:
     sequence = load_part(f"synthetic/{name}", first, first + 29)
-    runs = run_methods(sequence, {str(seed): preset("solution_selection", seed=seed) for seed in range(5)})
+    runs = run_methods(
+        sequence, {str(seed): preset("solution_selection", seed=seed, variant="kit") for seed in range(5)}
+    )
     assert sequence.truth is not None
     for result in runs.values():
         errors = kitti_errors(sequence.truth, result.poses, [20.0], 1)
@@ -26,7 +28,9 @@ def test_where_nothing_moves_the_path_is_right(name: str, first: int) -> None:
 
 def test_where_vehicles_fill_the_view_removing_them_helps() -> None:
     sequence = load_part("synthetic/jam", 60, 89)
-    runs = run_methods(sequence, {name: preset(name) for name in ("solution_selection", "feature_selection")})
+    runs = run_methods(
+        sequence, {name: preset(name, variant="kit") for name in ("solution_selection", "feature_selection")}
+    )
     assert sequence.truth is not None
     kept, removed = (kitti_errors(sequence.truth, r.poses, [5.0], 1) for r in runs.values())
     assert kept.te is not None

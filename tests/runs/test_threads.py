@@ -9,10 +9,14 @@ from threadpoolctl import threadpool_limits
 
 from vo_lib import open_sequence, preset, run
 from vo_lib.config import change
+from vo_lib.runs.drive import single_threaded
 
 
 def test_any_number_of_threads_gives_the_same_bytes(bands: Path) -> None:
-    sequence, config = open_sequence(bands), change(preset("solution_selection"), "features.cell", 10)
+    sequence, config = (
+        open_sequence(bands),
+        change(preset("solution_selection", variant="kit"), "features.cell", 10),
+    )
     before, poses = cv2.getNumThreads(), []
     for threads in (4, 1):
         cv2.setNumThreads(threads)
@@ -21,3 +25,14 @@ def test_any_number_of_threads_gives_the_same_bytes(bands: Path) -> None:
         assert cv2.getNumThreads() == threads
     cv2.setNumThreads(before)
     assert poses[0] == poses[1]
+
+
+def test_threads_of_one_process_may_enter_and_leave_in_any_order() -> None:
+    before = cv2.getNumThreads()
+    one, other = single_threaded(), single_threaded()
+    one.__enter__()
+    other.__enter__()
+    one.__exit__(None, None, None)
+    assert cv2.getNumThreads() == 1
+    other.__exit__(None, None, None)
+    assert cv2.getNumThreads() == before

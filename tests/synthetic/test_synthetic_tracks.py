@@ -7,13 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
-from street.drive import make_drive, make_route
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.errors import DataError
-from vo_lib.core.geometry import essential_from_motion, inverse, rigid, rotation_from_vector, transform
-from vo_lib.core.sampson import sampson_distance
+from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from vo_lib.data.scenes import SCENES
-from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
+from vo_lib.geometry.motion import essential_from_motion, inverse, transform
+from vo_lib.paper.sampson import sampson_distance
+from vo_street.drive import make_drive, make_route
 
 CAMERA = SCENES["empty"].camera
 
@@ -49,32 +47,6 @@ def test_without_noise_right_matches_satisfy_the_geometry_exactly(poses: np.ndar
         assert np.linalg.norm(moved(frame) - current, axis=1)[frame.wrong].min() > 1.0
 
 
-def test_points_stand_as_far_as_asked_and_half_of_those_seen_on_the_ground(poses: np.ndarray) -> None:
-    first = next(iter(simulate_tracks(poses, CAMERA, TrackConfig(noise=0.0, points=2000), seed=1))).matches
-    X = CAMERA.back_project(first.prev_left, (first.prev_left - first.prev_right)[:, 0])
-    assert 60.0 < X[:, 2].max() < 71.0
-    on_ground = np.abs(X[:, 1] - SCENES["parked"].camera_height) < 0.15
-    assert 0.4 < np.mean(on_ground) < 0.6
-
-
-def test_points_of_moving_objects_leave_the_still_prediction_together(poses: np.ndarray) -> None:
-    config = TrackConfig(noise=0.0, moving=0.5, objects=1)
-    for frame in simulate_tracks(poses, CAMERA, config, seed=3):
-        m = frame.matches[frame.moving]
-        P = CAMERA.back_project(m.prev_left, (m.prev_left - m.prev_right)[:, 0])
-        C = CAMERA.back_project(m.cur_left, (m.cur_left - m.cur_right)[:, 0])
-        step = C - transform(frame.T_cp, P)
-        assert np.linalg.norm(step, axis=1) == pytest.approx(0.8, abs=1e-6)
-        assert np.ptp(step, axis=0).max() < 1e-6
-
-
-def test_noise_has_the_deviation_asked_for(poses: np.ndarray) -> None:
-    noisy = list(simulate_tracks(poses, CAMERA, TrackConfig(noise=0.3, survival=0.0), seed=4))
-    for left, right in (("prev_left", "prev_right"), ("cur_left", "cur_right")):
-        rows = [(getattr(f.matches, left) - getattr(f.matches, right))[:, 1] for f in noisy]
-        assert np.std(np.concatenate(rows)) == pytest.approx(0.3 * np.sqrt(2), rel=0.05)
-
-
 def test_a_feature_keeps_its_number_and_its_measurement(poses: np.ndarray) -> None:
     frames = list(simulate_tracks(poses, CAMERA, TrackConfig(wrong=0.1, moving=0.1), seed=5))
     for before, now in itertools.pairwise(frames):
@@ -86,28 +58,3 @@ def test_a_feature_keeps_its_number_and_its_measurement(poses: np.ndarray) -> No
         assert not before.wrong[i].any()
     assert all(len(np.unique(f.matches.id)) == len(f.matches) for f in frames)
     assert max(f.matches.age.max() for f in frames) > 5
-
-
-def test_same_seed_same_matches(poses: np.ndarray) -> None:
-    config = TrackConfig(wrong=0.1, moving=0.2)
-    one, two, other = (
-        np.concatenate([f.matches.cur_right for f in simulate_tracks(poses, CAMERA, config, seed=seed)])
-        for seed in (6, 6, 7)
-    )
-    np.testing.assert_array_equal(one, two)
-    assert one.shape != other.shape or not np.array_equal(one, other)
-
-
-def test_any_trajectory_will_do() -> None:
-    """Standing still, turning on the spot, driving backwards."""
-    for step in (np.zeros(3), np.array([0.0, 0.0, -0.5])):
-        T = rigid(rotation_from_vector(np.array([0.0, 0.05, 0.0])), step)
-        poses = np.stack([np.linalg.matrix_power(T, k) for k in range(10)])
-        sizes = [len(f.matches) for f in simulate_tracks(poses, CAMERA, TrackConfig(moving=0.2), seed=8)]
-        assert len(sizes) == 9
-        assert min(sizes) > 200
-
-
-def test_a_camera_without_size_is_refused(poses: np.ndarray) -> None:
-    with pytest.raises(DataError, match="size of the image"):
-        simulate_tracks(poses, StereoCamera(700.0, 600.0, 180.0, 0.5))

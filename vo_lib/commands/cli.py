@@ -4,65 +4,86 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import os
+import io
+import shlex
 import sys
+import warnings
 from collections.abc import Sequence as Items
 from importlib import metadata
 from typing import Any
 
-from .script import OneLineParser, guarded
+from ..errors import DataError
+from .script import ENDINGS, OneLineParser, exit_code
 
-# Of each command its module and its line in the help. A module is read when its command is asked for: what
-# all of them need takes two seconds to import.
+# Of each command its module and its line in the help. A module is imported when its command is asked for: the
+# libraries behind them take two seconds.
 COMMANDS = {
-    "demo": ("demo", "the main job with nothing downloaded: all methods on a street"),
+    "demo": ("demo", "all methods on a drawn street; nothing is downloaded"),
     "run": ("run", "one run over one sequence"),
     "reproduce": ("reproduce", "Table 1 and Figure 4: methods over sequences and seeds"),
     "sweep": ("sweep", "a grid over settings on cached matches: table, CSV, heat map"),
-    "compare": ("compare", "finished runs side by side: errors, trajectories, curves"),
-    "evaluate": ("evaluate", "KITTI errors, ATE and RPE of trajectories"),
-    "calibrate": ("calibrate", "learn what calib.txt leaves of a camera's errors from its drives"),
-    "boxes": ("boxes", "which vehicle boxes move: a line for each, and pictures"),
-    "list": ("environment", "sequences found and where"),
-    "check": ("environment", "packages and data: what is there, what is missing"),
-    "data": ("data", "fetch, check, draw, import and label data, train a detector; without a name: the list"),
+    "evaluate": ("evaluate", "KITTI errors, ATE and RPE of runs and trajectories"),
+    "list": ("sequences", "sequences available, with their folders"),
+    "check": ("environment", "packages, data and caches; the remedy for each problem"),
+    "data": ("scripts", "fetch, check, draw, import, label data; train a detector; no name: the list"),
     "lab": ("lab", "open the notebooks in JupyterLab"),
-    "bench": ("bench", "how fast the method is on this machine"),
+}
+# Commands and options of earlier versions, with their successors.
+GONE = {
+    "compare": "vo evaluate RUN RUN",
+    "calibrate": "vo run B --variant kit --calibration A/calibration.json, where A is the folder of a run",
+    "boxes": "vo run SEQUENCE --variant kit --method moving_selection --video FILE",
+    "bench": "vo data measure_speed",
+    "lab --html": "python -m course.pages DIR, in the folder notebooks",
+    "reproduce --paper": "vo_lib/report/paper_table1.csv, the file to correct",
+    "run --view": "python -m course.view3d, in the folder notebooks",
+    "evaluate --estimate": "vo evaluate FILE … --truth FILE",
+    "evaluate --format": "vo evaluate FILE …, which detects the format",
+    "evaluate --plot": "vo evaluate RUN_OR_FILE … --out DIR",
+    "evaluate --axes": "vo data measure_axes",
 }
 
 
-def main(arguments: Items[str] | None = None) -> int:
-    """Entry point of `vo`; returns the exit code, as `script.guarded` gives it."""
-    return guarded("vo", lambda: _start(arguments))
+def main(words: Items[str] | None = None) -> int:
+    """Run the command that the words name, by default the program's; returns the exit code.
+
+    Bad input ends with one line and code 2, see `script.exit_code`. Warnings of libraries are printed at the
+    end of a command that succeeds.
+    """
+    words = sys.argv[1:] if words is None else words
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal that lacks a letter shows "?"
+    with warnings.catch_warnings(record=True) as raised:
+        try:
+            refuse_gone(words)
+            options = make_parser(words).parse_args(
+                words, argparse.Namespace(line=shlex.join(["vo", *words]))
+            )
+            code = int(options.command(options))
+            print(end="", flush=True)  # fails here if nobody reads the output
+        except ENDINGS as error:
+            return exit_code("vo", error)
+    for warning in raised:
+        print(f"vo: warning: {warning.message} ({warning.filename}:{warning.lineno})", file=sys.stderr)
+    return code
 
 
-def _start(arguments: Items[str] | None) -> int:
-    completing = "_ARGCOMPLETE" in os.environ  # the shell asks how a word may go on
-    typed = os.environ.get("COMP_LINE", "").split()[1:] if completing else arguments
-    parser = make_parser(sys.argv[1:] if typed is None else typed)
-    if completing:
-        import argcomplete
-
-        argcomplete.autocomplete(parser, print_suppressed=True)
-    options = parser.parse_args(arguments)
-    return int(options.command(options))
+def refuse_gone(words: Items[str]) -> None:
+    """`DataError` naming the successor of a command or an option that is gone."""
+    given = {word.partition("=")[0] for word in words}
+    for name, successor in GONE.items():
+        command, *option = name.split()
+        if words[:1] == [command] and given.issuperset(option):
+            raise DataError(f"`vo {name}` is gone; its successor: {successor}")
 
 
 def make_parser(words: Items[str]) -> argparse.ArgumentParser:
-    """The parser of all commands, with the options of the one that the words name."""
-    parser = OneLineParser(
-        prog="vo",
-        description="Stereo visual odometry without features on vehicles.",
-        epilog='In bash and zsh, eval "$(register-python-argcomplete vo)" lets Tab complete commands, '
-        "options, sequences and methods.",
-    )
+    """The parser of all commands, with the options of the command that the words name."""
+    parser = OneLineParser(prog="vo", description="Stereo visual odometry without features on vehicles.")
     parser.add_argument("--version", action="version", version=f"vo {metadata.version('stereo-vo-kit')}")
-    commands = parser.add_subparsers(
-        title="commands", required=True, metavar="COMMAND", parser_class=OneLineParser
-    )
-    wanted = next((word for word in words if not word.startswith("-")), "")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, text) in COMMANDS.items():
         command: Any = commands.add_parser(name, help=text)
-        if name == wanted:
+        if name == next((word for word in words if not word.startswith("-")), ""):
             importlib.import_module(f".{module}", __package__).add(command)
     return parser

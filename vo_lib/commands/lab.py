@@ -3,47 +3,31 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 from pathlib import Path
 
-from ..core.errors import DataError
+from ..errors import DataError
+from ..files import read_bytes, write_atomic
 from .console import say
+from .script import install
 
 FIRST = "00_start_here.ipynb"
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
+NOT_COPIED = {".ipynb_checkpoints", "__pycache__"}
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo lab`."""
     parser.epilog = "example: vo lab -- --port 8889 --no-browser"
-    parser.add_argument(
-        "--copy", metavar="DIR", help="work in a copy: notebooks missing in DIR are copied there first"
-    )
-    parser.add_argument(
-        "--html",
-        metavar="DIR",
-        help="write all notebooks, executed, as pages into DIR, their pictures into DIR/slides; open nothing",
-    )
+    text = "work in a copy: notebooks missing in DIR are copied there first"
+    parser.add_argument("--copy", metavar="DIR", help=text)
     parser.add_argument("jupyter", nargs="*", metavar="-- …", help="options of JupyterLab's own")
     parser.set_defaults(command=_lab)
 
 
 def _lab(options: argparse.Namespace) -> int:
     if not (NOTEBOOKS / FIRST).is_file():
-        raise DataError(
-            f"the notebooks are missing: expected {FIRST} there. They lie beside the package in the kit's "
-            "folder: install from there with pip install -r environment.txt",
-            NOTEBOOKS,
-        )
-    places = [Path(place).resolve() for place in (options.copy, options.html) if place is not None]
-    if len(set(places)) < len(places):
-        raise DataError("--copy and --html: expected two folders")
+        raise DataError(f"{FIRST} is missing: install the kit from its folder, {install()}", NOTEBOOKS)
     folder = NOTEBOOKS if options.copy is None else copy_notebooks(NOTEBOOKS, Path(options.copy))
-    # Both are slow to import.
-    if options.html is not None:
-        from .lab_html import write_pages
-
-        return min(write_pages(folder, Path(options.html)), 1)
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
     say(f"JupyterLab opens {folder / FIRST}; Ctrl-C twice ends it")
@@ -52,14 +36,15 @@ def _lab(options: argparse.Namespace) -> int:
 
 
 def copy_notebooks(source: Path, target: Path) -> Path:
-    """Copy notebooks and pictures that `target` does not have yet; what is there stays as it is."""
-    try:
-        for path in sorted(source.rglob("*")):
-            place = target / path.relative_to(source)
-            made = {".ipynb_checkpoints", "__pycache__"} & {*path.parts}
-            if path.is_file() and not made and not place.exists():
-                place.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(path, place)
-    except OSError as error:
-        raise DataError(f"the notebooks cannot be copied: {error.strerror}", target) from None
+    """Copy notebooks and pictures that `target` lacks, each whole; a file that the student changed stays.
+
+    A file that is the beginning of its source was cut by a full disk or a kill, and is copied again.
+    """
+    for path in sorted(source.rglob("*")):
+        if not path.is_file() or NOT_COPIED & {*path.parts}:
+            continue
+        place, content = target / path.relative_to(source), path.read_bytes()
+        if not place.exists() or (content.startswith(old := read_bytes(place)) and old != content):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(place, content)
     return target.resolve()

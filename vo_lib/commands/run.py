@@ -3,162 +3,154 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-from ..beyond.calibration import read_calibration
-from ..config import Config, DetectorConfig, change, preset
-from ..core import settings
-from ..core.errors import DataError
-from ..core.files import claim, write_result
-from ..data.stereo_check import doubts
-from ..detection.label_cache import detected_sequence
+from .. import settings
+from ..config import CONFIG_CLASSES, change
+from ..detection.settings import DetectorConfig
+from ..errors import DataError
+from ..files import write_atomic
+from ..kit.settings import KitConfig
+from ..report.film import FILM_CODES, Film, shown_frames
+from ..report.page import number
+from ..report.paths import ComparedPaths, evaluate_paths, evaluation_tables
+from ..report.plots import png, trajectories_figure
+from ..runs.folder import PICTURE, path_lost, run_folder, warnings_of
 from ..runs.jobs import run_once
-from ..runs.match_cache import CachedMatches, match_folder
-from ..runs.results import evaluate_run, run_folder
-from ..runs.runner import Run
-from ..tables.film import CODES, Film, shown_frames
-from ..tables.plots import png, trajectories_figure
-from ..tables.view import View
+from ..runs.matches import CachedMatches, match_folder
 from . import common
-from .console import reporting, say, show_run, tell
+from .console import reporting, say, show_report_table, show_table, tell
 from .setting_options import add_option, given
 
+if TYPE_CHECKING:
+    from ..kit.calibration import Calibration
+    from ..paper.settings import MethodConfig
+    from ..runs.drive import Run
+
 DETECTOR = "detector."
-PICTURE = "trajectory.png"
+DETECTOR_SETTINGS = settings.declared(DetectorConfig, DETECTOR)
+SETTINGS = {item.name: item for cls in CONFIG_CLASSES.values() for item in settings.declared(cls)}
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo run`."""
-    parser.epilog = (
-        "example: vo run kitti/07 --method feature_selection --out runs/07 --selection.sets 100. "
-        "--help-settings lists the thresholds."
-    )
-    common.add_sequence(parser, "sequence", "a KITTI-layout folder, or a name from `vo list`: kitti/07")
+    parser.epilog = "example: vo run kitti/07 --out runs/07 --selection.sets 100"
+    option = parser.add_argument
+    option("sequence", nargs="?", help="a KITTI-layout folder, or a name from `vo list`: kitti/07")
     common.add_method(parser)
-    common.add_config(parser, "thresholds given here go before its own")
-    common.add_variant(parser, "kit")
-    parser.add_argument(
-        "--out",
-        required=True,
-        metavar="DIR",
-        help="folder for poses, log, errors, picture; a run finished there is read back",
-    )
     common.add_part(parser)
-    common.add_detector(
-        parser, "find the vehicles: street (shipped, for drawn streets), a fetched model or an ONNX file"
-    )
-    parser.add_argument(
-        "--calibration",
-        type=Path,
-        metavar="FILE",
-        help="start from a calibration.json of `vo run` or `vo calibrate`; it is held with "
-        "--calibration.estimate off",
-    )
-    text = (
-        f"keep the matches and use those kept, in DIR (default {match_folder(None).parent}); scenes that "
-        "are drawn are kept there too"
-    )
-    parser.add_argument("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
-    parser.add_argument(
-        "--video",
-        type=Path,
-        metavar="FILE",
-        help="a film (.mp4, .avi): features, boxes, path and errors; goes through the frames once more",
-    )
-    parser.add_argument(
-        "--view",
-        type=Path,
-        metavar="FILE",
-        help="a page (.html) that shows path and points in three dimensions",
-    )
-    parser.add_argument("--fresh", action="store_true", help="start anew whatever the folder holds")
-    parser.add_argument(
-        "--help-settings", action=SettingsHelp, nargs=0, help="the thresholds, which are options too"
-    )
-    for item in every_setting():  # not in the short help
-        add_option(parser, item, item.name, shown=False)
+    common.add_detector(parser)
+    option("--out", metavar="DIR", help="folder for the results; a run finished there is read back")
+    option("--fresh", action="store_true", help="start anew whatever the folder holds")
+    text = "start from another run's calibration.json (kit); --calibration.estimate off holds it"
+    option("--calibration", type=Path, metavar="FILE", help=text)
+    text = f"keep matches and use those kept in DIR (default {match_folder(None).parent}), with drawn scenes"
+    option("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
+    text = f"a film ({', '.join(FILM_CODES)}) of features, boxes, path; computes the frames once more"
+    option("--video", type=Path, metavar="FILE", help=text)
+    option("--help-settings", action="store_true", help="the thresholds of the variant, which are options")
+    for item in [*SETTINGS.values(), *DETECTOR_SETTINGS]:
+        add_option(parser, item, item.name, shown=False)  # not in the short help
     parser.set_defaults(command=_run)
 
 
-def every_setting() -> list[settings.Setting]:
-    """The method's thresholds, then the detector's."""
-    return [*settings.declared(Config), *settings.declared(DetectorConfig, DETECTOR)]
-
-
-class SettingsHelp(argparse.Action):
-    """Print the thresholds with their ranges and defaults, and end."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *about: Any) -> None:
-        """In a page of their own."""
-        page = argparse.ArgumentParser(prog=parser.prog, usage="vo run … [--SETTING X …]", add_help=False)
-        for item in every_setting():
-            add_option(page, item, item.name)
-        page.print_help()
-        parser.exit()
-
-
 def _run(options: argparse.Namespace) -> int:
-    config = common.read_settings(options) or preset(options.method, variant=options.variant)
-    for name, value in given(options, settings.declared(Config)).items():
-        config = change(config, name, value)
-    if options.detector is not None and options.labels is not None:
-        raise DataError("--labels and --detector: expected one of them, both give the boxes")
-    common.require_place(options.video, *CODES)
-    common.require_place(options.view, ".html")
-    cache = Path(options.cache) if options.cache else None
-    sequence = common.open_part(options, cache)
-    if options.calibration is not None:
-        if config.variant == "published":
-            raise DataError("--calibration is the kit's own: the paper as published takes calib.txt as it is")
-        known = read_calibration(options.calibration)
-        known.check(sequence.camera)
-        sequence = replace(sequence, calibration=known)
-    common.warn_of_street(options.detector, sequence)
-    matches = None
-    label = f"{sequence.name}, {options.method}" + (", published" if config.variant == "published" else "")
-    with run_folder(options.out, *() if options.fresh else (PICTURE,)) as folder, ExitStack() as stack:
-        if options.detector is not None:  # it works ahead in threads of its own
-            values = given(options, settings.declared(DetectorConfig, DETECTOR))
-            found = DetectorConfig(**{name.removeprefix(DETECTOR): x for name, x in values.items()})
-            boxes = detected_sequence(
-                sequence, options.detector, found, provider=options.provider, cache=cache
-            )
-            sequence = stack.enter_context(boxes)
-        if options.cache is not None:
-            matches = CachedMatches(sequence, config.features, config.matching, cache)
+    config = common.read_settings(options)
+    if options.help_settings:
+        return _help_settings(config)
+    config = changed_by_options(options, config)
+    calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
+    values = {name.removeprefix(DETECTOR): value for name, value in given(options, DETECTOR_SETTINGS).items()}
+    sequence = common.open_with_bar(options.sequence, cache, options.labels, options.frames)
+    label = f"{sequence.name}, {options.method}, {config.variant}"
+    with run_folder(options.out) as folder:
+        sequence = common.labelled(sequence, options, DetectorConfig(**values), cache)
+        matches = None if options.cache is None else CachedMatches(sequence, config, cache)
         with reporting(label) as report:
-            run = (folder, sequence, config, options.method)
-            result, done_before = run_once(*run, matches=matches, fresh=options.fresh, progress=report)
+            result, done_before = run_once(
+                folder,
+                sequence,
+                config,
+                options.method,
+                matches=matches,
+                calibration=calibration,
+                fresh=options.fresh,
+                progress=report,
+            )
         picture = trajectories_figure({label: (sequence.truth, {options.method: result.poses})})
-        if options.fresh:
-            claim(folder / PICTURE)
-        write_result(folder / PICTURE, png(picture))
-        if options.video is not None or options.view is not None:
-            _draw_frames(result, label, options, matches)
-    show_run(result, options.method, evaluate_run(result), folder)
-    for kind, path in (("film", options.video), ("view", options.view)):
-        if path is not None:
-            say(f"{kind}: {path}")
-    for sentence in doubts(sequence, result.matches_per_frame):
-        tell(f"warning: {sentence}")
+        write_atomic(folder / PICTURE, png(picture))
+    _show(result, options.method)
+    say(f"written to {folder}")
+    if options.video is not None:
+        with reporting("drawing frames") as report, Film(options.video, result, label) as film:
+            for shown in shown_frames(result, matches, calibration):
+                film.add(shown)
+                report(shown.index + 1, len(sequence))
+        say(f"film: {options.video}")
     if done_before:
         say("this run was finished before; --fresh does it again")
     return 0
 
 
-def _draw_frames(result: Run, label: str, options: argparse.Namespace, matches: CachedMatches | None) -> None:
-    """Go through the frames of the run once more, for a film of them and the page in three dimensions."""
-    view = View(result, label)
-    with reporting("drawing frames") as report, ExitStack() as stack:
-        film = None if options.video is None else stack.enter_context(Film(options.video, result, label))
-        for shown in shown_frames(result, matches):
-            if film is not None:
-                film.add(shown)
-            if options.view is not None:
-                view.add(shown)
-            report(shown.index + 1, len(result.sequence))
-    if options.view is not None:
-        view.write(options.view)
+def _show(result: Run, method: str) -> None:
+    """Print errors, removals, flags and time of a run, and doubts about it."""
+    sequence, motions = result.sequence, result.motions
+    title = f"{sequence.name}, {method}, {result.config.variant}, {len(result.poses)} frames"
+    if sequence.truth is None:
+        say(f"{title}: no ground truth, so no errors")
+    else:
+        paths = ComparedPaths(title, sequence.truth, sequence.times, {method: result.poses})
+        for table in evaluation_tables(title, evaluate_paths(paths)):
+            show_report_table(table)
+    rows = [["matches a frame, median", number(result.matches_per_frame, 0)]]
+    if result.config.filter.rule != "none":
+        share = f"{100 * result.removed_share:.1f} %"
+        rows.append(["features removed by boxes", share if sequence.labels else "no labels"])
+    for flag in sorted({flag for motion in motions for flag in motion.flags}):
+        rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
+    if isinstance(result.config, KitConfig) and result.calibration is not None:
+        learnt = result.calibration.in_words(result.config.calibration)
+        rows.append(["errors of the calibration", learnt.replace("; ", "\n")])
+    rows.append(["time a frame", f"{result.ms_per_frame:.1f} ms"])
+    show_table("", ["quantity", "value"], rows)
+    if path_lost(result):
+        missing = [motion.measured for motion in motions].count(False)
+        tell(f"Tracking was lost: {missing} of {len(motions)} frames have no motion; see frames.csv.")
+    tell(*(f"warning: {sentence}" for sentence in warnings_of(result)))
+
+
+def _help_settings(config: MethodConfig) -> int:
+    """Print the thresholds of the variant and of the detector with their ranges and defaults."""
+    usage = f"vo run … --variant {config.variant} [--SETTING X …]"
+    page = argparse.ArgumentParser(usage=usage, add_help=False)
+    for item in [*settings.declared(type(config)), *DETECTOR_SETTINGS]:
+        add_option(page, item, item.name)
+    page.print_help()
+    return 0
+
+
+def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | None:
+    """The calibration that was given; `DataError` for options that do not go together."""
+    if options.sequence is None or options.out is None:
+        raise DataError("expected a sequence and --out DIR")
+    if options.detector is not None and options.labels is not None:
+        raise DataError("--labels and --detector: expected one of them, both give the boxes")
+    film = options.video
+    if film is not None and not (film.suffix.lower() in FILM_CODES and film.absolute().parent.is_dir()):
+        raise DataError(f"expected an existing folder and a name ending in {' or '.join(FILM_CODES)}", film)
+    if options.calibration is None:
+        return None
+    if config.variant == "published":
+        raise DataError("--calibration: the paper takes calib.txt as it is; add --variant kit")
+    from ..kit.calibration import read_learnt_calibration
+
+    return read_learnt_calibration(options.calibration)
+
+
+def changed_by_options(options: argparse.Namespace, config: MethodConfig) -> MethodConfig:
+    """The configuration with the thresholds given as options; `DataError` for one of the other variant."""
+    for item in (SETTINGS | {item.name: item for item in settings.declared(type(config))}).values():
+        if (text := getattr(options, item.name)) is not None:
+            config = change(config, item.name, item.parse(text))
+    return config

@@ -6,17 +6,16 @@ import argparse
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
-from ..core.settings import Setting, declared
+from ..settings import Setting, declared
 
 Config = TypeVar("Config")
-Group = argparse._ActionsContainer  # a parser, or a group of its options
+OptionGroup = argparse._ActionsContainer  # a parser, or a group of its options
 
 
-def add_option(group: Group, item: Setting, name: str, default: bool = True, shown: bool = True) -> None:
-    """The option `--name` for a setting: its help says the range and, unless told otherwise, the default.
-
-    `shown` : in the parser's help.
-    """
+def add_option(
+    group: OptionGroup, item: Setting, name: str, default: bool = True, shown: bool = True
+) -> None:
+    """The option `--name` for a setting; its help, if shown, has meaning, range and, if wanted, default."""
     text = f"{item.text.removesuffix('.')}; {item.describe()}"
     if default:
         value = ",".join(map(str, item.default)) if isinstance(item.default, tuple) else item.default
@@ -27,14 +26,15 @@ def add_option(group: Group, item: Setting, name: str, default: bool = True, sho
 
 def given(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:
     """Values of the settings that were given, by name; `DataError` says what was expected."""
-    raw = {item: getattr(options, item.name) for item in items}
-    values = {item: item.parse(text) for item, text in raw.items() if text is not None}
-    for item, value in values.items():
-        item.check(value)
-    return {item.name: value for item, value in values.items()}
+    values: dict[str, Any] = {}
+    for item in items:
+        if (text := getattr(options, item.name)) is not None:
+            values[item.name] = item.parse(text)
+            item.check(values[item.name])
+    return values
 
 
-def add_settings(group: Group, cls: type, defaults: bool = True) -> None:
+def add_settings(group: OptionGroup, cls: type, defaults: bool = True) -> None:
     """An option for every setting of a class: `--min-height` for min_height."""
     for item in declared(cls):
         add_option(group, item, item.name.replace("_", "-"), defaults)

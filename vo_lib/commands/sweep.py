@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 from functools import partial
 
-from ..config import preset
-from ..core.files import write_result
+from ..errors import DataError
+from ..files import only_process, write_atomic
+from ..report.page import records_csv
+from ..report.sweep import heat_map, parse_axis, run_sweep, sweep_table
+from ..runs.folder import run_folder
 from ..runs.jobs import run_jobs
-from ..runs.results import run_folder
-from ..tables.sweep import heat_map, parse_axis, run_sweep, sweep_csv, sweep_table
 from . import common
 from .console import reporting, say, show_report_table
 
@@ -21,38 +22,27 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--set selection.sets=50,200 --set filter.margin=0,0.1. Started again it does not do "
         "finished runs again; with more values or seeds it adds them. Exit code 1: a run failed."
     )
-    common.add_sequence(parser, "--sequence", "a name from `vo list`, or a path", required=True, metavar="S")
+    option = parser.add_argument
+    option("--sequence", required=True, metavar="S", help="a name from `vo list`, or a path")
     common.add_method(parser)
-    common.add_variant(parser, "kit")
-    common.add_config(parser, "what --set names goes before its own")
-    parser.add_argument(
-        "--set",
-        dest="axes",
-        action="append",
-        required=True,
-        metavar="SETTING=V,V,…",
-        help="values of a setting that `vo run --help-settings` lists; once for each setting. Values that "
-        "are lists are parted by semicolons: filter.classes='2;2,5,7'",
-    )
+    text = "values of a setting that `vo run --help-settings` lists; once for each setting. Values that are "
+    text += "lists are parted by semicolons: filter.classes='2;2,5,7'"
+    option("--set", dest="axes", action="append", required=True, metavar="SETTING=V,V,…", help=text)
     common.add_part(parser)
     where = parser.add_mutually_exclusive_group()
     common.add_many(parser, where)
-    where.add_argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="scheduler of a Dask cluster, tcp://host:port, whose workers see the same files; needs the "
-        "extra [cluster]",
-    )
-    parser.add_argument("--out", default="runs/sweep", metavar="DIR", help="folder; default runs/sweep")
+    text = "scheduler of a Dask cluster, tcp://host:port, whose workers see the same files; extra [cluster]"
+    where.add_argument("--dask", metavar="ADDRESS", help=text)
+    option("--out", default="runs/sweep", metavar="DIR", help="folder; default %(default)s")
     parser.set_defaults(command=_sweep)
 
 
 def _sweep(options: argparse.Namespace) -> int:
-    axes = tuple(parse_axis(text) for text in options.axes)
     seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
-    base = common.read_settings(options) or preset(options.method, variant=options.variant)
-    sequence = common.open_part(options, options.cache)
-    with run_folder(options.out, "sweep.csv", "sweep.png") as folder:
+    base = common.read_settings(options)
+    axes = tuple(parse_axis(text, base) for text in options.axes)
+    sequence = common.open_with_bar(options.sequence, options.cache, options.labels, options.frames)
+    with run_folder(options.out) as folder, only_process(folder):
         with reporting(f"{sequence.name}, {options.method}") as report:
             run = partial(
                 run_jobs,
@@ -62,10 +52,12 @@ def _sweep(options: argparse.Namespace) -> int:
                 scheduler=options.dask,
                 fresh=options.fresh,
             )
-            sweep = run_sweep(sequence, options.method, axes, seeds, folder, run, base)
-        write_result(folder / "sweep.csv", sweep_csv(sweep))
+            sweep = run_sweep(sequence, options.method, base, axes, seeds, folder, run)
+        if not any(record["seeds"] for record in sweep.records):  # an earlier table stays
+            raise DataError(sweep.records[0]["failed"])
+        write_atomic(folder / "sweep.csv", records_csv(sweep.records))
         if len(axes) == 2:
-            write_result(folder / "sweep.png", heat_map(sweep))
+            write_atomic(folder / "sweep.png", heat_map(sweep))
     show_report_table(sweep_table(sweep))
     say(f"written to {folder / 'sweep.csv'}" + (f" and {folder / 'sweep.png'}" if len(axes) == 2 else ""))
-    return int(any(cell.failed for cell in sweep.cells))
+    return int(any(record["failed"] for record in sweep.records))

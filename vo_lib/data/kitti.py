@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 import re
 import struct
 import zlib
@@ -12,42 +11,58 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..core.camera import StereoCamera
-from ..core.errors import DataError
-from ..core.files import read_bytes, read_text
-from ..core.poses import read_rows
-from ..core.types import Array, Image
+from ..errors import DataError
+from ..files import read_bytes, read_text
+from ..geometry.camera import StereoCamera
+from ..geometry.types import Array, Image
+from .poses import read_rows
 
-# Stereo pairs of each sequence of the benchmark; of 00-10 also the rows of its pose file.
-_FRAMES = (
-    *(4541, 1101, 4661, 801, 271, 2761, 1101, 1101, 4071, 1591, 1201),
-    *(921, 1061, 3281, 631, 1901, 1731, 491, 1801, 4981, 831, 2721),
-)
+_FRAMES = [4541, 1101, 4661, 801, 271, 2761, 1101, 1101, 4071, 1591, 1201]  # 00-10, which have true poses
+_FRAMES += [921, 1061, 3281, 631, 1901, 1731, 491, 1801, 4981, 831, 2721]
 EXPECTED_FRAMES = {f"{number:02d}": frames for number, frames in enumerate(_FRAMES)}
 
-# Far beyond any camera; numbers beyond these overflow later on.
-LONGEST = 1e6  # pixels of focal length and principal point, metres of baseline
-SHORTEST_BASELINE = 1e-5  # metres
-PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
-NARROWEST, WIDEST = 3.0, 160.0  # degrees, angle of view across the image; KITTI's cameras have 81
+MAX_FOCAL_PX = 1e6  # also of the principal point; larger numbers overflow later on
+MIN_BASELINE_M, MAX_BASELINE_M = 1e-5, 10.0  # a longer baseline was given in millimetres
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def read_calibration(path: Path, width: int = 0, height: int = 0) -> StereoCamera:
     """Camera from calib.txt: f, cx, cy from P0, baseline b = (P0[0,3] - P1[0,3]) / f; KITTI's P0[0,3] is 0.
 
-    width, height : of the images, pixels; 0 where they are not known.
+    width, height : of the images, pixels; 0 if unknown.
 
-    Raises `DataError` for a missing file or matrix, wrong numbers, cameras that are not rectified, a baseline
-    that is not positive, or lengths that no camera has, none that takes images of that size.
+    Raises `DataError` with the line for a missing matrix, wrong numbers, cameras that are not rectified, a
+    principal point outside the images, or a baseline that is not positive or longer than 10 m.
     """
+    (P0, line0), (P1, line1) = _read_projections(path)
+    f, cx, cy = float(P0[0, 0]), float(P0[0, 2]), float(P0[1, 2])
+    if not 1.0 <= f <= MAX_FOCAL_PX or max(abs(cx), abs(cy)) > MAX_FOCAL_PX:
+        found = f"f {f:g}, centre {cx:g},{cy:g}"
+        expected = f"expected pixels, a focal length of 1 to {MAX_FOCAL_PX:g}"
+        raise DataError(f"P0: {found}: {expected}", path, line0)
+    if np.abs(P0[:, :3] - [[f, 0, cx], [0, f, cy], [0, 0, 1]]).max() > 1e-6 * f:
+        raise DataError("P0: expected f 0 cx in row 1, 0 f cy in row 2, 0 0 1 in row 3", path, line0)
+    if np.abs(P0[:, :3] - P1[:, :3]).max() > 1e-6 * f:
+        raise DataError("P0 and P1 differ in their first three columns: not a rectified pair", path, line1)
+    if width and not (0 <= cx < width and 0 <= cy < height):
+        expected = f"expected one inside the {width}×{height} px images"
+        raise DataError(f"P0: principal point {cx:g},{cy:g}: {expected}", path, line0)
+    baseline = float(P0[0, 3] - P1[0, 3]) / f
+    if not MIN_BASELINE_M <= baseline <= MAX_BASELINE_M:
+        found = f"the baseline (P0[0,3] - P1[0,3]) / f is {baseline:g} m"
+        raise DataError(f"P1: {found}, expected more than 0 and up to {MAX_BASELINE_M:g} m", path, line1)
+    return StereoCamera(f, cx, cy, baseline, width, height)
+
+
+def _read_projections(path: Path) -> list[tuple[Array, int]]:
+    """The matrices P0 and P1 (3, 4) of calib.txt, each with its line."""
     matrices: dict[str, tuple[Array, int]] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
-        name, colon, rest = line.partition(":")
-        name = name.strip()
-        if name not in ("P0", "P1") or not colon:
+        name, _, rest = line.partition(":")
+        if (name := name.strip()) not in ("P0", "P1"):
             continue
         if name in matrices:
-            raise DataError(f"{name} stands there twice", path, number)
+            raise DataError(f"{name} is defined twice", path, number)
         try:
             values = np.array([float(word) for word in rest.split()])
         except ValueError:
@@ -55,36 +70,9 @@ def read_calibration(path: Path, width: int = 0, height: int = 0) -> StereoCamer
         if len(values) != 12 or not np.isfinite(values).all():
             raise DataError(f"{name}: expected 12 finite numbers, found {len(values)}", path, number)
         matrices[name] = values.reshape(3, 4), number
-    for name in ("P0", "P1"):
-        if name not in matrices:
-            raise DataError(f"{name} is missing: expected a line '{name}: ' with 12 numbers", path)
-    (P0, line0), (P1, line1) = matrices["P0"], matrices["P1"]
-    f = float(P0[0, 0])
-    if f <= 0 or abs(P0[1, 1] - f) > 1e-6 * f:
-        raise DataError("P0: expected one positive focal length for both axes", path, line0)
-    if np.abs(P0[:, :3] - P1[:, :3]).max() > 1e-6 * f:
-        raise DataError("P0 and P1 differ in their first three columns: not a rectified pair", path, line1)
-    if not 1.0 <= f <= LONGEST or np.abs(P0[:2, 2]).max() > LONGEST:
-        found = f"f {f:g}, centre {P0[0, 2]:g},{P0[1, 2]:g}"
-        raise DataError(f"P0: {found}: expected the pixels of a camera, f from 1 to {LONGEST:g}", path, line0)
-    baseline = float(P0[0, 3] - P1[0, 3]) / f
-    if not SHORTEST_BASELINE <= baseline <= LONGEST:
-        raise DataError(
-            f"P1: the baseline (P0[0,3] - P1[0,3]) / f is {baseline:g} m, expected a positive one",
-            path,
-            line1,
-        )
-    camera = StereoCamera(f, float(P0[0, 2]), float(P0[1, 2]), baseline, width, height)
-    said = f"{width}×{height} px images"
-    if width and not (0 <= camera.cx < width and 0 <= camera.cy < height):
-        centre = f"{camera.cx:g},{camera.cy:g}"
-        raise DataError(f"P0: principal point {centre}: expected one inside the {said}", path, line0)
-    angle = float(np.degrees(2.0 * np.arctan(0.5 * width / f)))
-    if width and not NARROWEST <= angle <= WIDEST:
-        expected = f"expected {NARROWEST:g} to {WIDEST:g}"
-        found = f"{said} would show {angle:.1f} degrees"
-        raise DataError(f"P0: focal length {f:g} px: {found}, {expected}", path, line0)
-    return camera
+    for name in sorted({"P0", "P1"} - matrices.keys()):
+        raise DataError(f"{name} is missing: expected a line '{name}: ' with 12 numbers", path)
+    return [matrices["P0"], matrices["P1"]]
 
 
 def read_times(path: Path) -> Array:
@@ -99,8 +87,7 @@ def read_times(path: Path) -> Array:
 def list_frames(folder: Path) -> list[str]:
     """Names without ending of the stereo pairs in image_0 and image_1, in the order of their numbers.
 
-    Raises `DataError` for a missing folder, an image that has no partner, a gap in the numbers or a number
-    that stands there twice.
+    Raises `DataError` for a missing folder, an image without its partner, or numbers that do not rise by one.
     """
     sides = []
     for side in ("image_0", "image_1"):
@@ -111,65 +98,51 @@ def list_frames(folder: Path) -> list[str]:
             )
         sides.append({p.stem for p in path.glob("*.png") if re.fullmatch(r"\d+", p.stem)})
     for stem in sorted(sides[0] ^ sides[1], key=int):
-        there, missing = ("image_0", "image_1") if stem in sides[0] else ("image_1", "image_0")
-        raise DataError(f"the image is missing; {there} has its partner", folder / missing / f"{stem}.png")
+        present, missing = ("image_0", "image_1") if stem in sides[0] else ("image_1", "image_0")
+        path = folder / missing / f"{stem}.png"
+        raise DataError(f"the image is missing; {present} has its partner", path)
     names = sorted(sides[0], key=lambda stem: (int(stem), stem))
     for before, after in itertools.pairwise(names):
-        if int(after) == int(before):
-            raise DataError(f"the image has the number of {before}.png", folder / "image_0" / f"{after}.png")
         if int(after) != int(before) + 1:
-            lost = str(int(before) + 1).zfill(len(before))
-            raise DataError(
-                "the image is missing in the middle of the sequence", folder / "image_0" / f"{lost}.png"
-            )
+            path = folder / "image_0" / f"{int(before) + 1:0{len(before)}d}.png"
+            raise DataError(f"the image is missing: {after}.png comes after {before}.png", path)
     return names
-
-
-def numbered(folder: Path) -> dict[int, str]:
-    """File names of a folder's images by their numbers; none where there is no folder."""
-    try:
-        names = os.listdir(folder)
-    except OSError:
-        return {}
-    return {int(name[:-4]): name for name in sorted(names) if re.fullmatch(r"\d+\.png", name)}
 
 
 def count_pairs(folder: Path) -> int:
     """Stereo pairs of a sequence's folder, by their file names only."""
-    return len(numbered(folder / "image_0").keys() & numbered(folder / "image_1").keys())
+    left, right = ({p.name for p in (folder / side).glob("*.png")} for side in ("image_0", "image_1"))
+    return len(left & right)
 
 
 def read_image(path: Path) -> Image:
-    """A grey PNG, (H, W) uint8. A truncated or damaged file raises `DataError`, never a half image."""
-    data = read_bytes(path)
-    if not data.startswith(PNG):
-        raise DataError("the image is truncated or damaged: expected a whole PNG file", path)
-    return decode_image(data, path)
+    """A grey image, (H, W) uint8, as stored: an orientation in EXIF is ignored.
 
-
-def decode_image(data: bytes, path: Path) -> Image:
-    """A grey image from the bytes of a file, (H, W) uint8; `DataError` where OpenCV cannot decode them."""
-    if data.startswith(PNG) and not _png_is_whole(data):  # OpenCV's decoder would say so in words of its own
-        raise DataError("the image is truncated or damaged: expected a whole PNG file", path)
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
-    except cv2.error:  # such as more pixels than OpenCV takes
-        image = None
+    A truncated or damaged file raises `DataError`, never a half image.
+    """
+    data, kind = read_bytes(path), path.suffix[1:].upper()
+    image = None
+    # OpenCV refuses a damaged PNG too, but only after libpng has written its own line to standard error.
+    if data and (kind != "PNG" or _has_whole_chunks(data)):
+        try:
+            flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        except cv2.error:  # such as more pixels than OpenCV takes
+            pass
     if image is None:
-        raise DataError(f"the image cannot be decoded: expected a whole {path.suffix[1:].upper()} file", path)
+        raise DataError(f"the image is truncated or damaged: expected a whole {kind} file", path)
     return np.asarray(image, np.uint8)
 
 
-def _png_is_whole(data: bytes) -> bool:
-    """Whether all chunks up to IEND are there with right checksums: decoders fill what is lost with grey."""
-    start, view = 8, memoryview(data)
-    while start + 12 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, start)
+def _has_whole_chunks(png: bytes) -> bool:
+    """Whether all chunks of a PNG file up to IEND are present with their checksums."""
+    if not png.startswith(PNG_SIGNATURE):
+        return False
+    start = len(PNG_SIGNATURE)
+    while len(png) >= start + 12:
+        length, kind = struct.unpack_from(">I4s", png, start)
         end = start + 12 + length
-        if (
-            end > len(data)
-            or zlib.crc32(view[start + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]
-        ):
+        if zlib.crc32(png[start + 4 : end - 4]).to_bytes(4) != png[end - 4 : end]:
             return False
         if kind == b"IEND":
             return True

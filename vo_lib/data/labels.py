@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.boxes import Boxes, no_boxes
-from ..core.errors import DataError
-from ..core.files import file_sha256, read_csv, read_text, write_text_atomic
+from ..errors import DataError
+from ..files import read_text, write_atomic
+from ..geometry.boxes import Boxes, no_boxes
 
-WRITTEN = "written.csv"  # in a label folder: each file that a detector wrote, and its SHA-256
-HIGHEST_CLASS = 10**6  # far above any data set's; a larger number is another column
+MAX_CLASS_ID = 10**6  # far above any data set's; a larger number is another column
 
 
 def read_labels(path: str | Path, width: int, height: int) -> Boxes:
@@ -31,7 +30,7 @@ def read_labels(path: str | Path, width: int, height: int) -> Boxes:
             class_id, values = int(words[0]), [float(word) for word in words[1:]]
         except ValueError:
             class_id, values = -1, []
-        if not 0 <= class_id <= HIGHEST_CLASS or not all(0.0 <= value <= 1.0 for value in values):
+        if not 0 <= class_id <= MAX_CLASS_ID or not all(0.0 <= value <= 1.0 for value in values):
             found = line.strip()[:60]
             raise DataError(f"expected a class number and values in 0..1, found {found!r}", path, number)
         rows.append([float(class_id), *values, *([1.0] if len(values) == 4 else [])])
@@ -44,27 +43,6 @@ def read_labels(path: str | Path, width: int, height: int) -> Boxes:
     return Boxes(xyxy, data[:, 0].astype(np.int64), data[:, 5])
 
 
-def written_labels(folder: Path) -> dict[str, str]:
-    """SHA-256 of each label file as a detector wrote it, by its name; none where the folder does not say.
-
-    The last line holds where a file was written twice; one that a killed process did not end is left out.
-    """
-    path = folder / WRITTEN
-    rows = read_csv(path) if path.exists() else []
-    return {cells[0]: cells[1] for _, cells in rows if len(cells) == 2 and len(cells[1]) == 64}
-
-
-def require_written(path: Path, written: dict[str, str]) -> None:
-    """`DataError` where a label file is not as `written_labels` has it: emptied, cut, or lost."""
-    sha256 = written.get(path.name)
-    if sha256 is not None and not (path.exists() and file_sha256(path) == sha256):
-        raise DataError(
-            "was emptied, cut or changed since the detector wrote it: write the labels again, or delete "
-            f"{WRITTEN} there to take them as they are",
-            path,
-        )
-
-
 def write_labels(path: str | Path, boxes: Boxes, width: int, height: int, scores: bool = True) -> None:
     """Write a YOLO label file: `class cx cy w h [score]` a line; boxes are cut at the image border."""
     corners = np.clip((boxes.xyxy + 0.5) / (width, height, width, height), 0.0, 1.0)
@@ -74,4 +52,4 @@ def write_labels(path: str | Path, boxes: Boxes, width: int, height: int, scores
         " ".join([str(kind), *(f"{value:.6f}" for value in row)]) + "\n"
         for kind, row in zip(boxes.class_id.tolist(), values.tolist(), strict=True)
     ]
-    write_text_atomic(path, "".join(lines))
+    write_atomic(path, "".join(lines))

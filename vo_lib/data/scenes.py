@@ -6,9 +6,9 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from ..core.camera import StereoCamera
-from ..core.errors import DataError
-from ..core.settings import Checked, setting
+from ..errors import DataError
+from ..geometry.camera import StereoCamera
+from ..settings import Checked, setting
 
 # Intrinsics of KITTI odometry sequence 00, for an image of 1241×376 pixels.
 KITTI_WIDTH, KITTI_HEIGHT = 1241, 376

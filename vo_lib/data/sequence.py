@@ -1,40 +1,20 @@
-"""Sequences: KITTI-layout folders found by name or by path, read a stereo pair at a time."""
+"""A stereo sequence: a KITTI-layout folder, read a stereo pair at a time."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
-import os
-import re
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
-import numpy as np
-
-from ..beyond.calibration import Calibration
-from ..core.boxes import Boxes, no_boxes
-from ..core.camera import StereoCamera
-from ..core.errors import DataError
-from ..core.matches import StereoMatches
-from ..core.poses import read_kitti_poses
-from ..core.types import Array, Image, Mask, Progress
-from .drawn import ensure_scene
+from ..errors import DataError
+from ..geometry.boxes import Boxes, no_boxes
+from ..geometry.camera import StereoCamera
+from ..geometry.types import Array, Image
 from .kitti import list_frames, read_calibration, read_image, read_times
-from .labels import read_labels, require_written, written_labels
-from .scenes import SCENES
-from .truth import open_truth
+from .labels import read_labels
+from .poses import read_kitti_poses
 
-Prepared = TypeVar("Prepared")
-
-SYNTHETIC = "synthetic/"
-PROCESSES = min(os.cpu_count() or 1, 4)  # at once, where nobody is asked how many
-KITTI = "kitti/"
-PROJECT = Path(__file__).resolve().parents[2]
-SMALLEST = 32  # pixels of an image's side: OpenCV's windows need some
+MIN_IMAGE_SIDE_PX = 32  # OpenCV's windows need some
 
 
 @dataclass(frozen=True)
@@ -50,9 +30,6 @@ class Sequence:
     times : (N,) seconds.
     truth : (N, 4, 4) ground-truth poses T_w_c, or None.
     labels : folder of YOLO label files, or None.
-    calibration : what is known of the cameras' errors besides calib.txt, for the kit's own way; or None.
-    wait : returns when the label file of a frame, by its name, is written; or None: the labels are there.
-    labels_identity : what decides the boxes where `wait` is given; None: the label files as they are.
     """
 
     name: str
@@ -62,9 +39,6 @@ class Sequence:
     times: Array
     truth: Array | None
     labels: Path | None
-    calibration: Calibration | None = None
-    wait: Callable[[str], None] | None = None
-    labels_identity: str | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -87,33 +61,7 @@ class Sequence:
         if self.labels is None:
             return no_boxes()
         path = self.labels / f"{self.frames[index]}.txt"
-        if self.wait is None:
-            require_written(path, self._written)
-        else:
-            self.wait(self.frames[index])
         return read_labels(path, self.camera.width, self.camera.height) if path.exists() else no_boxes()
-
-    @functools.cached_property
-    def _written(self) -> dict[str, str]:
-        """The label files as a detector wrote them."""
-        assert self.labels is not None
-        return written_labels(self.labels)
-
-    def on_moving(self, index: int, matches: StereoMatches) -> Mask:
-        """Which matches (N,) of a drawn frame with the one before are on things that move, shadows too.
-
-        Raises `DataError` where the sequence is not drawn: nothing but a drawing knows this.
-        """
-        try:
-            truth = _drawn_truth(self.folder)
-        except DataError:
-            raise DataError(
-                f"{self.name} has no truth of what moves: the box rule `truth` is for drawn scenes",
-                self.folder,
-            ) from None
-        before, now = int(self.frames[index - 1]), int(self.frames[index])
-        previous = truth.is_moving(before, matches.prev_left, now)
-        return np.asarray(previous | truth.is_moving(now, matches.cur_left, before))
 
     def part(self, start: int, stop: int) -> Sequence:
         """The frames start … stop - 1; `DataError` unless these are two frames or more of the sequence."""
@@ -129,110 +77,25 @@ class Sequence:
         )
 
 
-_drawn_truth = functools.lru_cache(maxsize=4)(open_truth)
+def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Sequence:
+    """The sequence of a KITTI-layout folder; everything that needs no decoding of all images is checked.
 
-
-def stereo_ahead(
-    sequence: Sequence, prepare: Callable[[tuple[Image, Image]], Prepared], ahead: int = 4
-) -> Iterator[Prepared]:
-    """What `prepare` makes of each stereo pair, in order; in threads, a few frames ahead."""
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        waiting: deque[Future[Prepared]] = deque()
-        for index in range(len(sequence) + ahead):
-            if index < len(sequence):
-                waiting.append(pool.submit(lambda i: prepare(sequence.stereo(i)), index))
-            if index >= ahead:
-                yield waiting.popleft().result()
-
-
-def kitti_roots() -> list[Path]:
-    """Where KITTI is looked for: KITTI_ROOT, then data/kitti here and beside the package."""
-    places = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
-    # The archives unpack to a folder `dataset`; both it and its parent are accepted.
-    roots = [Path(place, inner).resolve() for place in places if place for inner in ("", "dataset")]
-    return [root for root in dict.fromkeys(roots) if (root / "sequences").is_dir()]
-
-
-def kitti_root() -> Path:
-    """The KITTI folder that the kit uses: the first one found, else where one would be made."""
-    return next(iter(kitti_roots()), Path(os.environ.get("KITTI_ROOT") or PROJECT / "data" / "kitti"))
-
-
-def available() -> dict[str, Path | None]:
-    """Sequences by name with their folders; None for a synthetic scene, which is drawn on first use."""
-    found: dict[str, Path | None] = {f"{SYNTHETIC}{name}": None for name in SCENES}
-    for root in kitti_roots():
-        for folder in sorted((root / "sequences").iterdir()):
-            if (folder / "image_0").is_dir():
-                found.setdefault(f"{KITTI}{folder.name}", folder)
-    return found
-
-
-def parse_sequences(text: str) -> list[str]:
-    """Names or paths of "00,02-10,synthetic/jam,some/folder"; numbers mean KITTI sequences."""
-    names: list[str] = []
-    for item in text.split(","):
-        numbers = re.fullmatch(r"(\d\d)(?:-(\d\d))?", item)
-        if numbers is None:
-            names.append(item)
-            continue
-        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
-        if last < first:
-            raise DataError(f"--sequences {item}: expected a range that rises")
-        names += [f"{KITTI}{number:02d}" for number in range(first, last + 1)]
-    if not all(names):
-        raise DataError(f"--sequences {text!r}: expected names separated by commas")
-    return names
-
-
-def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Path:
-    """Folder of a sequence by its name; a synthetic scene is drawn where it is not in the cache."""
-    if name.startswith(SYNTHETIC):
-        return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=PROCESSES)
-    found = available().get(name)
-    if found is None and name.startswith(KITTI):
-        roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
-        raise DataError(f"the sequence {name} was not found; looked in {roots}")
-    if found is None:
-        raise DataError("the folder is missing: expected a KITTI folder or a name from `vo list`", name)
-    return found
-
-
-def open_sequence(
-    where: str | Path,
-    labels: str | Path | None = None,
-    cache: Path | None = None,
-    progress: Progress | None = None,
-) -> Sequence:
-    """A sequence by name ("kitti/07", "synthetic/traffic") or by the path of a KITTI-layout folder.
-
-    Everything that can be seen without decoding all images is checked here; `DataError` names the file and
-    what was expected.
-
-    Parameters
-    ----------
     labels : folder of YOLO label files; by default `labels` in the sequence's folder, if there.
-    cache : folder that keeps synthetic scenes; by default the user's cache folder.
-    progress : called while a synthetic scene is drawn.
+
+    Raises `DataError` with the file and what was expected.
     """
-    folder, name = Path(where), str(where)
-    if folder.is_dir():
-        name = folder.resolve().name
-    else:
-        folder = _find_folder(name, cache, progress)
     frames = list_frames(folder)
     if len(frames) < 2:
         raise DataError(f"expected two stereo pairs or more, found {len(frames)}", folder / "image_0")
     path = folder / "image_0" / f"{frames[0]}.png"
     first = read_image(path)
-    if min(first.shape) < SMALLEST:
+    if min(first.shape) < MIN_IMAGE_SIDE_PX:
         raise DataError(
-            f"the image is {first.shape[1]}×{first.shape[0]}, expected {SMALLEST}×{SMALLEST} px or more", path
+            f"the image is {first.shape[1]}×{first.shape[0]}, expected {MIN_IMAGE_SIDE_PX} px or more a side",
+            path,
         )
     camera = read_calibration(folder / "calib.txt", first.shape[1], first.shape[0])
     times = folder / "times.txt"
-    if not times.exists():
-        raise DataError("the file is missing: expected the seconds of each frame, one number a line", times)
     return Sequence(
         name=name,
         folder=folder,

@@ -1,15 +1,14 @@
-"""Class names of detectors and their COCO numbers: labels are in COCO's numbers whatever the model counts."""
+"""Class names of detectors and their COCO numbers, in which labels are written."""
 
 from __future__ import annotations
 
-import ast
-import warnings
+import re
 from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.errors import DataError
-from ..core.types import Mask, Whole
+from ..errors import DataError
+from ..geometry.types import BoolArray, IntArray
 
 _COCO = """
     person, bicycle, car, motorcycle, airplane, bus, train, truck, boat, traffic light, fire hydrant,
@@ -22,7 +21,7 @@ _COCO = """
     toothbrush
 """
 COCO = tuple(name.strip() for name in _COCO.split(","))
-# Names of other data sets, KITTI's among them, for what COCO calls otherwise.
+# Names of other data sets, KITTI's among them, and the COCO names for them.
 OTHER_NAMES = {
     "vehicle": "car",
     "vehicles": "car",
@@ -44,45 +43,28 @@ def coco_number(name: str) -> int | None:
 
 
 def names_from_metadata(text: str, count: int) -> tuple[str, ...] | None:
-    """The `names` of an Ultralytics model, a Python dict or list written as text; None where it is neither.
-
-    `count` is the number of classes that the network has.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of escapes that a text does not have
-            found = ast.literal_eval(text)
-    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
-        return None
-    if isinstance(found, dict):
-        found = [found.get(k) for k in range(count)]
-    if not isinstance(found, (list, tuple)) or len(found) != count:
-        return None
-    return tuple(found) if all(isinstance(name, str) for name in found) else None
+    """The `names` of a model with `count` classes, from a dict or list as text; None for other counts."""
+    names = tuple(re.findall(r"['\"]([^'\"]*)['\"]", text))
+    return names if len(names) == count else None
 
 
-def class_numbers(names: Sequence[str]) -> Whole:
-    """The number (C,) each class gets in labels: COCO's, or 80 and its own place where COCO lacks it."""
+def class_numbers(names: Sequence[str]) -> IntArray:
+    """The number (C,) of each class in labels: COCO's, or 80 + its index if COCO has no such class."""
     numbers = [coco_number(name) for name in names]
     return np.array([len(COCO) + k if n is None else n for k, n in enumerate(numbers)], np.int64)
 
 
-def choose_classes(words: Sequence[str], names: Sequence[str]) -> Mask:
-    """Which classes (C,) are meant by `words`: names of the model or of COCO, or numbers; no words: all.
+def choose_classes(words: Sequence[str], names: Sequence[str]) -> BoolArray:
+    """Which of a model's classes (C,) `words` name: by the model's or COCO's name, or by number; none: all.
 
     Raises `DataError` for a name that neither the model nor COCO has.
     """
-    numbers = class_numbers(names)
-    if not words:
-        return np.ones(len(names), np.bool_)
-    chosen = np.zeros(len(names), np.bool_)
-    for word in words:
-        plain = word.strip().lower()
-        own = np.array([name.lower() == plain for name in names], np.bool_)
-        number = int(plain) if plain.isdecimal() and len(plain) < 10 else coco_number(plain)
+    numbers, chosen = class_numbers(names), np.full(len(names), not words)
+    for word in (word.strip().lower() for word in words):
+        own = np.array([name.lower() == word for name in names], np.bool_)
+        number = int(word) if word.isdecimal() and len(word) < 10 else coco_number(word)
         if number is None and not own.any():
-            raise DataError(
-                f"class {word!r}: expected a COCO name or number, or one of {', '.join(names)[:200]}"
-            )
+            expected = f"expected a COCO name or number, or one of {', '.join(names)[:200]}"
+            raise DataError(f"class {word!r}: {expected}")
         chosen |= own if number is None else own | (numbers == number)
     return chosen

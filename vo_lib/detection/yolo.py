@@ -15,34 +15,23 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from ..core.boxes import Boxes
-from ..core.errors import DataError
-from ..core.types import Array, Image
+from ..errors import DataError
+from ..geometry.boxes import Boxes
+from ..geometry.types import Array, Image
+from . import layout
 from .class_names import COCO, choose_classes, class_numbers, names_from_metadata
-from .config import DetectorConfig
-from .detectors import find_model
-from .yolo_layout import (
-    STRIDE,
-    Letterbox,
-    best_boxes,
-    fit_size,
-    letterbox,
-    place,
-    read_yolov8,
-    read_yolox,
-    size_from_metadata,
-    yolox_cells,
-)
+from .models import find_model
+from .settings import DetectorConfig
 
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
-USUAL_SIZE = 640  # what most models are made for
+USUAL_INPUT_PX = 640  # longer side of the images that most models are made for
 INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
-SILENT = 4  # ONNX Runtime's own lines would come beside ours
+LOG_FATAL = 4  # ONNX Runtime's own messages would stand beside ours
 
 
 @dataclass(frozen=True)
-class Candidates:
-    """What a network says of an image, before anything is chosen.
+class NetworkOutput:
+    """Boxes and scores of all cells of a network, before any are chosen.
 
     Attributes
     ----------
@@ -50,7 +39,7 @@ class Candidates:
     corners : (N, 4) x0, y0, x1, y1 in the network's image, pixels; scores : (N, C) of the classes.
     """
 
-    plan: Letterbox
+    plan: layout.Letterbox
     corners: Array
     scores: Array
     width: int
@@ -70,21 +59,21 @@ class YoloDetector:
     def __init__(
         self, model: str | Path, config: DetectorConfig | None = None, *, provider: str = "cpu"
     ) -> None:
-        """Load a model, by name or by the path of its ONNX file, and try it once; provider: "cpu" or "cuda".
+        """Load a model, by name or by the path of its ONNX file, and run it once; provider: "cpu" or "cuda".
 
-        Raises `DataError` where the file is no usable model, or the provider is not installed.
+        Raises `DataError` for a file that is no usable model, or a provider that is not installed.
         """
         self.path, self.config = find_model(model), config or DetectorConfig()
         self._session = _open_session(self.path, self.config.threads, provider)
         self._input, self._width, self._height = self._check_input()
         self._type = INPUT_TYPES[self._input.type]
-        width, height = self._width or 4 * STRIDE, self._height or 2 * STRIDE
+        width, height = self._width or 128, self._height or 64
         output = self._run(np.zeros((1, 3, height, width), self._type))
         self.layout, count = self._check_output(output, width, height)
         about = self._session.get_modelmeta().custom_metadata_map
         usual = COCO if count == len(COCO) else tuple(f"class {k}" for k in range(count))
         self.names = names_from_metadata(about.get("names", ""), count) or usual
-        self._made_for = size_from_metadata(about.get("imgsz", "")) or USUAL_SIZE
+        self._made_for = layout.size_from_metadata(about.get("imgsz", "")) or USUAL_INPUT_PX
         self._numbers = class_numbers(self.names)
         self._wanted = choose_classes(self.config.classes, self.names)
         if not self._wanted.any():
@@ -98,29 +87,28 @@ class YoloDetector:
         """
         return self.choose(self.candidates(image), self.config.score, self.config.nms)
 
-    def candidates(self, image: Image) -> Candidates:
-        """What the network says of an image, as for `detect`, before anything is chosen."""
+    def candidates(self, image: Image) -> NetworkOutput:
+        """The network's output for an image, as for `detect`, before any boxes are chosen."""
         height, width = image.shape[:2]
-        net_width, net_height = self.input_size(width, height)
-        centred = self.layout == "yolov8"
-        plan = letterbox(width, height, net_width, net_height, centred)
-        output = self._run(self._to_input(place(image, plan)))
-        corners, scores = read_yolov8(output) if centred else read_yolox(output, net_width, net_height)
-        return Candidates(plan, corners, scores, width, height)
+        size, centred = self.input_size(width, height), self.layout == "yolov8"
+        plan = layout.letterbox(width, height, *size, centred)
+        output = self._run(self._to_input(layout.place(image, plan)))
+        corners, scores = layout.read_yolov8(output) if centred else layout.read_yolox(output, *size)
+        return NetworkOutput(plan, corners, scores, width, height)
 
-    def choose(self, found: Candidates, score: float, nms: float) -> Boxes:
-        """The boxes among candidates that stay at these thresholds, in the image, as `detect` gives them."""
-        chosen = best_boxes(found.corners, found.scores, score, nms, self._wanted)
-        xyxy = found.plan.to_image(chosen.xyxy, found.width, found.height)
+    def choose(self, output: NetworkOutput, score: float, nms: float) -> Boxes:
+        """The boxes of an output that remain at these thresholds, in the image, as `detect` gives them."""
+        chosen = layout.best_boxes(output.corners, output.scores, score, nms, self._wanted)
+        xyxy = output.plan.to_image(chosen.xyxy, output.width, output.height)
         return dataclasses.replace(chosen, xyxy=xyxy, class_id=self._numbers[chosen.class_id])
 
     def input_size(self, width: int, height: int) -> tuple[int, int]:
         """Width and height of the network's image for an image of this size.
 
-        The model's own where it is fixed; else in the image's aspect, the longer side `config.size` or, where
-        that is 0, what the model was made for by its metadata, 640 where these do not say.
+        A size that the model fixes; else the image's aspect with the longer side `config.size` or, if that is
+        0, the size in the model's metadata, 640 without one.
         """
-        free_width, free_height = fit_size(width, height, self.config.size or self._made_for)
+        free_width, free_height = layout.fit_size(width, height, self.config.size or self._made_for)
         return self._width or free_width, self._height or free_height
 
     def _to_input(self, image: Image) -> NDArray[Any]:
@@ -136,16 +124,15 @@ class YoloDetector:
     def _run(self, images: NDArray[Any]) -> NDArray[np.float32]:
         try:
             return np.asarray(self._session.run(None, {self._input.name: images})[0][0], np.float32)
-        except Exception as error:  # its many exception types share no base of their own
+        except Exception as error:  # its many exception types have no base class in common
             raise DataError(f"ONNX Runtime cannot run this model: {_first_line(error)}", self.path) from None
 
     def _check_input(self) -> tuple[Any, int, int]:
         """The input, and its fixed width and height; 0 where the model leaves them open."""
         inputs = self._session.get_inputs()
-        shape = inputs[0].shape if len(inputs) == 1 else []
-        if len(shape) != 4 or shape[1] != 3 or (shape[0] not in (1, None) and not isinstance(shape[0], str)):
-            found = f"{len(inputs)} inputs" if len(inputs) != 1 else f"input {_shown(shape)}"
-            raise DataError(f"expected one input [1, 3, height, width], found {found}", self.path)
+        shape = inputs[0].shape
+        if len(inputs) != 1 or len(shape) != 4 or shape[1] != 3 or shape[0] not in (1, None, str(shape[0])):
+            raise DataError(f"expected one input [1, 3, height, width], found {shape}", self.path)
         if inputs[0].type not in INPUT_TYPES:
             raise DataError(f"expected an input of floating-point numbers, found {inputs[0].type}", self.path)
         height, width = (side if isinstance(side, int) else 0 for side in shape[2:])
@@ -153,17 +140,15 @@ class YoloDetector:
 
     def _check_output(self, output: NDArray[np.float32], width: int, height: int) -> tuple[str, int]:
         """Layout and number of classes, from the output for an image of this size."""
-        if output.ndim == 2:
-            rows, columns = output.shape
-            cells = yolox_cells(width, height)
-            if rows == cells and columns > 5:
-                return "yolox", columns - 5
-            if columns == cells and rows > 4:
-                return "yolov8", rows - 4
+        rows, columns = output.shape if output.ndim == 2 else (0, 0)
+        cells = layout.yolox_cells(width, height)
+        if rows == cells and columns > 5:
+            return "yolox", columns - 5
+        if columns == cells and rows > 4:
+            return "yolov8", rows - 4
         raise DataError(
             f"unknown layout: expected the output [1, 4 + classes, N] of YOLOv8 or [1, N, 5 + classes] of "
-            f"YOLOX, N = {yolox_cells(width, height)} for {width}×{height} px, "
-            f"found {_shown([1, *output.shape])}",
+            f"YOLOX, N = {cells} for {width}×{height} px, found {[1, *output.shape]}",
             self.path,
         )
 
@@ -176,31 +161,18 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
         raise DataError(f"provider {provider}: this ONNX Runtime lacks it; install onnxruntime-gpu instead")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
-    options.log_severity_level = SILENT
-    # What becomes of a provider is told by another logger.
-    onnxruntime.set_default_logger_severity(SILENT)
+    options.log_severity_level = LOG_FATAL
+    onnxruntime.set_default_logger_severity(LOG_FATAL)  # providers report to another logger
     # Threads that wait in a busy loop would take the processor from the odometry.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[wanted])
-    except Exception as error:  # its many exception types share no base of their own
-        text = _first_line(error)
-        words = text.lower()
-        # The second is how 1.19 says it.
-        if ("external" in words and "data" in words) or "cannot get file size" in words:
-            text = f"its weights are kept in a second file, which is missing beside it: {text}"
-        raise DataError(f"is no model that ONNX Runtime can load: {text}", path) from None
+    except Exception as error:  # its many exception types have no base class in common
+        raise DataError(f"is no model that ONNX Runtime can load: {_first_line(error)}", path) from None
     if session.get_providers()[0] != wanted:
-        raise DataError(
-            f"provider {provider}: it is installed but could not be started on this machine: it needs an "
-            f"NVIDIA GPU, and the CUDA and cuDNN that ONNX Runtime {onnxruntime.__version__} asks for"
-        )
+        raise DataError(f"provider {provider}: it did not start: it needs an NVIDIA GPU with CUDA and cuDNN")
     return session
 
 
 def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
-
-
-def _shown(shape: list[Any]) -> str:
-    return "[" + ", ".join(str(side) for side in shape) + "]"
+    return str(error).strip().partition("\n")[0][:200]

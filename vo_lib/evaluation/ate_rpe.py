@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..core.errors import DataError
-from ..core.geometry import rotation_angle
-from ..core.types import Array, Index
+from ..errors import DataError
+from ..geometry.motion import rotation_angle
+from ..geometry.types import Array, Index
 
 
 class Alignment(Enum):

@@ -7,22 +7,22 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
-from ..core.errors import DataError
-from ..core.rows import joined
-from ..core.types import Array
-from .ate_rpe import AbsoluteError, Alignment, RelativeError, absolute_error, check_pair, relative_error
-from .axes import TurnedErrors, fit_axes
+from ..errors import DataError
+from ..geometry.types import Array
+from .ate_rpe import (
+    AbsoluteError,
+    Alignment,
+    RelativeError,
+    absolute_error,
+    check_pair,
+    relative_error,
+)
 from .kitti import KITTI_LENGTHS, KITTI_STEP, KittiErrors, kitti_errors, trajectory_distances
 
 
 @dataclass(frozen=True)
 class SequenceResult:
-    """All errors of one sequence; `distance` is the length of its true path, metres.
-
-    `turned` : KITTI's with the axes turned, where that was asked for.
-    """
+    """All errors of a path by its name; `distance` is the length of the true path, metres."""
 
     name: str
     frames: int
@@ -30,43 +30,30 @@ class SequenceResult:
     kitti: KittiErrors
     ate: AbsoluteError
     rpe: RelativeError
-    turned: TurnedErrors | None = None
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of several sequences, with the lengths (metres) and the step (frames) they were made with."""
+    """Errors of several paths, with the lengths (metres) and the step (frames) of their sub-sequences."""
 
     sequences: tuple[SequenceResult, ...]
     lengths: tuple[float, ...]
     step: int
 
-    @property
-    def pooled(self) -> KittiErrors:
-        """All sub-sequences of all sequences: long sequences count more."""
-        return joined(sequence.kitti for sequence in self.sequences)
+    def to_dict(self, key: str = "sequences") -> dict[str, Any]:
+        """Everything but the single sub-sequences, for JSON: no NaN, None where there is no number.
 
-    def mean(self) -> dict[str, Any]:
-        """Plain mean over the sequences that have sub-sequences: each counts the same."""
-        counted = [s for s in self.sequences if len(s.kitti)]
-        errors = np.array([(s.kitti.te, s.kitti.re) for s in counted], float)
-        te, re = errors.mean(axis=0).tolist() if counted else (None, None)
-        return {"sequences": [s.name for s in counted], "te_percent": te, "re_deg_per_100m": re}
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything but the single sub-sequences, for JSON: no NaN, None where there is no number."""
+        `key` : what the names are of.
+        """
         return {
             "lengths_m": list(self.lengths),
             "step_frames": self.step,
-            "sequences": [
+            key: [
                 {"name": s.name, "frames": s.frames, "distance_m": s.distance}
                 | s.kitti.to_tables(self.lengths)
                 | {"ate": s.ate.to_dict(), "rpe": s.rpe.to_dict()}
-                | ({"axes": s.turned.to_dict()} if s.turned else {})
                 for s in self.sequences
             ],
-            "pooled": self.pooled.to_tables(self.lengths),
-            "mean": self.mean(),
         }
 
 
@@ -76,12 +63,10 @@ def evaluate(
     step: int = KITTI_STEP,
     alignment: Alignment = Alignment.SE3,
     times: Mapping[str, Array] = MappingProxyType({}),
-    axes: bool = False,
 ) -> Evaluation:
     """KITTI errors, ATE and RPE of (name, truth, estimate) triples, poses (N, 4, 4) each.
 
-    `times` : (N,) seconds of the frames of each name, where they are known. `axes` : KITTI errors with the
-    axes turned, too.
+    `times` : (N,) seconds of the frames of each name, where they are known.
 
     Raises
     ------
@@ -93,8 +78,7 @@ def evaluate(
         distance = float(trajectory_distances(truth)[-1])
         kitti = kitti_errors(truth, estimate, lengths, step, times.get(name))
         ate, rpe = absolute_error(truth, estimate, alignment), relative_error(truth, estimate)
-        turned = fit_axes(truth, estimate, lengths, step) if axes else None
-        results.append(SequenceResult(name, len(truth), distance, kitti, ate, rpe, turned))
+        results.append(SequenceResult(name, len(truth), distance, kitti, ate, rpe))
     if not results:
         raise DataError("nothing to evaluate: expected at least one truth and estimate")
     return Evaluation(tuple(results), tuple(map(float, lengths)), step)

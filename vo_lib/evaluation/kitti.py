@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import DataError
-from ..core.rows import Rows
-from ..core.types import Array, Index
+from ..errors import DataError
+from ..geometry.rows import Rows
+from ..geometry.types import Array, Index
 from .ate_rpe import check_pair, motion_error
 
 # For paths too short for these lengths: from every frame, and labelled as such.
@@ -30,7 +30,7 @@ KITTI_FRAME_TIME = 0.1  # seconds; the devkit knows no other
 KITTI_BIN_MINIMUM = 3  # the devkit draws no point of a curve from fewer sub-sequences
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class KittiErrors(Rows):
     """KITTI errors of S sub-sequences; empty where the path is shorter than every length.
 
@@ -163,8 +163,8 @@ def kitti_errors(
     error = motion_error(truth, estimate, first, last)
     single, double = (_sizes(error, length, dtype) for dtype in (np.float32, np.float64))
     t_err, r_err = np.where(np.isin(length, KITTI_LENGTHS), single, double)
-    taken = KITTI_FRAME_TIME * (last - first + 1) if times is None else times[last] - times[first]
-    speed = length / np.maximum(taken, 1e-9)  # a file of times may say nothing
+    seconds = KITTI_FRAME_TIME * (last - first + 1) if times is None else times[last] - times[first]
+    speed = length / np.maximum(seconds, 1e-9)  # a file of times may say nothing
     # Rounded as the devkit's, so that a speed on the edge of a bin falls on the same side.
     return KittiErrors(first, last, length, t_err, r_err, speed.astype(np.float32).astype(np.float64))
 

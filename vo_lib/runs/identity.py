@@ -1,135 +1,163 @@
-"""What decides a result, as short digests: images, labels, code, versions of the libraries."""
+"""Everything that decides a result, as short digests: images, labels, code, versions of the libraries."""
 
 from __future__ import annotations
 
+import ast
 import functools
 import hashlib
 import json
 import os
 import platform
 import subprocess
-import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
-from ..core.errors import DataError
-from ..core.files import file_sha256, read_bytes, read_json, write_text_atomic
-from ..core.settings import to_dict
 from ..data.drawn import cache_folder
 from ..data.sequence import Sequence
+from ..errors import DataError
+from ..files import file_sha256, read_bytes, read_mapping, write_atomic
+from ..paper.settings import MethodConfig
+from ..settings import to_dict
+
+if TYPE_CHECKING:
+    from ..kit.calibration import Calibration
 
 PACKAGE = Path(__file__).resolve().parents[1]
-ROOMS = ("core", "method", "front_end", "baseline", "beyond")
-DIGITS = 16
+DIGEST_DIGITS = 16
 NOT_USED = "not used"
-# A file changed so short a time ago may change again and keep its time: file systems round it.
-UNSETTLED = 2_000_000_000  # nanoseconds
+# Where the code of matches and of poses begins, as modules; all that these import at their top belongs to it.
+FRONT_END_CODE = {"published": ("runs.front_end",), "kit": ("runs.front_end", "kit.klt")}
+POSE_CODE = {
+    "published": ("runs.drive",),
+    "kit": ("runs.drive", "kit.odometry", "kit.klt", "data.truth"),
+}
+
+
+def code_digest(modules: Iterable[str]) -> str:
+    """Digest of the files of modules, such as "runs.drive", and of all that these import at their top."""
+    return _digest_of_files(import_closure(modules))
+
+
+def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
+    """Files of modules of vo_lib, and of all modules of it that they import at their top, sorted."""
+    waiting, files = [PACKAGE.joinpath(*name.split(".")).with_suffix(".py") for name in modules], set[Path]()
+    while waiting:
+        path = waiting.pop()
+        if path in files or not path.exists():
+            continue
+        files.add(path)
+        for node in ast.parse(path.read_bytes()).body:
+            if isinstance(node, ast.ImportFrom) and node.level:
+                folder = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+                waiting += [folder.with_suffix(".py"), *(folder / f"{name.name}.py" for name in node.names)]
+    return tuple(sorted(files))
+
+
+@functools.cache
+def _digest_of_files(paths: tuple[Path, ...]) -> str:
+    names = [path.relative_to(PACKAGE).as_posix().encode() for path in paths]
+    return _digest(
+        b"".join(name + b"\n" + path.read_bytes() for name, path in zip(names, paths, strict=True))
+    )
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:DIGEST_DIGITS]
 
 
 def images_digest(sequence: Sequence) -> str:
-    """Digest of the names and contents of all images; each is read once, and again when it has changed.
+    """Digest of the names and contents of all images.
 
-    Hashes are remembered in the user's cache folder with size and times of the file, in a JSON file for each
-    folder; no program can set the time of the last change of any kind (ctime).
+    Each is read once: hashes are remembered in the user's cache folder, in a JSON file for each folder of
+    images, by name, size and time of the image.
     """
-    folder = sequence.folder
+    folder = sequence.folder.resolve()
     names = [f"{side}/{frame}.png" for side in ("image_0", "image_1") for frame in sequence.frames]
-    place = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:DIGITS]
-    memory = cache_folder().parent / "hashes" / f"{place}.json"
-    known, now = _remembered(memory), time.time_ns()
     try:
-        stats = {name: (folder / name).stat() for name in names}
+        stats = [(folder / name).stat() for name in names]
     except OSError as error:
         raise DataError(f"the image cannot be read: {error.strerror}", error.filename) from None
-    stamps = {name: [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns] for name, stat in stats.items()}
-    changed = [name for name in names if known.get(name, [])[:-1] != stamps[name]]
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        found = zip(changed, pool.map(file_sha256, [folder / name for name in changed]), strict=True)
-        fresh: dict[str, list[Any]] = {name: [*stamps[name], digest] for name, digest in found}
-    settled = {name: entry for name, entry in fresh.items() if max(entry[1:3]) < now - UNSETTLED}
-    if settled:
+    stamps = [f"{name} {stat.st_size} {stat.st_mtime_ns}" for name, stat in zip(names, stats, strict=True)]
+    memory = hash_folder() / f"{_digest(os.fsencode(folder))}.json"
+    hashes = _remembered(memory)
+    if new := {stamp: name for stamp, name in zip(stamps, names, strict=True) if stamp not in hashes}:
+        hashes |= {stamp: file_sha256(folder / name) for stamp, name in new.items()}
         with suppress(OSError, DataError):
             memory.parent.mkdir(parents=True, exist_ok=True)
-            write_text_atomic(memory, json.dumps(_remembered(memory) | settled))
-    known |= fresh
-    digest = hashlib.sha256("".join(f"{name} {known[name][3]}\n" for name in names).encode())
-    return digest.hexdigest()[:DIGITS]
+            write_atomic(memory, json.dumps(_remembered(memory) | hashes))
+    lines = [f"{name} {hashes[stamp]}\n" for name, stamp in zip(names, stamps, strict=True)]
+    return _digest("".join(lines).encode())
 
 
-def _remembered(memory: Path) -> dict[str, list[Any]]:
-    """Size, times and hash of files by name; nothing where it is missing or damaged."""
+def hash_folder() -> Path:
+    """Where the hashes of images are kept."""
+    return cache_folder().parent / "hashes"
+
+
+def _remembered(memory: Path) -> dict[str, str]:
+    """Hashes of files by name, size and time; nothing where the file is missing or damaged."""
     with suppress(DataError):
-        return dict(read_json(memory, {str: [(int, str)]}, "hashes"))
+        return read_mapping(memory, "hashes")
     return {}
 
 
 def labels_digest(sequence: Sequence) -> str:
-    """Digest of the label files of the sequence's frames; that of nothing where there are none.
-
-    Of a detector that is still at work: its model and settings, which decide the labels.
-    """
-    known = sequence.labels_identity
-    if known is not None:
-        return known
-    digest = hashlib.sha256()
-    for frame in sequence.frames if sequence.labels is not None else ():
-        path = Path(sequence.labels or "", f"{frame}.txt")
-        if path.exists():
-            digest.update(f"{frame} ".encode() + read_bytes(path))
-    return digest.hexdigest()[:DIGITS]
+    """Digest of the label files of the sequence's frames; the digest of nothing where there are none."""
+    files = [] if sequence.labels is None else [sequence.labels / f"{frame}.txt" for frame in sequence.frames]
+    return _digest(b"".join(f"{path.stem} ".encode() + read_bytes(path) for path in files if path.exists()))
 
 
-@functools.cache
-def code_digest() -> str:
-    """Digest of all code that can decide a pose: any change of it makes results another's."""
-    digest = hashlib.sha256()
-    for path in [PACKAGE / "config.py", *sorted(p for room in ROOMS for p in (PACKAGE / room).glob("*.py"))]:
-        digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\n" + path.read_bytes())
-    return digest.hexdigest()[:DIGITS]
+def truth_digest(sequence: Sequence) -> str:
+    """Digest of the drawn truth of what moves, which the box rule `truth` reads, of the sequence's frames."""
+    folder = sequence.folder / "truth"
+    files = [folder / "objects.npz", *(folder / "instance" / f"{frame}.png" for frame in sequence.frames)]
+    return _digest(b"".join(f"{path.stem} ".encode() + read_bytes(path) for path in files if path.exists()))
 
 
 def versions() -> dict[str, str]:
     """Versions of the kit and of the libraries whose change can change a result."""
-    return {
-        "kit": metadata.version("stereo-vo-kit"),
-        "numpy": np.__version__,
-        "opencv": cv2.__version__,
-    }
+    return {"kit": metadata.version("stereo-vo-kit"), "numpy": np.__version__, "opencv": cv2.__version__}
 
 
-def drive_identity(sequence: Sequence) -> dict[str, Any]:
-    """What decides a result whatever is done with the images: these, their camera, the code."""
+def matches_identity(sequence: Sequence, config: MethodConfig) -> dict[str, Any]:
+    """Everything that decides the matches of a sequence, which is known by its images, not its name."""
     return {
+        "variant": config.variant,
         "frames": [sequence.frames[0], sequence.frames[-1]],
         "camera": to_dict(sequence.camera),
         "images": images_digest(sequence),
-        "made_with": versions() | {"code": code_digest()},
+        "settings": {"features": to_dict(config.features), "matching": to_dict(config.matching)},
+        "made_with": versions() | {"code": code_digest(FRONT_END_CODE[config.variant])},
     }
 
 
-def run_identity(sequence: Sequence, config: Any, method: str) -> dict[str, Any]:
-    """All that decides the poses of a run, and its names, as it comes back from JSON.
+def run_identity(
+    sequence: Sequence, config: MethodConfig, method: str, calibration: Calibration | None = None
+) -> dict[str, Any]:
+    """Everything that decides the poses of a run, and its names, as it comes back from JSON.
 
     Runs with equal identities give equal bytes.
     """
-    known = sequence.calibration
     identity = {"method": method, "variant": config.variant, "sequence": sequence.name}
-    identity |= drive_identity(sequence) | {
+    identity |= matches_identity(sequence, config) | {
         "settings": to_dict(config),
-        "calibration": known and hashlib.sha256(known.to_json().encode()).hexdigest()[:DIGITS],
+        "times": _digest(sequence.times.tobytes()),
         "labels": NOT_USED if config.filter.rule == "none" else labels_digest(sequence),
+        "moving": truth_digest(sequence) if config.filter.rule == "truth" else NOT_USED,
+        "calibration": calibration and _digest(calibration.to_json().encode()),
+        "made_with": versions() | {"code": code_digest(POSE_CODE[config.variant])},
     }
     return dict(json.loads(json.dumps(identity)))
 
 
 def surroundings() -> dict[str, str | None]:
-    """What a result should not depend on but a person may want to know: commit, Python, machine."""
+    """What a result does not depend on but a person may want to know: commit, Python, machine."""
     return {
         "commit": git_commit(),
         "python": platform.python_version(),
@@ -141,9 +169,16 @@ def git_commit() -> str | None:
     """Commit of the kit's own work tree, "-dirty" behind it when files were changed; None outside of git."""
     if not (PACKAGE.parent / ".git").exists():
         return None
-    words = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    words = [
+        "git",
+        "-C",
+        str(PACKAGE.parent),
+        "describe",
+        "--always",
+        "--dirty",
+        "--abbrev=40",
+        "--exclude=*",
+    ]
     with suppress(OSError, subprocess.SubprocessError):
-        return subprocess.check_output(
-            words, cwd=PACKAGE.parent, text=True, stderr=subprocess.DEVNULL, timeout=20
-        ).strip()
+        return subprocess.check_output(words, text=True, stderr=subprocess.DEVNULL).strip()
     return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vo_lib.core.types import Array
+from vo_lib.geometry.types import Array
 
 from ..checker import Exercise
 

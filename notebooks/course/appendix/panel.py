@@ -9,15 +9,25 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from vo_lib.beyond.calibration import in_words
-from vo_lib.beyond.rig import COLUMNS, FAULTS, LENS, ROWS, SIZE, Rig, Shape, field_at, lens_shapes
-from vo_lib.beyond.translation import solve_translation
-from vo_lib.config import CalibrationConfig, TranslationConfig
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Image
+from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from vo_lib.data.sequence import Sequence
-from vo_lib.data.tracks import SimulatedFrame, TrackConfig, simulate_tracks
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.types import Array, Image
+from vo_lib.kit.calibration import describe_errors
+from vo_lib.kit.rig import (
+    DISPARITY_TERMS,
+    ERROR_COUNT,
+    LENS_PX,
+    RIG_FAULTS,
+    ROW_TERMS,
+    Rig,
+    Shape,
+    field_at,
+    lens_shapes,
+)
+from vo_lib.kit.settings import CalibrationConfig, KitTranslationConfig
+from vo_lib.kit.translation import robust_translation
+from vo_lib.settings import Checked, setting
 
 from ..ch04.figures import lengths_figure
 from ..colours import GOOD, PALE
@@ -28,7 +38,7 @@ from ..made_up import block_tour
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 
-# About what sequence 01 of KITTI shows: sizes of `FAULTS`, pixels.
+# About what sequence 01 of KITTI shows: sizes of `RIG_FAULTS`, pixels.
 KITTI_01 = {
     "shift along the rows": -0.6,
     "roll": -0.3,
@@ -37,7 +47,7 @@ KITTI_01 = {
     "columns, y²": 0.0,
     "columns, x⁴": -3.5,
 }
-TERMS = {"all": COLUMNS, "1 and x²": ("1", "x²"), "1 alone": ("1",)}
+TERMS = {"all": DISPARITY_TERMS, "1 and x²": ("1", "x²"), "1 alone": ("1",)}
 FRAMES, LAST = 40, 15  # frames that the panel learns from; of which so many at the end are judged
 REST = 0.05  # metres; a shorter step's length is not judged
 MAP_HEIGHT, CHART_HEIGHT = 150, 200
@@ -46,26 +56,30 @@ _tracks: Memory[list[SimulatedFrame]] = Memory(8)
 
 
 def rig(faults: dict[str, float]) -> Array:
-    """Errors (SIZE,) of a rig that has these sizes of `FAULTS`, pixels, and perfect lenses."""
+    """Errors (ERROR_COUNT,) of a rig that has these sizes of `RIG_FAULTS`, pixels, and perfect lenses."""
 
     def column(shapes: tuple[Shape, Shape, float]) -> list[float]:
-        return [shapes[0].get(term, 0.0) for term in COLUMNS] + [shapes[1].get(term, 0.0) for term in ROWS]
+        return [shapes[0].get(term, 0.0) for term in DISPARITY_TERMS] + [
+            shapes[1].get(term, 0.0) for term in ROW_TERMS
+        ]
 
-    field = list(faults.values()) @ np.array([column(FAULTS[name]) for name in faults])
-    return np.append(field, np.zeros(SIZE - len(field)))
+    field = list(faults.values()) @ np.array([column(RIG_FAULTS[name]) for name in faults])
+    return np.append(field, np.zeros(ERROR_COUNT - len(field)))
 
 
 def learn(
-    camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = COLUMNS
+    camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = DISPARITY_TERMS
 ) -> tuple[Rig, dict[str, Array]]:
-    """Spoil matches by errors (SIZE,) and learn them from frame to frame, of the disparities only these terms.
+    """Spoil matches by errors (ERROR_COUNT,) and learn them from frame to frame, of the disparities only these terms.
 
     Returns what is known of the rig, and the steps' lengths (N,) as shares of the true ones, "as measured"
     and "corrected".
     """
     known = Rig(camera, CalibrationConfig(drift=0.0))
-    if terms != COLUMNS:  # the others are known to be zero, and the rows, learnt apart, tell nothing of them
-        free = np.isin([*COLUMNS, *[terms[0]] * (SIZE - len(COLUMNS))], terms)
+    if (
+        terms != DISPARITY_TERMS
+    ):  # the others are known to be zero, and the rows, learnt apart, tell nothing of them
+        free = np.isin([*DISPARITY_TERMS, *[terms[0]] * (ERROR_COUNT - len(DISPARITY_TERMS))], terms)
         known.know(known.estimate, np.diag(np.diag(known.covariance) * np.where(free, 1.0, 1e-8)))
     shares: dict[str, list[float]] = {"as measured": [], "corrected": []}
     for frame in tracks:
@@ -75,7 +89,7 @@ def learn(
         known.learn_rows(spoiled)
         corrected = known.correct(spoiled)
         for name, matches in zip(shares, (spoiled, corrected), strict=True):
-            solved = solve_translation(camera, matches, R_cp, TranslationConfig())
+            solved = robust_translation(camera, matches, R_cp, KitTranslationConfig())
             t_cp = t_cp if solved is None else solved[0]
             shares[name].append(float(np.linalg.norm(t_cp)) / length if length > REST else np.nan)
         known.update(corrected, R_cp, t_cp)
@@ -95,7 +109,7 @@ def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
 
 
 def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> Image:
-    """Errors (SIZE,) over an image, side by side, disparities above rows; red is too large, blue too small."""
+    """Errors (ERROR_COUNT,) over an image, side by side, disparities above rows; red is too large, blue too small."""
     grid = image_grid(camera, 41, 13).T
     errors = {name: field_at(c, *grid).reshape(2, 13, 41) for name, c in fields.items()}
     limit = room(max(float(np.abs(error).max()) for error in errors.values()), least=0.1)
@@ -118,13 +132,8 @@ def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], hei
     for axis, (title, parts) in zip(made.subplots(lines, width).flat, moved.items(), strict=True):
         axis.plot(*points.T, ".", color=PALE, markersize=1.5)
         for arrows, colour in zip(parts, (PALE, GOOD)[-len(parts) :], strict=True):
-            look = {
-                "angles": "xy",
-                "scale_units": "xy",
-                "scale": 6.0 * np.abs(parts[0]).max(),
-                "width": 0.006,
-            }
-            axis.quiver(*points.T, *arrows, color=colour, **look)
+            scale = {"scale_units": "xy", "scale": 6.0 * np.abs(parts[0]).max()}
+            axis.quiver(*points.T, *arrows, color=colour, angles="xy", width=0.006, **scale)
         axis.set(xlim=(-1.1, 1.1), ylim=(0.46, -0.46), xticks=[], yticks=[], aspect="equal")
         axis.set_title(title, fontsize=8, loc="left")
     return made
@@ -133,7 +142,7 @@ def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], hei
 def faults_figure(camera: StereoCamera) -> Figure:
     """Where the right image shows the points, away from their right places, under each fault with a shape."""
     moved: dict[str, tuple[Array, ...]] = {}
-    for name, (columns, rows, _) in FAULTS.items():
+    for name, (columns, rows, _) in RIG_FAULTS.items():
         if not name.startswith(("columns", "rows")):  # those are single terms
             terms = [" ".join("−" * (c < 0) + term for term, c in shape.items()) for shape in (columns, rows)]
             title = f"{name}\ndisparity: {terms[0] or 'none'}; row: {terms[1] or 'none'}"
@@ -146,7 +155,7 @@ def lens_figure(camera: StereoCamera) -> Figure:
     points = image_grid(camera).T
     across = points[::-1] * [[1], [-1]] / np.maximum(np.linalg.norm(points, axis=0), 1e-6)
     moved: dict[str, tuple[Array, ...]] = {}
-    for name, shape in zip(LENS, lens_shapes(points), strict=True):
+    for name, shape in zip(LENS_PX, lens_shapes(points), strict=True):
         part = across * np.sum(across * shape, axis=0)
         share = np.linalg.norm(part, axis=0).max() / np.linalg.norm(shape, axis=0).max()
         moved[f"{name}: {share:.0%} of the largest arrow across"] = shape, part
@@ -191,7 +200,7 @@ class CalibrationPanel(Panel):
             Fact("disparities still wrong by up to", float(left[0]), "px", 2),
             Fact("rows still wrong by up to", float(left[1]), "px", 2),
         )
-        sentence = f"Learnt in {len(lengths['corrected'])} frames: {in_words(found, camera)}."
+        sentence = f"Learnt in {len(lengths['corrected'])} frames: {describe_errors(found, camera)}."
         return Drawing(stack([maps, lengths_figure(lengths, CHART_HEIGHT)], self.height), sentence, facts)
 
 

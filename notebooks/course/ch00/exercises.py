@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import inverse, rigid, rotation_from_vector
-from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.motion import inverse, rigid, rotation_from_vector
+from vo_lib.geometry.types import Array
 
 from ..checker import Case, Exercise, When
 from ..frames import true_poses

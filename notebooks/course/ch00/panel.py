@@ -11,18 +11,19 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from vo_lib.beyond.selection import sample_sets
-from vo_lib.beyond.translation import solve_translation
-from vo_lib.config import SelectionConfig, preset
-from vo_lib.core.boxes import no_boxes
-from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Image
+from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import trajectory_distances
-from vo_lib.front_end.surface import CoarseDisparity
-from vo_lib.method.boxes import in_boxes
-from vo_lib.method.five_point import five_point
-from vo_lib.tables.plots import match_image
+from vo_lib.geometry.boxes import no_boxes
+from vo_lib.geometry.types import Array, Image
+from vo_lib.kit.selection import sample_sets
+from vo_lib.kit.settings import KitSelectionConfig
+from vo_lib.kit.surface import CoarseDisparity
+from vo_lib.kit.translation import robust_translation
+from vo_lib.paper.boxes import in_boxes
+from vo_lib.paper.five_point import five_point
+from vo_lib.report.plots import match_image
+from vo_lib.settings import Checked, setting
 
 from ..ch02.figures import polynomial_chart, polynomial_of
 from ..ch02.panel import reference_rotation
@@ -34,6 +35,7 @@ from ..drawing import HALF_HEIGHT, WIDTH, beside, caption, figure, finish, log_a
 from ..frames import disparity_map, frame_matches, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
 from ..results import Fact
+from ..simulation.truth import depth as true_depths
 
 LEFT_HEIGHT, CHART_HEIGHT = 298, 210
 SETS = 200
@@ -107,7 +109,7 @@ class StartPanel(Panel):
         whole = caption(photo(left, WIDTH, LEFT_HEIGHT), f"left image, frame {frame}")
         encoded = stack([whole, below, path_figure(sequence, frame)], self.height)
         known = truth(sequence)
-        true_depth = float("nan") if known is None else float(known.depth(frame)[v, u])
+        true_depth = float("nan") if known is None else float(true_depths(known, frame)[v, u])
         sentence = (
             f"The point ({u}, {v}) of the left image lies {d:.1f} px further left in the right image, in the "
             f"same row. So its depth is Z = f b / d = {camera.f:.1f} px × {camera.baseline:.3f} m / {d:.1f} px "
@@ -130,7 +132,7 @@ class StartPanel(Panel):
 
 def boxed_picture(sequence: Sequence, frame: int) -> Image:
     """All matches of a frame with the one before; those in the boxes of vehicles are orange."""
-    config, boxes = preset("feature_selection"), sequence.boxes(frame)
+    config, boxes = preset("feature_selection", variant="kit"), sequence.boxes(frame)
     matches = frame_matches(sequence, frame, config)
     kept = ~in_boxes(matches.cur_left, boxes, config.filter)
     count = f"{np.count_nonzero(~kept)} of all {len(kept)} matches lie in vehicle boxes (orange)"
@@ -158,7 +160,7 @@ def depth_figure(measured: Array, true: Array, height: int = 260) -> Figure:
 
 def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     """A picture for each of the stages 1 to 4, of the matches that the buckets leave in one frame >= 2."""
-    config, camera = preset("solution_selection"), sequence.camera
+    config, camera = preset("solution_selection", variant="kit"), sequence.camera
     points = frame_points(sequence, frame, config)
     everything = np.ones(len(points.matches), np.bool_)
     words = f"{len(points.matches)} matches after the buckets: each line leads to where the point is now"
@@ -171,7 +173,7 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     found = five_point(points.x_p[sets], points.x_c[sets])
     e_prev = previous_vector(sequence, frame, config)
     R_cp = reference_rotation(sequence, frame, points)
-    field = field_of(found, points, e_prev, R_cp, SelectionConfig(), camera.f)
+    field = field_of(found, points, e_prev, R_cp, KitSelectionConfig(), camera.f)
     return {
         "matches": caption(photo(matches), words),
         "polynomial": polynomial,
@@ -182,10 +184,10 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
 
 def residual_figure(sequence: Sequence, frame: int, R_cp: Array, height: int = 240) -> Figure:
     """Residuals of the motion solved with a known rotation over depth, matches in vehicle boxes apart."""
-    config = preset("solution_selection")
+    config = preset("solution_selection", variant="kit")
     points = frame_points(sequence, frame, config)
     made, (axis,) = figure(height)
-    solved = solve_translation(sequence.camera, points.matches, R_cp, config.translation)
+    solved = robust_translation(sequence.camera, points.matches, R_cp, config.translation)
     assert solved is not None
     inside = in_boxes(points.matches.cur_left, sequence.boxes(frame), config.filter)
     for chosen, colour, words in ((~inside, GOOD, "elsewhere"), (inside, BAD, "in a vehicle's box")):

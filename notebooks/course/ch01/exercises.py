@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.config import BucketConfig
-from vo_lib.core.types import Array, Index
-from vo_lib.method.buckets import select_by_bucket
+from vo_lib.geometry.types import Array, Index
+from vo_lib.paper.buckets import select_by_bucket
+from vo_lib.paper.settings import BucketConfig
 
 from ..checker import Case, Exercise, When, any_order
 

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array, Image
 from vo_lib.data.sequence import Sequence
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.types import Array, Image
 
 from ..ch02.figures import draw_dot, draw_flow
 from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr

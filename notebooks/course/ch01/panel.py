@@ -6,17 +6,19 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from vo_lib.config import VARIANTS, Config
-from vo_lib.core.errors import DataError
-from vo_lib.core.settings import Checked, setting
-from vo_lib.method import config as published
-from vo_lib.method.buckets import select_by_bucket
+from vo_lib.config import VARIANTS
+from vo_lib.errors import DataError
+from vo_lib.kit.settings import KitConfig
+from vo_lib.paper.buckets import select_by_bucket
+from vo_lib.paper.settings import FeatureConfig, MatchingConfig, MethodConfig, PublishedConfig, StereoLimits
+from vo_lib.settings import Checked, setting
 
 from ..controls import Control
 from ..drawing import figure, stack
 from ..frames import stereo, truth
 from ..panel import Drawing, Panel, State
 from ..results import Fact
+from ..simulation.truth import match_errors
 from .figures import CHOSEN, SURPLUS, by_fate, depths_chart, errors_chart, fates, fates_chart, fates_picture
 from .trace import LOST, trace
 
@@ -33,24 +35,20 @@ class MatchingView(Checked):
     threshold: float = setting(1.0, "times the usual one; higher: fewer, safer features", low=0.1, high=20)
 
 
-def with_view(config: Config, view: MatchingView) -> tuple[published.FeatureConfig, published.MatchingConfig]:
-    """The settings of the variant's front end, with the view's spacing and threshold for its detector."""
-    usual = config.features
-    features = replace(
-        usual,
-        cell=view.spacing,
-        blob_cell=view.spacing,
-        quality=min(view.threshold * usual.quality, 50.0),
-        blob_quality=view.threshold * usual.blob_quality,
-    )
+def with_view(config: KitConfig, view: MatchingView) -> MethodConfig:
+    """The configuration of the variant's front end, with the view's spacing and threshold for its detector.
+
+    The paper's has its own settings, but for the limits of a stereo match that both variants share.
+    """
     if view.variant == "kit":
-        return features, config.matching
-    paper = published.FeatureConfig, published.MatchingConfig
-    of_features, of_matching = (
-        {field.name: getattr(settings, field.name) for field in fields(base)}
-        for base, settings in zip(paper, (features, config.matching), strict=True)
+        quality = min(view.threshold * config.features.quality, 50.0)
+        return replace(config, features=replace(config.features, cell=view.spacing, quality=quality))
+    limits = {field.name: getattr(config.matching, field.name) for field in fields(StereoLimits)}
+    blob_quality = view.threshold * FeatureConfig().blob_quality
+    return PublishedConfig(
+        features=FeatureConfig(blob_cell=view.spacing, blob_quality=blob_quality),
+        matching=MatchingConfig(**limits),
     )
-    return paper[0](**of_features), paper[1](**of_matching)
 
 
 class MatchingPanel(Panel):
@@ -74,7 +72,7 @@ class MatchingPanel(Panel):
     def draw(self, state: State) -> Drawing:
         sequence, frame = state.sequence, state.frame
         known = truth(sequence)
-        traced = trace(sequence, frame, *with_view(state.config, state.view))
+        traced = trace(sequence, frame, with_view(state.config, state.view))
         if len(traced.id) == 0:
             raise DataError(f"frame {frame - 1} has no features: lower the threshold")
         kept = traced.kept
@@ -97,7 +95,7 @@ class MatchingPanel(Panel):
             fates_chart(left, fate, None)
             depths_chart(right, sequence.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2])
         else:
-            error = known.match_errors(traced.found, frame)
+            error = match_errors(known, traced.found, frame)
             wrong, everywhere = error > RIGHT, np.zeros(len(fate), np.bool_)
             everywhere[traced.index] = wrong
             words += "; rings: kept, but wrong"

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
-from vo_lib.method import config as published
-from vo_lib.method.matching import DescribedPair
-from vo_lib.runs.runner import single_threaded
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.types import Array
+from vo_lib.paper.matching import DescribedPair
+from vo_lib.paper.settings import MethodConfig, StereoLimits
+from vo_lib.runs.drive import single_threaded
 
 from ..frames import Memory, before_step, key_of
 
@@ -56,23 +56,21 @@ class Trace:
     kept: StereoMatches
 
 
-def trace(
-    sequence: Sequence, frame: int, features: published.FeatureConfig, matching: published.MatchingConfig
-) -> Trace:
-    """What became of the features of the pair before `frame`, by the kit's settings or the paper's.
+def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
+    """What became of the features of the pair before `frame`, by the configuration's front end.
 
     The pairs before are matched with the checks as they are by default: the settings act on this step alone.
     """
-    usual = type(matching)()
-    base = *key_of(sequence, frame), features, usual
-    before, pair = _histories.get(base, lambda: before_step(sequence, frame, features, usual))
+    usual = dataclasses.replace(config, matching=type(config.matching)())
+    base = *key_of(sequence, frame), usual.features, usual.matching
+    before, pair = _histories.get(base, lambda: before_step(sequence, frame, usual))
     stages = []
     for on in range(len(CHECKS) + 1):
         off = {name: value for check in [*CHECKS.values()][on:] for name, value in check.items()}
-        known = {name: value for name, value in off.items() if hasattr(matching, name)}
-        stages.append(dataclasses.replace(matching, **known))
+        known = {name: value for name, value in off.items() if hasattr(config.matching, name)}
+        stages.append(dataclasses.replace(config.matching, **known))
 
-    def step(stage: published.MatchingConfig) -> StereoMatches:
+    def step(stage: StereoLimits) -> StereoMatches:
         def make() -> StereoMatches:
             # A step replaces what the front end holds and changes none of it: a shallow copy will do.
             front_end = copy.copy(before)

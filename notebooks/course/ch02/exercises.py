@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.core.types import Array, Index
-from vo_lib.data.problems import random_problems
-from vo_lib.method.five_point import epipolar_rows as library_rows
-from vo_lib.method.five_point import five_point
+from course.simulation.problems import random_problems
+from vo_lib.geometry.types import Array, Index
+from vo_lib.paper.five_point import epipolar_rows as library_rows
+from vo_lib.paper.five_point import five_point
 
 from ..checker import Case, Exercise, When
 from .panel import first_of_each_set, rotation_errors

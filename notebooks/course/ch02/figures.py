@@ -10,11 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import decompose_essential, rotation_angle
-from vo_lib.core.real_roots import DEGREE, real_roots
-from vo_lib.core.types import Array, Image, Mask
-from vo_lib.method.five_point import (
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.motion import decompose_essential, rotation_angle
+from vo_lib.geometry.types import Array, BoolArray, Image
+from vo_lib.paper.five_point import (
     EXPONENTS,
     cubic_constraints,
     determinant,
@@ -22,6 +21,7 @@ from vo_lib.method.five_point import (
     epipolar_rows,
     null_space,
 )
+from vo_lib.paper.real_roots import DEGREE, real_roots
 
 from ..colours import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr
 from ..drawing import figure, finish, log_axis, photo, room
@@ -148,7 +148,7 @@ class TwoViewMotion(NamedTuple):
     R: Array
     t: Array
     depth_p: Array
-    front: Mask
+    front: BoolArray
 
 
 def four_motions(E: Array, x_p: Array, x_c: Array) -> list[TwoViewMotion]:

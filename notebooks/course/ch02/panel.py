@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_lib.beyond.selection import sample_sets
-from vo_lib.core.errors import DataError
-from vo_lib.core.geometry import decompose_essential, essential_from_motion, rotation_angle
-from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Image, Index, Mask
 from vo_lib.data.sequence import Sequence
-from vo_lib.method.five_point import five_point
-from vo_lib.method.selection import truncated_errors
+from vo_lib.errors import DataError
+from vo_lib.geometry.motion import decompose_essential, essential_from_motion, rotation_angle
+from vo_lib.geometry.types import Array, BoolArray, Image, Index
+from vo_lib.kit.selection import sample_sets
+from vo_lib.paper.five_point import five_point
+from vo_lib.paper.selection import truncated_errors
+from vo_lib.settings import Checked, setting
 
 from ..colours import BAD, CYCLE, PALE, THIRD
 from ..controls import Control
@@ -74,7 +74,7 @@ def rotation_errors(E: Array, R_true: Array) -> Array:
     return np.asarray(np.degrees(angles.min(axis=-1)))
 
 
-def first_of_each_set(errors: Array, set_index: Index, count: int = 1) -> Mask:
+def first_of_each_set(errors: Array, set_index: Index, count: int = 1) -> BoolArray:
     """Which (M,) are among the `count` smallest errors of their set."""
     order = np.lexsort((errors, set_index))
     rank = np.arange(len(order)) - np.searchsorted(set_index[order], set_index[order])

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.beyond.selection import sample_sets
-from vo_lib.core.geometry import essential_vector
-from vo_lib.core.types import Array, Mask
-from vo_lib.data.problems import random_problems
-from vo_lib.method.five_point import five_point
-from vo_lib.method.selection import nearest_to_prior, truncated_errors
+from course.simulation.problems import random_problems
+from vo_lib.geometry.motion import essential_vector
+from vo_lib.geometry.types import Array, BoolArray
+from vo_lib.kit.selection import sample_sets
+from vo_lib.paper.five_point import five_point
+from vo_lib.paper.selection import nearest_to_prior, truncated_errors
 
 from ..ch02.panel import first_of_each_set
 from ..checker import Case, Exercise
@@ -75,7 +75,7 @@ def frames() -> list[Case]:
     return cases
 
 
-def least(values: Array, allowed: Mask) -> int:
+def least(values: Array, allowed: BoolArray) -> int:
     """Index of the smallest value that is allowed."""
     return int(np.argmin(np.where(allowed, values, np.inf)))
 

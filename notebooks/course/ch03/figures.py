@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from vo_lib.core.types import Array
+from vo_lib.geometry.types import Array
 
 from ..colours import BAD, DARK, GOOD, PALE
 from ..drawing import figure, finish, log_axis

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from vo_lib.beyond.selection import choose, motion_of_winner, sample_sets
-from vo_lib.config import Config, SelectionConfig
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.errors import DataError
-from vo_lib.core.geometry import (
+from vo_lib.data.sequence import Sequence
+from vo_lib.errors import DataError
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.motion import (
     essential_angle,
     essential_vector,
     rigid,
@@ -19,11 +18,12 @@ from vo_lib.core.geometry import (
     rotation_from_vector,
     transform,
 )
-from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Image, Mask, Progress
-from vo_lib.data.sequence import Sequence
-from vo_lib.method.five_point import Candidates, five_point
-from vo_lib.method.selection import nearest_to_prior, truncated_errors
+from vo_lib.geometry.types import Array, BoolArray, Image, Progress
+from vo_lib.kit.selection import choose, motion_of_winner, sample_sets
+from vo_lib.kit.settings import KitConfig, KitSelectionConfig
+from vo_lib.paper.five_point import Candidates, five_point
+from vo_lib.paper.selection import nearest_to_prior, truncated_errors
+from vo_lib.settings import Checked, setting
 
 from ..ch02.figures import draw_flow
 from ..ch02.panel import reference_rotation, rotation_errors
@@ -56,7 +56,9 @@ _candidates: Memory[Candidates] = Memory(12)
 _priors: Memory[Array] = Memory(24)
 
 
-def disturbed(points: Points, T_cp: Array, camera: StereoCamera, view: SelectionView) -> tuple[Points, Mask]:
+def disturbed(
+    points: Points, T_cp: Array, camera: StereoCamera, view: SelectionView
+) -> tuple[Points, BoolArray]:
     """The points with some matches moving together and some wrong, and which ones, (N,).
 
     The moving ones are those furthest left and turn about their middle; a wrong one ends 4 to 40 px away.
@@ -91,8 +93,8 @@ def _view(X: Array) -> Array:
 
 
 def disturbed_frame(
-    sequence: Sequence, frame: int, config: Config, view: SelectionView
-) -> tuple[Points, Mask, Array]:
+    sequence: Sequence, frame: int, config: KitConfig, view: SelectionView
+) -> tuple[Points, BoolArray, Array]:
     """A frame's disturbed points, which were touched, and the rotation (3, 3) that they are judged by.
 
     Without truth the matches' own rotation and the median change of the points stand for the true motion.
@@ -105,14 +107,14 @@ def disturbed_frame(
     return *disturbed(points, T_cp, sequence.camera, view), R_true
 
 
-def previous_vector(sequence: Sequence, frame: int, config: Config) -> Array | None:
+def previous_vector(sequence: Sequence, frame: int, config: KitConfig) -> Array | None:
     """The essential vector of the frame before, by consensus, refined; None for the first pair."""
     if frame < 2:
         return None
 
     def estimate() -> Array:
         points, focal = frame_points(sequence, frame - 1, config), sequence.camera.f
-        E, usual = _solve(points, 200, 0).E, SelectionConfig()
+        E, usual = _solve(points, 200, 0).E, KitSelectionConfig()
         errors = truncated_errors(E, points.x_p, points.x_c, usual.threshold / focal)
         return judged(E[np.argmin(errors)], points, np.eye(3), usual, focal)[1]
 
@@ -133,7 +135,7 @@ def field_of(
     points: Points,
     e_prev: Array | None,
     R_true: Array,
-    config: SelectionConfig,
+    config: KitSelectionConfig,
     focal: float,
 ) -> Field:
     """Angles, errors and winners of a frame's candidates."""
@@ -149,8 +151,8 @@ def field_of(
 
 
 def judged(
-    E: Array, points: Points, R_true: Array, config: SelectionConfig, focal: float
-) -> tuple[float, Array, Mask]:
+    E: Array, points: Points, R_true: Array, config: KitSelectionConfig, focal: float
+) -> tuple[float, Array, BoolArray]:
     """Of a winner E (3, 3): its rotation's error, degrees, the essential vector it leaves, its inliers (N,)."""
     R, _, best, inliers = motion_of_winner(E, points.x_p, points.x_c, points.X_p, config, focal)
     return float(np.degrees(rotation_angle(R.T @ R_true))), essential_vector(best), inliers
@@ -228,7 +230,7 @@ class SelectionPanel(Panel):
         chart = errors_figure(errors, frames, height=self.height)
         return Drawing(stack([chart], self.height), sentence, facts)
 
-    def _picture(self, state: State, points: Points, inliers: Mask, touched: Mask) -> Image:
+    def _picture(self, state: State, points: Points, inliers: BoolArray, touched: BoolArray) -> Image:
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
         centre = np.array([camera.cx, camera.cy])

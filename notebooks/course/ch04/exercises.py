@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import rigid, rotation_from_vector
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array
-from vo_lib.method.translation import eliminate_points
-from vo_lib.method.translation import feature_rows as library_rows
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import rigid, rotation_from_vector
+from vo_lib.geometry.types import Array
+from vo_lib.paper.translation import eliminate_points
+from vo_lib.paper.translation import feature_rows as library_rows
 
 from ..checker import Case, Exercise, When
 from .weightings import alone, seen, solve_all, spread_points
@@ -171,7 +171,7 @@ stack = Exercise(
     praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, as the library's `eliminate_points` has it.",
     hint="one N_i for each feature; two sums over all features, one (3, 3) and one (3,); one system at the end.",
     line="N = np.eye(8) - A_i @ np.linalg.pinv(A_i); H += B_i.T @ N @ B_i; g += B_i.T @ N @ c_i",
-    library=("eliminate_points", "solve_translation"),
+    library=("eliminate_points", "solve_translation", "robust_translation"),
     mistakes={
         "this is the mean or the median of the features' own answers; one t has to suit all rows at once.": (
             lambda A, B, c: alone(A, B, c).mean(axis=0),

@@ -8,8 +8,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array, Image
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.types import Array, Image
 
 from ..ch02.figures import draw_flow
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE

@@ -6,16 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vo_lib.beyond.translation import solve_translation
-from vo_lib.config import TranslationConfig
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.errors import DataError
-from vo_lib.core.geometry import rotation_from_vector
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
-from vo_lib.method.translation import feature_rows
+from vo_lib.errors import DataError
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import rotation_from_vector
+from vo_lib.geometry.types import Array
+from vo_lib.kit.settings import KitTranslationConfig
+from vo_lib.kit.translation import robust_translation
+from vo_lib.paper.translation import feature_rows
+from vo_lib.settings import Checked, setting
 
 from ..ch02.panel import reference_rotation
 from ..controls import Control
@@ -66,7 +66,7 @@ def covariance(
     camera: StereoCamera,
     matches: StereoMatches,
     R_cp: Array,
-    config: TranslationConfig,
+    config: KitTranslationConfig,
     weighting: str = ROBUST,
 ) -> Array:
     """Covariance (3, 3) of the translation, m², from the data alone, for every weighting alike.
@@ -149,7 +149,7 @@ def _reference(camera: StereoCamera, points: Points, R_cp: Array, drawn: bool) -
     """What the translation is compared with, metres, and what to call it."""
     if points.T_cp is not None:
         return np.asarray(points.T_cp[:3, 3]), TRUE if drawn else RECORDED
-    solved = solve_translation(camera, points.matches, R_cp, TranslationConfig())
+    solved = robust_translation(camera, points.matches, R_cp, KitTranslationConfig())
     if solved is None:
         raise DataError("this frame's matches give no translation")
     return solved[0], "the undisturbed answer"

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from vo_lib.beyond.translation import solve_translation
-from vo_lib.config import TranslationConfig, preset
-from vo_lib.core.camera import StereoCamera
-from vo_lib.core.geometry import transform
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array
-from vo_lib.data.tracks import TrackConfig
-from vo_lib.method import translation as paper
+from course.simulation.tracks import TrackConfig
+from vo_lib.config import preset
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import transform
+from vo_lib.geometry.types import Array
+from vo_lib.kit.settings import KitTranslationConfig
+from vo_lib.kit.translation import robust_translation
+from vo_lib.paper import translation as paper
 
 from ..lessons import CAMERA, drive, estimated_rotations
 
@@ -51,7 +52,7 @@ def solve_all(M: Array, d: Array, weight: Array) -> Array:
 
 
 def solve_by(
-    weighting: str, camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: TranslationConfig
+    weighting: str, camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: KitTranslationConfig
 ) -> tuple[Array, Array, Array] | None:
     """The translation t_cp (3,), metres, that a weighting gives.
 
@@ -59,7 +60,7 @@ def solve_by(
     the weight (N,) that it has beside its depth (NaN: not used). None where there is no answer.
     """
     if weighting == ROBUST:
-        solved = solve_translation(camera, matches, R_cp, config)
+        solved = robust_translation(camera, matches, R_cp, config)
         if solved is None:
             return None
         t, residual = solved
@@ -92,7 +93,7 @@ def weighting_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str, A
     errors: dict[str, list[float]] = {name: [] for name in WEIGHTINGS}
     for frame, R_cp in estimated_rotations(drive(frames), tracks, seed):
         for name in WEIGHTINGS:
-            solved = solve_by(name, CAMERA, frame.matches, R_cp, TranslationConfig())
+            solved = solve_by(name, CAMERA, frame.matches, R_cp, KitTranslationConfig())
             assert solved is not None
             errors[name].append(1e3 * float(np.linalg.norm(solved[0] - frame.T_cp[:3, 3])))
     return {name: np.array(values) for name, values in errors.items()}

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from vo_lib.core.poses import from_first
-from vo_lib.core.types import Array
+from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.ate_rpe import relative_error
+from vo_lib.geometry.types import Array
 
 from ..colours import BAD, DARK, GOOD, PALE, THIRD
 from ..drawing import figure, finish, room

@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from vo_lib.core.boxes import overlap
-from vo_lib.core.types import Array, Mask
-from vo_lib.detection.yolo_layout import Letterbox, letterbox, yolox_cells
+from vo_lib.detection.layout import Letterbox, letterbox, yolox_cells
+from vo_lib.geometry.boxes import overlap
+from vo_lib.geometry.types import Array, BoolArray
 
 from ..checker import Case, Exercise, When
 
@@ -111,14 +111,14 @@ def features() -> list[Case]:
     return [(uv_p, uv_c, CORNERS[[0, 2, 3]], CORNERS[[1, 2]] + 6.0), (uv_p, uv_c, *np.zeros((2, 0, 4)))]
 
 
-def inside(uv: Array, boxes: Array) -> Mask:
+def inside(uv: Array, boxes: Array) -> BoolArray:
     """Which points (N, 2) lie in any box."""
-    sides: Mask = (uv[:, None] >= boxes[:, :2]) & (uv[:, None] <= boxes[:, 2:])
-    found: Mask = np.logical_and.reduce(sides, axis=2)
+    sides: BoolArray = (uv[:, None] >= boxes[:, :2]) & (uv[:, None] <= boxes[:, 2:])
+    found: BoolArray = np.logical_and.reduce(sides, axis=2)
     return np.asarray(np.logical_or.reduce(found, axis=1))
 
 
-def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> Mask:
+def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> BoolArray:
     """Which matches lie in a box in neither image."""
     return ~(inside(uv_p, boxes_p) | inside(uv_c, boxes_c))
 
@@ -227,10 +227,10 @@ keep_outside = Exercise(
     outside,
     features,
     task="A function (uv_p (N, 2), uv_c (N, 2), boxes_p (K, 4), boxes_c (L, 4)) -> matches to keep, (N,) bool.",
-    praise="the same matches as `static_matches` keeps.",
+    praise="the same matches as `on_vehicles` leaves.",
     hint="when is a point in one box? When in any? And a match has two points.",
     line="((uv[:, None] >= boxes[:, :2]) & (uv[:, None] <= boxes[:, 2:])).all(axis=2).any(axis=1)",
-    library=("inside", "in_boxes", "on_vehicles", "static_matches"),
+    library=("inside", "in_boxes", "on_vehicles"),
     mistakes={
         "one of the two images is not asked; either point may be in a box.": (
             lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p),

@@ -7,12 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from vo_lib.core.boxes import Boxes
-from vo_lib.core.matches import StereoMatches
-from vo_lib.core.types import Array, Image, Mask
-from vo_lib.detection.yolo import Candidates
-from vo_lib.detection.yolo_layout import STRIDES, Letterbox, place
-from vo_lib.tables.plots import match_image
+from vo_lib.detection.layout import STRIDES, Letterbox, place
+from vo_lib.detection.yolo import NetworkOutput
+from vo_lib.geometry.boxes import Boxes
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.types import Array, BoolArray, Image
+from vo_lib.report.plots import match_image
 
 from ..ch02.figures import draw_flow
 from ..ch04.figures import mark_reference, millimetres_from_above
@@ -24,7 +24,7 @@ LEAST_LABELLED = 44  # pixels of a box, for its score above it
 DOTS = (PALE, 9.0), (GOOD, 6.0)  # with all features, with those kept: colour, size in points
 
 
-def score_picture(image: Image, found: Candidates) -> Image:
+def score_picture(image: Image, found: NetworkOutput) -> Image:
     """The network's image three times, left to right its strides: each cell tinted by its best score."""
     ground, parts, first = photo(place(image, found.plan), found.plan.width), [], 0
     for stride in STRIDES:
@@ -44,7 +44,7 @@ def score_picture(image: Image, found: Candidates) -> Image:
 
 
 def candidates_picture(
-    image: Image, found: Candidates, score: float, kept: Array, words: str, width: int, height: int
+    image: Image, found: NetworkOutput, score: float, kept: Array, words: str, width: int, height: int
 ) -> Image:
     """The network's image with every candidate of enough score, thin orange, and what stays, blue.
 
@@ -86,7 +86,7 @@ def cells_picture(image: Image, plan: Letterbox, corners: Array, scores: Array) 
 def filter_picture(
     image: Image,
     matches: StereoMatches,
-    keep: Mask,
+    keep: BoolArray,
     boxes: Boxes,
     state: NDArray[np.int64] | None,
     words: str,

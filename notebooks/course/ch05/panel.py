@@ -7,20 +7,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vo_lib.beyond.box_filter import BoxFilter, Filtered
-from vo_lib.config import CalibrationConfig, Config, DetectorConfig, FilterConfig, preset
-from vo_lib.core.boxes import Boxes, no_boxes
-from vo_lib.core.errors import DataError
-from vo_lib.core.frame import FrameResult
-from vo_lib.core.geometry import rotation_angle
-from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Image, Mask, Progress
-from vo_lib.data.sequence import SYNTHETIC, Sequence, available, open_sequence
-from vo_lib.detection.detectors import find_model
-from vo_lib.detection.yolo import Candidates, YoloDetector
-from vo_lib.detection.yolo_layout import STRIDES, Float32
-from vo_lib.method.boxes import vehicles
-from vo_lib.runs.runner import make_odometry
+from vo_lib.config import preset
+from vo_lib.data.catalogue import SYNTHETIC, available, open_sequence
+from vo_lib.data.sequence import Sequence
+from vo_lib.data.truth import matches_on_moving
+from vo_lib.detection.layout import STRIDES, Float32
+from vo_lib.detection.models import find_model
+from vo_lib.detection.settings import DetectorConfig
+from vo_lib.detection.yolo import NetworkOutput, YoloDetector
+from vo_lib.errors import DataError
+from vo_lib.geometry.boxes import Boxes, no_boxes
+from vo_lib.geometry.motion import rotation_angle
+from vo_lib.geometry.result import Flag, FrameResult
+from vo_lib.geometry.types import Array, BoolArray, Image, Progress
+from vo_lib.kit.boxes import BoxFilter, Filtered
+from vo_lib.kit.settings import CalibrationConfig, KitConfig, KitFilterConfig
+from vo_lib.paper.boxes import vehicles
+from vo_lib.runs.drive import make_odometry
+from vo_lib.settings import Checked, setting
 
 from ..ch03.figures import errors_figure
 from ..ch04.figures import MILLI
@@ -47,7 +51,7 @@ class FilteringView(Checked):
 
 
 _detectors: Memory[YoloDetector] = Memory(3)
-_candidates: Memory[Candidates] = Memory(48)
+_candidates: Memory[NetworkOutput] = Memory(48)
 _motions: Memory[FrameResult] = Memory(48)
 
 
@@ -58,13 +62,13 @@ def detector_of(model: str) -> YoloDetector:
     return _detectors.get(key, lambda: YoloDetector(path, DetectorConfig(classes=())))
 
 
-def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> Candidates:
+def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> NetworkOutput:
     """What a detector says of a frame's left image."""
     key = (*key_of(sequence, frame), detector.path)
     return _candidates.get(key, lambda: detector.candidates(stereo(sequence, frame)[0]))
 
 
-def as_yolox(found: Candidates) -> Float32:
+def as_yolox(found: NetworkOutput) -> Float32:
     """Candidates as a network of YOLOX's layout would have put them, (N, 5 + C): what `read_yolox` reads."""
     width, height = found.plan.width, found.plan.height
     cells = [(s, x, y) for s in STRIDES for y in range(height // s) for x in range(width // s)]
@@ -91,7 +95,7 @@ def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: f
 
 
 def filtered_frame(
-    sequence: Sequence, frame: int, config: Config, view: FilteringView
+    sequence: Sequence, frame: int, config: KitConfig, view: FilteringView
 ) -> tuple[Filtered, Boxes]:
     """What the rule does in a frame >= 1, and the frame's boxes.
 
@@ -106,19 +110,19 @@ def filtered_frame(
     for index in range(first, frame + 1):
         matches = frame_matches(sequence, index, config)
         boxes = frame_boxes(sequence, index, view.model, rule.score, view.nms)
-        known = sequence.on_moving(index, matches) if rule.rule == "truth" else None
+        known = matches_on_moving(sequence, index, matches) if rule.rule == "truth" else None
         result = judge.step(matches, boxes, known)
     return result, boxes
 
 
-def motion_from(sequence: Sequence, frame: int, keep: Mask, config: Config) -> FrameResult:
+def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: KitConfig) -> FrameResult:
     """The frame's motion from the matches that `keep` (N,) leaves, of two images alone.
 
     No previous vector and no calibration: so nothing but the choice of features differs.
     """
     alone = replace(
         config,
-        filter=FilterConfig(rule="none"),
+        filter=KitFilterConfig(rule="none"),
         selection=replace(config.selection, prior=False),
         calibration=CalibrationConfig(estimate=False),
     )
@@ -132,12 +136,12 @@ def compare_rules(
     sequence: Sequence,
     frames: range,
     rules: tuple[str, ...] = RULES,
-    config: Config | None = None,
+    config: KitConfig | None = None,
     view: FilteringView | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Array]:
     """Error of each frame's translation by rule, (F,) millimetres; needs true poses."""
-    config, view = config or preset("mesvo_f"), view or FilteringView()
+    config, view = config or preset("mesvo_f", variant="kit"), view or FilteringView()
     errors: dict[str, list[float]] = {rule: [] for rule in rules}
     for done, frame in enumerate(frames, start=1):
         T_true = true_motion(sequence, frame)
@@ -158,7 +162,7 @@ class FilteringPanel(Panel):
 
     title = "From boxes to the features that stay"
     view = FilteringView
-    start = preset("feature_selection")
+    start = preset("feature_selection", variant="kit")
     height = PHOTO_HEIGHT + CHART_HEIGHT
     long_job = f"Compare the rules over {FRAMES} frames"
     controls = (
@@ -209,7 +213,7 @@ class FilteringPanel(Panel):
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
         if state.view.model.strip() == "street" and truth(sequence) is None:
             sentence += " Mind: `street` was trained on drawn streets; do not trust it on real images."
-        if "filter_off" in result.flags:
+        if Flag.FILTER_OFF in result.flags:
             sentence += " Too few features would be left, so the filter is off in this frame."
         facts = [
             Fact("candidates", candidates),
@@ -222,7 +226,7 @@ class FilteringPanel(Panel):
             Fact("rotation error, kept", turned, "°", 3),
         ]
         if truth(sequence) is not None:
-            moving = sequence.on_moving(frame, matches)
+            moving = matches_on_moving(sequence, frame, matches)
             facts.append(Fact("on moving things, kept", int(np.sum(moving & result.keep))))
             facts.append(Fact("on standing things, removed", int(np.sum(~moving & ~result.keep))))
         chart, (axis,) = figure(CHART_HEIGHT, width=WIDTH - NET_WIDTH)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.core.types import Array
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, kitti_errors
+from vo_lib.geometry.types import Array
 
 from ..checker import Case, Exercise, When
 from ..made_up import block_tour, made_up

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vo_lib.core.types import Array
 from vo_lib.evaluation.ate_rpe import AbsoluteError, rmse
 from vo_lib.evaluation.kitti import KittiErrors, kitti_errors, trajectory_distances
+from vo_lib.geometry.types import Array
 
 from ..colours import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD
 from ..drawing import FONT_SIZE, figure, finish, room

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vo_lib.config import METHODS, preset
-from vo_lib.core.errors import DataError
-from vo_lib.core.files import read_text
-from vo_lib.core.poses import read_kitti_poses, read_tum
-from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Progress
+from vo_lib.data.poses import read_kitti_poses, read_tum
 from vo_lib.data.sequence import Sequence
+from vo_lib.errors import DataError
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, check_pair, relative_error, rmse
 from vo_lib.evaluation.kitti import KittiErrors, kitti_errors, suitable_measure
-from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.runner import run_methods
+from vo_lib.files import read_text
+from vo_lib.geometry.types import Array, Progress
+from vo_lib.runs.drive import run_methods
+from vo_lib.runs.matches import CachedMatches
+from vo_lib.settings import Checked, setting
 
 from ..controls import Control
 from ..drawing import figure, say, stack
@@ -65,8 +65,8 @@ def method_poses(sequence: Sequence, method: str, progress: Progress | None = No
     """Poses (N, 4, 4) of a method over a whole sequence; the matches are kept on disk, the poses here."""
     poses = known_run(sequence, method)
     if poses is None:
-        config = preset(method)
-        matches = CachedMatches(sequence, config.features, config.matching)
+        config = preset(method, variant="kit")
+        matches = CachedMatches(sequence, config)
         poses = run_methods(sequence, {method: config}, progress, matches)[method].poses
         _runs[*key_of(sequence, len(sequence)), method] = poses
     return poses

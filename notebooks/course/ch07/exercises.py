@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.config import preset
-from vo_lib.core.matches import empty_matches
-from vo_lib.core.settings import replace
-from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
-from vo_lib.data.tracks import TrackConfig, simulate_tracks
 from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.runs.runner import TimedMatches, run_methods
+from vo_lib.geometry.matches import empty_matches
+from vo_lib.geometry.types import Array
+from vo_lib.runs.drive import run_methods
+from vo_lib.runs.front_end import TimedMatches
+from vo_lib.settings import replace
 
 from ..checker import Exercise, When
 from ..lessons import CAMERA, drive
@@ -55,7 +56,7 @@ def errors_of_sets() -> tuple[Array, Array]:
     assert sequence.truth is not None
     errors = []
     for value in VALUES:
-        config = replace(preset("solution_selection"), "selection.sets", value)
+        config = replace(preset("solution_selection", variant="kit"), "selection.sets", value)
         poses = run_methods(sequence, {"": config}, matches=matches)[""].poses
         found = kitti_errors(sequence.truth, poses, LENGTHS, 1)
         errors.append((found.te, found.re))
@@ -132,7 +133,7 @@ sweep = Exercise(
     praise="TE by sets: 8: {right[0]:.2f} %, 16: {right[1]:.2f} %, 100: {right[2]:.2f} %. The matches were "
     "found once, only the back end ran again.",
     hint="for each value a new configuration of `solution_selection`, a run of it, and the TE of its poses.",
-    line='config = replace(preset("solution_selection"), "selection.sets", value)',
+    line='config = replace(preset("solution_selection", variant="kit"), "selection.sets", value)',
     mistakes={
         "this is RE: take `.te` of what kitti_errors gives.": lambda *case: errors_of_sets()[1],
         "a TE is None: the path has 29 m, so lengths=(20,), and a start every frame.": lambda *case: (

@@ -6,15 +6,17 @@ import functools
 from dataclasses import dataclass
 from typing import Any
 
-from vo_lib.config import METHODS, VARIANTS, PublishedConfig, change, preset
-from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Array, Progress
+import numpy as np
+
+from vo_lib.config import METHODS, VARIANTS, change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors
-from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.runner import run_methods
-from vo_lib.tables.entries import over_seeds
-from vo_lib.tables.table1 import VARIANT_WORDS
+from vo_lib.geometry.types import Array, Progress
+from vo_lib.paper.settings import PublishedConfig
+from vo_lib.report.table1 import VARIANT_WORDS
+from vo_lib.runs.drive import run_methods
+from vo_lib.runs.matches import CachedMatches
+from vo_lib.settings import Checked, setting
 
 from ..ch05.claim import claim_figure, step_errors
 from ..controls import Control
@@ -46,7 +48,7 @@ class ExplorePanel(Panel):
 
     title = f"One threshold at a time, on the first {FRAMES} frames"
     view = ExploreView
-    start = preset("feature_selection")
+    start = preset("feature_selection", variant="kit")
     height = 240
     controls = (
         Control("view.method", "method"),
@@ -104,9 +106,7 @@ class ExplorePanel(Panel):
         def prepare(report: Progress) -> Sequence:
             sequence = part_of(opened(name, report), FRAMES)
             true_poses(sequence)  # or say that there are none
-            for done, _ in enumerate(
-                CachedMatches(sequence, self.start.features, self.start.matching), start=1
-            ):
+            for done, _ in enumerate(CachedMatches(sequence, self.start), start=1):
                 report(done, len(sequence))
             return sequence
 
@@ -116,12 +116,11 @@ class ExplorePanel(Panel):
 def poses_of(sequence: Sequence, config: PublishedConfig) -> Array:
     """Poses (N, 4, 4) of a configuration on the kept matches: the back end alone."""
     key = sequence.folder, sequence.frames[0], len(sequence), sequence.labels, config
-    matches = CachedMatches(sequence, config.features, config.matching)
+    matches = CachedMatches(sequence, config)
     return _runs.get(key, lambda: run_methods(sequence, {"": config}, matches=matches)[""].poses)
 
 
 def errors_of(truth: Array, poses: Array) -> tuple[float, float]:
     """TE in % and RE in deg/100 m over short sub-sequences; NaN where the path holds none."""
     errors = kitti_errors(truth, poses, SHORT_MEASURE.lengths, SHORT_MEASURE.step)
-    te, re = over_seeds((errors.te, errors.re))
-    return float(te), float(re)
+    return float(errors.te or np.nan), float(errors.re or np.nan)

@@ -5,27 +5,27 @@ from __future__ import annotations
 import csv
 import html
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from vo_lib.core.poses import from_first
-from vo_lib.core.types import Array
-from vo_lib.data.sequence import KITTI
+from vo_lib.data.catalogue import KITTI
+from vo_lib.data.poses import from_first
 from vo_lib.evaluation.kitti import KITTI_MEASURE, trajectory_distances
-from vo_lib.tables.entries import Entry
-from vo_lib.tables.paper import PRINTED_NAMES, PROPOSAL, read_paper_table
-from vo_lib.tables.plots import METHOD_MARKERS, draw_drift, draw_trajectories, method_colour
-from vo_lib.tables.report import ReportTable, number
-from vo_lib.tables.table1 import DIGITS, method_table
+from vo_lib.geometry.types import Array
+from vo_lib.report.entries import Entry
+from vo_lib.report.page import ReportTable, number, seeds_words
+from vo_lib.report.plots import METHOD_MARKERS, draw_drift, draw_trajectories, method_colour
+from vo_lib.report.printed import PRINTED_NAMES, PROPOSAL, read_paper_table
+from vo_lib.report.table1 import VARIANT_WORDS
 
 from ..colours import CYCLE, DARK, PALE
 from ..drawing import FONT_SIZE, figure, finish, log_axis, say
 
 CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
 UNITS = "TE [%]", "RE [deg/100 m]"
+PRINTED_DIGITS = 2, 3  # of the TE and RE that the paper prints
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 
 
@@ -74,12 +74,24 @@ def paths_figure(
 
 def table_tables(entries: list[Entry]) -> list[ReportTable]:
     """The methods on one sequence, a row each; and beside the paper's row where the sub-sequences are KITTI's."""
-    table = method_table(entries)
-    tables = [replace(table, notes=[*without_boxes(entries), *table.notes])]
+    first, columns = entries[0], ["method", "TE %", "RE deg/100 m", "removed", "back end ms"]
+    rows = [
+        [e.method, spread(e.te), spread(e.re), f"{100 * e.removed_share:.1f} %", f"{e.back_end_ms:.1f}"]
+        for e in entries
+    ]
+    over = f"TE and RE over sub-sequences of {first.measure.words}, as far as the path goes"
+    notes = [*without_boxes(entries), f"{over}; {seeds_words(len(first.seeds))}."]
+    tables = [ReportTable(f"{first.sequence}, {VARIANT_WORDS[first.variant]}", columns, rows, notes)]
     if comparable(entries):
         errors = {entry.method: (float(entry.te.mean()), float(entry.re.mean())) for entry in entries}
         tables.append(row_table(entries[0].sequence, errors, [f"{len(entries[0].truth)} frames."]))
     return tables
+
+
+def spread(values: Array) -> str:
+    """Mean ± standard deviation over seeds (S,); the number alone of one seed."""
+    mean = number(float(values.mean()))
+    return mean if len(values) == 1 else f"{mean} ± {number(float(values.std()))}"
 
 
 def comparable(entries: list[Entry]) -> bool:
@@ -104,7 +116,9 @@ def row_table(sequence: str, errors: Mapping[str, Sequence[float]], notes: list[
     for name, ours in errors.items():
         theirs = paper.value(row, name if name in PRINTED_NAMES else PROPOSAL)
         less = [None if t is None else o - t for o, t in zip(ours, theirs, strict=True)]
-        cells = [number(x, digits) for pair in (ours, theirs, less) for x, digits in zip(pair, DIGITS)]
+        cells = [
+            number(x, digits) for pair in (ours, theirs, less) for x, digits in zip(pair, PRINTED_DIGITS)
+        ]
         rows.append([PRINTED_NAMES.get(name, name), *cells])
     kinds = "here", "printed", "difference"
     columns = ["system", *(f"{unit}\n{kind}" for kind in kinds for unit in ("TE", "RE"))]

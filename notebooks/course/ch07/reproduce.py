@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vo_lib.config import METHODS, PUBLISHED, VARIANTS, preset
-from vo_lib.core.settings import Checked, setting
-from vo_lib.core.types import Progress
 from vo_lib.evaluation.kitti import suitable_measure
-from vo_lib.tables.entries import Entry
+from vo_lib.geometry.types import Progress
+from vo_lib.report.entries import Entry
+from vo_lib.settings import Checked, setting
 
 from ..controls import Control
 from ..drawing import photo, stack

@@ -6,17 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vo_lib.config import preset
-from vo_lib.core.types import Progress
+from vo_lib.data.catalogue import KITTI, available, open_sequence
 from vo_lib.data.drawn import cache_folder
-from vo_lib.data.sequence import KITTI, Sequence, available, open_sequence
-from vo_lib.detection.detectors import known
-from vo_lib.detection.label_cache import labelled_sequence
+from vo_lib.data.sequence import Sequence
+from vo_lib.detection.labels import labelled_sequence
+from vo_lib.detection.models import list_detectors
 from vo_lib.evaluation.kitti import KITTI_MEASURE, suitable_measure
-from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.results import run_folder, write_run
-from vo_lib.runs.runner import run_methods
-from vo_lib.tables.entries import Entry, measure_runs
-from vo_lib.tables.reproduce import job_folder
+from vo_lib.geometry.types import Progress
+from vo_lib.report.entries import Entry, measure_runs
+from vo_lib.runs.drive import run_methods
+from vo_lib.runs.folder import run_folder, write_run
+from vo_lib.runs.identity import run_identity
+from vo_lib.runs.matches import CachedMatches
 
 from ..frames import Memory, opened
 
@@ -70,7 +71,7 @@ def clip(frames: int, detector: str = "", progress: Progress | None = None) -> S
     parts = (part_of(open_sequence(name), frames) for name in available() if name.startswith(KITTI))
     found = (p for p in parts if p.truth is not None and suitable_measure(p.truth) == KITTI_MEASURE)
     sequence = next(found, None) or part_of(opened(STREET, progress), frames)
-    detector = detector or next((name for name, (_, path) in known().items() if path), "")
+    detector = detector or next(iter(list_detectors()), "")
     if sequence.labels is not None or not detector:
         return sequence
     return labelled_sequence(sequence, detector, progress=progress)
@@ -88,9 +89,10 @@ def _run(plan: Plan, progress: Progress | None) -> list[Entry]:
     names = {(method, seed): f"{method} {seed}" for method in plan.methods for seed in range(plan.seeds)}
     configs = {name: preset(m, variant=plan.variant, seed=seed) for (m, seed), name in names.items()}
     first = next(iter(configs.values()))
-    matches = CachedMatches(plan.sequence, first.features, first.matching)
+    matches = CachedMatches(plan.sequence, first)
     runs = run_methods(plan.sequence, configs, progress, matches)
+    place = plan.folder / plan.variant / plan.sequence.folder.name
     for (method, seed), name in names.items():
-        with run_folder(job_folder(plan.folder, plan.variant, plan.sequence.name, method, seed)) as folder:
-            write_run(folder, runs[name], method)
+        with run_folder(place / method / f"seed_{seed}") as folder:
+            write_run(folder, runs[name], run_identity(plan.sequence, configs[name], method))
     return [measure_runs(m, [runs[names[m, seed]] for seed in range(plan.seeds)]) for m in plan.methods]

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from vo_lib import preset
-from vo_lib.core.errors import DataError
-from vo_lib.core.geometry import inverse
-from vo_lib.core.types import Array
 from vo_lib.data.sequence import Sequence
+from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.runner import run_methods, single_threaded
+from vo_lib.geometry.motion import inverse
+from vo_lib.geometry.types import Array
+from vo_lib.runs.drive import run_methods, single_threaded
+from vo_lib.runs.matches import CachedMatches
 
 from ..ch00.exercises import beeline, way
 from ..checker import Exercise
@@ -114,8 +114,8 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
         return Verdict(False, f"expected your function `drive`, got {type(drive).__name__}.")
     if name := handed_back(drive, ("run", "run_methods", "make_odometry")):
         return Verdict(False, f"this hands the work to `{name}`.", "change the loop of this chapter.")
-    kit, unseen = preset("feature_selection"), replace(sequence, truth=None)
-    matches = list(CachedMatches(sequence, kit.features, kit.matching))
+    kit, unseen = preset("feature_selection", variant="kit"), replace(sequence, truth=None)
+    matches = list(CachedMatches(sequence, kit))
     with single_threaded():
         paths = [outcome(partial(drive, seed=seed), (unseen, matches)) for seed in SEEDS]
     stopped = next((path for path in paths if isinstance(path, Unusable)), None)

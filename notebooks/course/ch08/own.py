@@ -11,28 +11,28 @@ from typing import Any
 import numpy as np
 
 from vo_lib import preset
-from vo_lib.core.geometry import inverse
-from vo_lib.core.types import Array, Image
 from vo_lib.data.sequence import Sequence
-from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.runner import run_methods
-from vo_lib.tables.film import Film, shown_frames
+from vo_lib.geometry.motion import inverse
+from vo_lib.geometry.types import Array, Image
+from vo_lib.report.film import Film, shown_frames
+from vo_lib.runs.drive import run_methods
+from vo_lib.runs.matches import CachedMatches
 
 from ..keep import NAME, load
 from ..marks import asked
 
 # The functions in the order of the loop.
 STAGES = (
-    *(
-        "keep_outside",
-        "buckets",
-        "solve_five",
-        "truncated_error",
-        "select",
-        "rows_of_one",
-        "translation_of_all",
-    ),
-    *("weights", "chain", "all_errors"),
+    "keep_outside",
+    "buckets",
+    "solve_five",
+    "truncated_error",
+    "select",
+    "rows_of_one",
+    "translation_of_all",
+    "weights",
+    "chain",
+    "all_errors",
 )
 
 
@@ -91,8 +91,8 @@ def residuals(M: Array, c: Array, t: Array) -> Array:
 
 def film(path: Path, sequence: Sequence, poses: Array) -> Image:
     """Write a film of poses (N, 4, 4) over the kit's matches and what boxes leave of them; its last picture, BGR."""
-    config = preset("feature_selection")
-    matches = list(CachedMatches(sequence, config.features, config.matching))
+    config = preset("feature_selection", variant="kit")
+    matches = list(CachedMatches(sequence, config))
     run = replace(run_methods(sequence, {"": config}, matches=matches)[""], poses=poses)
     with Film(path, run, "your path, the kit's matches") as made:
         for shown in shown_frames(run, matches):

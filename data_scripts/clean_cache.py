@@ -1,0 +1,35 @@
+"""Remove the kept matches of other code from the cache.
+
+Each version of a front end keeps its matches in a folder of its own. Those of the present code stay.
+
+examples:
+  vo data clean_cache
+  vo data clean_cache --cache /scratch/vo
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from fetch.download import in_words
+from vo_lib.commands.common import add_cache
+from vo_lib.commands.console import say
+from vo_lib.commands.scripts import run_script
+from vo_lib.runs.matches import clean_matches, folder_size, match_folder
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options."""
+    add_cache(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Remove the folders and print the bytes."""
+    removed, folder = clean_matches(options.cache), match_folder(options.cache)
+    say(f"{folder}: {in_words(removed)} removed, {in_words(folder_size(folder))} remain")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_script(sys.modules[__name__]))

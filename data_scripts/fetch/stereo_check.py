@@ -1,0 +1,122 @@
+"""Whether images are those of a rectified stereo pair, seen on a sample: order, rows, disparities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from vo_lib.errors import DataError
+from vo_lib.geometry.motion import DEVIATION_OVER_MEDIAN
+from vo_lib.geometry.types import Array, Image
+from vo_lib.kit.settings import KitMatchingConfig
+
+SAMPLE_PAIRS = 6
+SIFT_FEATURES = 1500  # in an image
+MAX_SIFT_SIDE_PX = 4096  # larger images are scaled down: SIFT needs 170 bytes a pixel
+NEAREST_RATIO = 0.75  # a match is nearer than the second nearest by this factor (Lowe 2004)
+MIN_MATCHES_A_PAIR = 20  # on average; fewer allow no statement
+MAX_ROW_SHIFT = 0.25  # share of the image height; matches with a larger shift are wrong
+MANY_NEGATIVE = 0.7  # share of negative disparities of a pair that is swapped
+MIN_DISPARITY_PX = 1.0  # smaller disparities do not show the order of the images
+
+
+@dataclass(frozen=True)
+class PairStatistics:
+    """What matches between left and right images say, over all pairs of a sample.
+
+    Attributes
+    ----------
+    pairs, matches : how many were looked at and found.
+    disparity : median of u_left - u_right, pixels.
+    negative : share of disparities below -1 px, in [0, 1].
+    row : median of v_right - v_left, pixels: 0 in a rectified pair.
+    row_spread : robust standard deviation of v_right - v_left, pixels.
+    """
+
+    pairs: int
+    matches: int
+    disparity: float
+    negative: float
+    row: float
+    row_spread: float
+
+
+def sample_of(count: int) -> list[int]:
+    """Numbers of a few pairs spread over `count`."""
+    return [int(i) for i in np.unique(np.linspace(0, count - 1, SAMPLE_PAIRS).round())]
+
+
+def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
+    """Match each pair by SIFT in all directions, so that swapped and unrectified pairs match as well."""
+    shifts = [_shifts(left, right) for left, right in pairs]
+    disparity, row = np.concatenate([np.zeros((0, 2)), *shifts]).T * [[-1.0], [1.0]]
+    if not len(row):
+        return PairStatistics(len(shifts), 0, 0.0, 0.0, 0.0, 0.0)
+    middle = float(np.median(row))
+    return PairStatistics(
+        pairs=len(shifts),
+        matches=len(row),
+        disparity=float(np.median(disparity)),
+        negative=float(np.mean(disparity < -MIN_DISPARITY_PX)),
+        row=middle,
+        row_spread=float(DEVIATION_OVER_MEDIAN * np.median(np.abs(row - middle))),
+    )
+
+
+def _shifts(left: Image, right: Image) -> Array:
+    """Right minus left pixel of matched features, (N, 2)."""
+    if left.shape != right.shape:
+        sizes = " and ".join(f"{image.shape[1]}×{image.shape[0]}" for image in (left, right))
+        raise DataError(f"left and right image have different sizes: {sizes}")
+    sift = cv2.SIFT.create(SIFT_FEATURES)
+    scale = min(1.0, MAX_SIFT_SIDE_PX / max(left.shape))
+    (points_l, descriptors_l), (points_r, descriptors_r) = (
+        sift.detectAndCompute(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), None)
+        for image in (left, right)
+    )
+    if not points_l or not points_r:
+        return np.zeros((0, 2))
+    nearest = cv2.BFMatcher(cv2.NORM_L2).knnMatch(descriptors_l, descriptors_r, k=2)
+    # Images of different scenes have nearest neighbours too, but none that is much nearer than the next.
+    good = [
+        pair[0] for pair in nearest if len(pair) == 2 and pair[0].distance < NEAREST_RATIO * pair[1].distance
+    ]
+    uv_l = np.array([points_l[match.queryIdx].pt for match in good]).reshape(-1, 2)
+    shift = (np.array([points_r[match.trainIdx].pt for match in good]).reshape(-1, 2) - uv_l) / scale
+    return np.asarray(shift[np.abs(shift[:, 1]) <= MAX_ROW_SHIFT * left.shape[0]], np.float64)
+
+
+def complaints(found: PairStatistics, baseline: float) -> list[str]:
+    """What is wrong with a pair and the sign of its baseline, a sentence each; nothing where all is well.
+
+    Parameters
+    ----------
+    baseline : metres, as the calibration gives it; negative where it puts the right camera on the left.
+    """
+    if found.matches < MIN_MATCHES_A_PAIR * max(found.pairs, 1):
+        return [
+            f"only {found.matches} matches between left and right in {found.pairs} pairs: do the two show "
+            "the same scene at the same time?"
+        ]
+    if found.disparity == found.row_spread == 0.0:
+        return ["left and right are the same images: there is no depth in them"]
+    words = []
+    seen = f"{100 * found.negative:.0f} % of {found.matches} matches have a negative disparity"
+    if found.negative > MANY_NEGATIVE:
+        also = ", and the baseline is negative too" if baseline <= 0 else ""
+        words.append(f"left and right are swapped: {seen}{also}; exchange the two (--swap)")
+    elif baseline <= 0:
+        words.append(
+            f"the baseline has the wrong sign ({baseline:g} m): the images are in the right order, so it "
+            "must be positive (T of the calibration: from the left camera to the right one, its x negative)"
+        )
+    tolerance = KitMatchingConfig().row_tolerance
+    if found.row_spread > tolerance or abs(found.row) > tolerance:
+        words.append(
+            f"rows do not match: the right image is {found.row:+.1f} ± {found.row_spread:.1f} px lower than "
+            "the left one; rectify the images or give the full calibration"
+        )
+    return words

@@ -1,0 +1,66 @@
+"""Constant angles between the axes of the camera and those of the truth, from two paths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, KittiErrors, kitti_errors
+from vo_lib.geometry.motion import rigid, rotation_from_vector
+from vo_lib.geometry.types import Array
+
+MAX_ANGLE_DEG = 1.0
+GRID_SHRINK, GRIDS = 0.6, 40  # the last grid is 1e-9° wide
+
+
+@dataclass(frozen=True)
+class TurnedErrors:
+    """KITTI errors of an estimate whose axes are turned by `pitch` and `yaw`, degrees.
+
+    In the truth's axes the camera looks up by a positive pitch (y is down), right by a positive yaw.
+    """
+
+    pitch: float
+    yaw: float
+    kitti: KittiErrors
+
+
+def axes_rotation(angles: ArrayLike) -> Array:
+    """C (..., 3, 3), camera to truth, of rotation vectors (pitch, yaw, 0): angles (..., 2), degrees."""
+    angles = np.radians(angles)
+    return rotation_from_vector(np.concatenate([angles, np.zeros_like(angles[..., :1])], axis=-1))
+
+
+def turn_axes(poses: Array, C: Array) -> Array:
+    """Poses C T C⁻¹ (N, 4, 4): the same path as a camera with axes turned by C (3, 3) would write it."""
+    turn = rigid(C, np.zeros(3))
+    return np.asarray(turn @ poses @ turn.T)
+
+
+def fit_axes(
+    truth: Array, estimate: Array, lengths: Sequence[float] = KITTI_LENGTHS, step: int = KITTI_STEP
+) -> TurnedErrors:
+    """Errors with the pitch and yaw, at most `MAX_ANGLE_DEG`, that make TE least; 0° without sub-sequences.
+
+    The translation error of inverse(C Δest C⁻¹) Δgt is as long as t_gt - C t_est. Its mean is nearly convex
+    in the two angles: a grid of 5×5 around the best so far, each time smaller, finds the least.
+    """
+    errors = kitti_errors(truth, estimate, lengths, step)
+    if not len(errors):
+        return TurnedErrors(0.0, 0.0, errors)
+    motions = (np.linalg.inv(poses[errors.first]) @ poses[errors.last] for poses in (truth, estimate))
+    t_gt, t_est = (motion[:, :3, 3] for motion in motions)
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 5)]), axis=-1).reshape(-1, 2)
+    grid = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")]  # of equals, the nearest is kept
+    best, width = np.zeros(2), MAX_ANGLE_DEG
+    for _ in range(GRIDS):
+        tried = np.clip(best + width * grid, -MAX_ANGLE_DEG, MAX_ANGLE_DEG)
+        off = np.linalg.norm(t_gt - t_est @ np.swapaxes(axes_rotation(tried), 1, 2), axis=2)
+        best = tried[np.argmin((off / errors.length).mean(axis=1))]
+        width *= GRID_SHRINK
+    turned = turn_axes(estimate, axes_rotation(best))
+    pitch, yaw = best.tolist()
+    return TurnedErrors(pitch, yaw, kitti_errors(truth, turned, lengths, step))

@@ -1,0 +1,158 @@
+"""What `measure_results` runs of each sequence, and the tables it makes of the runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from measure.axes import fit_axes
+from vo_lib.config import VARIANTS, change, preset
+from vo_lib.data.catalogue import SYNTHETIC
+from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.kitti import (
+    KITTI_MEASURE,
+    SHORT_LENGTHS,
+    Measure,
+    kitti_errors,
+    suitable_measure,
+    trajectory_distances,
+)
+from vo_lib.report.entries import measure_runs
+from vo_lib.report.page import ReportTable
+from vo_lib.report.reproduce import slug
+from vo_lib.report.table1 import VARIANT_WORDS
+from vo_lib.runs.drive import Run
+from vo_lib.runs.jobs import Job
+
+SEEDS, CHECKED = range(5), range(5, 10)
+RULES = ("none", "all", "moving", "truth")
+RULED = ("viso2", "solution_selection")
+# Rules under which a method is a preset of its own: not run twice.
+PRESET_OF_RULE = {
+    ("solution_selection", "all"): "feature_selection",
+    ("solution_selection", "moving"): "moving_selection",
+}
+# TE % / RE deg/100 m of libviso2 and of ORB-SLAM2's published trajectory, a start at every frame.
+OTHERS: dict[tuple[str, tuple[float, ...]], tuple[str, str]] = {
+    ("kitti/00", (50.0,)): ("1.61 / 1.88", "1.51 / 2.13"),
+    ("kitti/00", (100.0,)): ("1.44 / 1.17", "1.41 / 1.64"),
+    ("kitti/01", (20.0,)): ("7.84 / 2.70", "5.47 / 2.54"),
+}
+Key = tuple[str, str, str]  # sequence, variant, method or "method rule"
+
+
+def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int], Job]]:
+    """Every method of both variants, and box rules that are no method of their own."""
+    wanted = {
+        (variant, name): config for variant, methods in VARIANTS.items() for name, config in methods.items()
+    }
+    # Nobody knows the truth of what moves but in drawn scenes.
+    rules = RULES if (sequence.folder / "truth").is_dir() else RULES[:-1]
+    for method in RULED:
+        for rule in rules[1:]:
+            if (method, rule) not in PRESET_OF_RULE:
+                wanted["kit", f"{method} {rule}"] = change(preset(method, variant="kit"), "filter.rule", rule)
+    method = _judged(sequence)
+    wanted["kit", f"{method} off"] = change(preset(method, variant="kit"), "calibration.estimate", False)
+    for (variant, name), config in wanted.items():
+        for seed in (*SEEDS, *CHECKED):
+            place = folder / variant / slug(sequence.name) / slug(name) / f"seed_{seed}"
+            yield (
+                ((sequence.name, variant, name), seed),
+                Job(sequence, name, change(config, "seed", seed), place),
+            )
+
+
+def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
+    """What a sequence is judged by: KITTI's measure, or short pieces one length a row."""
+    assert sequence.truth is not None
+    whole = sequence.name.startswith(SYNTHETIC) and suitable_measure(sequence.truth) == KITTI_MEASURE
+    if whole:
+        return [(sequence.name, KITTI_MEASURE)]
+    lengths = [L for L in SHORT_LENGTHS if len(kitti_errors(sequence.truth, sequence.truth, [L], 1))]
+    return [(f"{sequence.name}, {length:g} m", Measure((length,), 1)) for length in lengths]
+
+
+def _cell(runs: list[Run], measure: Measure) -> str:
+    """TE / RE, mean ± deviation over the first five seeds, and the mean over the other five below."""
+    first, second = (measure_runs("", part, measure) for part in (runs[: len(SEEDS)], runs[len(SEEDS) :]))
+    if not np.isfinite(first.te).all():
+        return "–"
+    pairs = [f"{v.mean():.3f} ± {v.std():.3f}" for v in (first.te, first.re)]
+    return " / ".join(pairs) + f"\n({second.te.mean():.3f} / {second.re.mean():.3f})"
+
+
+def systems(sequences: list[Sequence], runs: dict[Key, list[Run]], variant: str) -> ReportTable:
+    """The methods of a variant over all sequences."""
+    methods = list(VARIANTS[variant])
+    rows = [
+        [label, *(_cell(runs[sequence.name, variant, method], measure) for method in methods)]
+        for sequence in sequences
+        for label, measure in _measures(sequence)
+    ]
+    rows = [row for row in rows if set(row[1:]) != {"–"}]
+    return ReportTable(VARIANT_WORDS[variant].capitalize(), ["sequence", *methods], rows, [])
+
+
+def box_rules(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> ReportTable:
+    """The kit's way under each box rule, with the share of features removed."""
+    rows = []
+    for sequence in sequences:
+        label, measure = _measures(sequence)[-1 if sequence.name.startswith(SYNTHETIC) else 0]
+        for method in RULED:
+            cells = []
+            for rule in RULES:
+                name = method if rule == "none" else PRESET_OF_RULE.get((method, rule), f"{method} {rule}")
+                found = runs.get((sequence.name, "kit", name))
+                removed = "" if found is None else f" {100 * found[0].removed_share:.0f} % gone"
+                cells.append("–" if found is None else _cell(found, measure) + removed)
+            rows.append([f"{label}, {method}", *cells])
+    return ReportTable("Box rules, the kit's way", ["sequence, method", *RULES], rows, [])
+
+
+def _judged(sequence: Sequence) -> str:
+    """The method that shows what learning the calibration does."""
+    return "feature_selection" if sequence.name.startswith(SYNTHETIC) else "solution_selection"
+
+
+def calibrations(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> ReportTable:
+    """The kit's way with and without learning; on real clips the axes of the truth, and other systems."""
+    rows = []
+    for sequence in sequences:
+        measures = _measures(sequence)
+        for label, measure in measures[-1:] if sequence.name.startswith(SYNTHETIC) else measures:
+            method = _judged(sequence)
+            learnt, off = (runs[sequence.name, "kit", name] for name in (method, f"{method} off"))
+            cells = [_cell(found, measure) for found in (learnt, off)]
+            if set(cells) == {"–"}:
+                continue
+            cells += [_turned(sequence, learnt, measure), _turned(sequence, off, measure)]
+            others = OTHERS.get((sequence.name, measure.lengths), ("–", "–"))
+            rows.append([f"{label}, {method}", *cells, _length(sequence, learnt), *others])
+    columns = ["sequence, method", "learnt", "off", "learnt, axes", "off, axes", "length"]
+    columns += ["libviso2", "ORB-SLAM2"]
+    notes = [
+        "Axes: the TE that is left with the pitch and yaw between camera and truth that make it smallest "
+        "(`vo data measure_axes`), and these angles; seed 0. Length: of all steps, against the truth. "
+        "libviso2 and ORB-SLAM2's published trajectories on the same frames, of clips with KITTI's first "
+        "201 frames of 00 and 51 of 01. What learning is set to was chosen on 00, 01, KITTI's raw drive 0005 "
+        "and the drawn scenes, so these rows are no check of it; the appendix says how."
+    ]
+    return ReportTable("What learning the calibration does", columns, rows, notes)
+
+
+def _turned(sequence: Sequence, runs: list[Run], measure: Measure) -> str:
+    """TE of the first seed with the axes turned, and by how much; drawn scenes have the true axes."""
+    if sequence.name.startswith(SYNTHETIC) or sequence.truth is None:
+        return "–"
+    turned = fit_axes(sequence.truth, runs[0].poses, measure.lengths, measure.step)
+    return f"{turned.kitti.te:.3f}\n({turned.pitch:+.2f}°, {turned.yaw:+.2f}°)"
+
+
+def _length(sequence: Sequence, runs: list[Run]) -> str:
+    """How much longer the path is than the truth's, mean over seeds, percent."""
+    assert sequence.truth is not None
+    true, *found = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
+    return f"{100 * (np.mean(found) / true - 1):+.2f} %"

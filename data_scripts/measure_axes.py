@@ -1,0 +1,63 @@
+"""Find the constant angles between a camera's axes and those of its truth.
+
+examples:
+  vo data measure_axes truth.txt runs/00/poses.txt
+  vo data measure_axes truth.txt runs/00/poses.txt --lengths 20,50,100 --step 1
+
+KITTI's truth is that of an inertial unit, brought to the camera by a calibration, whose error turns every
+motion. The pitch and yaw printed make the translation error TE smallest. This is no measure of KITTI's. Both
+files are in KITTI's format, one row a frame.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from measure.axes import MAX_ANGLE_DEG, fit_axes
+from vo_lib.commands.common import parse_lengths, parse_whole
+from vo_lib.commands.console import show_table
+from vo_lib.commands.scripts import run_script
+from vo_lib.data.poses import read_kitti_poses
+from vo_lib.errors import DataError
+from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, kitti_errors
+from vo_lib.report.page import number
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options."""
+    parser.add_argument("truth", type=Path, help="true poses")
+    parser.add_argument("estimate", type=Path, help="estimated poses of the same frames")
+    lengths = ",".join(f"{length:g}" for length in KITTI_LENGTHS)
+    parser.add_argument("--lengths", default=lengths, metavar="L,L", help="metres; default KITTI's")
+    step = f"frames between starts of sub-sequences; default {KITTI_STEP}"
+    parser.add_argument("--step", default=str(KITTI_STEP), metavar="N", help=step)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the errors as measured and with the angles that make TE smallest."""
+    lengths, step = parse_lengths(options.lengths), parse_whole("--step", options.step)
+    truth, estimate = (read_kitti_poses(path) for path in (options.truth, options.estimate))
+    if len(truth) != len(estimate):
+        raise DataError(f"has {len(estimate)} rows, {options.truth} has {len(truth)}", options.estimate)
+    measured, turned = kitti_errors(truth, estimate, lengths, step), fit_axes(truth, estimate, lengths, step)
+    if not len(measured):
+        raise DataError(f"no sub-sequence is {min(lengths):g} m long: give shorter --lengths", options.truth)
+    rows = [
+        ["as measured", "0", "0", number(measured.te), number(measured.re)],
+        [
+            "axes turned",
+            f"{turned.pitch:+.3f}",
+            f"{turned.yaw:+.3f}",
+            number(turned.kitti.te),
+            number(turned.kitti.re),
+        ],
+    ]
+    title = f"{len(measured)} sub-sequences; angles up to {MAX_ANGLE_DEG:g} deg"
+    show_table(title, ["", "pitch deg", "yaw deg", "TE %", "RE deg/100 m"], rows)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_script(sys.modules[__name__]))

@@ -1,0 +1,101 @@
+"""Measure the time of each stage of a frame on this machine.
+
+examples:
+  vo data measure_speed
+  vo data measure_speed --sequence kitti/00 --frames 200 --variant kit
+
+The times are beside the time for decoding the same images.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from vo_lib.commands.common import add_cache, add_variant, open_with_bar, parse_whole
+from vo_lib.commands.console import reporting, say, show_table
+from vo_lib.commands.scripts import run_script
+from vo_lib.config import preset
+from vo_lib.data.catalogue import SYNTHETIC
+from vo_lib.data.sequence import Sequence
+from vo_lib.geometry.types import Progress
+from vo_lib.paper.settings import MethodConfig
+from vo_lib.runs.drive import run as run_sequence
+from vo_lib.runs.folder import timing
+from vo_lib.runs.identity import surroundings, versions
+
+SCENE = f"{SYNTHETIC}traffic"
+METHOD = "feature_selection"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options."""
+    parser.add_argument("--sequence", metavar="S", default=SCENE, help=f"name or folder; default {SCENE}")
+    parser.add_argument("--frames", metavar="N", default="200", help="frames from the first; default 200")
+    add_variant(parser)
+    add_cache(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure, then print a table."""
+    frames = parse_whole("--frames", options.frames)
+    config = preset(METHOD, variant=options.variant or "published")
+    sequence = open_with_bar(options.sequence, options.cache)
+    sequence = sequence.part(0, max(2, min(frames, len(sequence))))
+    with reporting(f"measuring {sequence.name}") as report:
+        figures = measure(sequence, config, report)
+    machine, camera = describe_machine(), sequence.camera
+    say(", ".join(f"{name} {value}" for name, value in machine.items()))
+    whole, used, decoding = (figures[f"{name}_ms_a_frame"] for name in ("wall", "processor", "decoding"))
+    rows = [[name, f"{ms:.2f} ms"] for name, ms in figures["stages_ms_a_frame"].items()]
+    rows.append(["decoding the images in one thread", f"{decoding:.2f} ms"])
+    rows.append(["whole run, wall", f"{whole:.2f} ms, {whole / decoding:.1f} times the decoding"])
+    rows.append(["whole run, processor time", f"{used:.2f} ms, {used / decoding:.1f} times the decoding"])
+    size = f"{camera.width}×{camera.height} px"
+    show_table(
+        f"{sequence.name}, {len(sequence)} frames, {size}, {METHOD}, {config.variant}",
+        ["a frame", "time"],
+        rows,
+    )
+    return 0
+
+
+def measure(sequence: Sequence, config: MethodConfig, progress: Progress | None = None) -> dict[str, Any]:
+    """Run a method over a sequence, then decode its images alone; milliseconds a frame.
+
+    Stages by the wall clock; the whole run by the wall clock and by the processor time of all threads;
+    decoding by its processor time, in one thread.
+    """
+    count = len(sequence)
+    run_sequence(sequence.part(0, 2), config)  # work that a process does once belongs to no frame
+    wall, used = time.perf_counter(), time.process_time()
+    result = run_sequence(sequence, config, progress)
+    wall, used = time.perf_counter() - wall, time.process_time() - used
+    decoding = time.process_time()
+    for index in range(count):
+        sequence.stereo(index)
+    decoding = time.process_time() - decoding
+    return {
+        "stages_ms_a_frame": timing(result)["ms_per_frame_of"],
+        "wall_ms_a_frame": 1e3 * wall / count,
+        "processor_ms_a_frame": 1e3 * used / count,
+        "decoding_ms_a_frame": 1e3 * decoding / count,
+    }
+
+
+def describe_machine() -> dict[str, Any]:
+    """Processor, its cores, system, commit and versions."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    processor = names[0] if names else platform.processor() or platform.machine()
+    return {"processor": processor, "cores": os.cpu_count(), **surroundings(), **versions()}
+
+
+if __name__ == "__main__":
+    sys.exit(run_script(sys.modules[__name__]))

@@ -1,0 +1,74 @@
+"""Smooth outlines: pixels that an edge crosses become a mixture of both sides.
+
+A pixel shows the face at its centre, so outlines would jump by whole pixels, and corner detectors love
+outlines. Where two neighbours see different faces, the place where the edge crosses between them is known
+exactly from the face's corners; the pixel it cuts takes its neighbour's brightness by the share covered.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.types import Array
+
+Float32 = NDArray[np.float32]
+Int = NDArray[np.int32]
+
+
+def soften_edges(
+    light: Float32, inverse_depth: Float32, seen: Int, edges: Array, camera: StereoCamera
+) -> Float32:
+    """Brightness (H, W) with smooth outlines.
+
+    Parameters
+    ----------
+    light, inverse_depth : (H, W) brightness and 1/Z at the pixel centres.
+    seen : (H, W) face of each pixel.
+    edges : (F, 4, 3) a point (x, y, 1) is inside a face where all four products are >= 0.
+    camera : its f, cx and cy.
+    """
+    height, width = seen.shape
+    change = np.zeros(light.size, np.float32)
+    total = np.zeros(light.size, np.float32)
+    flat, face, inverse = light.ravel(), seen.ravel(), inverse_depth.ravel()
+    x: Array = (np.arange(width, dtype=np.float64) - camera.cx) / camera.f
+    y: Array = (np.arange(height, dtype=np.float64) - camera.cy) / camera.f
+    for axis, stride in ((0, 1), (1, width)):
+        one = np.flatnonzero(face[:-stride] != face[stride:])
+        if axis == 0:
+            one = one[one % width != width - 1]
+        row, column = np.divmod(one, width)
+        two = one + stride
+        # Signed distances are wanted along this axis only: one step is 1/f.
+        step = np.array([1.0, -1.0]) / camera.f
+        at_one = (x[column], y[row])
+        at_two = (x[column] + (step[0] if axis == 0 else 0.0), y[row] + (step[0] if axis == 1 else 0.0))
+        leave_one = _way_out(edges[face[one]], at_one, axis, step[0])
+        leave_two = 1.0 - _way_out(edges[face[two]], at_two, axis, step[1])
+        # The outline belongs to the nearer face, unless only one of the two ends here.
+        first = np.isfinite(leave_one) & (~np.isfinite(leave_two) | (inverse[one] >= inverse[two]))
+        cross = np.where(first, leave_one, leave_two)
+        for target, other, share in ((one, two, 0.5 - cross), (two, one, cross - 0.5)):
+            use = (share > 0) & (share <= 0.5)
+            target, other, weight = target[use], other[use], share[use].astype(np.float32)
+            change[target] += weight * (flat[other] - flat[target])
+            total[target] += weight
+    return np.asarray((flat + change / np.maximum(total, 1.0)).reshape(light.shape))
+
+
+def _way_out(edges: Array, at: tuple[Array, Array], axis: int, step: float) -> Array:
+    """Share of the step to the next pixel after which a face ends (N,); infinite where it does not.
+
+    An edge counts only on the axis it cuts more squarely, so that none is smoothed twice; elsewhere NaN.
+    """
+    value = edges[:, :, 0] * at[0][:, None] + edges[:, :, 1] * at[1][:, None] + edges[:, :, 2]
+    slope = edges[:, :, axis] * step
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = np.where(value + slope < 0, value / -slope, np.inf)
+    nearest = np.argmin(way, axis=1)
+    rows = np.arange(len(way))
+    square = np.abs(edges[rows, nearest, axis]) >= np.abs(edges[rows, nearest, 1 - axis])
+    out = way[rows, nearest]
+    return np.asarray(np.where(square | ~np.isfinite(out), np.clip(out, 0.0, np.inf), np.nan))

@@ -1,0 +1,120 @@
+"""One big picture that holds every texture at every scale, against aliasing.
+
+A surface seen at a slant is squeezed in one direction only: the road ahead is squeezed along, hardly across.
+So each texture is kept at all pairs of scales, 2^-i along its columns and 2^-j along its rows (a ripmap),
+and each pixel reads the pair that fits its footprint. All live in one array, so that one remap serves all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Float32 = NDArray[np.float32]
+Int = NDArray[np.int32]
+
+PAD = 2  # texels around each level, so that interpolation at its border stays inside
+ATLAS_WIDTH = 8192
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """All textures at all scales, T of them with up to L levels an axis.
+
+    Attributes
+    ----------
+    texels : (A, B) grey values.
+    size : (T, 2) texels along s (columns) and t (rows), powers of two.
+    top : (T, 2) coarsest level along s and t.
+    wrap : (T, 2) 1 where the texture repeats, 0 where it ends.
+    column, row : (T, L) place of level i: texel coordinate s lies at column[i] + s / 2**i.
+    """
+
+    texels: Float32
+    size: Float32
+    top: Float32
+    wrap: Float32
+    column: Float32
+    row: Float32
+
+
+@dataclass
+class TextureSet:
+    """Textures collected by name while a world is built."""
+
+    images: list[Float32] = field(default_factory=list)
+    wraps: list[tuple[bool, bool]] = field(default_factory=list)
+    names: dict[str, int] = field(default_factory=dict)
+
+    def add(self, name: str, image: NDArray[np.generic], wrap: tuple[bool, bool] = (False, False)) -> int:
+        """Number of a new texture; its sides must be powers of two. `wrap`: repeats along s, along t."""
+        self.names[name] = len(self.images)
+        self.images.append(np.asarray(image, np.float32))
+        self.wraps.append(wrap)
+        return self.names[name]
+
+    def size(self, texture: int) -> tuple[int, int]:
+        """Texels along s and t."""
+        rows, columns = self.images[texture].shape
+        return columns, rows
+
+    def build(self) -> Atlas:
+        """Shrink every texture to all its pairs of scales and lay them out on shelves."""
+        count = len(self.images)
+        size = np.array([self.size(k) for k in range(count)], np.int64)
+        top = np.log2(size).astype(np.int64) - 2
+        levels = int(top.max()) + 1
+        column = np.zeros((count, levels), np.float32)
+        row = np.zeros((count, levels), np.float32)
+        starts = [[_starts(int(size[k, a]), int(top[k, a])) for a in (0, 1)] for k in range(count)]
+        x = y = shelf = 0
+        place = np.zeros((count, 2), np.int64)
+        for k in sorted(range(count), key=lambda k: (-starts[k][1][-1], k)):
+            w, h = starts[k][0][-1], starts[k][1][-1]
+            if x + w > ATLAS_WIDTH:
+                x, y, shelf = 0, y + shelf, 0
+            place[k] = x, y
+            x, shelf = x + w, max(shelf, h)
+        texels = np.zeros((y + shelf, ATLAS_WIDTH), np.float32)
+        for k, image in enumerate(self.images):
+            # Hard painted edges would shimmer: nothing finer than a texel may stay.
+            soft = cv2.GaussianBlur(_pad(image, self.wraps[k]), (5, 5), 0.6)
+            across = np.ascontiguousarray(soft[PAD:-PAD, PAD:-PAD], np.float32)
+            for i in range(top[k, 0] + 1):
+                level = across
+                for j in range(top[k, 1] + 1):
+                    x0, y0 = place[k, 0] + starts[k][0][i], place[k, 1] + starts[k][1][j]
+                    padded = _pad(level, self.wraps[k])
+                    texels[y0 : y0 + padded.shape[0], x0 : x0 + padded.shape[1]] = padded
+                    if j < top[k, 1]:
+                        level = _halve(level.T, self.wraps[k][1]).T
+                if i < top[k, 0]:
+                    across = _halve(across, self.wraps[k][0])
+            # Texel centres are at halves of the texture's own coordinate, at integers of the atlas.
+            column[k, : top[k, 0] + 1] = place[k, 0] + np.array(starts[k][0][:-1]) + PAD - 0.5
+            row[k, : top[k, 1] + 1] = place[k, 1] + np.array(starts[k][1][:-1]) + PAD - 0.5
+        wrap = np.array(self.wraps, np.float32)
+        return Atlas(texels, size.astype(np.float32), top.astype(np.float32), wrap, column, row)
+
+
+def _starts(size: int, top: int) -> list[int]:
+    """First texel of each level with its padding, and the length of all."""
+    return [0, *np.cumsum([(size >> i) + 2 * PAD for i in range(top + 1)]).tolist()]
+
+
+def _pad(image: Float32, wrap: tuple[bool, bool]) -> Float32:
+    """Texels added on all sides: from the other end where a texture repeats, else its last value."""
+    mode = [cv2.BORDER_WRAP if w else cv2.BORDER_REPLICATE for w in wrap]
+    wide = cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, PAD, PAD, mode[0])
+    return np.asarray(cv2.copyMakeBorder(wide, PAD, PAD, 0, 0, mode[1]), np.float32)
+
+
+def _halve(image: Float32, wrap: bool) -> Float32:
+    """Half as many columns, low-passed by (1, 3, 3, 1)/8; the texture does not shift."""
+    border = cv2.BORDER_WRAP if wrap else cv2.BORDER_REPLICATE
+    wide = cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, 1, 1, border)
+    outer, inner = wide[:, 0:-2:2] + wide[:, 3::2], wide[:, 1:-1:2] + wide[:, 2:-1:2]
+    return np.asarray(0.125 * outer + 0.375 * inner, np.float32)

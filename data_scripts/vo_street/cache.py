@@ -1,0 +1,44 @@
+"""Scenes in a cache folder: drawn under another name, then given their own."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from vo_lib.data.scenes import SceneConfig
+from vo_lib.errors import DataError
+from vo_lib.geometry.types import Progress
+
+from .folder import write_scene
+
+
+def draw_scene(
+    config: SceneConfig,
+    folder: Path,
+    progress: Progress | None = None,
+    jobs: int = 2,
+    frames: range | None = None,
+) -> None:
+    """Draw a scene into a folder that is not there yet; it has its name only when it is complete.
+
+    Parameters
+    ----------
+    progress : called with (frames done, frames) while drawing.
+    jobs : processes that draw. The pictures do not depend on it.
+    frames : draw no others.
+
+    Raises `DataError` where the folder cannot be written.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        draft = f".{folder.name}."
+        with tempfile.TemporaryDirectory("", draft, folder.parent, ignore_cleanup_errors=True) as name:
+            write_scene(config, Path(name), progress, jobs, frames)
+            try:
+                os.rename(name, folder)
+            except OSError:
+                if not folder.is_dir():  # another process has drawn the same
+                    raise
+    except OSError as error:
+        raise DataError(f"the cache cannot be written: {error.strerror}", folder.parent) from None

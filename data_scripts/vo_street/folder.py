@@ -1,0 +1,110 @@
+"""Drawing a whole scene into a folder in KITTI's layout, with several processes if wanted."""
+
+from __future__ import annotations
+
+import functools
+import json
+from concurrent.futures import BrokenExecutor, as_completed
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.data.poses import write_kitti_poses
+from vo_lib.data.scenes import SceneConfig
+from vo_lib.errors import DataError
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.types import Progress
+from vo_lib.parallel import local_pool
+from vo_lib.settings import to_dict
+
+from .drive import make_drive, make_route
+from .render import Renderer
+from .sensor import photograph
+from .truth_files import encode_depth, visible_boxes, write_objects
+from .world import make_world
+
+
+def write_scene(
+    config: SceneConfig,
+    folder: Path,
+    progress: Progress | None = None,
+    jobs: int = 2,
+    frames: range | None = None,
+) -> None:
+    """Draw all frames of a scene, or some of them, into an empty folder."""
+    for name in ("image_0", "image_1", "labels", "truth/depth", "truth/instance"):
+        (folder / name).mkdir(parents=True)
+    scene = json.dumps({"config": to_dict(config)}, indent=1)
+    _write_text(folder / "truth" / "scene.json", scene + "\n")
+    whole = range(len(make_drive(config, make_route(config)).times))
+    wanted = whole if frames is None else frames
+    if not 0 <= wanted.start < wanted.stop <= len(whole):
+        raise DataError(f"--frames {wanted.start}:{wanted.stop}: the scene has 0:{len(whole)}")
+    with local_pool(jobs) as pool:
+        tables = pool.submit(_write_tables, config, folder)
+        running = [pool.submit(_write_frame, config, folder, frame) for frame in wanted]
+        try:
+            for done, ended in enumerate(as_completed(running), start=1):
+                ended.result()
+                if progress:
+                    progress(done, len(wanted))
+            tables.result()
+        except BrokenExecutor:
+            raise DataError("a process that draws was killed, perhaps for too much memory") from None
+
+
+@functools.lru_cache(maxsize=1)
+def _renderer(config: SceneConfig) -> Renderer:
+    """What draws a scene in this process."""
+    cv2.setNumThreads(1)  # the processes share the work by frames
+    return Renderer(make_world(config))
+
+
+def _write_tables(config: SceneConfig, folder: Path) -> None:
+    """Calibration, times, poses and the motion of the vehicles."""
+    world = _renderer(config).world
+    _write_text(folder / "calib.txt", calibration_text(config.camera))
+    _write_text(folder / "times.txt", "".join(f"{t:.6e}\n" for t in world.drive.times))
+    write_kitti_poses(folder / "poses.txt", world.poses)
+    write_objects(world, folder / "truth" / "objects.npz")
+
+
+def _write_frame(config: SceneConfig, folder: Path, frame: int) -> None:
+    """Both pictures of a frame, its labels and its truth."""
+    renderer, name = _renderer(config), f"{frame:06d}.png"
+    for right in (False, True):
+        view, picture = photograph(renderer, frame, right)
+        _write_png(folder / f"image_{int(right)}" / name, picture, noisy=True)
+        if not right:
+            boxes = visible_boxes(renderer.world, frame, view)
+            _write_png(folder / "truth" / "depth" / name, encode_depth(view.inverse_depth))
+            few = 2 * len(renderer.world.vehicles) < 256
+            codes = view.instance.astype(np.uint8) if few else view.instance.astype(np.uint16)
+            _write_png(folder / "truth" / "instance" / name, codes)
+            lines = "".join(box.yolo(config.camera) + "\n" for box in boxes)
+            _write_text(folder / "labels" / f"{frame:06d}.txt", lines)
+
+
+def calibration_text(camera: StereoCamera) -> str:
+    """calib.txt: P0 to P3; odd ones are right cameras, with -f b at the end of the first row."""
+    lines = []
+    for k in range(4):
+        P = np.hstack([camera.K, np.zeros((3, 1))])
+        P[0, 3] = -camera.f * camera.baseline * (k % 2)
+        lines.append(f"P{k}: " + " ".join(f"{v:.12e}" for v in P.ravel()) + "\n")
+    return "".join(lines)
+
+
+def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16], noisy: bool = False) -> None:
+    # One fixed filter: trying all for each row costs twice the time.
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB]
+    if noisy:
+        # Noise holds no repetitions: do not look for any.
+        options += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+    path.write_bytes(cv2.imencode(".png", image, options)[1].tobytes())
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="ascii", newline="\n")

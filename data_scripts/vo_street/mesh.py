@@ -1,0 +1,122 @@
+"""Flat four-cornered faces with texture coordinates: what streets and vehicles are made of."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.geometry.motion import transform
+from vo_lib.geometry.rows import Rows
+from vo_lib.geometry.types import Array
+
+Int = NDArray[np.int32]
+
+# Towards the sun, street frame (x right, y down, z forward).
+SUN = np.array([-0.45, -0.75, -0.48]) / np.linalg.norm([-0.45, -0.75, -0.48])
+
+
+@dataclass(frozen=True, eq=False)
+class Faces(Rows):
+    """F convex flat faces; a triangle repeats its third corner.
+
+    Attributes
+    ----------
+    corners : (F, 4, 3) metres, in order round the face.
+    texture : (F,) number of the texture.
+    origin : (F, 2) texel coordinate (s, t) of the first corner.
+    s_axis, t_axis : (F, 3) texels a metre: s = origin + s_axis · (X - first corner).
+    gain : (F,) brightness that multiplies the texture.
+    instance : (F,) number of the thing the face belongs to; 0 is the street itself.
+    """
+
+    corners: Array
+    texture: Int
+    origin: Array
+    s_axis: Array
+    t_axis: Array
+    gain: Array
+    instance: Int
+
+    def moved(self, T: Array) -> Faces:
+        """The faces moved rigidly by T (4, 4); their texture goes with them."""
+        corners = transform(T, self.corners.reshape(-1, 3)).reshape(-1, 4, 3)
+        R = T[:3, :3].T
+        return dataclasses.replace(self, corners=corners, s_axis=self.s_axis @ R, t_axis=self.t_axis @ R)
+
+    def outward(self) -> Array:
+        """Unit normals (F, 3) of the sides that are seen; faces are invisible from behind."""
+        normal = np.cross(self.corners[:, 3] - self.corners[:, 0], self.corners[:, 1] - self.corners[:, 0])
+        return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+
+    def lit(self) -> Faces:
+        """The faces with the sun's and the sky's light on their outer sides in their gain."""
+        return dataclasses.replace(self, gain=self.gain * sunlight(self.outward()))
+
+
+def sunlight(normal: Array) -> Array:
+    """Light (F,) of sun and sky on surfaces with unit normals (F, 3)."""
+    return np.asarray(0.62 + 0.38 * np.maximum(normal @ SUN, 0.0) - 0.12 * np.maximum(normal[:, 1], 0.0))
+
+
+@dataclass
+class MeshBuilder:
+    """Collects faces; corners run clockwise seen from outside, so that lighting knows the outer side."""
+
+    sizes: list[tuple[int, int]]  # texels of each texture, from TextureSet.size
+    parts: list[tuple[Array, Array, int, Array]] = field(default_factory=list)
+
+    def add(self, corners: Array, texture: int, uv: Array | None = None, gain: float | Array = 1.0) -> None:
+        """Add n faces of one texture.
+
+        Parameters
+        ----------
+        corners : (n, 4, 3) or (4, 3), metres.
+        texture : its number.
+        uv : (n, 4, 2) or (4, 2), texture coordinates as shares of the texture, above 1 where it repeats;
+            by default the corners of the texture: lower left, upper left, upper right, lower right.
+        gain : brightness, one or n.
+        """
+        quads = np.asarray(corners, float).reshape(-1, 4, 3)
+        if uv is None:
+            uv = np.array([[0.0, 1.0], [0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+        uv = np.broadcast_to(np.asarray(uv, float).reshape(-1, 4, 2), (len(quads), 4, 2))
+        self.parts.append((quads, uv, texture, np.broadcast_to(np.asarray(gain, float), len(quads))))
+
+    def build(self) -> Faces:
+        """All faces with their texture axes, not yet lit."""
+        corners = np.concatenate([p[0] for p in self.parts])
+        uv = np.concatenate([p[1] * self.sizes[p[2]] for p in self.parts])
+        texture = np.concatenate([np.full(len(p[0]), p[2], np.int32) for p in self.parts])
+        gain = np.concatenate([p[3] for p in self.parts])
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
+        frame = np.stack([a, b, np.cross(a, b)], axis=1)
+        # The texture coordinate is linear over the face and constant along its normal.
+        rise = np.stack([uv[:, 1] - uv[:, 0], uv[:, 3] - uv[:, 0], np.zeros_like(uv[:, 0])], axis=1)
+        axes = np.linalg.solve(frame, rise)
+        return Faces(corners, texture, uv[:, 0], axes[:, :, 0], axes[:, :, 1], gain, np.zeros_like(texture))
+
+
+def prism(base: Array, top: Array) -> Array:
+    """Side faces (n, 4, 3) between two rings of n corners each (n, 3)."""
+    return np.stack([base, top, np.roll(top, -1, axis=0), np.roll(base, -1, axis=0)], axis=1)
+
+
+def ring(centre: Array, radius: float, count: int) -> Array:
+    """Corners (count, 3) of a level ring, metres, in order seen from above."""
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.asarray(centre + radius * np.stack([np.cos(angle), np.zeros(count), np.sin(angle)], axis=1))
+
+
+def box(low: Array, high: Array) -> Array:
+    """The six faces (6, 4, 3) of a box: front (low z), right, back, left, top, bottom; y is down."""
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    f = [[x0, y1, z0], [x0, y0, z0], [x1, y0, z0], [x1, y1, z0]]
+    b = [[x1, y1, z1], [x1, y0, z1], [x0, y0, z1], [x0, y1, z1]]
+    r = [f[3], f[2], b[1], b[0]]
+    left = [b[3], b[2], f[1], f[0]]
+    up = [f[1], b[2], b[1], f[2]]
+    down = [f[3], b[0], b[3], f[0]]
+    return np.array([f, r, b, left, up, down])

@@ -1,0 +1,284 @@
+"""From a world to pictures: which face each pixel sees, how far it is, and how bright.
+
+OpenCV's z-buffer rasteriser only says which face a pixel sees. Where the pixel's ray meets the face, and
+where that is in the face's texture, is then computed exactly: 1/Z, s/Z and t/Z are linear in the pixel
+coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.motion import inverse, transform
+from vo_lib.geometry.rows import joined
+from vo_lib.geometry.types import Array, BoolArray
+
+from .antialias import soften_edges
+from .mesh import Faces
+from .world import World
+
+Float32 = NDArray[np.float32]
+Int = NDArray[np.int32]
+Places = list[tuple[Float32, Float32]]
+Number = TypeVar("Number", np.float32, np.int32)
+
+NEAR, FAR = 0.3, 3000.0  # metres
+REACH = 190.0  # things smaller than 10 m are left out beyond, metres
+SKY_HEIGHT = 900.0  # of the clouds, metres
+HORIZON = 205.0  # brightness of the clouds on the horizon
+SCALES = (0.5 ** np.arange(16)).astype(np.float32)  # of the levels of the atlas
+ROWS_AT_ONCE = 12  # rows shaded together: they fit into the processor's cache
+
+
+@dataclass(frozen=True)
+class View:
+    """What one camera sees, before the sensor.
+
+    Attributes
+    ----------
+    light : (H, W) brightness, 255 is white at an exposure of 1.
+    inverse_depth : (H, W) 1/Z, 1/metre; 0 for the sky.
+    instance : (H, W) instance number of what is seen; 0 is street or sky.
+    """
+
+    light: Float32
+    inverse_depth: Float32
+    instance: Int
+
+
+@dataclass(frozen=True)
+class FaceTable:
+    """F faces seen by one camera; row 0 is the sky.
+
+    Attributes
+    ----------
+    lines : (9, F) coefficients of (s/Z, t/Z, 1/Z) over (x, y, 1), normalised image points.
+    edges : (F, 4, 3) a point is inside the face where all four products with (x, y, 1) are >= 0.
+    texture, instance : (F,) numbers. gain : (F,) brightness.
+    """
+
+    lines: Float32
+    edges: Array
+    texture: Int
+    gain: Float32
+    instance: Int
+
+
+class Renderer:
+    """Draws the frames of one world."""
+
+    def __init__(self, world: World):
+        self.world = world
+        self.camera = world.config.camera
+        corners = world.still.corners
+        self._middle = corners.mean(axis=1)
+        self._radius = np.linalg.norm(corners - self._middle[:, None], axis=2).max(axis=1)
+        self._outward = world.still.outward()
+
+    def view(self, frame: int, right: bool = False) -> View:
+        """Render the left or right camera of a frame."""
+        T_s_c = self.world.drive.poses[frame].copy()
+        if right:
+            T_s_c[:3, 3] += T_s_c[:3, 0] * self.camera.baseline
+        faces, corners = self._in_sight(frame, inverse(T_s_c))
+        seen = rasterise(corners, self.camera)
+        table = face_table(faces, corners, T_s_c, self.world.sky)
+        light, inverse_depth = self._shade(seen, table)
+        light = soften_edges(light, inverse_depth, seen, table.edges, self.camera)
+        inverse_depth[seen == 0] = 0.0
+        return View(light, inverse_depth, table.instance[seen])
+
+    def _in_sight(self, frame: int, T_c_s: Array) -> tuple[Faces, Array]:
+        """Faces that may be in the picture, street frame, and their corners (F, 4, 3) in the camera frame."""
+        world = self.world
+        eye = -T_c_s[:3, :3].T @ T_c_s[:3, 3]
+        away = self._middle - eye
+        near = np.einsum("ij,ij->i", away, self._outward) < 0
+        near &= (np.einsum("ij,ij->i", away, away) < REACH**2) | (self._radius > 5.0)
+        near[near] = self._in_pyramid(transform(T_c_s, self._middle[near]), self._radius[near])
+        parts = [world.still[near]]
+        for k in world.vehicles_near(frame, REACH):
+            placed = world.placed(k, frame)
+            middle = placed.corners.mean(axis=1)
+            shown = np.einsum("ij,ij->i", middle - eye, placed.outward()) < 0
+            shown &= self._in_pyramid(transform(T_c_s, middle), np.full(len(middle), 10.0))
+            parts.append(placed[shown])
+        faces = joined(parts)
+        corners = transform(T_c_s, faces.corners.reshape(-1, 3)).reshape(-1, 4, 3)
+        # Nearest first: the rasteriser then overwrites less.
+        low = corners[:, :, 2].min(axis=1)
+        order = np.argsort(low, kind="stable")
+        order = order[corners[order, :, 2].max(axis=1) > NEAR]
+        return faces[order], corners[order]
+
+    def _in_pyramid(self, middle: Array, radius: Array) -> BoolArray:
+        """Whether balls (N, 3), camera frame, may reach into the pyramid that the picture covers."""
+        camera = self.camera
+        x, y, z = middle.T
+        inside = z + radius > NEAR
+        for value, first, last in ((x, -camera.cx - 1, camera.width - camera.cx),
+                                   (y, -camera.cy - 1, camera.height - camera.cy)):  # fmt: skip
+            for border, sign in ((first / camera.f, 1.0), (last / camera.f, -1.0)):
+                inside &= sign * (value - border * z) / np.hypot(1.0, border) > -radius
+        return np.asarray(inside)
+
+    def _shade(self, seen: Int, table: FaceTable) -> tuple[Float32, Float32]:
+        """Brightness and 1/Z of every pixel (H, W), from its face and its place in the face's texture."""
+        camera, atlas = self.camera, self.world.atlas
+        light = np.empty(seen.shape, np.float32)
+        inverse_depth = np.empty(seen.shape, np.float32)
+        x = ((np.arange(camera.width) - camera.cx) / camera.f).astype(np.float32)[None]
+        y = ((np.arange(camera.height) - camera.cy) / camera.f).astype(np.float32)[:, None]
+        for start in range(0, camera.height, ROWS_AT_ONCE):
+            rows = slice(start, start + ROWS_AT_ONCE)
+            face = seen[rows]
+            places, shares, inverse_depth[rows] = self._texels(face, table, x, y[rows])
+            taps = [[cv2.remap(atlas.texels, u, v, cv2.INTER_LINEAR) for u in places[0]] for v in places[1]]
+            upper = taps[0][0] + shares[0] * (taps[0][1] - taps[0][0])
+            below = taps[1][0] + shares[0] * (taps[1][1] - taps[1][0])
+            light[rows] = (upper + shares[1] * (below - upper)) * look_up(table.gain, face)
+        # Towards the horizon the sky is brighter and its clouds melt together.
+        clear, haze = np.float32(HORIZON), np.clip(-y / np.float32(0.1), 0.0, 1.0)
+        sky = clear + haze * (light - clear) + np.float32(60.0) * np.clip(y, -0.6, 0.0) + np.float32(30.0)
+        light = np.where(seen == 0, sky, light)
+        return light, inverse_depth
+
+    def _texels(
+        self, face: Int, table: FaceTable, x: Float32, y: Float32
+    ) -> tuple[Places, list[Float32], Float32]:
+        """Where in the atlas each pixel (h, W) finds its value.
+
+        Returns its places in the finer and the coarser level, and the share of the coarser, for s and for t;
+        and 1/Z.
+        """
+        atlas, pixel = self.world.atlas, np.float32(1.0 / self.camera.f)
+        line = [look_up(coefficients, face) for coefficients in table.lines]
+        inverse_depth = line[6] * x + line[7] * y + line[8]
+        z = 1.0 / inverse_depth
+        texture = look_up(table.texture, face)
+        places, shares = [], []
+        for axis, begins in ((0, atlas.column), (1, atlas.row)):
+            a, b, c = line[3 * axis : 3 * axis + 3]
+            at = (a * x + b * y + c) * z
+            # Texels crossed by one step to the next pixel, across and down, set the level.
+            across = (a - at * line[6]) * z
+            down = (b - at * line[7]) * z
+            step2 = across * across + down * down
+            top = look_up(atlas.top[:, axis], texture)
+            level = 0.5 * np.log2(np.maximum(step2, 1e-12)) + np.log2(pixel)
+            level = np.minimum(np.maximum(level, 0.0), top)
+            lower = np.minimum(np.floor(level), top - 1.0)
+            size = look_up(atlas.size[:, axis], texture)
+            at -= look_up(atlas.wrap[:, axis], texture) * size * np.floor(at / size)
+            at = np.minimum(np.maximum(at, 0.0), size)
+            whole = lower.astype(np.int32)
+            at *= look_up(SCALES, whole)
+            index = texture * begins.shape[1] + whole
+            table_of_begins = begins.ravel()
+            fine = look_up(table_of_begins, index) + at
+            coarse = look_up(table_of_begins, index + 1) + np.float32(0.5) * at
+            places.append((fine, coarse))
+            shares.append(level - lower)
+        return places, shares, inverse_depth
+
+
+def look_up(table: NDArray[Number], index: Int) -> NDArray[Number]:
+    """table[index], faster: the indices are known to fit."""
+    return table.take(index, mode="clip")
+
+
+def rasterise(corners: Array, camera: StereoCamera) -> Int:
+    """Which face each pixel sees: (H, W), index into corners plus one, 0 where there is none.
+
+    Parameters
+    ----------
+    corners : (F, 4, 3) faces in the camera frame, metres.
+    camera : its principal point and size set the picture.
+    """
+    # The rasteriser drops faces that reach behind the camera, so they are cut here.
+    low = corners[:, :, 2].min(axis=1)
+    whole = np.flatnonzero(low > NEAR)
+    cut = [(k, clip_near(corners[k])) for k in np.flatnonzero(low <= NEAR)]
+    vertices = [corners[whole].reshape(-1, 3)] + [points for _, points in cut]
+    owner = [np.repeat(whole, 4)] + [np.full(len(points), k) for k, points in cut]
+    base = 4 * np.arange(len(whole))
+    fans = [np.stack([base, base + 1, base + 2, base, base + 2, base + 3], axis=1).reshape(-1, 3)]
+    count = 4 * len(whole)
+    for _, points in cut:
+        k = np.arange(1, len(points) - 1)
+        fans.append(count + np.stack([0 * k, k, k + 1], axis=1))
+        count += len(points)
+    points = np.concatenate(vertices)
+    # Its axes: x right, y up, z back; its picture has its centre in the middle and pixel centres at + 0.5.
+    shift = np.array([camera.cx + 0.5 - camera.width / 2, camera.cy + 0.5 - camera.height / 2]) / camera.f
+    flipped = np.empty(points.shape, np.float32)
+    flipped[:, 0] = points[:, 0] + shift[0] * points[:, 2]
+    flipped[:, 1] = -(points[:, 1] + shift[1] * points[:, 2])
+    flipped[:, 2] = -points[:, 2]
+    number = ((np.concatenate(owner) + 1) * 2.0**-20).astype(np.float32)
+    colours = np.repeat(number[:, None], 3, axis=1)
+    settings = cv2.TriangleRasterizeSettings()
+    settings = settings.setShadingType(cv2.RASTERIZE_SHADING_FLAT).setCullingMode(cv2.RASTERIZE_CULLING_NONE)
+    picture = np.zeros((camera.height, camera.width, 3), np.float32)
+    depth = np.full((camera.height, camera.width), FAR, np.float32)
+    colour, _ = cv2.triangleRasterize(
+        flipped,
+        np.concatenate(fans).astype(np.int32),
+        colours,
+        picture,
+        depth,
+        np.eye(4, dtype=np.float32),
+        2.0 * float(np.arctan(0.5 * camera.height / camera.f)),
+        0.5 * NEAR,
+        FAR,
+        settings,
+    )
+    return np.asarray(np.asarray(colour)[:, :, 0] * np.float32(2.0**20), np.int32)
+
+
+def clip_near(polygon: Array) -> Array:
+    """The part (n, 3) of a convex polygon with z >= NEAR."""
+    kept: list[Array] = []
+    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        if a[2] >= NEAR:
+            kept.append(a)
+        if (a[2] >= NEAR) != (b[2] >= NEAR):
+            kept.append(a + (NEAR - a[2]) / (b[2] - a[2]) * (b - a))
+    return np.array(kept)
+
+
+def face_table(faces: Faces, corners: Array, T_s_c: Array, sky: int) -> FaceTable:
+    """What shading needs to know of each face, seen from one camera; row 0 is the sky.
+
+    A ray meets the plane n · X = h at 1/Z = n · (x, y, 1) / h. With X = Z (x, y, 1) a texture coordinate
+    s = s0 + a · (X - X0) gives s/Z = (a + (s0 - a · X0) n/h) · (x, y, 1).
+    """
+    R_c_s = T_s_c[:3, :3].T
+    level = R_c_s @ (0.0, 1.0, 0.0)
+    first = np.concatenate([(-SKY_HEIGHT - T_s_c[1, 3]) * level[None], corners[:, 0]])
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0])
+    normal = np.concatenate([level[None], normal])
+    plane = normal / np.sum(normal * first, axis=1, keepdims=True)
+    lines = np.empty((3, len(first), 3))
+    for k, axis in enumerate((faces.s_axis, faces.t_axis)):
+        cloud = 0.4 * np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])[k]
+        a = np.concatenate([cloud[None], axis]) @ R_c_s.T
+        start = np.concatenate([[cloud @ T_s_c[:3, 3]], faces.origin[:, k]])
+        lines[k] = a + (start - np.sum(a * first, axis=1))[:, None] * plane
+    lines[2] = plane
+    edges = np.cross(corners, np.roll(corners, -1, axis=1))
+    edges *= np.where(np.sum(normal[1:] * first[1:], axis=1) < 0, -1.0, 1.0)[:, None, None]
+    edges = np.concatenate([np.zeros((1, 4, 3)), edges])
+    return FaceTable(
+        lines=np.ascontiguousarray(lines.transpose(0, 2, 1).reshape(9, -1), np.float32),
+        edges=edges,
+        texture=np.concatenate([[sky], faces.texture]).astype(np.int32),
+        gain=np.concatenate([[1.0], faces.gain]).astype(np.float32),
+        instance=np.concatenate([[0], faces.instance]).astype(np.int32),
+    )

@@ -1,0 +1,108 @@
+"""The building site of a street: where things go along the route, and ribbons that follow it.
+
+Places on it are given as arc length s and lateral offset, positive to the right of the centre line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vo_lib.data.scenes import SceneConfig
+from vo_lib.geometry.motion import transform
+from vo_lib.geometry.types import Array
+
+from .drive import BEHIND, LANE_WIDTH, Route
+from .mesh import MeshBuilder
+
+PARKING = 2.2  # width of the row of parked cars, metres
+KERB = 0.12  # height of the pavement, metres
+PAVEMENT = 2.3  # its width, metres
+SEGMENT = 3.0  # length of one flat piece of ground, metres
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Cross-section of the street.
+
+    Attributes
+    ----------
+    lanes, road, pavement : metres from the centre line to the end of the lanes, of the carriageway, and of
+        the pavement, where the houses may begin.
+    """
+
+    lanes: float
+    road: float
+    pavement: float
+
+    @classmethod
+    def of(cls, config: SceneConfig) -> Profile:
+        """The cross-section of a scene."""
+        lanes = config.lanes * LANE_WIDTH
+        if config.layout == "highway":
+            return cls(lanes + 1.0, lanes + 3.5, lanes + 3.5)
+        return cls(lanes, lanes + PARKING, lanes + PARKING + PAVEMENT)
+
+
+class Site:
+    """Adds faces to a mesh at places on the street; `names` gives texture numbers."""
+
+    def __init__(self, mesh: MeshBuilder, names: dict[str, int], route: Route, config: SceneConfig):
+        self.mesh, self.names, self.route, self.config = mesh, names, route, config
+        self.profile = Profile.of(config)
+        self.first, self.last = -BEHIND + 5.0, float(route.s[-1]) - 5.0
+        self.rng = np.random.default_rng([config.seed, 4])
+
+    def samples(self) -> Array:
+        """Arc lengths at which ribbons along the whole street bend."""
+        return np.arange(self.first, self.last, SEGMENT)
+
+    def add(self, name: str, corners: Array, uv: Array | None = None, gain: float | Array = 1.0) -> None:
+        """Add faces (n, 4, 3) in the street frame; `uv` and `gain` as `MeshBuilder.add` takes them."""
+        self.mesh.add(corners, self.names[name], uv, gain)
+
+    def place(self, shape: Array, s: float, offset: float, turn: float = 0.0, up: float = 0.0) -> Array:
+        """Corners (..., 3) given round the origin, moved to a place on the street, `up` metres above it."""
+        moved = transform(self.route.pose(s, offset, turn), shape.reshape(-1, 3)) - (0.0, up, 0.0)
+        return np.asarray(moved.reshape(shape.shape))
+
+    def is_clear(self, corners: Array, distance: float) -> bool:
+        """No corner lies nearer to the route than `distance`: no bend may run through a house."""
+        return bool(self.route.distance(corners.reshape(-1, 3)).min() >= distance)
+
+    def ribbon(
+        self,
+        name: str,
+        s: Array,
+        offset: tuple[Array | float, Array | float],
+        up: tuple[Array | float, Array | float] = (0.0, 0.0),
+        period: float = 4.0,
+        across: float = 0.0,
+        flip: bool = False,
+    ) -> None:
+        """A ribbon between two lines along the route.
+
+        Parameters
+        ----------
+        name : of the texture; its columns run along, its rows from the first line to the second.
+        s : (n,) arc lengths, metres.
+        offset, up : of the first and the second line, one number or n, metres.
+        period : metres along for one repeat of the texture.
+        across : metres for one repeat from line to line; 0: the ribbon is one texture wide.
+        flip : the side that is seen has the first line on its right, not on its left.
+        """
+        left, right = (np.broadcast_to(value, s.shape).astype(float) for value in offset)
+        a, b = self.route.point(s, left, up[0]), self.route.point(s, right, up[1])
+        corners = np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=1)
+        u, step = np.mod(s[:-1], period) / period, np.diff(s) / period
+        # The second line is the reference, so that a wall keeps its courses where its top goes up and down.
+        wide = np.linalg.norm(b - a, axis=1) / across if across else np.ones(len(s))
+        zero = np.zeros_like(u)
+        uv = np.stack([[u, -wide[:-1]], [u + step, -wide[1:]], [u + step, zero], [u, zero]]).transpose(
+            2, 0, 1
+        )
+        if not across:
+            uv[..., 1] += 1.0
+        turn = slice(None, None, -1 if flip else 1)
+        self.add(name, corners[:, turn], uv[:, turn])

@@ -1,0 +1,131 @@
+"""Vehicles on the street: parked, ahead, oncoming, overtaking; each with its exact motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vo_lib.data.scenes import SceneConfig
+from vo_lib.geometry.types import Array
+
+from .drive import LANE_WIDTH, Drive, Route, lane_offset
+from .shapes import CAR, TRUCK
+from .site import PARKING, Profile
+from .vehicles import Model
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """One vehicle over the whole drive.
+
+    Attributes
+    ----------
+    model : its shape and paint.
+    poses : (N, 4, 4) pose in the street frame, T_s_o.
+    gain : brightness.
+    """
+
+    model: Model
+    poses: Array
+    gain: float
+
+    @property
+    def parked(self) -> bool:
+        """It never moves."""
+        return bool(np.ptp(self.poses[:, :3, 3], axis=0).max() < 1e-9)
+
+
+class Traffic:
+    """Puts vehicles on a street; `vehicles` collects them, moving ones first."""
+
+    def __init__(self, config: SceneConfig, route: Route, drive: Drive, models: list[Model]):
+        self.config, self.route, self.drive = config, route, drive
+        self.rng = np.random.default_rng([config.seed, 5])
+        self.cars = [m for m in models if m.shape.kind == CAR]
+        self.large = [m for m in models if m.shape.kind != CAR]
+        self.vehicles: list[Vehicle] = []
+
+    def pick(self, large: float = 0.0) -> Model:
+        """A random model; with the probability `large` a truck or a bus."""
+        pool = self.large if self.rng.random() < large else self.cars
+        return pool[int(self.rng.integers(len(pool)))]
+
+    def add(self, model: Model, s: Array, offset: float, turn: float = 0.0) -> None:
+        """A vehicle at arc lengths s (N,), metres, `offset` to the right, turned by `turn` radians."""
+        poses = self.route.pose(s, offset, turn)
+        self.vehicles.append(Vehicle(model, poses, float(self.rng.uniform(0.9, 1.1))))
+
+    def ahead(self) -> None:
+        """Vehicles that drive in front of the camera: each passes a place a little sooner than the next."""
+        config, rng, times = self.config, self.rng, self.drive.times
+        trucks = [m for m in self.large if m.shape.kind == TRUCK]
+        clear = 0.0
+        for k in range(config.ahead):
+            first = k == 0
+            truck = config.truck_ahead and first
+            model = trucks[int(rng.integers(len(trucks)))] if truck else self.pick(0.15)
+            clear += (config.gap if first else 0.6 * config.gap + 3.0) + model.shape.length / 2
+            swing = 1.5 * np.sin(2 * np.pi * times / rng.uniform(9, 15) + rng.uniform(0, 6))
+            s = np.interp(times + 0.6 * (k + 1), self.drive.clock, self.drive.way) + clear
+            s = s + swing * min(config.gap / 20.0, 1.0)
+            self.add(model, np.maximum.accumulate(s), lane_offset(config) + float(rng.uniform(-0.15, 0.15)))
+            clear += model.shape.length / 2
+
+    def overtaking(self) -> None:
+        """Vehicles in the next lane to the left, faster than the camera."""
+        config, rng, times = self.config, self.rng, self.drive.times
+        if config.lanes < 2 or not config.overtaking:
+            return
+        faster = max(0.25 * config.speed, 2.0)
+        spacing = max(60.0 / config.overtaking, 11.0 / faster)
+        at = float(rng.uniform(0.5, 2.0))
+        while at < times[-1] + 40.0 / faster:
+            model = self.pick(0.12)
+            offset = lane_offset(config) - LANE_WIDTH + float(rng.uniform(-0.15, 0.25))
+            self.add(model, np.maximum.accumulate(self.drive.s + faster * (times - at)), offset)
+            at += spacing * float(rng.uniform(1.0, 1.6)) + model.shape.length / faster
+
+    def oncoming(self) -> None:
+        """Vehicles in the lanes of the other direction, all at the same steady speed."""
+        config, rng, times = self.config, self.rng, self.drive.times
+        if not config.oncoming:
+            return
+        speed = 0.9 * config.speed
+        median = 1.0 if config.layout == "highway" else 0.0
+        for lane in range(config.lanes):
+            s0 = self.drive.s[0] + float(rng.uniform(15.0, 35.0))
+            while s0 < self.drive.s[-1] + speed * times[-1] + 120.0:
+                model = self.pick(0.2)
+                offset = -(lane + 0.5) * LANE_WIDTH - median + float(rng.uniform(-0.2, 0.2))
+                self.add(model, s0 - speed * times, offset, np.pi)
+                clear = float(rng.exponential(max(100.0 / config.oncoming - 11.0, 0.5)))
+                s0 += model.shape.length + 5.0 + clear
+
+    def parked(self) -> None:
+        """Cars at both kerbs; a few face the wrong way."""
+        config, rng = self.config, self.rng
+        if not config.parked or config.layout != "city":
+            return
+        middle = Profile.of(config).lanes + PARKING / 2
+        for side in (-1.0, 1.0):
+            s = -25.0
+            while s < self.drive.s[-1] + 110.0:
+                model = self.pick()
+                s += model.shape.length / 2 + float(rng.uniform(0.5, 1.4))
+                offset = side * (middle + float(rng.uniform(-0.1, 0.15)))
+                turn = float(rng.normal(0, 0.02)) + (np.pi if side < 0 or rng.random() < 0.1 else 0.0)
+                curvature = abs(float(np.interp(s, self.route.s, self.route.curvature)))
+                if rng.random() < config.parked and curvature < 0.04:
+                    self.add(model, np.full(len(self.drive.times), s), offset, turn)
+                s += model.shape.length / 2
+
+
+def make_traffic(config: SceneConfig, route: Route, drive: Drive, models: list[Model]) -> list[Vehicle]:
+    """All vehicles of a scene; moving ones first."""
+    traffic = Traffic(config, route, drive, models)
+    traffic.ahead()
+    traffic.overtaking()
+    traffic.oncoming()
+    traffic.parked()
+    return traffic.vehicles

@@ -1,0 +1,117 @@
+"""The files beside the pictures: depth, instances, objects and labels, and how they are written.
+
+Depth is a 16-bit PNG of codes: 0 for the sky, else 1 + 65534 · ln(z / 0.25 m) / ln(3000 m / 0.25 m),
+rounded; a step is 1.4e-4 of the depth. Instances are a PNG of 8 bits, or 16 where there are many: 0 for
+street and sky, k + 1 for vehicle k, K + k + 1 for the shadow under it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.motion import inverse, transform
+from vo_lib.geometry.types import Array
+
+from .render import NEAR, View
+from .world import World
+
+MIN_CODED_DEPTH_M, MAX_CODED_DEPTH_M = 0.25, 3000.0  # of the first and the last code
+LOG_DEPTH_RANGE = np.log(MAX_CODED_DEPTH_M / MIN_CODED_DEPTH_M)
+MIN_PIXELS, MIN_HEIGHT, MIN_SHARE = 100, 12, 0.2
+
+
+def encode_depth(inverse_depth: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Depth codes (H, W) of 1/Z (H, W), 1/metre; 0 means sky."""
+    seen = inverse_depth > 0
+    z = 1.0 / np.where(seen, inverse_depth, 1.0)
+    share = np.log(np.clip(z, MIN_CODED_DEPTH_M, MAX_CODED_DEPTH_M) / MIN_CODED_DEPTH_M) / LOG_DEPTH_RANGE
+    return np.asarray(np.where(seen, 1.5 + 65534.0 * share, 0.0), np.uint16)
+
+
+def decode_depth(code: NDArray[np.uint16]) -> Array:
+    """Depth (H, W), metres, of its codes; infinite for the sky."""
+    z = MIN_CODED_DEPTH_M * np.exp((code.astype(np.float64) - 1.0) / 65534.0 * LOG_DEPTH_RANGE)
+    return np.asarray(np.where(code > 0, z, np.inf))
+
+
+@dataclass(frozen=True)
+class Box:
+    """A vehicle's visible part in the left image: pixel borders, the right and lower ones included."""
+
+    vehicle: int
+    kind: int
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def yolo(self, camera: StereoCamera) -> str:
+        """One line of a YOLO label file: class, centre and size as shares of the image."""
+        w, h = self.right - self.left + 1, self.bottom - self.top + 1
+        x, y = self.left + w / 2, self.top + h / 2
+        shares = (x / camera.width, y / camera.height, w / camera.width, h / camera.height)
+        return f"{self.kind} " + " ".join(f"{share:.6f}" for share in shares)
+
+
+def visible_boxes(
+    world: World,
+    frame: int,
+    view: View,
+    min_pixels: int = MIN_PIXELS,
+    min_height: int = MIN_HEIGHT,
+) -> list[Box]:
+    """Boxes round what is visible of each vehicle in the left image.
+
+    A vehicle is left out when fewer than `min_pixels` of it are seen, when its box is lower than `min_height`
+    pixels, or when less than `MIN_SHARE` of its outline within the image is seen: the rest is hidden.
+    """
+    count = len(world.vehicles)
+    boxes = []
+    pixels = np.bincount(view.instance.ravel(), minlength=count + 1)
+    for number in range(1, count + 1):
+        area = int(pixels[number])
+        if area < min_pixels:
+            continue
+        mask = view.instance == number
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        kind = world.vehicles[number - 1].model.shape.kind
+        box = Box(number - 1, kind, *map(int, (columns[0], rows[0], columns[-1], rows[-1])))
+        tall_enough = box.bottom - box.top + 1 >= min_height
+        if tall_enough and area >= MIN_SHARE * outline_area(world, number - 1, frame):
+            boxes.append(box)
+    return boxes
+
+
+def outline_area(world: World, vehicle: int, frame: int) -> float:
+    """Pixels inside the convex outline of a vehicle in the left image, whatever stands before it."""
+    camera = world.config.camera
+    one = world.vehicles[vehicle]
+    T_c_o = inverse(world.drive.poses[frame]) @ one.poses[frame]
+    corners = transform(T_c_o, one.model.faces.corners.reshape(-1, 3))
+    corners = corners[corners[:, 2] > NEAR]
+    if len(corners) < 3:
+        return 0.0
+    hull = cv2.convexHull(camera.project(corners)[0].astype(np.float32))
+    w, h = camera.width, camera.height
+    frame_corners = np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float32) - np.float32(0.5)
+    area, _ = cv2.intersectConvexConvex(hull, frame_corners)
+    return float(area)
+
+
+def write_objects(world: World, path: Path) -> None:
+    """Poses (N, K, 4, 4) T_w_o and kinds (K,), COCO classes, of all vehicles as one npz file."""
+    T_w_s = inverse(world.drive.poses[0])
+    poses = [T_w_s @ vehicle.poses for vehicle in world.vehicles]
+    kinds = [vehicle.model.shape.kind for vehicle in world.vehicles]
+    shape = len(world.drive.times), len(world.vehicles), 4, 4
+    np.savez_compressed(
+        path,
+        kind=np.array(kinds, np.int64),
+        poses=np.reshape(np.stack(poses, axis=1) if poses else [], shape),
+    )

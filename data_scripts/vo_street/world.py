@@ -1,0 +1,131 @@
+"""A whole scene: route, drive, street, vehicles and textures, built from its settings alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from vo_lib.data.scenes import SceneConfig
+from vo_lib.geometry.motion import inverse
+from vo_lib.geometry.rows import joined
+from vo_lib.geometry.types import Array
+
+from .atlas import Atlas, TextureSet
+from .drive import Drive, Route, make_drive, make_route
+from .mesh import Faces, MeshBuilder
+from .shapes import SHAPES
+from .site import Site
+from .street import build_street, paint_street
+from .traffic import Vehicle, make_traffic
+from .vehicles import make_models
+
+
+def make_shade(config: SceneConfig, route: Route) -> Array:
+    """Light (M,) along the route, 1 in the open: 10 to 40 m as dark as under a bridge, with soft ends."""
+    rng = np.random.default_rng([config.seed, 9])
+    light = np.ones_like(route.s)
+    at = 10.0
+    while config.dark_stretches and at < route.s[-1]:
+        dark = float(rng.uniform(10.0, 40.0))
+        depth = float(rng.uniform(0.55, 0.8))
+        inside = np.clip(np.minimum(route.s - at, at + dark - route.s) / 3.0, 0.0, 1.0)
+        light -= depth * inside
+        at += dark + dark * (1.0 / config.dark_stretches - 1.0) * float(rng.uniform(0.7, 1.3))
+    return light
+
+
+def light_at(light: Array, route: Route, points: Array) -> Array:
+    """Light (N,) at points (N, 3) in the street frame, from that along the route."""
+    if light.min() == 1.0:
+        return np.ones(len(points))
+    line = np.stack([route.x, route.z], axis=1)[::8]
+    nearest = np.argmin(np.linalg.norm(points[:, None, [0, 2]] - line, axis=2), axis=1)
+    return np.asarray(light[::8][nearest])
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything the renderer and the truth need.
+
+    Attributes
+    ----------
+    config : the scene's settings.
+    route, drive : the street's centre line and the camera's way.
+    atlas : all textures; `sky` is the number of the clouds.
+    still : faces that never move: street and parked vehicles, street frame.
+    vehicles : all K vehicles; vehicle k has instance number k + 1, its shadow K + k + 1.
+    shade : (M,) light along the samples of the route, 1 in the open.
+    """
+
+    config: SceneConfig
+    route: Route
+    drive: Drive
+    atlas: Atlas
+    sky: int
+    still: Faces
+    vehicles: list[Vehicle]
+    shade: Array
+
+    @property
+    def poses(self) -> Array:
+        """(N, 4, 4) camera poses T_w_c; the world is the first left camera."""
+        return np.asarray(inverse(self.drive.poses[0]) @ self.drive.poses)
+
+    def vehicles_near(self, frame: int, reach: float = 200.0) -> list[int]:
+        """Vehicles within reach of the camera that are not part of `still`, metres."""
+        eye = self.drive.poses[frame][:3, 3]
+        return [
+            k
+            for k, vehicle in enumerate(self.vehicles)
+            if not vehicle.parked and np.linalg.norm(vehicle.poses[frame][:3, 3] - eye) < reach
+        ]
+
+    def placed(self, k: int, frame: int) -> Faces:
+        """Faces of vehicle k and its shadow where they are in a frame."""
+        faces = place_vehicle(self.vehicles[k], k + 1, len(self.vehicles) + k + 1, frame)
+        shade = light_at(self.shade, self.route, self.vehicles[k].poses[frame, :3, 3][None])
+        return dataclasses.replace(faces, gain=faces.gain * shade)
+
+
+def place_vehicle(vehicle: Vehicle, instance: int, shadow: int, frame: int) -> Faces:
+    """A vehicle's faces and its shadow's in the street frame.
+
+    The light is that of the middle of the drive, so that a surface keeps its brightness while it moves.
+    """
+    parts = []
+    for faces, number in ((vehicle.model.faces, instance), (vehicle.model.shadow, shadow)):
+        numbered = dataclasses.replace(faces, instance=np.full(len(faces), number, np.int32))
+        light = numbered.moved(vehicle.poses[len(vehicle.poses) // 2]).lit().gain * vehicle.gain
+        parts.append(dataclasses.replace(numbered.moved(vehicle.poses[frame]), gain=light))
+    return joined(parts)
+
+
+def make_world(config: SceneConfig) -> World:
+    """Build a scene."""
+    route = make_route(config)
+    drive = make_drive(config, route)
+    textures = TextureSet()
+    paint_street(textures, config, np.random.default_rng([config.seed, 3]))
+    names = _vehicles_needed(config)
+    models = make_models(textures, np.random.default_rng([config.seed, 6]), names) if names else []
+    vehicles = make_traffic(config, route, drive, models) if names else []
+    mesh = MeshBuilder([textures.size(k) for k in range(len(textures.images))])
+    build_street(Site(mesh, textures.names, route, config))
+    parts = [mesh.build().lit()]
+    for k, vehicle in enumerate(vehicles):
+        if vehicle.parked:
+            parts.append(place_vehicle(vehicle, k + 1, len(vehicles) + k + 1, 0))
+    still, shade = joined(parts), make_shade(config, route)
+    light = light_at(shade, route, still.corners.mean(axis=1))
+    still = dataclasses.replace(still, gain=still.gain * light)
+    return World(config, route, drive, textures.build(), textures.names["clouds"], still, vehicles, shade)
+
+
+def _vehicles_needed(config: SceneConfig) -> tuple[str, ...]:
+    """Names of the shapes a scene uses; painting the others would only cost time."""
+    moving = config.ahead or config.oncoming or config.overtaking
+    if moving:
+        return tuple(SHAPES)
+    return tuple(name for name in SHAPES if name not in ("truck", "bus")) if config.parked else ()

@@ -1,0 +1,207 @@
+"""Matches without pictures: points of a random street, seen along any trajectory, with chosen errors.
+
+Fast enough to try a method over thousands of frames in seconds:
+
+    for frame in simulate_tracks(poses, camera, TrackConfig(noise=0.3, wrong=0.1), seed=1):
+        frame.matches, frame.wrong, frame.moving
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vo_lib.errors import DataError
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import inverse, rigid, rotation_from_vector, transform
+from vo_lib.geometry.rows import Rows, joined
+from vo_lib.geometry.types import Array, BoolArray, IntArray
+from vo_lib.settings import Checked, setting
+
+Rng = np.random.Generator
+
+ROUNDS = 8  # attempts to fill a frame with points before it is left with fewer
+NEAREST, FARTHEST = 4.0, 70.0  # metres, depth of the points
+CAMERA_HEIGHT = 1.65  # metres above the road
+AHEAD = rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))  # an object's way from frame to frame, metres
+
+
+@dataclass(frozen=True)
+class TrackConfig(Checked):
+    """What the simulated front end finds."""
+
+    points: int = setting(400, "Matches in each frame.", low=1, high=20000)
+    noise: float = setting(0.2, "Standard deviation of each coordinate measured.", unit="px", low=0, high=10)
+    wrong: float = setting(0.0, "Share of matches whose current pair shows another point.", low=0, high=1)
+    moving: float = setting(0.0, "Share of matches on moving objects.", low=0, high=1)
+    objects: int = setting(2, "Moving objects in view.", low=1, high=20)
+    object_heading: float = setting(
+        0.0, "Heading of objects, to the right of the camera's.", unit="deg", low=-180, high=180
+    )
+    survival: float = setting(0.8, "Share of features found again in the next frame.", low=0, high=1)
+
+
+@dataclass(frozen=True)
+class SimulatedFrame:
+    """Matches between two stereo pairs, and what is true of them.
+
+    Attributes
+    ----------
+    frame : number of the current pair, 1 to N - 1.
+    matches : (M,) matches between the pairs frame - 1 and frame.
+    wrong : (M,) the current pair shows another point; never set together with `moving`.
+    moving : (M,) the point lies on an object that moves.
+    T_cp : (4, 4) the camera's true motion, X_c = T_cp X_p.
+    """
+
+    frame: int
+    matches: StereoMatches
+    wrong: BoolArray
+    moving: BoolArray
+    T_cp: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Features(Rows):
+    """Features alive: points (n, 3) in their body's frame, body -1 is the street, else an object."""
+
+    point: Array
+    body: IntArray
+    left: Array
+    right: Array
+    age: IntArray
+    strength: Array
+    id: IntArray
+
+
+def simulate_tracks(
+    poses: Array, camera: StereoCamera, config: TrackConfig | None = None, seed: int | Rng = 0
+) -> Iterator[SimulatedFrame]:
+    """Matches along a trajectory, frame by frame.
+
+    Parameters
+    ----------
+    poses : (N, 4, 4) T_w_c of the left camera, for example KITTI's ground truth.
+    camera : the stereo camera, with its image size.
+    config : how many points, how good and how many of them lie.
+    seed : number or generator from which all chance follows.
+
+    Yields
+    ------
+    SimulatedFrame for the pairs 1 to N - 1. What is measured in the current pair is the previous pair of the
+    next frame, as with a real tracker. With zero noise the right matches satisfy the geometry exactly.
+    """
+    if camera.width <= 0 or camera.height <= 0:
+        raise DataError("simulated matches need the size of the image in the camera")
+    street = _Street(
+        np.asarray(poses, np.float64), camera, config or TrackConfig(), np.random.default_rng(seed)
+    )
+    return map(street.step, range(1, len(poses)))
+
+
+class _Street:
+    """The state that runs along: features alive, and where the objects are."""
+
+    def __init__(self, poses: Array, camera: StereoCamera, config: TrackConfig, rng: Rng):
+        self.poses, self.camera, self.config, self.rng = poses, camera, config, rng
+        self.from_world = inverse(poses)
+        # Poses T_w_o of the objects in the current pair; far away until they are placed.
+        self.objects = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, -1e6])), (config.objects, 1, 1))
+        # Into the camera of the previous and of the current pair, from each object and from the world.
+        self.to_camera = [np.tile(np.eye(4), (config.objects + 1, 1, 1))] * 2
+        self.next_id = 0
+        self.alive = self._new(0, 0, False)
+
+    def step(self, frame: int) -> SimulatedFrame:
+        """Features that live on and new ones, measured in the current pair."""
+        config, rng = self.config, self.rng
+        self._move_objects(frame)
+        kept = self.alive[rng.random(len(self.alive)) < config.survival]
+        kept = kept[self._visible(kept.point, kept.body)]
+        on_objects = round(config.moving * config.points)
+        parts = []
+        for moving, wanted in ((False, config.points - on_objects), (True, on_objects)):
+            old = kept[np.flatnonzero((kept.body >= 0) == moving)[:wanted]]
+            parts += [old, self._new(frame, wanted - len(old), moving)]
+        return self._measure(frame, joined(parts))
+
+    def _measure(self, frame: int, seen: _Features) -> SimulatedFrame:
+        """Measure the features in the current pair; some of them wrongly."""
+        config, rng, count = self.config, self.rng, len(seen)
+        left, right = (uv + self._noise(count) for uv in self._project(1, seen.point, seen.body))
+        moving, wrong = seen.body >= 0, np.zeros(count, bool)
+        wrong[rng.permutation(np.flatnonzero(~moving))[: round(config.wrong * count)]] = True
+        # A mismatch looks like a match: the place of another feature, somewhere near in the picture.
+        lying = np.flatnonzero(wrong)
+        way, angle = rng.uniform(4.0, 40.0, len(lying)), rng.uniform(0, 2 * np.pi, len(lying))
+        disparity = (left - right)[lying, 0] * rng.uniform(0.6, 1.6, len(lying))
+        left[lying] += way[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        right[lying, 0] = left[lying, 0] - disparity
+        right[lying, 1] = left[lying, 1] + self._noise(len(lying))[:, 1]
+        pairs = seen.left, seen.right, left, right
+        matches = StereoMatches(*pairs, seen.age, seen.strength, seen.id)
+        self.alive = replace(seen, left=left, right=right, age=seen.age + 1)[~wrong]
+        return SimulatedFrame(frame, matches, wrong, moving, self.from_world[frame] @ self.poses[frame - 1])
+
+    def _new(self, frame: int, wanted: int, moving: bool) -> _Features:
+        """Features first seen in the previous pair, visible in the current one as well."""
+        point, body = np.zeros((0, 3)), np.zeros(0, np.int64)
+        for _ in range(ROUNDS):
+            if (lacking := wanted - len(body)) <= 0:
+                break
+            more, its = self._sample(frame, 2 * lacking + 20, moving)
+            good = np.flatnonzero(self._visible(more, its))[:lacking]
+            point, body = np.concatenate([point, more[good]]), np.concatenate([body, its[good]])
+        count = len(body)
+        left, right = (uv + self._noise(count) for uv in self._project(0, point, body))
+        self.next_id += count
+        ages, ids = np.ones(count, np.int64), np.arange(self.next_id - count, self.next_id)
+        return _Features(point, body, left, right, ages, self.rng.gamma(2.0, 20.0, count), ids)
+
+    def _sample(self, frame: int, count: int, moving: bool) -> tuple[Array, IntArray]:
+        """Random points in their body's frame: on road and fronts near the previous camera, or on objects."""
+        rng = self.rng
+        if moving:
+            body = rng.integers(self.config.objects, size=count)
+            point = rng.uniform((-0.9, -1.4, -2.1), (0.9, 0.0, 2.1), (count, 3))
+            point[:, 2] = np.where(rng.random(count) < 0.6, -2.1, point[:, 2])  # the rear is what one sees
+            return point, body
+        z = NEAREST * (FARTHEST / NEAREST) ** rng.random(count)
+        ground = rng.random(count) < 0.4
+        x = rng.uniform(5.0, 14.0, count) * rng.choice([-1.0, 1.0], count)
+        y = CAMERA_HEIGHT - rng.uniform(0.0, 8.0, count)
+        x, y = np.where(ground, rng.uniform(-7.0, 7.0, count), x), np.where(ground, CAMERA_HEIGHT, y)
+        return transform(self.poses[frame - 1], np.stack([x, y, z], axis=1)), np.full(count, -1)
+
+    def _project(self, pair: int, point: Array, body: IntArray) -> tuple[Array, Array]:
+        """Left and right pixels in the previous (0) or the current pair (1)."""
+        T = self.to_camera[pair][body]
+        return self.camera.project(np.einsum("nij,nj->ni", T[:, :3, :3], point) + T[:, :3, 3])
+
+    def _visible(self, point: Array, body: IntArray) -> BoolArray:
+        """Inside both pictures of both pairs, with a little room for noise."""
+        uv = np.stack([self._project(pair, point, body) for pair in (0, 1)])
+        far_corner = (self.camera.width - 3.0, self.camera.height - 3.0)
+        return np.asarray(((uv > 2.0) & (uv < far_corner)).all(axis=(0, 1, 3)))
+
+    def _move_objects(self, frame: int) -> None:
+        """Objects drive on along their own heading; one that leaves the view comes back elsewhere."""
+        before, T_c_w = self.objects, self.from_world[[frame - 1, frame], None]
+        x, _, z = np.moveaxis((T_c_w @ np.stack([before, before @ AHEAD]))[..., :3, 3], -1, 0)
+        seen = ((z > 7.0) & (z < 45.0) & (np.abs(x) < 0.6 * z)).all(axis=0)
+        for k in np.flatnonzero(~seen):
+            side = float(self.rng.choice([-3.3, 0.0, 3.3]))
+            place = np.array([side, CAMERA_HEIGHT, self.rng.uniform(11.0, 25.0)])
+            turn = rotation_from_vector(np.array([0.0, np.radians(self.config.object_heading), 0.0]))
+            before[k] = self.poses[frame - 1] @ rigid(turn, place)
+            self.alive = self.alive[self.alive.body != k]
+        self.objects = before @ AHEAD
+        for pair, bodies in enumerate((before, self.objects)):
+            T = self.from_world[frame - 1 + pair]
+            self.to_camera[pair] = np.concatenate([T @ bodies, T[None]])
+
+    def _noise(self, count: int) -> Array:
+        return self.config.noise * self.rng.standard_normal((count, 2))

@@ -1,0 +1,75 @@
+"""Questions about the ground truth of a drawn scene: depths, predicted places, errors of matches."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vo_lib.data.truth import Truth, read_picture
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import inverse
+from vo_lib.geometry.types import Array, BoolArray
+from vo_street.truth_files import decode_depth
+
+
+def depth(truth: Truth, frame: int) -> Array:
+    """Depth Z (H, W) of every pixel of the left image, metres; infinite for the sky."""
+    return decode_depth(read_picture(truth.folder / "truth" / "depth" / f"{frame:06d}.png"))
+
+
+def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array, Array, BoolArray]:
+    """Places of points of one left image in the pair of another frame; vehicles move as they do.
+
+    Parameters
+    ----------
+    frame_p, frame_c : frame of the points given, and frame asked for; they may be the same.
+    uv : (N, 2) pixels in the left image of frame_p.
+
+    Returns
+    -------
+    left, right : (N, 2) pixels in frame_c.
+    valid : (N,) the point has a depth (is not sky) and lies inside both images of frame_c. Something
+        nearer may hide it there.
+    """
+    uv, camera = np.asarray(uv, np.float64).reshape(-1, 2), truth.config.camera
+    z = _depth_at(truth, frame_p, uv)
+    has_depth = np.isfinite(z)
+    z = np.where(has_depth, z, 1.0)
+    X = np.concatenate([camera.normalise(uv) * z[:, None], z[:, None]], axis=1)
+    moved = np.concatenate([np.eye(4)[None], truth.objects[frame_c] @ inverse(truth.objects[frame_p])])
+    T = (inverse(truth.poses[frame_c]) @ moved @ truth.poses[frame_p])[truth.vehicle_at(frame_p, uv)]
+    left, right = camera.project(np.einsum("nij,nj->ni", T[:, :3, :3], X) + T[:, :3, 3])
+    both = np.stack([left, right])
+    inside = (both >= 0) & (both <= (camera.width - 1, camera.height - 1))  # false where NaN
+    return left, right, has_depth & inside.all(axis=(0, 2))
+
+
+def match_errors(truth: Truth, matches: StereoMatches, frame: int) -> Array:
+    """Largest distance (N,) of matches from their true places, pixels; NaN where these are not known.
+
+    The matches are those of the pair `frame` with the one before. Their places in the three images other
+    than the previous left one are judged.
+    """
+    _, right_p, valid_p = predict(truth, frame - 1, frame - 1, matches.prev_left)
+    left, right, valid_c = predict(truth, frame - 1, frame, matches.prev_left)
+    away = np.stack([matches.prev_right - right_p, matches.cur_left - left, matches.cur_right - right])
+    return np.where(valid_p & valid_c, np.linalg.norm(away, axis=2).max(axis=0), np.nan)
+
+
+def _depth_at(truth: Truth, frame: int, uv: Array) -> Array:
+    """Depth (N,) at sub-pixel positions: 1/Z is linear over a flat face, so it is interpolated.
+
+    Across an outline the depth of the nearest pixel counts.
+    """
+    near, numbers = 1.0 / depth(truth, frame), truth.instances(frame)
+    height, width = near.shape
+    uv = np.nan_to_num(uv)
+    column = np.clip(np.floor(uv[:, 0]), 0, width - 2).astype(np.intp)
+    row = np.clip(np.floor(uv[:, 1]), 0, height - 2).astype(np.intp)
+    a, b = np.clip(uv[:, 0] - column, 0, 1), np.clip(uv[:, 1] - row, 0, 1)
+    around = np.stack([near[row + j, column + i] for j in (0, 1) for i in (0, 1)])
+    things = np.stack([numbers[row + j, column + i] for j in (0, 1) for i in (0, 1)])
+    mixed = (1 - b) * ((1 - a) * around[0] + a * around[1]) + b * ((1 - a) * around[2] + a * around[3])
+    same = np.all(things == things[0], axis=0) & (np.ptp(around, axis=0) <= 0.1 * around.max(axis=0))
+    nearest = np.rint(np.clip(uv, 0, (width - 1, height - 1))).astype(np.intp)
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / np.where(same, mixed, near[nearest[:, 1], nearest[:, 0]]))

@@ -1,0 +1,78 @@
+"""The scripts that measure: speed, the axes of a truth, the size of the cache."""
+
+from __future__ import annotations
+
+import pkgutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import winding_road
+from data_command import load
+
+import measure_choices
+from measure.axes import axes_rotation, fit_axes, turn_axes
+from vo_lib.config import change, preset
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.poses import write_kitti_poses
+from vo_lib.runs.matches import CachedMatches, folder_size
+
+LENGTHS = (20.0, 50.0)
+TRUTH = winding_road(150, 0.04, 1.07)
+
+
+def test_the_speeds_of_a_tiny_sequence_are_complete(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for variant in ("published", "kit"):
+        assert load("measure_speed")(["--sequence", str(bands), "--frames", "4", "--variant", variant]) == 0
+        printed = capsys.readouterr().out
+        assert f"numpy {np.__version__}" in printed
+        for row in ("wait_images", "matching", "filter", "rotation", "translation", "times the decoding"):
+            assert row in printed
+
+
+@pytest.mark.parametrize(("pitch", "yaw"), [(0.5, -0.9), (-0.123, 0.0), (1.0, 1.0), (0.0, 0.0)])
+def test_a_camera_turned_by_a_pitch_and_yaw_gets_them_back_and_no_error(pitch: float, yaw: float) -> None:
+    fit = fit_axes(TRUTH, turn_axes(TRUTH, axes_rotation((pitch, yaw)).T), LENGTHS, 1)
+    assert (fit.pitch, fit.yaw) == pytest.approx((pitch, yaw), abs=1e-6)
+    assert fit.kitti.te == pytest.approx(0.0, abs=1e-4)
+    x, y, _ = axes_rotation((0.5, 0.9)) @ np.array([0.0, 0.0, 1.0])
+    assert x > 0 > y  # with positive angles the camera looks right and up
+
+
+def test_the_script_prints_the_angles_of_two_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_kitti_poses(tmp_path / "truth.txt", TRUTH)
+    write_kitti_poses(tmp_path / "turned.txt", turn_axes(TRUTH, axes_rotation((0.25, -0.5)).T))
+    words = [str(tmp_path / "truth.txt"), str(tmp_path / "turned.txt"), "--step", "1"]
+    assert load("measure_axes")([*words, "--lengths", "20,50"]) == 0
+    printed = capsys.readouterr().out
+    assert "+0.250" in printed
+    assert "-0.500" in printed
+    write_kitti_poses(tmp_path / "turned.txt", TRUTH[:-1])
+    assert load("measure_axes")(words) == 2
+    assert "turned.txt: has 149 rows" in capsys.readouterr().err
+
+
+def test_every_open_choice_is_one_of_the_published_method() -> None:
+    for _, name, answers in measure_choices.OPEN:
+        for value in answers.values():
+            if name.startswith("vo_lib."):
+                assert pkgutil.resolve_name(name) is not value
+            else:
+                change(preset("feature_selection"), name, value)
+
+
+def test_clean_cache_removes_the_matches_of_other_code_alone(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = CachedMatches(open_sequence(bands), preset("mesvo_f"), tmp_path)
+    kept.fill()
+    stale = tmp_path / "matches" / "published-0123456789abcdef"
+    stale.mkdir()
+    (stale / "bands.npz").write_bytes(bytes(1500))
+    size = folder_size(kept.path)
+    assert load("clean_cache")(["--cache", str(tmp_path)]) == 0
+    assert "1.5 kB removed" in capsys.readouterr().out
+    assert not stale.exists()
+    assert folder_size(tmp_path / "matches") == size

@@ -1,0 +1,64 @@
+"""Swapped images, wrong baselines and rows that do not match, on drawn and on real pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fetch.stereo_check import PairStatistics, complaints, measure_pairs
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.sequence import Sequence
+from vo_lib.geometry.types import Image
+
+Pair = tuple[Image, Image]
+
+
+@pytest.fixture(scope="module")
+def drawn(street: Sequence) -> list[Pair]:
+    """A pair of a drawn street."""
+    return [street.stereo(0)]
+
+
+@pytest.fixture(scope="module", params=["drawn", "00"])
+def pairs(request: pytest.FixtureRequest) -> list[Pair]:
+    """A drawn and a real pair."""
+    if request.param == "drawn":
+        found: list[Pair] = request.getfixturevalue("drawn")
+        return found
+    clips: Path = request.getfixturevalue("clips")
+    return [open_sequence(clips / "sequences" / request.param).stereo(40)]
+
+
+def changed(pairs: list[Pair], change: Callable[[Image], Image]) -> PairStatistics:
+    """Statistics with the right images changed."""
+    return measure_pairs((left, change(right)) for left, right in pairs)
+
+
+def test_a_rectified_pair_is_in_order(pairs: list[Pair]) -> None:
+    found = measure_pairs(pairs)
+    assert complaints(found, 0.54) == []
+    assert found.disparity > 3
+    assert found.negative < 0.05
+    assert abs(found.row) < 0.5
+
+
+def test_swapped_images_are_told_from_a_wrong_baseline(pairs: list[Pair]) -> None:
+    swapped = measure_pairs((right, left) for left, right in pairs)
+    (words,) = complaints(swapped, 0.54)
+    assert words.startswith("left and right are swapped")
+    (words,) = complaints(swapped, -0.54)
+    assert "the baseline is negative too" in words
+    (words,) = complaints(measure_pairs(pairs), -0.54)
+    assert words.startswith("the baseline has the wrong sign (-0.54 m)")
+
+
+@pytest.mark.parametrize("rows", [4, -3])
+def test_shifted_rows_are_named(pairs: list[Pair], rows: int) -> None:
+    found = changed(pairs, partial(np.roll, shift=rows, axis=0))
+    assert found.row == pytest.approx(rows, abs=0.5)
+    (words,) = complaints(found, 0.54)
+    assert "rows do not match" in words

@@ -1,0 +1,89 @@
+"""Group laws of motions and the definition of the essential matrix."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from vo_lib.geometry.motion import (
+    decompose_essential,
+    essential_angle,
+    essential_from_motion,
+    essential_vector,
+    inverse,
+    nearest_rotation,
+    quaternion_from_rotation,
+    rigid,
+    rotation_angle,
+    rotation_from_quaternion,
+    rotation_from_vector,
+    skew,
+    transform,
+)
+from vo_lib.geometry.types import Array
+
+vectors = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0, allow_subnormal=False))
+
+
+@given(vectors, vectors)
+def test_skew_is_the_cross_product(v: Array, w: Array) -> None:
+    np.testing.assert_allclose(skew(v) @ w, np.cross(v, w), atol=1e-12)
+
+
+@given(vectors)
+def test_rodrigues_agrees_with_opencv(w: Array) -> None:
+    np.testing.assert_allclose(rotation_from_vector(w), cv2.Rodrigues(w)[0], atol=1e-9)
+
+
+@given(st.floats(1e-12, np.pi), vectors)
+def test_the_angle_of_a_rotation_is_the_length_of_its_vector(angle: float, axis: Array) -> None:
+    norm = np.linalg.norm(axis)
+    if norm > 1e-3:
+        R = rotation_from_vector(axis / norm * angle)
+        np.testing.assert_allclose(rotation_angle(R), angle, rtol=1e-6, atol=1e-14)
+
+
+@given(vectors, vectors)
+def test_a_motion_and_its_inverse_cancel(w: Array, t: Array) -> None:
+    T = rigid(rotation_from_vector(w), t)
+    np.testing.assert_allclose(T @ inverse(T), np.eye(4), atol=1e-12)
+    X = np.array([[1.0, 2.0, 3.0], [-4.0, 0.5, 9.0]])
+    np.testing.assert_allclose(transform(inverse(T), transform(T, X)), X, atol=1e-11)
+
+
+@given(vectors)
+def test_quaternion_round_trip(w: Array) -> None:
+    R = rotation_from_vector(w)
+    q = quaternion_from_rotation(R)
+    assert q[3] >= 0
+    np.testing.assert_allclose(rotation_from_quaternion(q), R, atol=1e-9)
+
+
+@given(vectors, arrays(np.float64, (3, 3), elements=st.floats(-1e-3, 1e-3)))
+def test_a_disturbed_rotation_is_brought_back_near(w: Array, noise: Array) -> None:
+    R = rotation_from_vector(w)
+    near = nearest_rotation(R + noise)
+    np.testing.assert_allclose(near @ near.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(near) > 0
+    assert rotation_angle(near.T @ R) < 1e-2
+
+
+@given(vectors, vectors)
+def test_the_decomposition_holds_the_motion(w: Array, t: Array) -> None:
+    length = np.linalg.norm(t)
+    if length < 1e-2:
+        return
+    R = rotation_from_vector(w)
+    rotations, direction = decompose_essential(essential_from_motion(R, t))
+    assert min(float(rotation_angle(R.T @ Ri)) for Ri in rotations) < 1e-7
+    np.testing.assert_allclose(np.abs(direction @ t) / length, 1.0, atol=1e-9)
+
+
+def test_the_essential_angle_ignores_sign_and_scale() -> None:
+    E = essential_from_motion(np.eye(3), np.array([0.0, 0.1, 1.0]))
+    assert essential_angle(essential_vector(E), essential_vector(-7.0 * E)) < 1e-7
+    other = essential_from_motion(np.eye(3), np.array([1.0, 0.0, 0.0]))
+    np.testing.assert_allclose(essential_angle(essential_vector(E), essential_vector(other)), np.pi / 2)

@@ -1,0 +1,103 @@
+"""What was learnt of a rig is kept to the last bit, said in words, and refused where it is damaged."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from faulty_camera import CAMERA
+
+from vo_lib.errors import DataError
+from vo_lib.geometry.types import Array
+from vo_lib.kit.calibration import Calibration, describe_errors, read_learnt_calibration
+from vo_lib.kit.rig import ERROR_COUNT, ERROR_NAMES, prior_covariance
+from vo_lib.kit.settings import CalibrationConfig
+
+
+@pytest.fixture
+def learnt() -> Calibration:
+    """Numbers that no short decimal fraction is."""
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(ERROR_COUNT, ERROR_COUNT))
+    return Calibration(CAMERA, rng.normal(size=ERROR_COUNT), root @ root.T)
+
+
+def errors(**terms: float) -> Array:
+    """Coefficients by name: d_ for disparities, r_ for rows."""
+    short = {"d": "disparity", "r": "row"}
+    named = {" ".join(short.get(part, part) for part in key.split("_")): v for key, v in terms.items()}
+    return np.array([named.get(name, 0.0) for name in ERROR_NAMES])
+
+
+def test_a_file_gives_back_every_bit(learnt: Calibration, tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    path.write_text(learnt.to_json(), encoding="utf-8")
+    again = read_learnt_calibration(path)
+    for name in ("estimate", "covariance"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(learnt, name))
+    assert again.camera == learnt.camera
+    assert again.to_json() == learnt.to_json()
+
+
+DAMAGES: dict[str, Callable[[dict[str, Any]], object]] = {
+    "a coefficient too few": lambda d: d["errors"].popitem(),
+    "one that is not symmetric": lambda d: d["covariance"][0].__setitem__(1, 7.0),
+    "one that is not positive": lambda d: d["covariance"].__setitem__(
+        slice(None), [[0.0] * ERROR_COUNT] * ERROR_COUNT
+    ),
+    "a number that is none": lambda d: d["errors"].update({"row 1": float("nan")}),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_file_is_refused_by_name(learnt: Calibration, tmp_path: Path, damage: str) -> None:
+    data = json.loads(learnt.to_json())
+    DAMAGES[damage](data)
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(DataError, match=r"mine\.json.*expected a calibration\.json"):
+        read_learnt_calibration(path)
+
+
+def test_it_belongs_to_one_camera(learnt: Calibration) -> None:
+    learnt.check(dataclasses.replace(CAMERA, f=1.005 * CAMERA.f, cx=CAMERA.cx + 5.0))
+    for name, words in (("f", "focal length"), ("baseline", "baseline")):
+        other = dataclasses.replace(CAMERA, **{name: 1.02 * getattr(CAMERA, name)})
+        with pytest.raises(DataError, match=f"another camera: {words} "):
+            learnt.check(other)
+    others = {"image size": {"width": 2 * CAMERA.size[0]}, "principal point": {"cy": 0.4 * CAMERA.cy}}
+    for name, change in others.items():
+        with pytest.raises(DataError, match=f"another camera: {name} "):
+            learnt.check(dataclasses.replace(CAMERA, **change))  # type: ignore[arg-type]
+
+
+def test_on_another_drive_the_shift_alone_is_less_certain(learnt: Calibration) -> None:
+    more = learnt.covariance_on_another_drive() - learnt.covariance
+    assert more[0, 0] > 1.0
+    more[0, 0] = 0.0
+    np.testing.assert_array_equal(more, np.zeros((ERROR_COUNT, ERROR_COUNT)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (errors(d_1=0.04, r_1=-0.04), "none that needs correction"),
+        (errors(**{"d_x²": -1.0, "d_y²": 1.0}), "disparities are off by -0.5 to +0.0 px"),
+        (errors(r_xy=-5.0), "rows are off by -0.8 to +0.8 px"),
+        (errors(p1=1.2, k1=-12.0), "lens: p1 +1.2 px; lens: k1 -12.0 px"),
+        (errors(**{"right camera down": 0.4}), "the right camera is +0.4 % of the baseline below its place"),
+    ],
+)
+def test_errors_as_a_sentence(wrong: Array, words: str) -> None:
+    assert describe_errors(wrong, CAMERA) == words
+
+
+def test_what_is_too_uncertain_is_neither_said_nor_used(learnt: Calibration) -> None:
+    vague = dataclasses.replace(learnt, estimate=errors(d_1=0.5, k1=5.0), covariance=prior_covariance())
+    assert not vague.in_use(CalibrationConfig()).any()
+    assert vague.in_words(CalibrationConfig()) == "none that needs correction"

@@ -1,0 +1,135 @@
+"""Features in vehicle boxes of their own image go, before bucketing, unless too few would be left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from box_scenes import CAMERA, STEP, Vehicle, drive
+
+from vo_lib import preset, run, settings
+from vo_lib.data.sequence import Sequence
+from vo_lib.data.truth import matches_on_moving
+from vo_lib.geometry.boxes import MOVING, Boxes, no_boxes
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.result import Flag
+from vo_lib.kit.boxes import BoxFilter, Filtered
+from vo_lib.kit.settings import KitFilterConfig, MovingConfig
+from vo_lib.paper.boxes import inside
+from vo_lib.runs.front_end import find_matches
+
+
+def box(*xyxy: float) -> Boxes:
+    return Boxes(np.array([xyxy]), np.array([2]), np.ones(1))
+
+
+# A car's box goes 100 px to the right from frame to frame.
+LEFT, MIDDLE, RIGHT = (100.0, 100.0, 150.0, 150.0), (200.0, 100.0, 250.0, 150.0), (300.0, 100.0, 350.0, 150.0)
+IN_LEFT, IN_MIDDLE, IN_RIGHT, AWAY = (125.0, 125.0), (225.0, 125.0), (325.0, 125.0), (500.0, 125.0)
+Point = tuple[float, float]
+
+
+def going(*steps: tuple[Point, Point]) -> StereoMatches:
+    """Matches from one left point to another."""
+    p, c = (np.array(points) for points in zip(*steps, strict=True))
+    whole = np.ones(len(p), np.int64)
+    return StereoMatches(p, p - (20.0, 0.0), c, c - (20.0, 0.0), whole, np.ones(len(p)), np.arange(len(p)))
+
+
+# What stays of the matches from one place to another when the box goes from LEFT to MIDDLE.
+STEPS = {
+    (IN_LEFT, IN_MIDDLE): False,  # on the car
+    (IN_LEFT, AWAY): False,  # on the car's old place: it was covered then
+    (AWAY, IN_MIDDLE): False,  # on the car's new place: it is covered now
+    (IN_MIDDLE, AWAY): True,  # where the car had not come yet
+    (AWAY, IN_LEFT): True,  # where the car was and is no more
+    (AWAY, AWAY): True,
+}
+
+
+def test_each_point_is_asked_with_the_boxes_of_its_own_image_and_no_others_are_remembered() -> None:
+    rule = BoxFilter(CAMERA, KitFilterConfig(rule="all", min_matches=0, min_share=0.0))
+    rule.start(box(*LEFT))
+    first = rule.step(going(*STEPS), box(*MIDDLE))
+    assert (first.keep.tolist(), first.flags) == ([*STEPS.values()], ())
+    steps = going((IN_MIDDLE, AWAY), (AWAY, IN_RIGHT), (IN_LEFT, AWAY), (IN_RIGHT, AWAY), (AWAY, IN_MIDDLE))
+    assert rule.step(steps, box(*RIGHT)).keep.tolist() == [False, False, True, True, True]
+    assert rule.step(going((IN_RIGHT, AWAY), (AWAY, AWAY)), no_boxes()).keep.tolist() == [False, True]
+    assert rule.step(going((IN_RIGHT, IN_RIGHT), (AWAY, AWAY)), no_boxes()).keep.all()
+
+
+def test_with_too_few_left_the_filter_is_off_and_says_so() -> None:
+    matches = going(*[(IN_LEFT, IN_LEFT)] * 9, (AWAY, AWAY))
+    for config in (
+        KitFilterConfig(min_matches=2, min_share=0.0),
+        KitFilterConfig(min_matches=0, min_share=0.3),
+    ):
+        rule = BoxFilter(CAMERA, config)
+        rule.start(box(*LEFT))
+        filtered = rule.step(matches, box(*LEFT))
+        assert filtered.flags == (Flag.FILTER_OFF,)
+        assert filtered.keep.all()
+    # Few matches from the start are not the filter's fault.
+    assert BoxFilter(CAMERA, KitFilterConfig()).step(matches, no_boxes()).flags == ()
+
+
+def filtered(config: KitFilterConfig, kept: slice = slice(None), outline: float = 0.0) -> list[Filtered]:
+    """What a rule does with features 200 … 219 of a car that keeps its distance, and 20 of a parked one.
+
+    kept : the features given. outline : pixels by which the last one jumps in the last of six frames.
+    """
+    ahead = tuple((-STEP[:3, 3]).tolist())
+    first, frames = drive([Vehicle((-0.5, 0.8, 14.0), ahead), Vehicle((4.0, 0.8, 22.0))], 6, noise=0.1)
+    for uv in (frames[-1][0].cur_left, frames[-1][0].cur_right):
+        uv[-1, 0] += outline
+    rule = BoxFilter(CAMERA, config)
+    rule.start(first)
+    return [rule.step(matches[np.arange(240)[kept]], boxes) for matches, boxes in frames]
+
+
+def test_the_rule_moving_removes_what_is_on_cars_that_move_and_keeps_parked_ones() -> None:
+    for found in filtered(KitFilterConfig(rule="moving"))[1:]:
+        assert not found.keep[200:220].any()
+        assert found.keep[220:].mean() > 0.8
+
+
+@pytest.mark.parametrize(("agreement", "stays"), [(2.0, False), (1000.0, True)])
+def test_features_of_parked_cars_have_to_agree_with_the_street(agreement: float, stays: bool) -> None:
+    config = KitFilterConfig(rule="moving", moving=MovingConfig(agreement=agreement))
+    assert filtered(config, outline=3.0)[-1].keep[-1] == stays
+
+
+def test_a_frame_with_little_background_is_flagged() -> None:
+    config = KitFilterConfig(rule="moving", min_matches=0, min_share=0.0)
+    assert filtered(config, kept=slice(190, 240))[0].flags == ("few_background",)
+
+
+def test_moving_vehicles_of_a_drawn_street_are_told_from_parked_ones(street: Sequence) -> None:
+    sequence, config = street.part(90, 150), preset("moving_selection", variant="kit")
+    rule = BoxFilter(sequence.camera, config.filter)
+    rule.start(sequence.boxes(0))
+    said: dict[bool, list[bool]] = {True: [], False: []}  # by whether it moves: was each box said to move?
+    for index, (matches, _) in enumerate(find_matches(sequence, config)):
+        if index == 0:
+            continue
+        judgement = rule.step(matches, sequence.boxes(index)).judgement
+        on_moving = matches_on_moving(sequence, index, matches)
+        assert judgement is not None
+        members = inside(matches.cur_left, judgement.boxes.xyxy).T
+        for held, state in zip(members, judgement.state, strict=True):
+            share = np.mean(on_moving[held]) if np.count_nonzero(held) >= 6 else np.nan
+            if share == 0.0 or share > 0.5:
+                said[share > 0.0].append(state == MOVING)
+    assert min(map(len, said.values())) > 50
+    right, wrong = sum(said[True]), sum(said[False])
+    assert right / (right + wrong) >= 0.9
+    assert right / len(said[True]) >= 0.85
+
+
+def test_the_truth_of_a_drawn_street_removes_its_moving_vehicles_only(street: Sequence) -> None:
+    sequence = street.part(100, 104)
+    config = settings.replace(preset("solution_selection", variant="kit"), "filter.rule", "truth")
+    removed = [motion.removed for motion in run(sequence, config).motions]
+    everything = [
+        motion.removed for motion in run(sequence, preset("feature_selection", variant="kit")).motions
+    ]
+    assert all(0 < some < most for some, most in zip(removed, everything, strict=True))

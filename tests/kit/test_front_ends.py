@@ -1,0 +1,125 @@
+"""The paper's front end and the kit's through one interface."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from box_scenes import CAMERA, match_points
+from conftest import BANDS, HEIGHT, small, texture
+
+from vo_lib import open_sequence, preset
+from vo_lib.data.sequence import Sequence
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import rotation_from_vector
+from vo_lib.kit.klt import next_motion
+from vo_lib.paper.features import best_matches, describe
+from vo_lib.paper.matching import LoopMatcher
+from vo_lib.paper.settings import FeatureConfig, MatchingConfig
+from vo_lib.runs.front_end import FrontEnd, make_front_end
+
+FEATURES = FeatureConfig(blob_cell=9, blob_quality=30)
+# How many matches there are at least, their median error and that of nine in ten, pixels.
+FRONT_ENDS = {"kit": (60, 0.02, 0.1), "published": (30, 0.03, 0.2)}
+
+
+def opened(sequence: Sequence, kind: str) -> FrontEnd:
+    if kind == "kit":
+        return make_front_end(sequence.camera, small())
+    return make_front_end(sequence.camera, replace(preset("mesvo_f"), features=FEATURES))
+
+
+def follow(folder: Path, kind: str) -> list[StereoMatches]:
+    sequence = open_sequence(folder)
+    front_end = opened(sequence, kind)
+    return [front_end.step(front_end.prepare(sequence.stereo(i))) for i in range(len(sequence))]
+
+
+@pytest.mark.parametrize("radius", [(8, 8), (30, 2), (2, 30), (200, 200)])
+def test_the_best_match_is_the_least_different_of_all_near_ones(radius: tuple[float, float]) -> None:
+    image = np.random.default_rng(1).integers(0, 255, (80, 120), np.uint8)
+    # Twice the same side by side, blurred: some descriptors occur twice.
+    image = np.tile(np.asarray(cv2.GaussianBlur(image, (5, 5), 1), np.uint8), (1, 2))
+    a, b = describe(image, FEATURES), describe(image[:, ::-1].copy(), FEATURES)
+    guess = a.uv + 0.4
+    guess[::7] = np.nan
+    difference = np.abs(a.descriptor[:, None] - b.descriptor).sum(axis=2)
+    near = (np.abs(guess[:, None] - b.uv) <= radius).all(axis=2) & (a.kind[:, None] == b.kind)
+    expected = np.where(near.any(axis=1), np.argmin(np.where(near, difference, np.inf), axis=1), -1)
+    assert np.count_nonzero(expected >= 0) > 20
+    np.testing.assert_array_equal(best_matches(a, b, guess, radius), expected)
+
+
+@pytest.mark.parametrize("kind", FRONT_ENDS)
+def test_matches_of_both_front_ends_are_right(bands: Path, kind: str) -> None:
+    least, middle, most = FRONT_ENDS[kind]
+    for matches in follow(bands, kind)[1:]:
+        assert len(matches) > least
+        row = matches.prev_left[:, 1]
+        disparity = np.array(BANDS)[(row // (HEIGHT / len(BANDS))).astype(int)]
+        clear = np.abs((row % (HEIGHT / len(BANDS))) - HEIGHT / len(BANDS) / 2) < 12
+        for left, right in (
+            (matches.prev_left, matches.prev_right),
+            (matches.cur_left, matches.cur_right),
+            (matches.prev_left, matches.cur_left),
+        ):
+            error = np.abs(left - right - np.stack([disparity, 0 * disparity], axis=1))[clear]
+            assert np.median(error) < middle
+            assert np.percentile(error, 95 if kind == "kit" else 90) < most
+
+
+@pytest.mark.parametrize("kind", FRONT_ENDS)
+def test_age_and_number_are_carried_over_and_new_numbers_are_new(bands: Path, kind: str) -> None:
+    first, before, after = follow(bands, kind)[2:5]
+    _, i, j = np.intersect1d(before.id, after.id, return_indices=True)
+    assert len(i) > 15
+    np.testing.assert_array_equal(after.age[j], before.age[i] + 1)
+    # As published, a feature starts from its whole pixel in every pair, up to 2 px from the finished place.
+    apart = 0.0 if kind == "kit" else 2.0
+    np.testing.assert_allclose(after.prev_left[j], before.cur_left[i], rtol=0, atol=apart)
+    np.testing.assert_allclose(after.prev_right[j], before.cur_right[i], rtol=0, atol=apart)
+    assert len(np.unique(after.id)) == len(after)
+    assert after.id[after.age == 1].min() > first.id.max()
+
+
+@pytest.mark.parametrize("kind", FRONT_ENDS)
+def test_black_images_give_no_matches_and_no_error(bands: Path, kind: str) -> None:
+    sequence = open_sequence(bands)
+    front_end = opened(sequence, kind)
+    black = np.zeros_like(sequence.stereo(0)[0])
+    front_end.step(front_end.prepare(sequence.stereo(0)))
+    assert len(front_end.step(front_end.prepare((black, black)))) == 0
+    assert len(front_end.step(front_end.prepare(sequence.stereo(2)))) == 0
+    assert len(front_end.step(front_end.prepare(sequence.stereo(3)))) > FRONT_ENDS[kind][0]
+
+
+def test_blobs_and_corners_are_found_again_after_a_jump() -> None:
+    wall = texture(np.random.default_rng(1), 160, 400, 2.0)
+    matcher = LoopMatcher(FeatureConfig(blob_cell=9, blob_quality=30), MatchingConfig(max_disparity=32))
+    found = [
+        matcher.step(matcher.prepare((wall[:, at : at + 320].copy(), wall[:, at + 10 : at + 330].copy())))
+        for at in (0, 4, 8, 12, 62)
+    ]
+    assert len(found[3]) > 50
+    moved = found[4].prev_left - found[4].cur_left
+    assert np.count_nonzero(np.abs(moved - (50.0, 0.0)).max(axis=1) < 1.0) > 30
+
+
+def test_the_next_search_starts_from_the_motion_of_the_last_matches() -> None:
+    X_p = np.random.default_rng(4).uniform((-4.0, -2.0, 5.0), (4.0, 2.0, 20.0), (60, 3))
+    R, t = rotation_from_vector(np.array([0.01, 0.03, 0.0])), np.array([0.1, 0.0, -0.8])
+    found, agree = next_motion(CAMERA, match_points(X_p, X_p @ R.T + t), None)
+    assert found is not None
+    assert agree == 60
+    np.testing.assert_allclose(found[0], R, atol=1e-3)
+    np.testing.assert_allclose(found[1], t, atol=1e-2)
+
+
+@pytest.mark.parametrize("window", [5, 27, 41])
+def test_every_window_in_the_range_of_the_refinement_matches(bands: Path, window: int) -> None:
+    sequence = open_sequence(bands).part(0, 2)
+    front_end = make_front_end(sequence.camera, small(matching__finish_window=window))
+    assert len([front_end.step(front_end.prepare(sequence.stereo(i))) for i in range(2)][-1]) > 10

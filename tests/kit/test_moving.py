@@ -1,0 +1,86 @@
+"""How the vehicle in a box moves: steps of features in space, and of the boxes that hold them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from box_scenes import CAMERA, STEP, match_points, street_points
+from numpy.typing import NDArray
+
+from vo_lib.geometry.boxes import Boxes
+from vo_lib.geometry.motion import rigid, rotation_angle, rotation_from_vector, transform
+from vo_lib.geometry.types import Array
+from vo_lib.kit.moving import (
+    PointSteps,
+    background_motion,
+    background_noise,
+    box_steps,
+    owner_of,
+    point_steps,
+)
+from vo_lib.kit.settings import MovingConfig
+
+CAR = np.array([-0.7, 0.3, 0.2])  # step of a car against the street, current camera's axes
+
+
+def step_of(yaw: float, roll: float = 0.0) -> Array:
+    """Motion T_cp of a camera that goes 0.8 m ahead and turns, degrees."""
+    return rigid(rotation_from_vector(np.radians([0.0, yaw, roll])), np.array([0.05, 0.0, -0.8]))
+
+
+@pytest.mark.parametrize("T_cp", [STEP, step_of(8.0, 5.0), step_of(-8.0, 5.0), step_of(40.0, 5.0)])
+@pytest.mark.parametrize("step", [np.zeros(3), CAR])
+def test_a_standing_point_has_no_step_and_a_moving_one_its_own(T_cp: Array, step: Array) -> None:
+    X = street_points(np.random.default_rng(1), 50)
+    X = X[transform(T_cp, X)[:, 2] > 1.0]
+    assert len(X) > 10
+    found = point_steps(CAMERA, match_points(X, transform(T_cp, X) + step), T_cp)
+    np.testing.assert_allclose(found.step, np.tile(step, (len(X), 1)), atol=1e-9)
+    np.testing.assert_allclose(found.depth, transform(T_cp, X)[:, 2])
+
+
+def test_the_motion_of_the_background_is_found_beside_some_that_moves() -> None:
+    rng = np.random.default_rng(3)
+    X = street_points(rng, 300)
+    step = np.where((np.arange(300) % 5 == 0)[:, None], CAR, 0.0)
+    matches = match_points(X, transform(STEP, X) + step, 0.1, rng)
+    found = background_motion(CAMERA, matches, np.eye(4), 10)
+    assert np.degrees(rotation_angle(found[:3, :3].T @ STEP[:3, :3])) < 0.03
+    assert np.linalg.norm(found[:3, 3] - STEP[:3, 3]) < 0.02
+
+
+def boxes(*xyxy: tuple[float, ...], kind: int = 2) -> Boxes:
+    return Boxes(np.array(xyxy, float), np.full(len(xyxy), kind), np.ones(len(xyxy)))
+
+
+def test_a_feature_in_two_boxes_belongs_to_the_one_in_front() -> None:
+    both = boxes((100, 100, 200, 180), (150, 100, 300, 220))
+    left = np.array([[120.0, 150.0], [180.0, 150.0], [280.0, 150.0], [400.0, 150.0]])
+    assert owner_of(CAMERA, left, left - (40.0, 0.0), both).tolist() == [0, 1, 1, -1]
+
+
+def steps_of(step: Array, background: int) -> tuple[PointSteps, NDArray[np.int64], float]:
+    """20 features on a vehicle 15 m ahead, `background` ones behind it, 100 on the street; owners, noise."""
+    rng = np.random.default_rng(4)
+    car = np.array([0.5, 0.8, 15.0]) + rng.uniform(-0.8, 0.8, (20, 3))
+    behind = np.array([1.0, 0.0, 25.0]) + rng.uniform(-2, 2, (background, 3))
+    X = np.concatenate([car, behind, street_points(rng, 100)])
+    moved = transform(STEP, X)
+    moved[:20] += step
+    owner = np.repeat(np.array([0, -1]), [20 + background, 100])
+    points = point_steps(CAMERA, match_points(X, moved, 0.15, rng), STEP)
+    return points, owner, background_noise(points.squared_error(np.zeros(3)), owner < 0, MovingConfig())
+
+
+@pytest.mark.parametrize("background", [0, 10, 20])
+@pytest.mark.parametrize("step", [CAR, -0.3 * CAR, np.zeros(3)])
+def test_a_vehicle_is_found_beside_as_many_features_of_the_background(background: int, step: Array) -> None:
+    points, owner, noise = steps_of(step, background)
+    found = box_steps(points, owner, 1, noise)
+    assert found.matches.tolist() == [20 + background]
+    deviation = np.sqrt(found.step[0] @ found.information[0] @ found.step[0])
+    if step.any():
+        assert np.linalg.norm(found.step[0] - step) < 0.05
+        assert deviation > 8.0
+    else:
+        assert deviation < 3.0

@@ -1,0 +1,236 @@
+"""The errors of a rig are found where there are some, and none are invented elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faulty_camera import CAMERA, KITTI, Faults, drive
+
+from measure.axes import fit_axes
+from vo_lib import open_sequence, preset, run, settings
+from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.geometry.boxes import Boxes, no_boxes
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.types import Array
+from vo_lib.kit.odometry import make_kit_odometry
+from vo_lib.kit.parallax import parallax_information
+from vo_lib.kit.rig import (
+    BY_PARALLAX,
+    DISPARITY_TERMS,
+    ERROR_NAMES,
+    FIELD,
+    K1,
+    PAIR,
+    ROW_TERMS,
+    N,
+    Rig,
+    effects,
+    field_at,
+    powers,
+    prior_covariance,
+)
+from vo_lib.kit.settings import CalibrationConfig
+from vo_lib.runs.front_end import find_matches
+
+GRID = np.stack(np.meshgrid(np.linspace(60, 1140, 9), np.linspace(20, 340, 5)), axis=-1).reshape(-1, 2)
+# Noise is all there is in these drives: nothing is to be inflated.
+
+
+def of_stereo(x: Array, disparity: Array) -> Array:
+    return effects(CAMERA, x, disparity)[BY_PARALLAX, :3]
+
+
+def learnt(
+    faults: Faults,
+    config: CalibrationConfig | None = None,
+    frames: int = 60,
+    noise: float = 0.2,
+    step: float = 1.0,
+) -> Rig:
+    """What is known after a drive whose motion is known."""
+    rig = Rig(CAMERA, config or CalibrationConfig())
+    for matches, R_cp, t_cp in drive(frames, faults, noise, step=step):
+        rig.learn_rows(matches)
+        rig.update(rig.correct(matches), R_cp, t_cp)
+    return rig
+
+
+def true_field(faults: Faults) -> Array:
+    """Errors (2, N) of disparity and row at `GRID`."""
+    x, y = CAMERA.normalise(GRID).T
+    return np.stack([faults.disparities(x, y), faults.rows(x, y)])
+
+
+def by_name(**terms: float) -> Array:
+    """Coefficients (21,); d_ for disparities, r_ for rows."""
+    names = {f"d_{term}": f"disparity {term}" for term in DISPARITY_TERMS}
+    names |= {f"r_{term}": f"row {term}" for term in ROW_TERMS}
+    return np.array([{names.get(k, k): v for k, v in terms.items()}.get(name, 0.0) for name in ERROR_NAMES])
+
+
+def test_one_frame_without_noise_tells_the_coefficients_exactly() -> None:
+    true = by_name(
+        d_1=-0.2, d_x=-0.1, d_y=0.2, k1=2.0, **{"d_x²": 0.4, "d_y²": 1.5, "d_xy": 0.3, "d_x⁴": -0.6}
+    )
+    faults = Faults(
+        lambda x, y: -0.2 + 0.4 * x * x + 1.5 * y * y + 0.3 * x * y - 0.1 * x + 0.2 * y - 0.6 * x**4, k1=2.0
+    )
+    matches, R_cp, t_cp = next(drive(1, faults, noise=0.0, points=2000))
+    found = parallax_information(CAMERA, matches, R_cp, t_cp, of_stereo, 5.0)
+    assert found is not None
+    np.testing.assert_allclose(np.linalg.solve(*found), true[BY_PARALLAX], atol=0.08)
+
+
+@pytest.mark.parametrize("faults", [Faults(), KITTI], ids=["perfect", "as on KITTI"])
+@pytest.mark.parametrize("k1", [0.0, 10.0])
+def test_the_field_is_found_all_over_the_image(faults: Faults, k1: float) -> None:
+    rig = learnt(dataclasses.replace(faults, k1=k1), noise=0.1)
+    found = field_at(rig.errors, *CAMERA.normalise(GRID).T)
+    np.testing.assert_allclose(found[1], true_field(faults)[1], atol=0.06 if k1 == 0 else 0.07)
+    np.testing.assert_allclose(found[0], true_field(faults)[0], atol=0.15)
+    assert np.abs(found[0] - true_field(faults)[0]).mean() < 0.06
+    assert rig.errors[K1] == pytest.approx(k1, abs=1.5)
+
+
+def test_each_fault_of_a_rig_moves_columns_and_rows_as_the_pinhole_equations_say() -> None:
+    """A right camera turned a little: its image by the rotation, against the shapes that are added up."""
+    covariance = prior_covariance()[:FIELD, :FIELD]
+    x, y = np.random.default_rng(0).uniform([-0.5, -0.2], [0.5, 0.2], (40, 2)).T
+    points = np.stack([x, y, np.ones_like(x)])
+    for axis in np.eye(3):
+        angle = 1e-4
+        turned = points - angle * np.cross(axis, points, axisb=0).T
+        moved = (points[:2] - turned[:2] / turned[2]) / angle
+        A = np.zeros((2, len(x), FIELD))
+        A[0, :, :N], A[1, :, N:] = powers(x, y).T, powers(x, y)[: len(ROW_TERMS)].T
+        coefficients = np.linalg.lstsq(A.reshape(-1, FIELD), moved.ravel(), rcond=None)[0]
+        # What the prior takes for possible costs little, anything else much.
+        assert coefficients @ np.linalg.solve(covariance, coefficients) < 20.0
+
+
+@pytest.mark.parametrize(
+    ("faults", "errors", "atol"),
+    [
+        (Faults(p1=1.2, p2=-1.4, k1=-3.0), by_name(p1=1.2, p2=-1.4, k1=-3.0), 0.05),
+        (KITTI, None, 0.2),  # as learnt
+    ],
+)
+def test_corrected_positions_are_those_of_the_points(
+    faults: Faults, errors: Array | None, atol: float
+) -> None:
+    rig = learnt(faults) if errors is None else Rig(CAMERA, CalibrationConfig())
+    (exact, _, _), (faulty, _, _) = (next(drive(1, each, noise=0.0)) for each in (Faults(), faults))
+    mended = rig.correct(faulty, errors)
+    for view in ("prev_left", "prev_right", "cur_left", "cur_right"):
+        np.testing.assert_allclose(getattr(mended, view), getattr(exact, view), atol=atol)
+
+
+@pytest.mark.parametrize(("noise", "step"), [(0.1, 1.0), (0.3, 1.0), (0.3, 0.15)])
+def test_good_lenses_are_left_alone(noise: float, step: float) -> None:
+    """However the matches scatter: noise of a place does not look like a pincushion."""
+    rig = learnt(Faults(), CalibrationConfig(), 100, noise, step)
+    np.testing.assert_array_equal(rig.errors[PAIR:], np.zeros(4))
+    assert (np.abs(rig.estimate[FIELD:]) < 2.0 * np.sqrt(np.diag(rig.covariance)[FIELD:])).all()
+
+
+@pytest.mark.parametrize(
+    ("mean", "variance", "expected"),
+    [
+        ((0.9, -0.4, 1.0, 1.0), (1.0, 0.25, 4.0, 4.0), (0.0, 0.0, 0.0, 0.0)),
+        # Variances and floors, 0.51 + 0.7² = 1, 0.56 + 1.2² = 2, 5 + 2² = 9, 9 + 4² = 25.
+        ((2.0, -4.0, 6.0, 10.0), (0.51, 0.56, 5.0, 9.0), (1.5, -3.5, 4.5, 7.5)),
+        # Of p1 and k1 the frames know less than half of what was known before them, 1.5² and 15².
+        ((4.0, 4.0, 90.0, 90.0), (1.13, 1.12, 113.0, 49.0), (0.0, 3.36, 0.0, 89.27778)),
+    ],
+)
+def test_what_noise_explains_of_a_lens_is_taken_for_noise(
+    mean: tuple[float, ...], variance: tuple[float, ...], expected: tuple[float, ...]
+) -> None:
+    rig = Rig(CAMERA, CalibrationConfig())
+    covariance = prior_covariance()
+    covariance[PAIR:, PAIR:] = np.diag(variance)
+    rig.know(np.append(np.zeros(PAIR), mean), covariance)
+    np.testing.assert_allclose(rig.errors[PAIR:], expected, rtol=1e-6)
+
+
+def test_boxes_keep_nothing_from_the_field_but_what_moves_in_them_does_not_teach() -> None:
+    """A box over the left third of the image; parked cars in it, or cars that cross."""
+    over = Boxes(np.array([[0.0, 0.0, 400.0, 360.0]]), np.array([2]), np.ones(1))
+    deviation, error = [], []
+    for boxes, crossing in ((no_boxes(), 0.0), (over, 0.0), (over, 6.0)):
+        odometry = make_kit_odometry(CAMERA, preset("feature_selection", variant="kit"))
+        odometry.start(boxes)
+        for matches, _, _ in drive(40, KITTI):
+            aside = np.where(matches.prev_left[:, :1] < 300.0, (crossing, 0.0), 0.0)
+            crossed = dataclasses.replace(
+                matches, cur_left=matches.cur_left + aside, cur_right=matches.cur_right + aside
+            )
+            odometry.step(crossed, boxes)
+        rig = odometry.rig
+        deviation.append(float(np.sqrt(rig.covariance[0, 0])))
+        found = field_at(rig.errors, *CAMERA.normalise(GRID).T)
+        error.append(float(np.abs(found[0] - true_field(KITTI)[0])[GRID[:, 0] > 300].mean()))
+    assert deviation[1] < 1.02 * deviation[0]
+    assert error[2] < 0.1
+
+
+# libviso2 has 7.84 % / 2.70 and ORB-SLAM2's published trajectory 5.47 % / 2.54 on the same frames.
+def test_the_real_highway_needs_the_field(clips: Path) -> None:
+    sequence = open_sequence(clips / "sequences" / "01")
+    assert sequence.truth is not None
+    te, turned, length = {}, {}, {}
+    true = np.linalg.norm(np.diff(sequence.truth[:, :3, 3], axis=0), axis=1).sum()
+    for estimate in (True, False):
+        config = settings.replace(
+            preset("solution_selection", variant="kit"), "calibration.estimate", estimate
+        )
+        poses = run(sequence, config).poses
+        errors = kitti_errors(sequence.truth, poses, [20.0], 1)
+        assert errors.te is not None
+        assert errors.re is not None
+        assert errors.re < 2.5
+        te[estimate] = errors.te
+        turned[estimate] = fit_axes(sequence.truth, poses, [20.0], 1).kitti.te or np.inf
+        length[estimate] = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum() / true
+    assert te[True] < 1.0 < 2.0 < te[False]
+    # The field is found within the first frames: else this is 0.3 %.
+    assert turned[True] < 0.2
+    assert length[True] == pytest.approx(1.0, abs=0.003)
+
+
+@pytest.mark.parametrize("name", ["00", "01", "drive_0005"])
+def test_rows_of_a_real_pair_agree_after_some_frames(clips: Path, name: str) -> None:
+    sequence = open_sequence(clips / "sequences" / name).part(0, 12)
+    config = preset("viso2", variant="kit")
+    rig = Rig(sequence.camera, config.calibration)
+    for matches, _ in find_matches(sequence, config):
+        if len(matches):
+            corrected = rig.correct(matches)  # with what was learnt before this frame
+            rig.learn_rows(matches)
+    before, after = (
+        float(np.median(np.abs(m.cur_left[:, 1] - m.cur_right[:, 1]))) for m in (matches, corrected)
+    )
+    assert after < 0.15 < 0.2 < before
+
+
+@pytest.mark.parametrize("seed", [897, 2880])
+def test_few_or_wild_matches_do_no_harm(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    left, disparity, flat = rng.uniform([0, 0], [1200, 360], (12, 2)), rng.uniform(1, 60, 12), np.zeros(12)
+    now = left + rng.normal(0, 3, (12, 2))
+    right = left - np.stack([disparity, flat], axis=1)
+    now_right = now - np.stack([disparity * rng.uniform(0.5, 1.5, 12), flat], axis=1)
+    wild = StereoMatches(left, right, now, now_right, np.ones(12, int), np.ones(12), np.arange(12))
+    t_cp = np.array([0.0, 0.0, -rng.uniform(0, 2)])
+    rig = Rig(CAMERA, CalibrationConfig())
+    rig.update(wild, np.eye(3), t_cp)
+    assert np.isfinite(rig.errors).all()
+    assert np.linalg.eigvalsh(rig.covariance)[0] > 0
+    few = wild[np.arange(5)]
+    assert parallax_information(CAMERA, few, np.eye(3), t_cp, of_stereo, 0.5) is None
+    assert rig.update(few, np.eye(3), t_cp) is None
+    rig.learn_rows(wild[np.arange(0)])
+    assert np.isfinite(rig.errors).all()

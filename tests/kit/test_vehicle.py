@@ -1,0 +1,84 @@
+"""Motions beyond the limits of a vehicle are flagged; an earlier one stands in only where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vo_lib.geometry.motion import rigid, rotation_from_vector
+from vo_lib.geometry.result import Flag, FrameResult
+from vo_lib.geometry.types import Array
+from vo_lib.kit.settings import VehicleConfig
+from vo_lib.kit.vehicle import Vehicle
+
+FRAME_S = 0.1
+SPEED, TURN, TILT = (Flag.DOUBTFUL_SPEED,), (Flag.DOUBTFUL_TURN,), (Flag.DOUBTFUL_TILT,)
+MISSING = FrameResult(np.eye(4), flags=(Flag.FEW_MATCHES,))
+
+
+def motion(ahead: float = 1.0, turn: Array | tuple[float, ...] = (0.0, 0.0, 0.0)) -> FrameResult:
+    """`ahead` metres along z, and degrees about x, y, z."""
+    return FrameResult(rigid(rotation_from_vector(np.radians(turn)), np.array([0.0, 0.0, -ahead])))
+
+
+def flags(*motions: FrameResult, seconds: float = FRAME_S, check: bool = True) -> list[tuple[Flag, ...]]:
+    """Flags of the last motions of a drive that begins with one of a metre a frame."""
+    vehicle = Vehicle(VehicleConfig(check=check))
+    vehicle.judge(motion(10.0 * seconds), seconds)
+    return [vehicle.judge(m, seconds).flags for m in motions]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_turn_of_90_and_a_tilt_of_40_degrees_a_second_are_the_limits(sign: int) -> None:
+    for axis, limit, flag in ((1, 9.0, TURN), (0, 4.0, TILT), (2, 4.0, TILT)):
+        for degrees, expected in ((limit - 0.1, ()), (limit + 0.1, flag), (170.0, flag)):
+            assert flags(motion(turn=sign * degrees * np.eye(3)[axis])) == [expected]
+
+
+def test_the_velocity_may_change_by_three_metres_a_second_in_a_tenth_of_one() -> None:
+    sideways = FrameResult(rigid(np.eye(3), np.array([0.31, 0.0, -1.0])))
+    assert flags(motion(0.71), motion()) == [(), ()]
+    assert [flags(m) for m in (motion(0.69), motion(1.31), sideways)] == [[SPEED]] * 3
+
+
+def test_limits_hold_for_seconds_not_frames_and_without_times_nothing_is_flagged() -> None:
+    assert flags(motion(5.0, (0, 30, 0)), seconds=0.5) == [()]
+    assert flags(motion(5.0), seconds=0.0) == [()]
+    assert flags(motion(9.0, (0, 0, 60)), check=False) == [()]
+
+
+def test_the_first_motion_may_be_of_63_metres_a_second() -> None:
+    first = [Vehicle(VehicleConfig()).judge(motion(ahead), FRAME_S).flags for ahead in (6.2, 6.4)]
+    assert first == [(), SPEED]
+
+
+def test_a_flagged_motion_stays_and_the_next_is_compared_with_the_last_plausible_one() -> None:
+    vehicle, jump = Vehicle(VehicleConfig()), motion(6.0)
+    vehicle.judge(motion(), FRAME_S)
+    judged = vehicle.judge(jump, FRAME_S)
+    assert judged.flags == SPEED
+    np.testing.assert_array_equal(judged.T_cp, jump.T_cp)
+    assert vehicle.judge(motion(), FRAME_S).flags == ()
+
+
+def test_another_speed_is_plausible_once_the_vehicle_had_time_to_reach_it() -> None:
+    assert flags(*[motion(1.8)] * 4) == [SPEED, SPEED, (), ()]  # 8 m/s more need 0.27 s
+
+
+def test_the_last_plausible_motion_stands_in_for_missing_ones_ten_frames_long() -> None:
+    vehicle = Vehicle(VehicleConfig())
+    for m in (motion(1.1), motion(9.0)):
+        vehicle.judge(m, FRAME_S)
+    judged = [vehicle.judge(MISSING, FRAME_S) for _ in range(12)]
+    assert {m.flags for m in judged} == {MISSING.flags}
+    steps = [float(np.linalg.norm(m.T_cp[:3, 3])) for m in judged]
+    np.testing.assert_allclose(steps, [1.1] * 10 + [0.0] * 2)
+
+
+def test_a_pair_shown_twice_neither_is_doubtful_nor_makes_the_next_motion_so() -> None:
+    vehicle = Vehicle(VehicleConfig())
+    vehicle.judge(motion(), FRAME_S)
+    for _ in range(3):
+        assert vehicle.judge(FrameResult(np.eye(4)), FRAME_S, still=True).flags == ()
+    assert vehicle.judge(motion(), FRAME_S).flags == ()
+    np.testing.assert_array_equal(vehicle.judge(MISSING, FRAME_S).T_cp, motion().T_cp)

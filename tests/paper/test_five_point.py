@@ -1,0 +1,169 @@
+"""The five-point solver and the generator of problems it is tested on."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from course.simulation.problems import MOTIONS, Motion, PoseProblems, random_problems
+from vo_lib.geometry.types import Array
+from vo_lib.paper.five_point import Candidates, five_point
+from vo_lib.paper.real_roots import real_roots
+
+WITH_PARALLAX: list[Motion] = [motion for motion in MOTIONS if motion != "pure_rotation"]
+
+
+def distance(E: Array, F: Array) -> Array:
+    """‖E - F‖ of unit matrices (..., 3, 3), whatever their signs."""
+    return np.asarray(np.minimum(*(np.linalg.norm(E + sign * F, axis=(-2, -1)) for sign in (-1.0, 1.0))))
+
+
+def off_essential(E: Array) -> Array:
+    """By how much singular values of unit matrices (M, 3, 3) are not those of an essential matrix, (M, 3)."""
+    return np.asarray(np.abs(np.linalg.svd(E, compute_uv=False) - [0.5**0.5, 0.5**0.5, 0.0]))
+
+
+def error_of_best(found: Candidates, truth: Array) -> Array:
+    """Distance of the nearest candidate to the truth (S, 3, 3) in each set, (S,); infinite without any."""
+    error = np.full(len(truth), np.inf)
+    np.minimum.at(error, found.set_index, distance(found.E, truth[found.set_index]))
+    return error
+
+
+def problems(motion: Motion, count: int, noise_px: float = 0.0, points: int = 5) -> PoseProblems:
+    return random_problems(np.random.default_rng(7), count, points, motion, noise_px=noise_px)
+
+
+@pytest.mark.parametrize("motion", ["general", "forward", "sideways", "planar", "planar_forward"])
+def test_the_true_essential_matrix_is_among_the_candidates(motion: Motion) -> None:
+    errors = []
+    for seed in range(2):
+        truth = random_problems(np.random.default_rng([7, seed]), 5000, 5, motion)
+        errors.append(error_of_best(five_point(truth.x_p, truth.x_c), truth.E))
+    error = np.concatenate(errors)
+    assert np.median(error) <= 1e-12
+    assert np.percentile(error, 95) <= 1e-10
+    assert np.mean(error > 1e-6) <= 1e-3
+    assert np.max(error) < 1e-2  # none is lost
+
+
+@pytest.mark.parametrize(
+    ("motion", "seed", "rotation", "most"),
+    [
+        *((motion, 3, 0.0, 1e-6) for motion in ("forward", "planar_forward")),
+        # Each of these batches has sets that are solved only when looked at along other axes.
+        *(("small_baseline", seed, None, 1e-5) for seed in (1, 2, 3, 5)),
+    ],
+)
+def test_neither_exactly_forward_motion_nor_a_centimetre_of_baseline_loses_a_solution(
+    motion: Motion, seed: int, rotation: float | None, most: float
+) -> None:
+    truth = random_problems(np.random.default_rng(seed), 3000, 5, motion, rotation=rotation)
+    error = error_of_best(five_point(truth.x_p, truth.x_c), truth.E)
+    assert np.percentile(error, 95) <= 1e-9
+    assert np.max(error) <= most
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 0.3])
+@pytest.mark.parametrize("motion", WITH_PARALLAX)
+def test_every_candidate_is_an_essential_matrix_through_its_five_points(
+    motion: Motion, noise_px: float
+) -> None:
+    given = problems(motion, 1000, noise_px)
+    E, index = five_point(given.x_p, given.x_c)
+    off = off_essential(E)
+    assert np.max(off) <= 2e-8
+    assert np.quantile(off, 0.99) <= 1e-13
+    h_p, h_c = (np.concatenate([x, np.ones((*x.shape[:2], 1))], axis=2) for x in (given.x_p, given.x_c))
+    residual = np.einsum("mni,mij,mnj->mn", h_c[index], E, h_p[index])
+    assert np.max(np.abs(residual)) <= 1e-12
+    np.testing.assert_allclose(np.linalg.norm(E, axis=(1, 2)), 1.0, atol=1e-14)
+
+
+def test_candidates_of_a_set_differ_and_sets_are_sorted() -> None:
+    given = problems("general", 2000)
+    E, index = five_point(given.x_p, given.x_c)
+    assert np.all(np.diff(index) >= 0)
+    same_set = index[1:] == index[:-1]
+    assert np.min(distance(E[1:], E[:-1])[same_set]) > 1e-7
+
+
+@pytest.mark.parametrize("motion", ["general", "sideways", "forward"])
+def test_opencv_finds_the_same_candidates(motion: Motion) -> None:
+    given = problems(motion, 400, noise_px=0.3)
+    E, index = five_point(given.x_p, given.x_c)
+    ours, theirs, precise = [], [], []
+    for s in range(400):
+        stacked, _ = cv2.findEssentialMat(given.x_p[s], given.x_c[s], np.eye(3))
+        F = np.empty((0, 3, 3)) if stacked is None else stacked.reshape(-1, 3, 3)
+        F = F / np.linalg.norm(F, axis=(1, 2), keepdims=True)
+        gaps = distance(E[index == s][:, None], F[None])
+        ours += [*np.min(gaps, axis=1, initial=np.inf)]
+        theirs += [*np.min(gaps, axis=0, initial=np.inf)]
+        # OpenCV does not polish; some of what it returns is no essential matrix to nine digits.
+        precise += [*(np.ptp(np.linalg.svd(F, compute_uv=False)[:, :2], axis=1) < 1e-9)]
+    gap = np.array(theirs)
+    assert gap.size > 1500
+    assert np.mean(precise) > 0.9
+    assert np.max(gap[precise]) < 1e-5
+    assert np.mean(gap < 1e-5) > 0.99
+    assert np.mean(np.array(ours) < 1e-5) > 0.99
+
+
+@pytest.mark.parametrize("motion", ["general", "planar_forward"])
+def test_a_set_has_the_same_candidates_alone_and_in_a_batch(motion: Motion) -> None:
+    given = problems(motion, 100)
+    batch = five_point(given.x_p, given.x_c)
+    for s in range(100):
+        alone = five_point(given.x_p[s : s + 1], given.x_c[s : s + 1])
+        together = batch.E[batch.set_index == s]
+        assert alone.E.shape == together.shape
+        np.testing.assert_allclose(distance(alone.E, together), 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("copies", [2, 3, 5])
+def test_a_set_with_a_repeated_match_has_no_candidates_and_does_not_touch_its_neighbours(copies: int) -> None:
+    given = problems("general", 60)
+    x_p, x_c = given.x_p.copy(), given.x_c.copy()
+    x_p[::2, :copies], x_c[::2, :copies] = x_p[::2, :1], x_c[::2, :1]
+    found = five_point(x_p, x_c)
+    assert set(found.set_index) == set(range(1, 60, 2))
+    assert np.max(error_of_best(found, given.E)[1::2]) <= 1e-9
+
+
+def test_degenerate_sets_raise_nothing_and_give_only_finite_essential_matrices() -> None:
+    rng = np.random.default_rng(11)
+    line = np.stack([np.linspace(-0.5, 0.5, 5), np.linspace(-0.1, 0.2, 5)], axis=1)
+    x = rng.uniform(-0.8, 0.8, (20, 5, 2))
+    sets = [
+        (np.zeros((3, 5, 2)), np.zeros((3, 5, 2))),
+        (x, x),  # nothing moves
+        (x, 1.1 * x),  # looks like a zoom
+        (np.tile(line, (4, 1, 1)), np.tile(line + np.array([0.1, 0.0]), (4, 1, 1))),  # collinear points
+        (x, rng.uniform(-0.8, 0.8, x.shape)),  # wrong matches
+        (1e8 * x, 1e8 * x + 1.0),
+        (x[:0], x[:0]),
+    ]
+    for x_p, x_c in sets:
+        E, index = five_point(x_p, x_c)
+        assert np.isfinite(E).all()
+        assert np.all(np.bincount(index, minlength=1) <= 12)
+        assert np.max(off_essential(E), initial=0.0) <= 1e-6
+
+
+def test_real_roots_are_all_found() -> None:
+    """Products of known factors, some roots beyond 1, where the solver looks for w/z."""
+    rng = np.random.default_rng(2)
+    for known in ([0.3], [-0.9, 0.91, 5.0], [0.1, 0.101, -7.0, 100.0], list(np.linspace(-3.1, 2.7, 10))):
+        complex_pairs = (10 - len(known)) // 2
+        polynomial = np.poly(known)
+        for _ in range(complex_pairs):
+            polynomial = np.polymul(polynomial, [1.0, rng.uniform(-1, 1), 2.0 + rng.uniform(0, 1)])
+        polynomial = np.pad(polynomial, (11 - len(polynomial), 0))
+        z, w, index, doubtful = real_roots(polynomial[:, None] / np.max(np.abs(polynomial)))
+        finite = np.abs(w) > 1e-9  # a polynomial of odd degree has its last root at infinity
+        np.testing.assert_allclose(np.sort(z[finite] / w[finite]), np.sort(known), rtol=1e-9)
+        assert (~finite).sum() == len(known) % 2
+        assert not doubtful.any()
+        assert np.all(index == 0)

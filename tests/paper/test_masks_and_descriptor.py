@@ -1,0 +1,87 @@
+"""The two 5×5 masks answer to what they are made for, and the descriptor reads what the paper's source says.
+
+StereoScan (Geiger, Ziegler and Stiller 2011), section III: blob and corner masks of 5×5, and the horizontal
+and the vertical Sobel response at 16 places of an 11×11 block.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from vo_lib.geometry.types import Image
+from vo_lib.paper.features import Described, describe
+from vo_lib.paper.settings import FeatureConfig
+
+BLOB_UP, BLOB_DOWN, CORNER_UP, CORNER_DOWN = range(4)
+CENTRE = (40, 30)
+# In the 11×11 block: the four corners and, near the middle of the left and right side, two places each;
+# two columns beside the centre, four places each.
+OUTER = {(u, v) for u in (-5, 5) for v in (-5, -1, 1, 5)}
+INNER = {(u, v) for u in (-1, 1) for v in (-3, -1, 1, 3)}
+
+
+def flat(grey: int = 100) -> Image:
+    return np.full((60, 80), grey, np.uint8)
+
+
+def strongest(found: Described, kind: int) -> tuple[tuple[float, ...], float]:
+    """Place and strength of the strongest feature of a kind."""
+    mine = np.flatnonzero(found.kind == kind)
+    best = mine[np.argmax(found.strength[mine])]
+    return tuple(found.uv[best].tolist()), float(found.strength[best])
+
+
+@pytest.mark.parametrize(("height", "kind"), [(50, BLOB_UP), (-50, BLOB_DOWN)])
+def test_a_dot_of_three_by_three_gives_sixteen_times_its_height(height: int, kind: int) -> None:
+    image, (u, v) = flat(), CENTRE
+    image[v - 1 : v + 2, u - 1 : u + 2] += np.int8(height).astype(np.uint8)  # modulo 256
+    found = describe(image, FeatureConfig())
+    assert strongest(found, kind) == (CENTRE, 16.0 * 50)
+    # The other kind of blob answers only beside the dot, weaker.
+    others = found.strength[found.kind == 1 - kind]
+    assert (others < 16.0 * 50 / 2).all()
+
+
+@pytest.mark.parametrize(("bright", "kind"), [("upper right", CORNER_UP), ("upper left", CORNER_DOWN)])
+def test_a_chessboard_crossing_gives_eight_times_its_contrast(bright: str, kind: int) -> None:
+    image, (u, v) = flat(), CENTRE
+    right, left = slice(u, None), slice(None, u)
+    image[:v, right if bright == "upper right" else left] = 180
+    image[v:, left if bright == "upper right" else right] = 180
+    found = describe(image, FeatureConfig(blob_cell=5))
+    place, strength = strongest(found, kind)
+    # The crossing lies between two pixels. Both kinds of pixel beside it see all but one row and column.
+    assert np.abs(np.array(place) - CENTRE).max() <= 1
+    assert strength == pytest.approx(8 * 80, abs=0.5)
+    assert not np.any(found.kind == 5 - kind)
+
+
+def sobel(image: Image, u: int, v: int) -> tuple[int, int]:
+    """Horizontal and vertical Sobel response at a pixel, by its definition."""
+    block = image[v - 1 : v + 2, u - 1 : u + 2].astype(int)
+    weight = np.array([1, 2, 1])
+    across = int(weight @ (block[:, 2] - block[:, 0]))
+    down = int(weight @ (block[2] - block[0]))
+    return across, down
+
+
+def columns(table: NDArray[Any]) -> list[list[float]]:
+    """The columns of a table in an order that does not depend on how they were written."""
+    return sorted(np.asarray(table, float).T.tolist())
+
+
+def test_the_descriptor_is_both_sobel_responses_at_the_sixteen_places() -> None:
+    image = np.random.default_rng(4).integers(0, 255, (60, 80)).astype(np.uint8)
+    found = describe(image, FeatureConfig())
+    assert len(found.uv) > 10
+    assert found.descriptor.shape == (len(found.uv), 32)
+    expected = [
+        [response for du, dv in sorted(OUTER | INNER) for response in sobel(image, int(u) + du, int(v) + dv)]
+        for u, v in found.uv
+    ]
+    # In which order the 32 numbers stand does not matter, if it is the same for all features.
+    assert columns(found.descriptor) == columns(np.array(expected))

@@ -1,0 +1,213 @@
+"""The paper's method as published: what it decides, when it stands still, what it gives on real images."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from box_scenes import CAMERA, match_points
+
+from course.simulation.truth import predict
+from vo_lib.config import PUBLISHED, change, preset
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.sequence import Sequence
+from vo_lib.data.truth import open_truth
+from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.geometry.boxes import Boxes, no_boxes
+from vo_lib.geometry.matches import StereoMatches, empty_matches
+from vo_lib.geometry.motion import (
+    essential_angle,
+    essential_from_motion,
+    essential_vector,
+    inverse,
+    rigid,
+    rotation_angle,
+    rotation_from_vector,
+    transform,
+)
+from vo_lib.geometry.types import Array, BoolArray
+from vo_lib.paper.odometry import Odometry
+from vo_lib.paper.translation import eliminate_points, feature_rows, solve_translation
+from vo_lib.runs.drive import make_odometry, run
+
+R_CP = rotation_from_vector(np.array([0.004, 0.03, -0.002]))
+T_CP = rigid(R_CP, np.array([0.05, -0.02, -1.1]))
+CONFIG = PUBLISHED["solution_selection"].translation
+
+
+def scene(
+    number: int = 300, seed: int = 0, T_cp: Array = T_CP, noise: float = 0.0, farthest: float = 50.0
+) -> StereoMatches:
+    """Matches of points that fill the image, 6 m to `farthest` away, under a known motion."""
+    rng = np.random.default_rng(seed)
+    disparity = CAMERA.f * CAMERA.baseline / rng.uniform(6.0, farthest, number)
+    X = CAMERA.back_project(rng.uniform((60, 20), (1180, 356), (number, 2)), disparity)
+    return match_points(X, transform(T_cp, X), noise, rng)
+
+
+def translation(matches: StereoMatches, R_cp: Array = R_CP, **settings: float) -> tuple[Array, BoolArray]:
+    found = solve_translation(CAMERA, matches, R_cp, dataclasses.replace(CONFIG, **settings))
+    assert found is not None
+    return found
+
+
+def odometry(method: str = "solution_selection") -> Odometry:
+    made = make_odometry(CAMERA, preset(method, variant="published"))
+    made.start(no_boxes())
+    return made
+
+
+@pytest.mark.parametrize("method", PUBLISHED)
+def test_exact_matches_give_the_exact_motion(method: str) -> None:
+    motion = odometry(method).step(scene(), no_boxes())
+    np.testing.assert_allclose(motion.T_cp, T_CP, atol=1e-6)
+    assert float(rotation_angle(motion.T_cp[:3, :3] @ R_CP.T)) < 1e-7
+    assert motion.flags == ()
+
+
+def test_the_winner_as_it_is_becomes_e_prev() -> None:
+    system = odometry()
+    first = system.step(scene(noise=0.3), no_boxes())
+    assert np.isnan(first.prior_angle)
+    assert system.e_prev is not None
+    before = system.e_prev
+    # The winner goes through five noisy matches, so it is near the truth and not it.
+    truth = essential_vector(essential_from_motion(R_CP, T_CP[:3, 3]))
+    assert 1e-6 < float(essential_angle(before, truth)) < 0.05
+    second = system.step(scene(seed=1, noise=0.3), no_boxes())
+    assert second.prior_angle == pytest.approx(
+        float(np.degrees(essential_angle(system.e_prev, before))), abs=1e-9
+    )
+
+
+def test_the_prior_keeps_the_nearest_solutions_of_each_set_and_the_error_decides_among_them() -> None:
+    """Two sets: in the first the truth beside a solution near E_prev, in the second one that lies between."""
+    matches = scene()
+    x_p, x_c = CAMERA.normalise(matches.prev_left), CAMERA.normalise(matches.cur_left)
+    before, between = (turned_by(angle) for angle in (0.10, 0.05))
+    E = np.array([turned_by(0.0), before, between])
+    chosen = {}
+    for method in ("mesvo_f", "solution_selection"):
+        system = make_odometry(CAMERA, change(preset(method, variant="published"), "selection.keep", 1))
+        system.e_prev = essential_vector(before)
+        chosen[method] = system.select(E, np.array([0, 0, 1]), x_p, x_c)
+    # Consensus takes the truth. The prior leaves one of each set: of these the better one wins.
+    assert chosen == {"mesvo_f": 0, "solution_selection": 2}
+
+
+def turned_by(angle: float) -> Array:
+    """The true essential matrix with a rotation that is off, radians."""
+    off = rotation_from_vector(np.array([0.0, angle, 0.0]))
+    return essential_from_motion(off @ R_CP, T_CP[:3, 3])
+
+
+def test_standing_still_is_the_identity_and_keeps_e_prev() -> None:
+    system = odometry()
+    system.step(scene(), no_boxes())
+    before = system.e_prev
+    motion = system.step(scene(seed=4, T_cp=rigid(np.eye(3), np.array([0.0, 0.0, -0.005]))), no_boxes())
+    np.testing.assert_array_equal(motion.T_cp, np.eye(4))
+    assert motion.flags == ("standstill",)
+    assert system.e_prev is before
+
+
+def test_without_matches_the_last_motion_goes_on() -> None:
+    system = odometry()
+    first = system.step(scene(), no_boxes())
+    again = system.step(empty_matches(), no_boxes())
+    np.testing.assert_array_equal(again.T_cp, first.T_cp)
+    assert again.flags == ("few_matches",)
+
+
+def test_features_in_a_box_of_either_frame_are_gone_before_buckets_are_filled() -> None:
+    system = odometry("feature_selection")
+    left = Boxes(np.array([[-1e4, -1e3, 400.0, 1e3]]), np.array([2]), np.ones(1))
+    right = Boxes(np.array([[800.0, -1e3, 1e4, 1e3]]), np.array([2]), np.ones(1))
+    matches = scene(2000)
+    system.start(left)
+    motion = system.step(matches, right)
+    gone = (matches.prev_left[:, 0] <= 400) | (matches.cur_left[:, 0] >= 800)
+    assert motion.removed == np.count_nonzero(gone)
+    assert motion.used > 100
+
+
+def test_one_feature_is_enough_for_a_translation() -> None:
+    """Equation (3): eight rows, six unknowns, as section 2.1 says."""
+    M, d = eliminate_points(*feature_rows(CAMERA, scene(5), R_CP))
+    for rows, values in zip(M, d, strict=True):
+        np.testing.assert_allclose(np.linalg.pinv(rows) @ values, T_CP[:3, 3], atol=1e-9)
+
+
+def test_stacked_rows_are_the_pseudo_inverse_of_the_whole_system() -> None:
+    matches = scene(40, noise=0.2)
+    t, agrees = translation(matches, agreement=50.0)
+    assert agrees.all()
+    A, B, c = feature_rows(CAMERA, matches, R_CP)
+    whole = np.zeros((40, 8, 3 * 40 + 3))
+    for i in range(40):
+        whole[i, :, 3 * i : 3 * i + 3], whole[i, :, -3:] = A[i], B[i]
+    # In pixels, as (2) projects: each feature's rows divided by its depth.
+    depth = CAMERA.triangulate(matches.prev_left, matches.prev_right)[:, 2:]
+    pixels = np.linalg.pinv((whole / depth[:, None]).reshape(320, -1)) @ (c / depth).ravel()
+    np.testing.assert_allclose(t, pixels[-3:], atol=1e-9)
+
+
+def test_pixel_noise_does_not_shorten_the_step_of_far_points() -> None:
+    """Least squares with noise in its coefficients is biased: rows in metres lose 0.7 % here."""
+    forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
+    far = (scene(400, seed, forward, noise=0.2, farthest=100.0) for seed in range(40))
+    steps = [translation(matches, np.eye(3))[0] for matches in far]
+    assert abs(np.mean(steps, axis=0)[2] + 1.0) < 0.003
+
+
+def test_pixel_noise_leaves_the_length_of_a_drawn_path(street: Sequence) -> None:
+    """True matches of every fourth frame, each place 0.3 px off."""
+    truth, camera = open_truth(street.folder), street.camera
+    rng, system = np.random.default_rng(5), make_odometry(camera, preset("mesvo_f", variant="published"))
+    system.start(no_boxes())
+    steps = []
+    for frame in range(1, len(street), 4):
+        uv = rng.uniform((20, 20), (camera.width - 20, camera.height - 20), (800, 2))
+        _, right, there = predict(truth, frame - 1, frame - 1, uv)
+        *current, seen = predict(truth, frame - 1, frame, uv)
+        good = there & seen & ~truth.is_moving(frame - 1, uv, frame)
+        a, b, c, d = (
+            view[good] + 0.3 * rng.standard_normal((good.sum(), 2)) for view in (uv, right, *current)
+        )
+        age = np.ones(good.sum(), np.int64)
+        matches = StereoMatches(a, b, c, d, age, age.astype(float), np.arange(len(age)))
+        motion = system.step(matches, no_boxes())
+        true = inverse(truth.poses[frame]) @ truth.poses[frame - 1]
+        steps.append([np.linalg.norm(T[:3, 3]) for T in (motion.T_cp, true)])
+    ours, exact = np.sum(steps, axis=0)
+    assert abs(ours / exact - 1.0) < 0.003
+
+
+def test_a_third_of_wrong_depths_does_not_pull_the_translation() -> None:
+    matches = scene(300, noise=0.1)
+    wrong = np.arange(300) % 3 == 0
+    matches.cur_right[wrong, 0] -= 9.0  # a repeated texture: all nearer by nine pixels
+    t, agrees = translation(matches)
+    assert not agrees[wrong].any()
+    assert np.linalg.norm(t - T_CP[:3, 3]) < 0.02
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not(bands: Path) -> None:
+    sequence = open_sequence(bands)
+    poses = [run(sequence, preset("mesvo_f", variant="published", seed=seed)).poses for seed in (1, 1, 2)]
+    assert poses[0].tobytes() == poses[1].tobytes() != poses[2].tobytes()
+    assert np.abs(poses[0][:, 0, 3] - 0.5 * np.arange(6)).max() < 0.03
+
+
+def test_on_real_images_it_is_what_the_paper_without_calibration_can_be(clips: Path) -> None:
+    """First 201 frames of KITTI 00, 100 m from every frame."""
+    sequence = open_sequence(clips / "sequences" / "00")
+    poses = run(sequence, preset("solution_selection", variant="published")).poses
+    assert sequence.truth is not None
+    errors = kitti_errors(sequence.truth, poses, (100.0,), 1)
+    assert errors.te is not None
+    assert errors.re is not None
+    assert 0.85 < errors.te < 1.15
+    assert 1.3 < errors.re < 1.8

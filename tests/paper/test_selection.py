@@ -1,0 +1,53 @@
+"""Which of the candidates stay, and which of four motions depth chooses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from course.simulation.problems import random_problems
+from vo_lib.geometry.motion import (
+    essential_angle,
+    essential_from_motion,
+    essential_vector,
+    rotation_angle,
+    rotation_from_vector,
+)
+from vo_lib.paper.selection import nearest_to_prior, resolve_by_depth
+
+FOCAL = 718.856
+
+
+def test_of_each_set_the_nearest_to_the_prior_stay() -> None:
+    rng = np.random.default_rng(5)
+    E = rng.normal(size=(12, 3, 3))
+    set_index = np.repeat([0, 2, 7], [1, 4, 7])
+    e_prev = essential_vector(rng.normal(size=(3, 3)))
+    kept = nearest_to_prior(E, set_index, e_prev, keep=2)
+    angle = essential_angle(essential_vector(E), e_prev)
+    for s in (0, 2, 7):
+        mine = np.flatnonzero(set_index == s)
+        assert set(mine[np.argsort(angle[mine])[:2]]) == set(mine[kept[mine]])
+
+
+@pytest.mark.parametrize("motion", ["general", "forward", "sideways", "planar"])
+def test_known_depth_tells_the_four_motions_of_an_essential_matrix_apart(motion: str) -> None:
+    problems = random_problems(np.random.default_rng(6), 40, 30, motion)  # type: ignore[arg-type]
+    for i in range(40):
+        for sign in (1.0, -1.0):
+            R, t = resolve_by_depth(sign * problems.E[i], problems.x_p[i], problems.x_c[i], problems.X_p[i])
+            assert rotation_angle(R.T @ problems.R_cp[i]) < 1e-6
+            np.testing.assert_allclose(t, problems.t_cp[i] / np.linalg.norm(problems.t_cp[i]), atol=1e-6)
+
+
+def test_near_points_outweigh_far_ones_where_the_depth_chooses_the_motion() -> None:
+    rng, t_cp = np.random.default_rng(5), np.array([0.0, 0.0, -1.0])
+    R_cp = rotation_from_vector(np.array([0.01, -0.05, 0.02]))
+    z = np.concatenate([rng.uniform(4, 10, 40), rng.uniform(400, 800, 40)])
+    X_p = np.stack([rng.uniform(-0.6, 0.6, 80) * z, rng.uniform(-0.2, 0.2, 80) * z, z], axis=1)
+    # A far point says little of a step: these seem to have made thirty of them, the other way.
+    X_c = X_p @ R_cp.T + np.where(z > 100, -30.0, 1.0)[:, None] * t_cp
+    x_p, x_c = (X[:, :2] / X[:, 2:] for X in (X_p, X_c))
+    R, direction = resolve_by_depth(essential_from_motion(R_cp, t_cp), x_p, x_c, X_p)
+    np.testing.assert_allclose(R, R_cp, atol=1e-9)
+    np.testing.assert_allclose(direction, t_cp, atol=1e-9)

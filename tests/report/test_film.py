@@ -1,0 +1,54 @@
+"""The film of a run: a frame for each motion, with the features, the boxes and the path so far."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vo_lib import preset, run
+from vo_lib.commands.cli import main
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.geometry.types import Image
+from vo_lib.report.film import PATH_COLOUR, TRUE_PATH_COLOUR, WORDS_HEIGHT_PX, Film, shown_frames
+from vo_lib.report.plots import REMOVED
+
+
+def near(picture: Image, colour: tuple[int, int, int], tolerance: int = 0) -> int:
+    return int(np.count_nonzero((np.abs(picture.astype(int) - colour) <= tolerance).all(axis=2)))
+
+
+def test_a_run_writes_a_film_the_same_again_and_from_kept_matches(
+    bands: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    base = bands.parent
+    command = ["run", str(bands), "--out", str(base / "out"), "--video"]
+    assert main([*command, str(base / "a.mp4")]) == 0
+    assert str(base / "a.mp4") in capsys.readouterr().out
+    assert main([*command, str(base / "b.mp4"), "--cache", str(base / "cache")]) == 0
+    assert (base / "a.mp4").read_bytes() == (base / "b.mp4").read_bytes()
+    video = cv2.VideoCapture(str(base / "a.mp4"))
+    # An image of 480×240, a square for the path beside it, words below.
+    wanted = (5, 10, 480 + 300, 300 + WORDS_HEIGHT_PX)
+    kinds = cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
+    assert tuple(map(video.get, kinds)) == wanted
+    assert sum(video.read()[0] for _ in range(9)) == 5
+
+
+@pytest.mark.parametrize("variant", ["kit", "published"])
+def test_the_path_grows_and_removed_features_are_orange(bands: Path, variant: str) -> None:
+    (bands / "labels").mkdir()
+    (bands / "labels" / "000003.txt").write_text("2 0.5 0.5 0.5 0.5 0.9\n", encoding="utf-8")
+    result = run(open_sequence(bands), preset("feature_selection", variant=variant))
+    with Film(bands.parent / "film.avi", result, "mine") as film:
+        pictures = {shown.index: film.picture(shown) for shown in shown_frames(result)}
+    assert list(pictures) == [1, 2, 3, 4, 5]
+    image, words = (slice(None, 240), slice(None, 480)), (slice(300, None),)
+    for colour in (PATH_COLOUR, TRUE_PATH_COLOUR):
+        drawn = [near(picture[:300, 480:], colour, 60) for picture in pictures.values()]
+        assert drawn == sorted(drawn)
+        assert drawn[-1] > 3 * drawn[0] > 0
+    assert near(pictures[3][image], REMOVED) > 0 == near(pictures[5][image], REMOVED)
+    assert all(picture[words].std() > 5 for picture in pictures.values())

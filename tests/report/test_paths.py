@@ -1,0 +1,204 @@
+"""`vo evaluate`: runs and foreign pose files side by side, and their truth."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import winding_road, write_bands
+from made_entries import straight
+
+from vo_lib import preset, run
+from vo_lib.commands.cli import main
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.poses import read_euroc, read_kitti_poses, write_kitti_poses, write_tum
+from vo_lib.evaluation.ate_rpe import Alignment
+from vo_lib.geometry.motion import quaternion_from_rotation, rigid, rotation_from_vector
+from vo_lib.geometry.types import Array
+from vo_lib.runs.folder import write_run
+from vo_lib.runs.identity import run_identity
+
+TURNED = rigid(rotation_from_vector(np.array([0.3, -1.0, 2.0])), np.array([4.0, -2.0, 1.0]))
+
+
+def scaled(poses: Array, factor: float) -> Array:
+    """The path with all its steps so many times as long."""
+    longer = poses.copy()
+    longer[:, :3, 3] *= factor
+    return longer
+
+
+def numbers(capsys: pytest.CaptureFixture[str], *words: Path | str) -> dict[str, dict[str, Any]]:
+    """Errors of the one sequence in the JSON of `vo evaluate` by system."""
+    capsys.readouterr()
+    assert main(["evaluate", *map(str, words), "--json"]) == 0
+    (sequence,) = json.loads(capsys.readouterr().out)["sequences"]
+    return {each["name"]: each for each in sequence["systems"]}
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
+    """The line of an error."""
+    assert main(["evaluate", *map(str, words)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run folders: a, b by another method, c with another seed, part of the frames, another sequence."""
+    base = tmp_path_factory.mktemp("runs")
+    sequence, other = (open_sequence(write_bands(base / name)) for name in ("bands", "street"))
+    jobs = {"a": (sequence, "viso2", 0), "b": (sequence, "mesvo_f", 0), "c": (sequence, "viso2", 1)}
+    jobs |= {"part": (sequence.part(1, 5), "viso2", 0), "else": (other, "viso2", 0)}
+    for name, (data, method, seed) in jobs.items():
+        config = preset(method, seed=seed)
+        (base / name).mkdir()
+        write_run(base / name, run(data, config), run_identity(data, config, method))
+    return base
+
+
+def test_runs_know_their_truth_and_short_paths_take_short_lengths(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = [str(runs / name) for name in ("a", "b", "part", "else")]
+    assert main(["evaluate", *folders, "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    for words in ("bands: sub-sequences of 20, 50, 100 m", "bands, frames 1-4", "Shorter sub-sequences"):
+        assert words in said
+    names = ("bands", "bands_frames_1-4", "street")
+    # 2.5 m hold no sub-sequence, so there are no curves.
+    files = {f"trajectory_{name}.png" for name in names}
+    assert {path.name for path in tmp_path.iterdir()} == files | {"evaluation.json"}
+    stored = json.loads((tmp_path / "evaluation.json").read_text(encoding="utf-8"))["sequences"]
+    rows = {(each["sequence"], row["name"]): row for each in stored for row in each["systems"]}
+    pairs = [("bands", "viso2"), ("bands", "mesvo_f"), ("bands, frames 1-4", "viso2"), ("street", "viso2")]
+    assert list(rows) == pairs
+    assert all(0 <= row["ate"]["rmse_m"] < 0.05 for row in rows.values())
+
+
+def test_errors_are_computed_anew_from_the_poses(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(runs / "a", tmp_path / "a")
+    (tmp_path / "a" / "metrics.json").unlink()
+    truth = read_kitti_poses(runs / "bands" / "poses.txt")
+    write_kitti_poses(tmp_path / "a" / "poses.txt", scaled(truth, 1.1))
+    write_kitti_poses(tmp_path / "orb.txt", TURNED @ scaled(truth, 1.2))
+    write_tum(tmp_path / "timed.txt", np.arange(0.102, 0.6, 0.1), scaled(truth, 1.3)[1:])
+    found = numbers(capsys, tmp_path / "a", tmp_path / "orb.txt", tmp_path / "timed.txt")
+    assert list(found) == ["viso2", "orb", "timed"]
+    for (name, each), percent in zip(found.items(), (10, 20, 30), strict=True):
+        assert each["frames"] == 5, name  # which all of them have
+        assert each["rpe"]["translation"]["rmse_m"] == pytest.approx(0.5 * percent / 100)
+
+
+def test_a_run_whose_sequence_is_gone_takes_the_truth_from_a_file(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(runs / "a", tmp_path / "a")
+    config = json.loads((tmp_path / "a" / "config.json").read_text(encoding="utf-8"))
+    for folder, says in (("/gone", "no longer at /gone"), (None, "no longer at None")):
+        (tmp_path / "a" / "config.json").write_text(json.dumps(config | {"folder": folder}), encoding="utf-8")
+        assert f"{says}: name its truth with --truth FILE" in refused(capsys, tmp_path / "a")
+    expected = numbers(capsys, runs / "a")["viso2"]
+    kitti, timed = tmp_path / "truth.txt", tmp_path / "timed.txt"
+    truth = read_kitti_poses(runs / "bands" / "poses.txt")
+    write_kitti_poses(kitti, truth)
+    write_tum(timed, np.arange(0.0, 0.6, 0.1), truth)
+    for file in (kitti, timed):
+        found = numbers(capsys, tmp_path / "a", "--truth", file)["viso2"]
+        assert found["ate"]["rmse_m"] == pytest.approx(expected["ate"]["rmse_m"], abs=1e-6)
+        assert found["frames"] == 6
+
+
+def test_labels_are_the_shortest_names_that_tell_systems_apart(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(runs / "a", tmp_path / "again")
+    for folders, labels in (
+        (("a", "b"), ["viso2", "mesvo_f"]),
+        (("a", "c"), ["viso2, published, seed 0", "viso2, published, seed 1"]),
+        (("a", tmp_path / "again"), [str(runs / "a"), str(tmp_path / "again")]),
+    ):
+        assert list(numbers(capsys, *(runs / name for name in folders))) == labels
+    truth = winding_road(150, 0.03, 1.07)
+    for files, labels in (
+        (("ours/07.txt", "theirs/07.txt"), ["ours", "theirs"]),
+        (("orb.txt", "ours/poses.txt"), ["orb", "ours"]),
+    ):
+        for file in files:
+            (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+            write_kitti_poses(tmp_path / file, truth)
+        assert list(numbers(capsys, *(tmp_path / f for f in files), "--truth", tmp_path / files[0])) == labels
+
+
+def test_unknown_truths_and_other_numbers_of_poses_are_refused(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_kitti_poses(tmp_path / "five.txt", straight(5))
+    assert "a file of poses alone" in refused(capsys, runs / "a", runs / "else", tmp_path / "five.txt")
+    assert "has 5 poses, but the truth of bands has 6" in refused(capsys, runs / "a", tmp_path / "five.txt")
+    assert "holds no run: expected the folder of one finished run" in refused(capsys, tmp_path)
+    write_tum(tmp_path / "later.txt", np.arange(10.0, 15.0), straight(5))
+    assert "fewer than two poses at the times" in refused(capsys, runs / "a", tmp_path / "later.txt")
+
+
+def test_long_paths_have_pictures_and_tables_the_same_each_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = winding_road(300, 0.03, 1.07)
+    for name, factor in (("07", 1.0), ("ours", 1.02), ("feature_selection", 1.05)):
+        write_kitti_poses(tmp_path / f"{name}.txt", scaled(truth, factor))
+    words = [str(tmp_path / name) for name in ("ours.txt", "feature_selection.txt", "07.txt")]
+    command = ["evaluate", *words[:2], "--truth", words[2]]
+    for folder in ("one", "two"):
+        assert main([*command, "--out", str(tmp_path / folder)]) == 0
+    said = capsys.readouterr().out
+    assert "│ 100 m" in said
+    assert "SE3" in said
+    # The road is driven at one speed: no curve over it.
+    files = {"trajectory_07.png", "errors_07_by_length.png"}
+    assert {path.name for path in (tmp_path / "one").glob("*.p*")} == files
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
+    found = numbers(capsys, *command[1:])
+    # A sub-sequence ends up to a step past its length.
+    assert [each["te_percent"] for each in found.values()] == pytest.approx([2.0, 5.0], rel=0.02)
+    for alignment in Alignment:
+        found = numbers(
+            capsys, *command[1:], "--alignment", alignment.value, "--lengths", "20", "--step", "7"
+        )
+        assert found["ours"]["ate"]["alignment"] == alignment.value
+        assert [each["length_m"] for each in found["ours"]["by_length"]] == [20.0]
+
+
+def write_euroc(path: Path, times: Array, poses: Array) -> None:
+    """EuRoC's truth: nanoseconds, position, quaternion with w first, speed and biases."""
+    rows = ["#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], …"]
+    for t, T in zip(times, poses, strict=True):
+        x, y, z, w = quaternion_from_rotation(T[:3, :3])
+        cells = [*T[:3, 3], w, x, y, z, *np.zeros(9)]
+        rows.append(",".join([f"{round(1e9 * t)}", *map(repr, map(float, cells))]))
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def test_euroc_truth_meets_tum_and_euroc_estimates_at_the_times_all_have(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = TURNED @ winding_road(150, 0.03, 1.07)
+    times = np.linspace(1403636579.75, 1403636579.75 + 0.05 * len(truth), len(truth))
+    write_euroc(tmp_path / "data.csv", times, truth)
+    found_times, poses = read_euroc(tmp_path / "data.csv")
+    np.testing.assert_allclose(found_times, times, atol=1e-6)
+    np.testing.assert_allclose(poses, truth, atol=1e-12)
+    write_tum(tmp_path / "tum.txt", times[::2] + 0.002, truth[::2])
+    write_euroc(tmp_path / "other.csv", times[20:], scaled(truth, 1.1)[20:])
+    places = [tmp_path / name for name in ("tum.txt", "other.csv", "data.csv")]
+    tum, other = numbers(capsys, *places[:2], "--truth", places[2], "--lengths", "20,50").values()
+    assert tum["frames"] == other["frames"] == 65
+    assert tum["te_percent"] == pytest.approx(0.0, abs=1e-5)
+    assert other["te_percent"] == pytest.approx(10.0, rel=0.1)

@@ -1,0 +1,33 @@
+"""Reports: one page that holds everything, escapes its text and can be read on any screen."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from vo_lib.report.page import Picture, ReportTable, render_report
+
+PNG = bytes(cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1])
+
+
+def page(problems: tuple[str, ...] = ()) -> str:
+    """A page with signs of markup wherever a text may stand."""
+    table = ReportTable(
+        "<b>", ["a & b", "solution_selection <TE>"], [["kitti/07, <script> a_b", "1"]], ["1 < 2"]
+    )
+    return render_report([table], [Picture(PNG, "a <caption>")], ["x"], problems, ["<11>"])
+
+
+def test_text_is_escaped_and_a_long_name_may_break_at_its_underscores() -> None:
+    text = page()
+    assert "a &amp; b" in text
+    assert "solution_<wbr>selection &lt;TE&gt;</th>" in text
+    assert "kitti/07, &lt;script&gt; a_<wbr>b</th>" in text
+    # A box that scrolls is reached with the keyboard and has a name.
+    assert '<div class="scroll" tabindex="0" role="region" aria-label="&lt;b&gt;"><table' in text
+
+
+def test_problems_come_first_and_only_where_there_are_any() -> None:
+    assert 'class="problems"' not in page()
+    text = page(("Not found: <07>",))
+    assert text.index("Not found: &lt;07&gt;") < text.index("<table")

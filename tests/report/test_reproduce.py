@@ -1,0 +1,246 @@
+"""Table 1 over sequences, methods and seeds: averages by hand, and whole commands on small KITTI trees."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import write_bands
+from made_entries import entry_of, sequence_of, table_of_twos
+
+from vo_lib.commands.cli import main
+from vo_lib.data.kitti import EXPECTED_FRAMES
+from vo_lib.errors import DataError
+from vo_lib.evaluation.kitti import (
+    KITTI_LENGTHS,
+    KITTI_MEASURE,
+    SHORT_MEASURE,
+    Measure,
+)
+from vo_lib.files import only_process
+from vo_lib.report.entries import Entry, Group, group_entries
+from vo_lib.report.page import ReportTable, markdown, mean_and_spread, plus_minus, records_csv
+from vo_lib.report.printed import AVERAGE, PAPER_METHODS, PAPER_ROWS
+from vo_lib.report.reproduce import TABLE_FILES, plan_jobs
+from vo_lib.report.table1 import layout_table, table_records
+
+
+def group_of(*entries: Entry) -> Group:
+    (group,) = group_entries(list(entries))
+    return group
+
+
+def layout(group: Group) -> ReportTable:
+    return layout_table(group, table_of_twos())
+
+
+def test_errors_of_a_method_are_those_of_its_runs_seed_by_seed() -> None:
+    entry = entry_of("somewhere", 500, [1.0, 2.0])
+    # A sub-sequence ends with the first frame beyond its length: some are a frame longer.
+    np.testing.assert_allclose(entry.te, [1.0, 2.0], rtol=0.011)
+    np.testing.assert_allclose(entry.re, 0.0, atol=1e-9)
+    assert (entry.seeds, entry.measure) == ((0, 1), KITTI_MEASURE)
+    # Of the time a frame, without the front end.
+    assert (entry.removed_share, entry.back_end_ms) == pytest.approx((0.25, 5.0))
+
+
+def test_the_mean_leaves_01_out_and_the_pooled_average_does_not() -> None:
+    long, short = entry_of("kitti/00", 500, [1.0, 2.0]), entry_of("kitti/04", 150, [3.0])
+    highway = entry_of("kitti/01", 150, [9.0])
+    group = group_of(long, highway, short)
+    # Of each seed that all sequences have.
+    assert group.mean("viso2")[0] == pytest.approx((long.te[:1] + short.te) / 2)
+    counts = [len(e.results[0].kitti) for e in (long, highway, short)]
+    values = [float(e.te[0]) for e in (long, highway, short)]
+    assert group.pooled("viso2")[0] == pytest.approx(np.average(values, weights=counts))
+    assert len(set(counts)) == 2
+    names = [record["sequence"] for record in table_records([group], table_of_twos())]
+    assert names == ["mean of 2", "kitti/00", "kitti/04", "kitti/01", "pooled"]
+    # Sequences that are not KITTI's are averaged as they are.
+    others = group_of(entry_of("x/00", 500, [1.0]), entry_of("x/01", 500, [3.0]))
+    assert others.mean("viso2")[0] == pytest.approx(2.0, rel=0.011)
+    # A path that holds no sub-sequence counts for nothing.
+    whole, none = entry_of("a", 300, [1.0]), entry_of("b", 5, [1.0], measure=KITTI_MEASURE)
+    assert group_of(whole, none).mean("viso2")[0] == pytest.approx(whole.te)
+
+
+def test_variants_measures_and_other_data_are_never_averaged_together() -> None:
+    frames = {"kitti/00": 300, "kitti/07": 60, "other": 300}
+    entries = [entry_of(name, n, [1.0]) for name, n in frames.items()]
+    groups = group_entries([*entries, entry_of("kitti/00", 300, [1.0], variant="published")])
+    assert [group.sequences for group in groups] == [["kitti/00"], ["kitti/07"], ["other"], ["kitti/00"]]
+    assert ["as published" in layout(group).title for group in groups] == [False, False, False, True]
+
+
+def test_the_layout_is_the_papers_ours_over_its_numbers() -> None:
+    methods = (*PAPER_METHODS, "moving_selection")
+    runs = [(name, method) for name in ("01", *PAPER_ROWS[1:]) for method in methods]
+    group = group_of(*(entry_of(f"kitti/{n}", EXPECTED_FRAMES[n], [1.0, 1.2], m) for n, m in runs))
+    table = layout(group)
+    names = [row[0] for row in table.rows if "TE" in row[0]]
+    assert names == [f"{n} TE %" for n in (*PAPER_ROWS, "01", "pooled")]
+    paper = ["VISO2", "MESVO_F", "Solution\nselection", "Feature\nselection"]
+    assert table.columns == ["sequence", *paper, "moving_selection"]
+    rows = {row[0]: row[1:] for row in table.rows}
+    cells = [rows[f"{name} {unit}"] for name in PAPER_ROWS for unit in ("TE %", "RE deg/100 m")]
+    assert sum(cell.endswith(("\n2.00", "\n2.000")) for row in cells for cell in row) == 88
+    assert rows["04 TE %"][0].startswith("1.1")
+    assert "±" in rows["04 TE %"][0]
+    assert rows["04 removed %"] == ["25.0"] * 5
+    assert not any("\n" in cell for name in ("01", "pooled") for cell in rows[f"{name} TE %"])
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "measure"),
+    [
+        ("kitti/04", 271, SHORT_MEASURE),
+        ("kitti/04", 271, Measure(KITTI_LENGTHS, 1)),
+        ("kitti/04", 270, KITTI_MEASURE),
+        ("kitti/07", 271, KITTI_MEASURE),
+        ("04", 271, KITTI_MEASURE),
+    ],
+)
+def test_only_whole_sequences_as_the_benchmark_measures_them_stand_beside_the_papers(
+    name: str, frames: int, measure: Measure
+) -> None:
+    def printed(entry: Entry) -> float | None:
+        (record,) = table_records(group_entries([entry]), table_of_twos())
+        assert record["te_percent"] is not None
+        number: float | None = record["paper_te_percent"]
+        return number
+
+    assert printed(entry_of("kitti/04", 271, [1.0])) == 2.0
+    other = entry_of(name, frames, [1.0], measure=measure)
+    assert printed(other) is None
+    # With another in the place of one of its rows there is no average of the paper's.
+    entries = [entry_of(f"kitti/{n}", EXPECTED_FRAMES[n], [1.0]) for n in PAPER_ROWS[1:] if n != "04"]
+    assert AVERAGE not in {
+        r["sequence"] for r in table_records(group_entries([*entries, other]), table_of_twos())
+    }
+
+
+def test_parts_of_sequences_and_missing_boxes_are_said_first() -> None:
+    parts = {"kitti/04": 271, "kitti/07": 300}
+    for method, boxed in (("feature_selection", True), ("solution_selection", False)):
+        head = layout(group_of(*(entry_of(name, n, [1.0], method) for name, n in parts.items()))).head
+        assert head[0].endswith("not comparable with whole ones: kitti/07 (300 of 1101 frames).")
+        assert [line.split(":")[0] for line in head[1:]] == ["No vehicle boxes on kitti/04, kitti/07"] * boxed
+
+
+def test_gains_are_relative_improvements_seed_by_seed() -> None:
+    pairs = {"solution_selection": [2.0, 4.0], "feature_selection": [1.0, 3.0]}
+    entries = [entry_of("kitti/01", 500, [9.0, 9.0], method) for method in pairs]  # left out
+    for name, n in (("kitti/00", 500), ("kitti/04", 150)):
+        entries += [entry_of(name, n, percent, method) for method, percent in pairs.items()]
+    (said,) = [note for note in layout(group_of(*entries)).notes if note.startswith("Gain")]
+    # Halved in one seed, a quarter less in the other.
+    assert said.startswith("Gain of Feature selection over Solution selection: TE +37.5 %")
+
+
+def test_cells_of_a_table_its_markdown_and_its_csv() -> None:
+    entries = [entry_of("kitti/00", 300, [1.0, 1.1], m) for m in ("viso2", "mesvo_f")]
+    group = group_of(*entries, entry_of("kitti/02", 300, [2.0, 2.1]))
+    table = layout(group)
+    assert {len(row) for row in table.rows} == {len(table.columns)} == {3}
+    assert next(row for row in table.rows if row[0] == "02 TE %")[2] == "–"
+    assert "over 2 seeds" in table.notes[0]
+    text = markdown(ReportTable("t", ["a", "b"], [["1", "2\n3"]], ["n"], ["h"]))
+    assert text == "## t\n\nh\n\n| a | b |\n| --- | ---: |\n| 1 | 2<br>3 |\n\nn\n"
+    records = table_records([group, group_of(entry_of("tiny", 5, [1.0]))], table_of_twos())
+    first, *_, last = csv.DictReader(io.StringIO(records_csv(records)))
+    assert (first["sequence"], last["sequence"], last["te_percent"]) == ("mean of 2", "tiny", "")
+    assert float(first["te_percent_std"]) == pytest.approx(group.mean("viso2")[0].std(), abs=1e-6)
+    assert plus_minus(*mean_and_spread(np.array([1.0, 3.0]))) == "2.000 ± 1.000"
+    assert plus_minus(*mean_and_spread(np.array([1.0]))) == "1.000"
+
+
+def test_a_job_for_each_sequence_method_and_seed_in_a_folder_of_its_own() -> None:
+    sequences = [sequence_of("kitti/00", 5), sequence_of("a b", 5)]
+    jobs = plan_jobs(sequences, {"published": ["viso2"], "kit": ["viso2", "mesvo_f"]}, 3, Path("out"))
+    assert len({job.folder for job in jobs}) == len(jobs) == 18
+    assert jobs[0].folder == Path("out/runs/published/kitti_00/viso2/seed_0")
+    assert [job.config.variant for job in jobs] == ["published"] * 6 + ["kit"] * 12
+    assert [job.config.seed for job in jobs[:3]] == [0, 1, 2]
+    with pytest.raises(DataError, match="two sequences are called a b"):
+        plan_jobs([sequences[1], sequences[1]], {"kit": ["viso2"]}, 1, Path("out"))
+
+
+@pytest.fixture
+def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A KITTI root with 02, 07 and, without truth, 11; a folder for what is found in it."""
+    for name in ("02", "07", "11"):
+        write_bands(tmp_path / "kitti" / "sequences" / name)
+    (tmp_path / "kitti" / "sequences" / "11" / "poses.txt").unlink()
+    monkeypatch.setenv("KITTI_ROOT", str(tmp_path / "kitti"))
+    return tmp_path
+
+
+def reproduce(tree: Path, *words: str) -> int:
+    places = ["--out", str(tree / "out"), "--cache", str(tree / "cache")]
+    return main(
+        ["reproduce", *places, "--methods", "viso2,mesvo_f", "--seeds", "2", "--lengths", "1,2", *words]
+    )
+
+
+def test_the_whole_table_is_made_and_names_what_is_missing(
+    tree: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert reproduce(tree, "--sequences", "02,07-08,11") == 0
+    assert "Not found, so not run: kitti/08" in capsys.readouterr().out
+    out, numbers = tree / "out", ("02", "07", "11")
+    figures = [f"trajectory_{variant}_kitti_{n}" for variant in ("published", "kit") for n in numbers]
+    figures += ["figure4_published", "figure4_kit"]
+    expected = {f"{name}.png" for name in figures}
+    assert {p.name for p in out.glob("[!.]*")} == {*expected, *TABLE_FILES, "runs"}
+    table = list(csv.DictReader(io.StringIO((out / "table1.csv").read_text(encoding="utf-8"))))
+    assert [(row["sequence"], row["seeds"]) for row in table[2:4]] == [("kitti/02", "2")] * 2
+    assert list(dict.fromkeys(row["variant"] for row in table)) == ["published", "kit"]
+    assert 0 < float(table[1]["te_percent"]) < 5
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "No ground truth, so no errors: kitti/11." in page
+    assert "kitti/08" in page
+    assert page.count("<img") == page.count("data:image/png;base64,") == len(figures)
+
+
+def test_a_run_that_fails_is_told_with_its_cause_while_the_others_finish(
+    tree: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image = tree / "kitti" / "sequences" / "07" / "image_0" / "000003.png"
+    image.write_bytes(image.read_bytes()[:300])
+    assert reproduce(tree, "--sequences", "02,07", "--variant", "kit") == 1
+    lines = (tree / "out" / "table1.csv").read_text(encoding="utf-8").splitlines()
+    assert [line.split(",")[1] for line in lines[1:]] == ["kitti/02"] * 2
+    for told in (capsys.readouterr().out, (tree / "out" / "report.html").read_text(encoding="utf-8")):
+        assert "Failed: kitti/07" in " ".join(told.split())
+        assert "and 3 more" in told
+        assert "000003.png" in told
+
+
+def test_started_again_it_does_no_finished_run_again_unless_asked(tree: Path) -> None:
+    def times(*words: str) -> dict[str, int]:
+        assert reproduce(tree, "--sequences", "02", "--variant", "kit", *words) == 0
+        return {str(path): path.stat().st_mtime_ns for path in (tree / "out" / "runs").rglob("poses.txt")}
+
+    first = times("--jobs", "2")
+    table = (tree / "out" / "table1.md").read_bytes()
+    assert len(first) == 4
+    assert times() == first
+    assert (tree / "out" / "table1.md").read_bytes() == table
+    assert all(time > first[path] for path, time in times("--fresh").items())
+
+
+@pytest.mark.parametrize("command", ["reproduce", "sweep"])
+def test_another_process_in_the_folder_is_refused(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    words = {
+        "reproduce": ["--sequences", str(bands), "--methods", "viso2"],
+        "sweep": ["--sequence", str(bands), "--set", "selection.sets=10"],
+    }[command]
+    with only_process(tmp_path):
+        assert main([command, *words, "--seeds", "1", "--out", str(tmp_path)]) == 2
+    assert "another process is working in this folder" in capsys.readouterr().err
+    assert not [path for path in tmp_path.rglob("poses.txt") if bands not in path.parents]

@@ -1,0 +1,78 @@
+"""A grid over settings: every combination is a run of its own, whatever computes it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import write_bands
+
+from vo_lib import Sequence, open_sequence, preset, run
+from vo_lib.commands.cli import main
+from vo_lib.config import change
+from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors
+from vo_lib.report.sweep import Axis, Sweep, parse_axis, run_sweep, sweep_table
+from vo_lib.runs.jobs import run_jobs
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
+    """Forty-three frames, 21 m: sub-sequences of 20 m fit."""
+    return open_sequence(write_bands(tmp_path_factory.mktemp("sweep") / "bands", 43))
+
+
+def axis(text: str) -> Axis:
+    return parse_axis(text, preset("feature_selection"))
+
+
+def sweep_of(sequence: Sequence, place: Path, *axes: str) -> Sweep:
+    """A sweep of `feature_selection` with two seeds, with its cache and its runs in a folder."""
+    do, config = partial(run_jobs, cache=place / "cache"), preset("feature_selection")
+    return run_sweep(sequence, "feature_selection", config, tuple(map(axis, axes)), 2, place, do)
+
+
+def test_an_axis_has_values_of_the_declared_kind() -> None:
+    assert axis("selection.sets=50,100") == Axis("selection.sets", (50, 100))
+    assert axis("filter.margin=0,0.1") == Axis("filter.margin", (0.0, 0.1))
+    assert axis("selection.prior=on,off").values == (True, False)
+    assert axis("filter.classes=2;2,5,7").values == ((2,), (2, 5, 7))
+
+
+def test_records_hold_the_errors_of_single_runs(sequence: Sequence, tmp_path: Path) -> None:
+    sweep = sweep_of(sequence, tmp_path, "matching.search_radius=40,60", "selection.sets=10,20")
+    grid = [(radius, sets) for radius in ("40", "60") for sets in ("10", "20")]
+    names = ("matching.search_radius", "selection.sets")
+    assert [tuple(record[name] for name in names) for record in sweep.records] == grid
+    assert [record["seeds"] for record in sweep.records] == [2] * 4
+    config = change(change(preset("feature_selection"), names[0], 60), names[1], 10)
+    assert sequence.truth is not None
+    te: list[float | None] = []
+    for seed in (0, 1):
+        poses = run(sequence, replace(config, seed=seed)).poses
+        te.append(kitti_errors(sequence.truth, poses, SHORT_MEASURE.lengths, SHORT_MEASURE.step).te)
+    record, te_of_seeds = sweep.records[2], np.array(te, float)
+    assert record["te_percent"] == pytest.approx(te_of_seeds.mean(), abs=1e-6)
+    assert record["te_percent_std"] == pytest.approx(te_of_seeds.std(), abs=1e-6)
+    # A front end for each value of its setting, shared by the rest.
+    assert len(list((tmp_path / "cache").rglob("*.npz"))) == 2
+    assert len(sweep_table(sweep).rows) == 4
+
+
+def test_the_command_writes_table_and_heat_map(
+    sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    words = ["sweep", "--sequence", str(sequence.folder), "--method", "mesvo_f", "--seeds", "1"]
+    words += ["--cache", str(tmp_path / "cache"), "--out", str(out), "--set", "selection.sets=10,20"]
+    assert main([*words, "--set", "buckets.features=2,4,6"]) == 0
+    printed = capsys.readouterr().out
+    assert "selection." in printed
+    assert "one seed" in printed
+    assert len((out / "sweep.csv").read_text(encoding="utf-8").splitlines()) == 7
+    picture = cv2.imread(str(out / "sweep.png"))
+    assert picture is not None
+    assert picture.std() > 20

@@ -1,0 +1,87 @@
+"""Matches from the cache are those from the images, to the last bit; a damaged file is made anew."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from conftest import small, write_bands
+
+from vo_lib import Sequence, open_sequence, preset, run
+from vo_lib.paper.settings import MethodConfig
+from vo_lib.runs.drive import run_methods
+from vo_lib.runs.front_end import TimedMatches, find_matches
+from vo_lib.runs.matches import CachedMatches, clean_matches, code_folder
+
+FRAMES = 12
+
+
+@pytest.fixture
+def sequence(tmp_path: Path) -> Sequence:
+    """Twelve frames."""
+    return open_sequence(write_bands(tmp_path / "bands", frames=FRAMES))
+
+
+def cached(sequence: Sequence, config: MethodConfig) -> CachedMatches:
+    return CachedMatches(sequence, config, sequence.folder.parent / "cache")
+
+
+def matches_of(source: Iterable[TimedMatches]) -> list[tuple[object, bytes]]:
+    return [(column.dtype, column.tobytes()) for matches, _ in source for column in vars(matches).values()]
+
+
+@pytest.mark.parametrize("config", [small(), preset("solution_selection")], ids=["kit", "published"])
+def test_matches_and_poses_are_the_same_bytes_with_and_without_the_cache(
+    sequence: Sequence, config: MethodConfig
+) -> None:
+    images = matches_of(find_matches(sequence, config))
+    assert matches_of(cached(sequence, config)) == images
+    assert matches_of(cached(sequence, config)) == images
+    again = run_methods(sequence, {"": config}, matches=cached(sequence, config))[""].poses
+    assert run(sequence, config).poses.tobytes() == again.tobytes()
+
+
+def test_front_end_settings_camera_images_and_code_have_a_file_of_their_own(
+    sequence: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = cached(sequence, small()).path
+    assert cached(sequence, small(selection__sets=50, seed=3)).path == path
+    camera = dataclasses.replace(sequence.camera, baseline=0.6)
+    others = [
+        cached(sequence, small(matching__window=11)),
+        cached(sequence, small(features__quality=4.0)),
+        cached(sequence, preset("solution_selection")),
+        cached(dataclasses.replace(sequence, camera=camera), small()),
+        cached(sequence.part(0, 6), small()),
+    ]
+    with monkeypatch.context() as patch:
+        patch.setattr("vo_lib.runs.matches.code_digest", lambda modules: "other")
+        others.append(cached(sequence, small()))
+    (sequence.folder / "image_1" / "000007.png").write_bytes(b"another image")
+    others.append(cached(sequence, small()))
+    assert len({path, *(each.path for each in others)}) == 1 + len(others)
+
+
+@pytest.mark.parametrize("damage", ["flip", "cut", "foreign", "missing"])
+def test_a_damaged_or_missing_file_is_made_anew(sequence: Sequence, damage: str) -> None:
+    matches = matches_of(cached(sequence, small()))
+    path = cached(sequence, small()).path
+    data = path.read_bytes()
+    middle = len(data) // 2
+    flipped = data[:middle] + bytes([data[middle] ^ 4]) + data[middle + 1 :]
+    broken = {"flip": flipped, "cut": data[:-9], "foreign": b"PK of another kind"}
+    path.write_bytes(broken[damage]) if damage in broken else path.unlink()
+    assert matches_of(cached(sequence, small())) == matches
+    assert matches_of(cached(sequence, small())) == matches_of(find_matches(sequence, small()))
+
+
+def test_matches_of_other_code_are_removed_and_the_rest_stays(tmp_path: Path) -> None:
+    kept, old = code_folder("published", tmp_path), tmp_path / "matches" / "published-0"
+    for folder in (kept, old):
+        folder.mkdir(parents=True)
+        (folder / "x.npz").write_bytes(bytes(100))
+    assert clean_matches(tmp_path) == 100
+    assert [path.name for path in (tmp_path / "matches").iterdir()] == [kept.name]
+    assert clean_matches(tmp_path) == 0

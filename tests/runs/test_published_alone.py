@@ -1,0 +1,99 @@
+"""A published run is the paper and no more; each variant declares the settings that it reads."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from conftest import HEIGHT, WIDTH, with_box
+
+from vo_lib import open_sequence, run, settings
+from vo_lib.config import CONFIG_CLASSES, VARIANTS, change
+from vo_lib.runs.folder import path_lost
+
+OF_THE_KIT = """
+import sys
+sys.setprofile(lambda frame, event, _: called.add(frame.f_code.co_filename) if event == "call" else None)
+called = set()
+from vo_lib import open_sequence, preset, run
+for method in ("viso2", "feature_selection"):
+    run(open_sequence(sys.argv[1]), preset(method))
+sys.setprofile(None)
+print(sorted(name for name in sys.modules if name.startswith("vo_lib.kit")))
+print(sorted({path.rpartition("kit/")[2] for path in called if "vo_lib/kit/" in path.replace("\\\\", "/")}))
+"""
+
+
+def test_a_published_run_imports_and_calls_nothing_of_the_kit(bands: Path) -> None:
+    words = [sys.executable, "-c", OF_THE_KIT, str(with_box(bands, 6))]
+    printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert printed[0] == "['vo_lib.kit', 'vo_lib.kit.settings']"
+    # Its settings declare themselves when they are imported.
+    assert printed[1] in ("['__init__.py', 'settings.py']", "['settings.py']")
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_every_declared_setting_is_read_by_a_method_of_the_variant(bands: Path, variant: str) -> None:
+    for side in ("image_0", "image_1"):
+        shutil.copy(bands / side / "000003.png", bands / side / "000004.png")
+        cv2.imwrite(str(bands / side / "000005.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
+    sequence, read = open_sequence(with_box(bands, 6)), set[str]()
+    for config in VARIANTS[variant].values():
+        with recorded(config, read):
+            run(sequence, config)
+    declared = {item.name for item in settings.declared(CONFIG_CLASSES[variant])}
+    assert declared - read == set()
+
+
+@contextmanager
+def recorded(config: Any, read: set[str]) -> Iterator[None]:
+    """A context that notes the dotted names of the settings of this configuration that are read."""
+    names = dict(sections(config))
+
+    def watch(cls: type) -> Any:
+        original: Any = cls.__getattribute__
+
+        def getter(self: Any, name: str) -> Any:
+            if id(self) in names and not name.startswith("_"):
+                read.add(f"{names[id(self)]}{name}")
+            return original(self, name)
+
+        return getter
+
+    classes = {type(part) for _, part in parts(config)}
+    with pytest.MonkeyPatch.context() as patch:
+        for cls in classes:
+            patch.setattr(cls, "__getattribute__", watch(cls), raising=False)
+        yield
+
+
+def parts(config: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The configuration and its sections, with the beginning of their settings' names."""
+    yield prefix, config
+    for item in dataclasses.fields(config):
+        value = getattr(config, item.name)
+        if dataclasses.is_dataclass(value):
+            yield from parts(value, f"{prefix}{item.name}.")
+
+
+def sections(config: Any) -> Iterator[tuple[int, str]]:
+    for prefix, part in parts(config):
+        yield id(part), prefix
+
+
+def test_after_more_than_ten_frames_without_a_motion_tracking_was_lost(bands: Path) -> None:
+    config = change(VARIANTS["published"]["solution_selection"], "min_matches", 1000)
+    result = run(open_sequence(bands), config)
+    assert not any(motion.measured for motion in result.motions)
+    for frames, lost in ((10, False), (11, True)):
+        longer = dataclasses.replace(result, motions=[result.motions[0]] * frames)
+        assert path_lost(longer) == lost

@@ -1,0 +1,57 @@
+"""Every threshold is declared once and checked wherever it comes from."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from vo_lib import METHODS, DataError, preset, settings
+from vo_lib.kit.settings import KitConfig
+
+DECLARED = list(settings.declared(KitConfig))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_preset_survives_json(method: str) -> None:
+    config = settings.replace(preset(method, seed=3, variant="kit"), "selection.mode", "literal")
+    again = settings.from_dict(KitConfig, json.loads(json.dumps(settings.to_dict(config))))
+    assert again == config
+
+
+@pytest.mark.parametrize("item", DECLARED, ids=lambda item: item.name)
+def test_every_setting_has_a_meaning_and_its_default_parses(item: settings.Setting) -> None:
+    assert item.text
+    assert item.choices or item.kind is bool or item.low is not None
+    raw = ",".join(map(str, item.default)) if isinstance(item.default, tuple) else str(item.default)
+    assert item.parse(raw) == item.default
+    item.check(item.default)
+
+
+@pytest.mark.parametrize("item", DECLARED, ids=lambda item: item.name)
+def test_a_value_outside_is_refused_with_its_name_and_range(item: settings.Setting) -> None:
+    wrong = "nonsense" if item.choices or item.kind is bool else item.parse("-100000")
+    with pytest.raises(DataError, match=item.name):
+        settings.replace(KitConfig(), item.name, wrong)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "1", None, True])
+def test_values_of_another_kind_are_refused(value: object) -> None:
+    with pytest.raises(DataError, match="loop_tolerance"):
+        settings.replace(KitConfig(), "matching.loop_tolerance", value)
+
+
+def test_one_setting_is_replaced_and_the_others_stay() -> None:
+    config = settings.replace(KitConfig(), "selection.sets", 77)
+    assert config.selection.sets == 77
+    assert dataclasses.replace(config.selection, sets=KitConfig().selection.sets) == KitConfig().selection
+
+
+def test_unknown_settings_and_methods_are_refused() -> None:
+    with pytest.raises(DataError, match=r"selection\.sats"):
+        settings.replace(KitConfig(), "selection.sats", 1)
+    with pytest.raises(DataError, match="did you mean solution_selection"):
+        preset("solution_selecton", variant="kit")
+    with pytest.raises(DataError, match="sats"):
+        settings.from_dict(KitConfig, {"selection": {"sats": 1}})

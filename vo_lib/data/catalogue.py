@@ -1,0 +1,93 @@
+"""Sequences by name: KITTI's where they are found, synthetic scenes, and folders by their path."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from ..errors import DataError
+from ..geometry.types import Progress
+from .drawn import ensure_scene
+from .scenes import SCENES
+from .sequence import Sequence, open_folder
+
+SYNTHETIC = "synthetic/"
+KITTI = "kitti/"
+DRAWING_PROCESSES = min(os.cpu_count() or 1, 4)
+PROJECT = Path(__file__).resolve().parents[2]
+
+
+def kitti_roots() -> list[Path]:
+    """Where KITTI is looked for: KITTI_ROOT, then data/kitti here and beside the package."""
+    places = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
+    # The archives unpack to a folder `dataset`; both it and its parent are accepted.
+    roots = [Path(place, inner).resolve() for place in places if place for inner in ("", "dataset")]
+    return [root for root in dict.fromkeys(roots) if (root / "sequences").is_dir()]
+
+
+def kitti_root() -> Path:
+    """The KITTI folder that the kit uses: the first one found, else where one would be made."""
+    return next(iter(kitti_roots()), Path(os.environ.get("KITTI_ROOT") or PROJECT / "data" / "kitti"))
+
+
+def available() -> dict[str, Path | None]:
+    """Sequences by name with their folders; None for a synthetic scene, which is drawn on first use."""
+    folders: dict[str, Path | None] = {f"{SYNTHETIC}{name}": None for name in SCENES}
+    for root in kitti_roots():
+        for folder in sorted((root / "sequences").iterdir()):
+            if (folder / "image_0").is_dir():
+                folders.setdefault(f"{KITTI}{folder.name}", folder)
+    return folders
+
+
+def parse_sequences(text: str) -> list[str]:
+    """Names or paths of "00,02-10,synthetic/jam,some/folder"; numbers mean KITTI sequences."""
+    names: list[str] = []
+    for item in text.split(","):
+        numbers = re.fullmatch(r"(\d\d)(?:-(\d\d))?", item)
+        if numbers is None:
+            names.append(item)
+            continue
+        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
+        if last < first:
+            raise DataError(f"--sequences {item}: expected a range that rises")
+        names += [f"{KITTI}{number:02d}" for number in range(first, last + 1)]
+    if not all(names):
+        raise DataError(f"--sequences {text!r}: expected names separated by commas")
+    return names
+
+
+def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Path:
+    """Folder of a sequence by its name; a synthetic scene is drawn where it is not in the cache."""
+    if name.startswith(SYNTHETIC):
+        return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=DRAWING_PROCESSES)
+    found = available().get(name)
+    if found is None and name.startswith(KITTI):
+        roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
+        raise DataError(f"the sequence {name} was not found; looked in {roots}")
+    if found is None:
+        raise DataError("the folder is missing: expected a KITTI folder or a name from `vo list`", name)
+    return found
+
+
+def open_sequence(
+    where: str | Path,
+    labels: str | Path | None = None,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> Sequence:
+    """A sequence by name ("kitti/07", "synthetic/traffic") or by the path of a KITTI-layout folder.
+
+    A synthetic scene that is missing is drawn. Raises `DataError` as `open_folder`, and for an unknown name.
+
+    Parameters
+    ----------
+    labels : folder of YOLO label files; by default `labels` in the sequence's folder, if there.
+    cache : folder that keeps synthetic scenes; by default the user's cache folder.
+    progress : called while a synthetic scene is drawn.
+    """
+    folder, name = Path(where), str(where)
+    if folder.is_dir():
+        return open_folder(folder, folder.resolve().name, labels)
+    return open_folder(_find_folder(name, cache, progress), name, labels)

@@ -1,0 +1,38 @@
+"""What passes from the front end to the method: features seen in all four images of two stereo pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .rows import Rows
+from .types import Array, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class StereoMatches(Rows):
+    """N features seen in all four images of two stereo pairs.
+
+    Attributes
+    ----------
+    prev_left, prev_right, cur_left, cur_right : (N, 2) float, pixels (u, v), sub-pixel.
+    age : (N,) int, frames for which the feature has been followed, >= 1.
+    strength : (N,) float, the detector's response; larger is better.
+    id : (N,) int, the same number for the same feature in every frame that sees it.
+    """
+
+    prev_left: Array
+    prev_right: Array
+    cur_left: Array
+    cur_right: Array
+    age: IntArray
+    strength: Array
+    id: IntArray
+
+
+def empty_matches() -> StereoMatches:
+    """Matches of a frame in which nothing was found."""
+    uv = np.zeros((0, 2))
+    whole = np.zeros(0, np.int64)
+    return StereoMatches(uv, uv, uv, uv, whole, np.zeros(0), whole)

@@ -1,0 +1,128 @@
+"""Rigid motions, rotations and the essential matrix.
+
+Conventions of the whole kit: `X_c = R_cp X_p + t_cp` takes a point from the previous left camera (p)
+into the current one (c); `T_cp` is the 4×4 matrix of the same motion; `T_w_c` is the pose of camera c
+in the world. Metres and radians.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .types import Array
+
+DEVIATION_OVER_MEDIAN = (
+    1.4826  # standard deviation of a normal distribution over its median of absolute values
+)
+
+
+def skew(v: Array) -> Array:
+    """Cross-product matrix: skew(v) @ w = v × w. (..., 3) -> (..., 3, 3)."""
+    v = np.asarray(v, dtype=np.float64)
+    S = np.zeros((*v.shape, 3))
+    S[..., 2, 1], S[..., 0, 2], S[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    return S - np.swapaxes(S, -1, -2)
+
+
+def rotation_from_vector(w: Array) -> Array:
+    """Rodrigues' formula: rotation vector (..., 3), radians, to rotation matrix (..., 3, 3)."""
+    w = np.asarray(w, dtype=np.float64)
+    theta2 = np.sum(w * w, axis=-1)[..., None, None]
+    theta = np.sqrt(theta2)
+    small = theta2 < 1e-12
+    safe = np.where(small, 1.0, theta)
+    a = np.where(small, 1.0 - theta2 / 6.0, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - theta2 / 24.0, (1.0 - np.cos(safe)) / (safe * safe))
+    W = skew(w)
+    return np.asarray(np.eye(3) + a * W + b * (W @ W))
+
+
+def rotation_angle(R: Array) -> Array:
+    """Angle of rotation matrices (..., 3, 3), radians, in [0, π].
+
+    From both the trace and the antisymmetric part, so that small angles keep their digits.
+    """
+    R = np.asarray(R, dtype=np.float64)
+    axis = np.stack(
+        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
+    )
+    sine2 = np.linalg.norm(axis, axis=-1)
+    return np.asarray(np.arctan2(sine2, np.trace(R, axis1=-2, axis2=-1) - 1.0))
+
+
+def nearest_rotation(M: Array) -> Array:
+    """The rotation nearest to M (3, 3) in Frobenius norm; takes rounding drift out of long products."""
+    U, _, Vt = np.linalg.svd(M)
+    U[:, -1] *= np.linalg.det(U) * np.linalg.det(Vt)
+    return np.asarray(U @ Vt)
+
+
+def quaternion_from_rotation(R: Array) -> Array:
+    """Unit quaternion (qx, qy, qz, qw), qw >= 0, of a rotation matrix (3, 3); TUM's order."""
+    R = np.asarray(R, dtype=np.float64)
+    # Bar-Itzhack 2000: the quaternion is the top eigenvector of a symmetric matrix; no branches.
+    K = np.empty((4, 4))
+    K[:3, :3] = R + R.T - np.trace(R) * np.eye(3)
+    K[3, :3] = K[:3, 3] = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]
+    K[3, 3] = np.trace(R)
+    q = np.linalg.eigh(K)[1][:, -1]
+    return np.asarray(-q if q[3] < 0 else q)
+
+
+def rotation_from_quaternion(q: Array) -> Array:
+    """Rotation matrix (3, 3) of a quaternion (qx, qy, qz, qw) of any non-zero norm."""
+    x, y, z, w = np.asarray(q, dtype=np.float64) / np.linalg.norm(q)
+    S = skew(np.array([x, y, z]))
+    return np.asarray(np.eye(3) + 2.0 * w * S + 2.0 * (S @ S))
+
+
+def rigid(R: Array, t: Array) -> Array:
+    """4×4 matrix of the motion X -> R X + t."""
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = t
+    return T
+
+
+def inverse(T: Array) -> Array:
+    """Inverse of rigid motions (..., 4, 4), without a general matrix inverse."""
+    R_t = np.swapaxes(T[..., :3, :3], -1, -2)
+    out = np.zeros_like(T)
+    out[..., :3, :3] = R_t
+    out[..., :3, 3] = -(R_t @ T[..., :3, 3, None])[..., 0]
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def transform(T: Array, X: Array) -> Array:
+    """Apply a motion T (4, 4) to points X (N, 3)."""
+    return np.asarray(X @ T[:3, :3].T + T[:3, 3])
+
+
+def essential_from_motion(R_cp: Array, t_cp: Array) -> Array:
+    """Essential matrix E = [t_cp]× R_cp, with x_cᵀ E x_p = 0. (..., 3, 3), (..., 3) -> (..., 3, 3)."""
+    return np.asarray(skew(t_cp) @ R_cp)
+
+
+def essential_vector(E: Array) -> Array:
+    """Essential vectors e = vec(E) / ‖E‖, (..., 9); sign and scale of E are free."""
+    e = np.reshape(E, (*np.shape(E)[:-2], 9))
+    return np.asarray(e / np.linalg.norm(e, axis=-1, keepdims=True))
+
+
+def essential_angle(e1: Array, e2: Array) -> Array:
+    """Angle acos|e1ᵀ e2| between essential vectors, radians, in [0, π/2] (paper, section 2.2)."""
+    return np.asarray(np.arccos(np.minimum(np.abs(np.sum(e1 * e2, axis=-1)), 1.0)))
+
+
+def decompose_essential(E: Array) -> tuple[Array, Array]:
+    """The two rotations (..., 2, 3, 3) and the unit translation (..., 3) of E; t may have either sign.
+
+    E = U diag(1, 1, 0) Vᵀ gives R = U W Vᵀ or U Wᵀ Vᵀ and t = ± the last column of U
+    (Hartley and Zisserman, result 9.19). The four pairs (R, ±t) are told apart by known depth.
+    """
+    U, _, Vt = np.linalg.svd(E)
+    U = U * np.linalg.det(U)[..., None, None]
+    Vt = Vt * np.linalg.det(Vt)[..., None, None]
+    W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    return np.stack([U @ W @ Vt, U @ W.T @ Vt], axis=-3), np.asarray(U[..., :, 2])

@@ -1,0 +1,110 @@
+"""Reprojection residuals in both current images, and a robust motion from a start near it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .camera import StereoCamera
+from .motion import rotation_from_vector
+from .types import Array
+
+CONVERGED_STEP = 1e-9  # a smaller step, radians and metres, ends an iteration
+MAX_AGREEMENT_RESIDUAL_PX = (
+    2.0  # pixels; a match agrees with a motion that leaves less in its four current coordinates
+)
+CONVERGED_TRIAL_STEP = (
+    1e-4  # the same for a trial: it is only counted, and its next step would be far smaller
+)
+
+
+def fit_motion(
+    camera: StereoCamera,
+    X_p: Array,
+    cur_left: Array,
+    cur_right: Array,
+    R_cp: Array,
+    t_cp: Array,
+    scale: float = 1.0,
+    iterations: int = 8,
+    tolerance: float = CONVERGED_STEP,
+) -> tuple[Array, Array, Array]:
+    """Robust motion that takes points of the previous frame to their pixels in the current pair.
+
+    Parameters
+    ----------
+    X_p : (N, 3) points in the previous left frame, metres.
+    cur_left, cur_right : (N, 2) pixels.
+    R_cp, t_cp : start of the iteration.
+    scale : pixel residual at which a point's weight is halved (Cauchy weights, 1 / (1 + r² / scale²)),
+        or the median residual while that is larger.
+    tolerance : a smaller step, radians and metres, is the last.
+
+    Returns
+    -------
+    R_cp (3, 3), t_cp (3,) and the residual norm of each point over its four coordinates, (N,) pixels.
+    """
+    R, t = R_cp, t_cp
+    measured = measured_pixels(camera, cur_left, cur_right)
+    residual = np.full(len(X_p), np.inf)
+    for step in range(iterations + 1):
+        rotated = X_p @ R.T
+        r, jac, depth = linearise(camera, rotated, t, measured)
+        residual = np.where(depth > 0, np.sqrt(np.sum(r * r, axis=1)), np.inf)
+        if step == iterations:
+            break
+        # Far from the solution all residuals are large: a scale that shrinks with their median keeps
+        # the near points, which know the translation, from being taken for outliers.
+        current = max(scale, float(np.median(residual)))
+        in_front = np.isfinite(residual)
+        weight = 1.0 / (
+            1.0 + np.divide(residual, current, out=np.full_like(residual, 1e6), where=in_front) ** 2
+        )
+        jac = jac.reshape(-1, 6)
+        weighted = (jac * np.repeat(weight, 4)[:, None]).T
+        delta = np.asarray(np.linalg.solve(weighted @ jac + 1e-9 * np.eye(6), weighted @ r.ravel()), float)
+        R = rotation_from_vector(delta[:3]) @ R
+        t = t + delta[3:]
+        if float(delta @ delta) < tolerance**2:
+            iterations = step + 1
+    return R, t, residual
+
+
+def linearise(
+    camera: StereoCamera, rotated: Array, t_cp: Array, measured: Array
+) -> tuple[Array, Array, Array]:
+    """Reprojection residuals of points and their derivatives, for one motion or a batch.
+
+    Parameters
+    ----------
+    rotated : (..., N, 3) points R_cp X_p; t_cp : (3,) or broadcastable to them.
+    measured : (..., N, 4) u, v in the left and u, v in the right current image, from the principal point.
+
+    Returns
+    -------
+    residuals (..., N, 4), pixels; derivatives (..., N, 4, 6) of the prediction to a rotation vector, which
+    turns about the previous camera's centre, and the translation; depth (..., N), metres.
+    """
+    X = rotated + t_cp
+    z = np.maximum(X[..., 2], 1e-3)
+    s = camera.f / z
+    u, v = s * X[..., 0], s * X[..., 1]
+    right = u - s * camera.baseline
+    residual = measured - np.stack([u, v, right, v], axis=-1)
+    a, b, c = rotated[..., 0], rotated[..., 1], rotated[..., 2]
+    jac = np.zeros((*z.shape, 4, 6))
+    # dX = δω × R X_p + δt, and a pixel moves by s dX_x - (u / z) dX_z; rows of the left and right image
+    # differ in u alone.
+    for row, pixel in ((0, u / z), (2, right / z)):
+        jac[..., row, 0], jac[..., row, 1], jac[..., row, 2] = -pixel * b, s * c + pixel * a, -s * b
+        jac[..., row, 3], jac[..., row, 5] = s, -pixel
+    pixel = v / z
+    jac[..., 1, 0], jac[..., 1, 1], jac[..., 1, 2] = -s * c - pixel * b, pixel * a, s * a
+    jac[..., 1, 4], jac[..., 1, 5] = s, -pixel
+    jac[..., 3, :] = jac[..., 1, :]
+    return residual, jac, X[..., 2]
+
+
+def measured_pixels(camera: StereoCamera, cur_left: Array, cur_right: Array) -> Array:
+    """Pixels of both current images from the principal point, (N, 4)."""
+    both = np.concatenate([cur_left, cur_right], axis=1)
+    return np.asarray(both - np.tile([camera.cx, camera.cy], 2))

@@ -1,0 +1,124 @@
+"""The learnt errors of a rig: kept in a file, described in a sentence, and used again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import DataError
+from ..files import read_mapping
+from ..geometry.camera import StereoCamera
+from ..geometry.types import Array
+from ..settings import to_dict
+from .rig import ERROR_COUNT, ERROR_NAMES, FIELD, PAIR, RIG_FAULTS, Rig, field_at
+from .settings import CalibrationConfig
+
+MAX_LENGTH_DIFFERENCE = 0.01  # of the focal lengths and baselines of one camera, as a share
+MAX_VIEW_DIFFERENCE = 0.05  # of its image sizes and principal points, as a share of the image
+MAX_RIG_ERROR_PX = 30.0  # larger than the error of any rig in use
+MIN_REPORTED_ERROR_PX = 0.05
+MIN_REPORTED_SHARE_PERCENT = 0.1  # of the baseline
+UNREPORTED_EDGE = 0.08  # share of the image at each side
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The errors of one stereo camera, as known after a drive.
+
+    Attributes
+    ----------
+    camera : whose errors these are.
+    estimate, covariance : (21,) and (21, 21), as `Rig` has them.
+    """
+
+    camera: StereoCamera
+    estimate: Array
+    covariance: Array
+
+    def covariance_on_another_drive(self) -> Array:
+        """Covariance where another drive begins: disparities shift, by a pixel between two of one day."""
+        covariance = self.covariance.copy()
+        covariance[0, 0] += RIG_FAULTS["shift along the rows"][2] ** 2
+        return covariance
+
+    def check(self, camera: StereoCamera) -> None:
+        """`DataError` unless the camera is like the one given.
+
+        Focal length and baseline agree within a hundredth, size and principal point within a twentieth.
+        """
+        size = np.array(camera.size)
+        limits: dict[str, tuple[Any, Any, Any]] = {
+            "focal length": (self.camera.f, camera.f, MAX_LENGTH_DIFFERENCE * camera.f),
+            "baseline": (self.camera.baseline, camera.baseline, MAX_LENGTH_DIFFERENCE * camera.baseline),
+            "image size": (self.camera.size, camera.size, MAX_VIEW_DIFFERENCE * size),
+            "principal point": (self.camera.K[:2, 2], camera.K[:2, 2], MAX_VIEW_DIFFERENCE * size),
+        }
+        for name, (learnt, given, limit) in limits.items():
+            if (np.abs(np.subtract(learnt, given)) > limit).any():
+                raise DataError(f"the calibration is of another camera: {name} {learnt}, here {given}")
+
+    def in_use(self, config: CalibrationConfig) -> Array:
+        """The errors (21,) that are taken out of matches, pixels."""
+        rig = Rig(self.camera, config)
+        rig.know(self.estimate, self.covariance)
+        return rig.errors
+
+    def in_words(self, config: CalibrationConfig) -> str:
+        """The errors in use as a sentence; errors too uncertain to be corrected are left out."""
+        return describe_errors(self.in_use(config), self.camera)
+
+    def to_json(self) -> str:
+        """The file's text; numbers are exact."""
+        data = {
+            "camera": to_dict(self.camera),
+            "unit": "px, in normalised left positions x, y; disparities and rows left less right; "
+            "the right camera's place in % of the baseline",
+            "errors": dict(zip(ERROR_NAMES, self.estimate.tolist(), strict=True)),
+            "covariance": self.covariance.tolist(),
+        }
+        return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def read_learnt_calibration(path: Path) -> Calibration:
+    """A calibration from its file; `DataError` where the file is not as the kit writes it."""
+    expected = "a calibration.json, as `vo run --variant kit` writes it"
+    data = read_mapping(path, expected)
+    try:
+        camera = StereoCamera(**data["camera"])
+        estimate = np.array([data["errors"][name] for name in ERROR_NAMES], np.float64)
+        covariance = np.array(data["covariance"], np.float64).reshape(ERROR_COUNT, ERROR_COUNT)
+        symmetric = np.allclose(covariance, covariance.T, rtol=1e-9, atol=0.0)
+        finite = np.isfinite(estimate).all() and np.isfinite(covariance).all()
+        if min(camera.f, camera.baseline, *camera.size) <= 0 or not (symmetric and finite):
+            raise ValueError
+        np.linalg.cholesky(covariance)  # raises unless it is positive definite
+        corners = camera.normalise(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) * camera.size).T
+        errors = [*np.ravel(field_at(estimate, *corners)), *estimate[FIELD:]]
+    except (KeyError, ValueError, TypeError, OverflowError, np.linalg.LinAlgError):
+        raise DataError(f"expected {expected}", path) from None
+    if not np.abs(errors).max() <= MAX_RIG_ERROR_PX:
+        raise DataError(
+            f"an error of {np.abs(errors).max():.3g} px: expected {MAX_RIG_ERROR_PX:g} px at most", path
+        )
+    return Calibration(camera, estimate, covariance)
+
+
+def describe_errors(errors: Array, camera: StereoCamera) -> str:
+    """The effects of a rig's errors (21,), pixels, in the image, as a sentence."""
+    u, v = (np.linspace(UNREPORTED_EDGE, 1.0 - UNREPORTED_EDGE, 9) * size for size in camera.size)
+    grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    parts = []
+    for name, field in zip(("disparities", "rows"), field_at(errors, *camera.normalise(grid).T), strict=True):
+        if np.abs(field).max() >= MIN_REPORTED_ERROR_PX:
+            parts.append(f"{name} are off by {field.min():+.1f} to {field.max():+.1f} px")
+    for name, share in zip(("below", "behind"), errors[FIELD:PAIR], strict=True):
+        if abs(share) >= MIN_REPORTED_SHARE_PERCENT:
+            parts.append(f"the right camera is {share:+.1f} % of the baseline {name} its place")
+    for name, size in zip(ERROR_NAMES[PAIR:], errors[PAIR:], strict=True):
+        if abs(size) >= MIN_REPORTED_ERROR_PX:
+            parts.append(f"lens: {name} {size:+.1f} px")
+    return "; ".join(parts) or "none that needs correction"

@@ -1,0 +1,192 @@
+"""Chapter 1: loop matching through two stereo pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from ..geometry.camera import StereoCamera
+from ..geometry.matches import StereoMatches, empty_matches
+from ..geometry.reprojection import CONVERGED_TRIAL_STEP, MAX_AGREEMENT_RESIDUAL_PX, fit_motion
+from ..geometry.rows import Rows, joined
+from ..geometry.types import Array, BoolArray, Image, IntArray
+from ..paper.buckets import select_by_bucket
+from ..paper.matching import is_stereo, track
+from ..paper.settings import BucketConfig
+from .alignment import Pair, refine_over_time, refine_stereo
+from .corners import corner_strength, detect_corners, in_empty_cells
+from .settings import KitFeatureConfig, KitMatchingConfig
+from .surface import CoarseDisparity, coarse_disparity
+
+NO_MATCHES = empty_matches(), np.zeros((0, 2))  # matches, and the slopes (N, 2) of their surfaces
+MAX_CONTRAST_RATIO = 1.25  # a change of contrast that Lucas-Kanade's windows no longer bear
+
+
+@dataclass(frozen=True, eq=False)
+class _Features(Rows):
+    """Features of one stereo pair that wait for the next one; slope is that of their surface."""
+
+    left: Array
+    right: Array
+    slope: Array
+    age: IntArray
+    strength: Array
+    id: IntArray
+
+
+@dataclass(frozen=True)
+class PreparedPair:
+    """A stereo pair with all that can be computed without knowing the motion, ahead and in other threads.
+
+    Attributes
+    ----------
+    images : left and right, (H, W) uint8.
+    corners : (N, 2) pixels of the left image's corners; strength : (N,) of them.
+    disparity : (H / 2, W / 2) coarse disparity, pixels of the full image; negative where none.
+    """
+
+    images: Pair
+    corners: Array
+    strength: Array
+    disparity: CoarseDisparity
+
+
+class KltMatcher:
+    """Corners followed round the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
+
+    In the left image the search starts where the last motion and the stereo depth predict each feature
+    (constant velocity), in the right one where block matching has seen it.
+    The matcher fits that motion itself, so the matches depend on the images and on its own settings
+    only: whatever method comes after it, and whatever the seed, sees the same matches.
+    """
+
+    def __init__(self, camera: StereoCamera, features: KitFeatureConfig, matching: KitMatchingConfig):
+        self.camera = camera
+        self.features = features
+        self.config = matching
+        self._previous: tuple[PreparedPair, _Features] | None = None
+        self._motion: tuple[Array, Array] | None = None  # R_cp and t_cp, metres
+        self._next_id = 0
+
+    def prepare(self, pair: Pair) -> PreparedPair:
+        """Corners and coarse disparity of a stereo pair."""
+        corners = detect_corners(corner_strength(pair[0]), self.features)
+        return PreparedPair(pair, *corners, coarse_disparity(*pair, self.config.max_disparity))
+
+    def step(self, pair: PreparedPair) -> StereoMatches:
+        """Matches of the pair before with this one; empty for the first pair."""
+        matches, slope = NO_MATCHES if self._previous is None else self._follow(*self._previous, pair)
+        one_a_cell = BucketConfig(size=self.features.cell, features=1)
+        kept = select_by_bucket(matches.cur_left, matches.age, matches.strength, one_a_cell)
+        on = matches[kept]
+        features = _Features(on.cur_left, on.cur_right, slope[kept], on.age + 1, on.strength, on.id)
+        self._previous = (pair, self._add_corners(pair, features))
+        return matches
+
+    def _follow(
+        self, before: PreparedPair, features: _Features, pair: PreparedPair
+    ) -> tuple[StereoMatches, Array]:
+        result, agree, last = NO_MATCHES, 0, self._motion
+        if last is not None:
+            R, t = last
+            guess = self.camera.project(self.camera.triangulate(features.left, features.right) @ R.T + t)
+            result = self._close_loop(before, pair, features, guess, self.config.levels)
+            self._motion, agree = next_motion(self.camera, result[0], last)
+        if len(result[0]) < 0.3 * len(features.id) or agree < 0.5 * len(result[0]):
+            # No motion yet, or it or the exposure changed abruptly, and perhaps what looks alike was found:
+            # search from where the features were.
+            left, right = map(lit_like, before.images, pair.images)
+            lit, start = replace(before, images=(left, right)), (features.left, features.right)
+            again = self._close_loop(lit, pair, features, start, self.config.search_levels)
+            motion, more = next_motion(self.camera, again[0], None)
+            if (more, len(again[0])) > (agree, len(result[0])):
+                result, self._motion = again, motion
+        return result
+
+    def _close_loop(
+        self,
+        before: PreparedPair,
+        pair: PreparedPair,
+        features: _Features,
+        guess: tuple[Array, Array],
+        levels: int,
+    ) -> tuple[StereoMatches, Array]:
+        """Finished matches, and slopes (N, 2): Lucas-Kanade finds the left features coarsely, block matching
+        the right ones; then come sub-pixel places and the checks.
+        """
+        left, right = pair.images
+        start = np.flatnonzero(_inside(guess[0], left) & _inside(guess[1], right))
+        # No finer: the finish is what makes a place exact.
+        window, ends = self.config.window, (10, 0.03)
+        cur_left, ok, difference = track(
+            before.images[0], left, features.left[start], guess[0][start], window, np.inf, levels, ends
+        )
+        ok &= (difference <= self.config.max_difference) & _inside(cur_left, left)
+        over_time, has_depth = _in_right_image(pair.disparity, cur_left)
+        ok &= has_depth & is_stereo(cur_left, over_time, self.config)
+        tracks, motion = features[start[ok]], self._motion or (np.eye(3), np.zeros(3))
+        places = (tracks.left, tracks.right), tracks.slope, (cur_left[ok], over_time[ok])
+        cur_left, over_time, ok = refine_over_time(
+            self.camera, before.images, pair.images, *places, motion, self.config
+        )
+        tracks, cur_left, over_time = tracks[ok], cur_left[ok], over_time[ok]
+        cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
+        ok &= _inside(cur_left, left) & _inside(cur_right, right)
+        ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
+        tracks, places_now = tracks[ok], (cur_left[ok], cur_right[ok])
+        return StereoMatches(
+            tracks.left, tracks.right, *places_now, tracks.age, tracks.strength, tracks.id
+        ), slope[ok]
+
+    def _add_corners(self, pair: PreparedPair, features: _Features) -> _Features:
+        free = in_empty_cells(pair.corners, features.left, self.features.cell)
+        guess, ok = _in_right_image(pair.disparity, pair.corners[free])
+        uv, strength = pair.corners[free][ok], pair.strength[free][ok]
+        right, slope, ok = refine_stereo(pair.images, pair.disparity, uv, guess[ok], self.config)
+        ok &= _inside(right, pair.images[1])
+        number = int(np.count_nonzero(ok))
+        ids = np.arange(self._next_id, self._next_id + number)
+        self._next_id += number
+        new = _Features(uv[ok], right[ok], slope[ok], np.ones(number, np.int64), strength[ok], ids)
+        return joined([features, new])
+
+
+def _inside(uv: Array, image: Image) -> BoolArray:
+    """Which pixels (N, 2) lie in an image; NaN, a point behind the camera, does not."""
+    return np.asarray(((uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))).all(axis=1))
+
+
+def _in_right_image(coarse: CoarseDisparity, uv: Array) -> tuple[Array, BoolArray]:
+    """Where pixels (N, 2) of the left image are in the right one, coarsely; and whether it is known."""
+    column, row = np.clip(np.rint(uv / 2).astype(int), 0, np.array(coarse.shape[::-1]) - 1).T
+    disparity = coarse[row, column].astype(np.float64)
+    return uv - np.stack([disparity, np.zeros_like(disparity)], axis=1), disparity > 0
+
+
+def lit_like(image: Image, target: Image) -> Image:
+    """The image, as bright as another one where the exposure changed much: mean and spread made equal."""
+    mean, spread = cv2.meanStdDev(image)
+    target_mean, target_spread = cv2.meanStdDev(target)
+    gain = float(target_spread[0, 0] / max(spread[0, 0], 1.0))
+    if 1.0 / MAX_CONTRAST_RATIO < gain < MAX_CONTRAST_RATIO:
+        return image
+    tone = np.clip(np.rint(gain * (np.arange(256) - mean[0, 0]) + target_mean[0, 0]), 0, 255)
+    return np.asarray(cv2.LUT(image, tone.astype(np.uint8)), np.uint8)
+
+
+def next_motion(
+    camera: StereoCamera, matches: StereoMatches, last: tuple[Array, Array] | None
+) -> tuple[tuple[Array, Array] | None, int]:
+    """The motion that matches show, from which the next search starts, and how many of them agree with it.
+
+    None from too few of them. The fit starts from the last motion.
+    """
+    if len(matches) < 10:
+        return None, 0
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    start = last or (np.eye(3), np.zeros(3))
+    current = matches.cur_left, matches.cur_right
+    R, t, residual = fit_motion(camera, X_p, *current, *start, tolerance=CONVERGED_TRIAL_STEP)
+    return (R, t), int(np.count_nonzero(residual < MAX_AGREEMENT_RESIDUAL_PX))

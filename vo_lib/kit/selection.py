@@ -1,0 +1,102 @@
+"""Chapters 2 and 3, beyond the paper: sets from all sides of the image, a guarded prior, a refined winner.
+
+Consensus takes the candidate with the smallest error over all features. Solution selection (paper,
+section 2.2) first keeps, of the candidates of each five-point set, the k nearest to the essential
+vector of the previous frame. The error over all features, our reading, always has the last word.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.motion import DEVIATION_OVER_MEDIAN, essential_from_motion
+from ..geometry.types import Array, BoolArray, Index
+from ..paper.sampson import MatchTerms, candidate_terms, match_terms, squared_distances
+from ..paper.selection import nearest_to_prior, resolve_by_depth, truncated_errors
+from .refinement import refine
+from .settings import KitSelectionConfig
+
+COARSE_ITERATIONS = 3  # iterations of the first refinement
+
+
+def sample_sets(rng: np.random.Generator, number: int, sets: int, spread_by: Array | None = None) -> Index:
+    """Five different indices below `number` for each set, (sets, 5).
+
+    Cut from random permutations, so that every feature is used equally often. With `spread_by` (number,)
+    every other set takes one feature from each fifth of its range: with the direction from the image centre,
+    sets that see all sides and give better rotations. The others stay free, for a fifth may be all wrong.
+    """
+    each = number // 5
+    rounds = -(-sets // each)
+    order = rng.permuted(np.tile(np.arange(number), (rounds, 1)), axis=1)[:, : 5 * each]
+    chosen = order.reshape(-1, 5)[:sets]
+    if spread_by is not None:
+        # A few features stay out where five does not divide their number.
+        sorted_ones = order[0][np.argsort(spread_by[order[0]])]
+        fifths = np.repeat(sorted_ones.reshape(5, 1, each), rounds, axis=1)
+        chosen[1::2] = rng.permuted(fifths, axis=2).reshape(5, -1).T[: len(chosen[1::2])]
+    return chosen
+
+
+def choose(
+    E: Array,
+    set_index: Index,
+    x_p: Array,
+    x_c: Array,
+    e_prev: Array | None,
+    config: KitSelectionConfig,
+    focal: float,
+) -> tuple[int, bool]:
+    """The winner among the candidates, by consensus or by solution selection (paper, section 2.2).
+
+    Parameters
+    ----------
+    E, set_index : all candidates of a frame, from `five_point`; x_p, x_c : (N, 2) normalised points.
+    e_prev : (9,) previous essential vector, or None: then nothing can be near it and consensus decides.
+
+    Returns
+    -------
+    Its index, and whether the prior was dropped: with it the best candidate would have been worse than the
+    best of all by more than `config.prior_rejection_ratio`. So it is in a sharp turn, and after a wrong
+    vector.
+    """
+    kept = np.ones(len(E), np.bool_)
+    if config.prior and e_prev is not None:
+        kept = nearest_to_prior(E, set_index, e_prev, config.keep)
+    errors = truncated_errors(E, x_p, x_c, config.threshold / focal)
+    winner = int(np.argmin(errors))
+    choice = int(np.argmin(np.where(kept, errors, np.inf)))
+    dropped = bool(errors[choice] > config.prior_rejection_ratio * errors[winner])
+    return (winner if dropped else choice), dropped
+
+
+def motion_of_winner(
+    E: Array, x_p: Array, x_c: Array, X_p: Array, config: KitSelectionConfig, focal: float
+) -> tuple[Array, Array, Array, BoolArray]:
+    """Rotation, unit translation, essential matrix (3, 3) and inliers (N,) of the winner E (3, 3).
+
+    `literal` leaves E as it is, `refined` improves it on its inliers.
+    """
+    threshold = config.threshold / focal
+    matches = match_terms(x_p, x_c)
+    inliers = _squared(E, matches) < threshold**2
+    trusted = np.flatnonzero(inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers))
+    R, t = resolve_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
+    if config.mode == "refined":
+        # Coarsely, then with weights as narrow as the matches are exact: a car that crawls along moves its
+        # features by less than the threshold.
+        kept = matches.take(trusted)
+        R, t = refine(R, t, kept, threshold / 2, COARSE_ITERATIONS)
+        deviation = DEVIATION_OVER_MEDIAN * float(
+            np.sqrt(np.median(_squared(essential_from_motion(R, t), kept)))
+        )
+        scale = min(config.refine_scale * max(deviation, 1e-3 * threshold), threshold / 2)
+        R, t = refine(R, t, kept, scale)
+        E = essential_from_motion(R, t)
+        inliers = _squared(E, matches) < threshold**2
+    return R, t, E, inliers
+
+
+def _squared(E: Array, matches: MatchTerms) -> Array:
+    """Squared Sampson distances (N,) to one E (3, 3)."""
+    return np.asarray(squared_distances(candidate_terms(E[None]), matches)[0], np.float64)

@@ -1,0 +1,33 @@
+"""Chapter 1: the choice of features by bucket, age and strength."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.types import Array, Index, IntArray
+from .settings import BucketConfig
+
+
+def square_numbers(uv: Array, side: int) -> IntArray:
+    """A number (N,) for each pixel (N, 2), the same for those in one square of the image, `side` wide."""
+    column, row = (uv // side).astype(np.int64).T
+    return np.asarray(row * (column.max(initial=0) + 1) + column)
+
+
+def select_by_bucket(uv: Array, age: IntArray, strength: Array, config: BucketConfig) -> Index:
+    """Of each bucket the oldest features, of equally old ones the strongest (section 1, from earlier work).
+
+    Parameters
+    ----------
+    uv : (N, 2) pixels; age : (N,) frames; strength : (N,).
+
+    Returns
+    -------
+    Indices of the features kept, at most `config.features` for each square of `config.size` pixels, sorted.
+    """
+    bucket = square_numbers(uv, config.size)
+    order = np.lexsort((-strength, -age, bucket))
+    sorted_bucket = bucket[order]
+    first = np.searchsorted(sorted_bucket, sorted_bucket)
+    rank = np.arange(len(order)) - first
+    return np.sort(order[rank < config.features])

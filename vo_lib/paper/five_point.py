@@ -1,0 +1,276 @@
+"""The five-point problem: every essential matrix that fits five matches, for many sets at once.
+
+Nistér, "An efficient solution to the five-point relative pose problem", PAMI 2004; the ten constraints as
+in Stewénius, Engels and Nistér, "Recent developments on direct relative orientation", 2006.
+
+Each step is one function, to be called one by one. Sets lie along the last axis of every array in
+between: numpy then does each operation for all sets in one sweep of memory.
+
+    epipolar_rows (5, 9, S) -> null_space (4, 3, 3, S) -> cubic_constraints (10, 20, S)
+    -> eliminate (6, 16, S) -> determinant (11, S) -> real_roots -> back_substitute (4, M) -> polish
+    -> E = x E0 + y E1 + z E2 + w E3
+
+Two things differ from the paper. Nistér sets w = 1; here (z, w) is a point of the projective line, and no
+solution lies at infinity. He divides by the pivots of ten monomials, which may be small; here four are
+eliminated by reflections and the other six stay in the determinant: the same polynomial with, in the
+worst twentieth of the sets, a hundred to a thousand times less rounding noise.
+"""
+
+from __future__ import annotations
+
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+
+from ..geometry.types import Array, BoolArray, Index
+from .real_roots import DEGREE, real_roots
+
+DEGENERATE_SETS = np.errstate(
+    divide="ignore", invalid="ignore", over="ignore"
+)  # degenerate sets drop out at the end
+
+# Exponents of x, y, z, w in the 20 monomials of degree 3: first x³, y³, x²y, xy², which are eliminated;
+# then x², y², xy, each times (z, w); x and y times (z², zw, w²); and z³, z²w, zw², w³.
+_WORDS = "3000 0300 2100 1200 2010 2001 0210 0201 1110 1101 1020 1011 1002 0120 0111 0102 0030 0021 0012 0003"
+EXPONENTS = np.array([[int(digit) for digit in word] for word in _WORDS.split()])
+# A cubic is known from its values at 20 points; the exponents, taken as points, are well conditioned for it.
+POINTS = EXPONENTS / np.linalg.norm(EXPONENTS, axis=1, keepdims=True)
+CUBIC_FROM_VALUES = np.linalg.inv(np.prod(POINTS[:, None, :] ** EXPONENTS, axis=2))
+
+# The polynomial of degree 10 is known from its values in eleven directions (z, w).
+_ANGLES = np.pi * np.arange(DEGREE + 1) / (DEGREE + 1)
+NODES = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
+_ORDER = np.arange(DEGREE + 1)
+POLYNOMIAL_FROM_VALUES = np.linalg.inv(NODES[0][:, None] ** _ORDER[::-1] * NODES[1][:, None] ** _ORDER)
+
+SOLVING_TURNS = 2  # how often a set is solved: a doubtful one again, along other axes
+POLISH_STEPS, POLISH_DONE, CONVERGED = 8, 1e-8, 1e-6  # steps at most; length of the last step: good, enough
+MAX_POLISH_MOVE = (
+    1e-3  # where polishing moves a candidate farther, another solution may be missing: the set is doubtful
+)
+SAME_CANDIDATE_DISTANCE = 1e-7  # candidates of one set nearer than this are one solution found twice
+
+
+class Candidates(NamedTuple):
+    """All real solutions of S five-point sets, sorted by set.
+
+    Attributes
+    ----------
+    E : (M, 3, 3) essential matrices of Frobenius norm 1; the sign is arbitrary.
+    set_index : (M,) the set, 0 … S-1, that each one solves.
+    """
+
+    E: Array
+    set_index: Index
+
+
+def five_point(x_p: Array, x_c: Array) -> Candidates:
+    """All real essential matrices through five matches, for S sets at once. Nothing is chosen here.
+
+    Parameters
+    ----------
+    x_p, x_c : (S, 5, 2) normalised image points in the previous and current camera; x_cᵀ E x_p = 0.
+
+    Returns
+    -------
+    Candidates, up to ten a set. A set has none when its matches are dependent (a point twice) or when a
+    whole family of E fits them (no parallax and no noise). Takes about 10 kB of memory a set.
+    """
+    basis, independent = null_space(epipolar_rows(x_p, x_c))
+    solutions, indices, todo = [np.empty((4, 0))], [np.empty(0, dtype=np.intp)], np.flatnonzero(independent)
+    for turn in range(SOLVING_TURNS):
+        # Solutions that share z/w are hard to tell apart; along other axes they are far from each other.
+        axes = (np.arange(4) + turn) % 4
+        v, index, doubtful = _solve(basis[axes].take(todo, axis=-1))
+        solutions.append(v[np.argsort(axes)])
+        indices.append(todo[index])
+        todo = todo[doubtful]
+        if not todo.size:
+            break
+    v, index = np.concatenate(solutions, axis=1), np.concatenate(indices)
+    # Within a set, sorted by |x|: a solution found twice then stands beside itself.
+    order = np.argsort(index + 0.99 * np.abs(v[0]))
+    v, index = v.take(order, axis=1), index[order]
+    keep = np.ones(index.size, dtype=bool)
+    cosine = np.abs(np.einsum("am,am->m", v[:, 1:], v[:, :-1]))
+    keep[1:] = (index[1:] != index[:-1]) | (1.0 - cosine > 0.5 * SAME_CANDIDATE_DISTANCE**2)
+    index = index[keep]
+    return Candidates(np.einsum("am,aijm->mij", v[:, keep], basis.take(index, axis=-1)), index)
+
+
+def _solve(basis: Array) -> tuple[Array, Index, BoolArray]:
+    """Solutions v = (x, y, z, w) of norm 1, (4, M), their sets (M,), and which sets are doubtful (S,)."""
+    rows = eliminate(cubic_constraints(basis))
+    z, w, index, doubtful = real_roots(determinant(rows))
+    start = back_substitute(rows, z, w, index)
+    v, converged = polish(basis, start, index)
+    near = np.abs(np.einsum("am,am->m", start, v)) > 1.0 - 0.5 * MAX_POLISH_MOVE**2
+    doubtful[index[~(converged & near)]] = True
+    return v[:, converged], index[converged], doubtful
+
+
+def epipolar_rows(x_p: Array, x_c: Array) -> Array:
+    """Rows a with a · vec(E) = x_cᵀ E x_p, vec(E) row by row. (S, 5, 2) twice -> (5, 9, S)."""
+    h_p, h_c = (np.ones((5, 3, len(x))) for x in (x_p, x_c))
+    h_p[:, :2] = np.transpose(x_p, (1, 2, 0))
+    h_c[:, :2] = np.transpose(x_c, (1, 2, 0))
+    return np.asarray((h_c[:, :, None] * h_p[:, None]).reshape(5, 9, -1))
+
+
+def householder(A: Array, columns: int) -> Array:
+    """Make the first `columns` columns of A (m, n, S) upper triangular by Householder reflections, in place.
+
+    Reflections need no pivoting to be stable, so every set takes the same path. What stands below the
+    diagonal afterwards is of no use. Returns A.
+    """
+    buffer = np.empty_like(A)
+    for k in range(columns):
+        v, rest = A[k:, k], A[k:, k + 1 :]
+        norm = np.copysign(np.sqrt(np.einsum("is,is->s", v, v)), v[0])
+        v[0] += norm
+        step = np.einsum("is,ijs->js", v, rest)
+        step /= np.maximum(norm * v[0], 1e-300)
+        rest -= np.multiply(v[:, None], step, out=buffer[k:, k + 1 :])
+        v[0] = -norm
+    return A
+
+
+def null_space(rows: Array) -> tuple[Array, BoolArray]:
+    """Four orthonormal matrices (4, 3, 3, S) that span all E with rows · vec(E) = 0.
+
+    Reflections Q that make Q rowsᵀ triangular turn [rowsᵀ | I] into [R | Q]; the last four rows of Q
+    are orthogonal to all five rows. Also returned: (S,) whether the five rows are independent.
+
+    Their order matters. Row i of Q is near the unit vector i, so that the four are near the entries E22, E21,
+    E20, E12. Of these z and w get E20 and E12, two components of the translation, in which solutions
+    differ; E22 is small for all of them.
+    """
+    sets = rows.shape[-1]
+    identity = np.broadcast_to(np.eye(9)[..., None], (9, 9, sets))
+    RQ = householder(np.concatenate([rows.swapaxes(0, 1), identity], axis=1), 5)
+    diagonal = np.abs(RQ[range(5), range(5)])
+    independent = diagonal.min(axis=0) > 1e-12 * diagonal.max(axis=0)
+    return np.ascontiguousarray(RQ[:4:-1, 5:]).reshape(4, 3, 3, sets), independent
+
+
+def cubic_constraints(basis: Array) -> Array:
+    """The ten cubics in (x, y, z, w), as coefficients (10, 20, S) of the monomials EXPONENTS.
+
+    E Eᵀ E - trace(E Eᵀ) E / 2 = 0 (nine) and det E = 0, for E = x E0 + y E1 + z E2 + w E3.
+    """
+    sets = basis.shape[-1]
+    E = (POINTS @ basis.reshape(4, -1)).reshape(20, 3, 3, sets)
+    M = np.einsum("niks,njks->nijs", E, E)
+    M[:, range(3), range(3)] -= 0.5 * np.einsum("niis->ns", M)[:, None]
+    values = np.empty((20, 10, sets))
+    np.einsum("niks,nkjs->nijs", M, E, out=values[:, :9].reshape(20, 3, 3, sets))
+    values[:, 9] = _det_3x3(E.transpose(1, 2, 0, 3))
+    return np.asarray((CUBIC_FROM_VALUES @ values.reshape(20, -1)).reshape(20, 10, sets).swapaxes(0, 1))
+
+
+def eliminate(cubics: Array) -> Array:
+    """Take x³, y³, x²y, xy² out of the ten cubics: six rows remain, (6, 16, S)."""
+    return householder(cubics.copy(), 4)[4:, 4:]
+
+
+def hidden_variable_matrix(rows: Array, z: Array, w: Array) -> Array:
+    """C(z) with C(z) (x², y², xy, x, y, 1)ᵀ = 0: the six rows (6, 16, …) at given (z, w), (6, 6, …)."""
+    zz, zw, ww = z * z, z * w, w * w
+    C = np.empty((6, 6, *np.broadcast_shapes(rows.shape[2:], z.shape)))
+    C[:, :3] = rows[:, 0:6:2] * z + rows[:, 1:6:2] * w
+    C[:, 3:5] = rows[:, 6:12:3] * zz + rows[:, 7:12:3] * zw + rows[:, 8:12:3] * ww
+    C[:, 5] = (rows[:, 12] * z + rows[:, 13] * w) * zz + (rows[:, 14] * z + rows[:, 15] * w) * ww
+    return C
+
+
+def determinant(rows: Array) -> Array:
+    """det C(z), coefficients (11, S) of z¹⁰, z⁹w, …, w¹⁰; from its values at the NODES."""
+    C = hidden_variable_matrix(rows[:, :, None], *NODES[..., None])
+    R = householder(C.reshape(6, 6, -1), 3)
+    values = R[0, 0] * R[1, 1] * R[2, 2] * _det_3x3(R[3:, 3:])
+    return np.asarray(POLYNOMIAL_FROM_VALUES @ values.reshape(DEGREE + 1, -1))
+
+
+@DEGENERATE_SETS
+def back_substitute(rows: Array, z: Array, w: Array, index: Index) -> Array:
+    """(x, y, z, w) of norm 1, (4, M), from the roots: (x², y², xy, x, y, 1) spans the null space of C(z)."""
+    R = householder(hidden_variable_matrix(rows.take(index, axis=-1), z, w), 3)
+    x, y, one = _longest_column(_cofactors(R[3:, 3:].swapaxes(0, 1)))
+    return _unit(np.stack([x, y, z * one, w * one]))
+
+
+@DEGENERATE_SETS
+def polish(basis: Array, v: Array, index: Index) -> tuple[Array, BoolArray]:
+    """Newton steps on the constraints themselves, from v (4, M); also (M,) whether they converged.
+
+    The constraints still have the digits that the polynomial has lost. Most candidates need one step.
+    """
+    v, converged, todo = v.copy(), np.zeros(v.shape[1], dtype=bool), np.arange(v.shape[1])
+    N, old = basis.take(index, axis=-1), v.copy()
+    for _ in range(POLISH_STEPS):
+        new = newton_step(N, old)
+        move = np.linalg.norm(new - np.einsum("am,am->m", new, old) * old, axis=0)  # sine of the angle
+        v[:, todo] = new
+        converged[todo] = move < CONVERGED
+        remaining = np.flatnonzero(~(move < POLISH_DONE))
+        if not remaining.size:
+            break
+        todo, N, old = todo[remaining], N.take(remaining, axis=-1), new.take(remaining, axis=-1)
+    return v, converged
+
+
+# Signs of the permutations of four indices (i, l, j, k); contracted with three vectors: their cross product.
+_SIGNS = np.zeros((4, 4, 4, 4))
+for _i, _l, _j, _k in permutations(range(4)):
+    _SIGNS[_i, _l, _j, _k] = np.linalg.det(np.eye(4)[[_i, _l, _j, _k]])
+
+
+def newton_step(N: Array, v: Array) -> Array:
+    """One Newton step on the essential constraints. N (4, 3, 3, M), v (4, M) -> (4, M), norm 1.
+
+    At an essential matrix only three of the ten constraints are independent: the third singular value is
+    zero, the other two are equal (two equations). With t the left null vector of E, a and b orthonormal to
+    it, p = Eᵀa, q = Eᵀb:
+
+        (p·p - q·q) / 2 = 0,   p·q = 0,   (Eᵀt)·(p×q) = det E = 0.
+    """
+    E = np.einsum("am,aijm->ijm", v, N)
+    t = _longest_column(_cofactors(E))
+    h = t.copy()  # the reflection that takes t to the third axis has rows a, b, ±t
+    h[2] += np.copysign(1.0, t[2])
+    frame = np.eye(3)[..., None] - h[:, None] * (h / (1.0 + np.abs(t[2])))
+    P = np.einsum("kim,aijm->kajm", frame, N)
+    pq = np.einsum("am,kajm->kjm", v, P[:2])
+    G = np.einsum("kjm,lajm->klam", pq, P[:2])
+    p, q = pq[:, [0, 1, 2, 0, 1]]
+    cross = p[1:4] * q[2:] - p[2:] * q[1:4]
+    J = np.stack([G[0, 0] - G[1, 1], G[0, 1] + G[1, 0]])
+    J_det = np.einsum("jm,ajm->am", cross, P[2])
+    # The constraints are homogeneous: J v = (2 r0, 2 r1, r2). So the step r + J (v' - v) = 0 with v·v' = 1
+    # reads (J - (r0, r1, 0) vᵀ) v' = 0: v' is the cross product of three rows, found without division.
+    J -= 0.5 * np.einsum("kam,am->km", J, v)[:, None] * v
+    minors = _SIGNS.reshape(16, 16) @ (J[0][:, None] * J[1]).reshape(16, -1)
+    return _unit(np.einsum("ilm,lm->im", minors.reshape(4, 4, -1), J_det))
+
+
+def _cofactors(A: Array) -> Array:
+    """Cofactors of A (3, 3, …): A[i+1, j+1] A[i+2, j+2] - A[i+1, j+2] A[i+2, j+1], indices modulo 3."""
+    A = A[[[0], [1], [2], [0], [1]], [0, 1, 2, 0, 1]]
+    return np.asarray(A[1:4, 1:4] * A[2:, 2:] - A[1:4, 2:] * A[2:, 1:4])
+
+
+def _det_3x3(A: Array) -> Array:
+    (a, b, c), (d, e, f), (g, h, i) = A
+    return np.asarray(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
+
+
+def _longest_column(A: Array) -> Array:
+    """The longest column of A (3, 3, M), as a unit vector (3, M)."""
+    n0, n1, n2 = np.einsum("ijm,ijm->jm", A, A)
+    column = np.where(n1 > n0, A[:, 1], A[:, 0])
+    return _unit(np.where(n2 > np.maximum(n0, n1), A[:, 2], column))
+
+
+def _unit(v: Array) -> Array:
+    return np.asarray(v / np.sqrt(np.einsum("im,im->m", v, v)))

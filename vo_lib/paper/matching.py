@@ -1,0 +1,194 @@
+"""Chapter 1: features matched in a loop through two stereo pairs (paper, section 2).
+
+    left previous -> right previous -> right current -> left current -> left previous
+
+Each step takes the feature of the same kind that looks most alike; the loop must end where it began. That
+gives whole pixels; Lucas-Kanade then moves each place by a fraction of one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..geometry.matches import StereoMatches, empty_matches
+from ..geometry.types import Array, BoolArray, Image, Index, IntArray
+from .features import Described, best_matches, describe
+from .settings import FeatureConfig, MatchingConfig, StereoLimits
+
+MAX_FINISH_MOVE_PX = 2.0  # pixels that the sub-pixel finish may move a place
+# (N, 2) pixels in the previous left and right, and in the current left and right image.
+FourPlaces = tuple[Array, Array, Array, Array]
+MAX_ROW_DIFFERENCE_PX = 2  # pixels by which whole-pixel rows of a stereo pair may differ
+
+
+@dataclass(frozen=True)
+class DescribedPair:
+    """A stereo pair with its features.
+
+    Attributes
+    ----------
+    left, right : (H, W) uint8; in_left, in_right : their features.
+    to_right : (N,) for each left feature the right one most alike, -1 where none is; to_left : (M,) likewise.
+    """
+
+    left: Image
+    right: Image
+    in_left: Described
+    in_right: Described
+    to_right: Index
+    to_left: Index
+
+
+def describe_pair(
+    pair: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
+) -> DescribedPair:
+    """Features of a left and a right image, and for each the one most alike in the other image."""
+    left, right = (describe(image, features) for image in pair)
+    # The right image shows a feature further left, by its disparity of 0 … max_disparity.
+    half = np.array([matching.max_disparity / 2, 0.0])
+    to_right = best_matches(left, right, left.uv - half, (half[0], MAX_ROW_DIFFERENCE_PX))
+    to_left = best_matches(right, left, right.uv + half, (half[0], MAX_ROW_DIFFERENCE_PX))
+    return DescribedPair(*pair, left, right, to_right, to_left)
+
+
+class LoopMatcher:
+    """Blobs and corners matched round the loop, pair by pair.
+
+    A feature found again is one frame older and keeps its number.
+    """
+
+    def __init__(self, features: FeatureConfig, matching: MatchingConfig):
+        self.features = features
+        self.config = matching
+        self._previous: DescribedPair | None = None
+        self._age: IntArray = np.zeros(0, np.int64)
+        self._id: IntArray = np.zeros(0, np.int64)
+        self._next_id = 0
+
+    def prepare(self, pair: tuple[Image, Image]) -> DescribedPair:
+        """What needs no other pair; may run in other threads, ahead."""
+        return describe_pair(pair, self.features, self.config)
+
+    def step(self, pair: DescribedPair) -> StereoMatches:
+        """Matches of the pair before with this one; empty for the first pair."""
+        before, self._previous = self._previous, pair
+        number = len(pair.in_left.kind)
+        age, identity = np.ones(number, np.int64), np.full(number, -1, np.int64)
+        matches = empty_matches()
+        if before is not None:
+            loop = close_loop(before, pair, self.config.search_radius)
+            prev_left, _, cur_left, _ = loop
+            age[cur_left] = self._age[prev_left] + 1
+            identity[cur_left] = self._id[prev_left]
+            images = before.in_left, before.in_right, pair.in_left, pair.in_right
+            whole = (described.uv[index] for described, index in zip(images, loop, strict=True))
+            places, ok = finish(before, pair, whole, self.config)
+            history = self._age[prev_left], before.in_left.strength[prev_left], self._id[prev_left]
+            matches = StereoMatches(*places, *history)[ok]
+        new = identity < 0
+        identity[new] = self._next_id + np.arange(np.count_nonzero(new))
+        self._next_id += int(np.count_nonzero(new))
+        self._age, self._id = age, identity
+        return matches
+
+
+def close_loop(before: DescribedPair, pair: DescribedPair, radius: float) -> tuple[Index, ...]:
+    """Features whose loop through the four images ends where it began.
+
+    Returns
+    -------
+    Their indices (N,) in the previous left and right, and in the current left and right image.
+    """
+    reach = (radius, radius)
+    prev_left = np.flatnonzero(before.to_right >= 0)
+    prev_right = before.to_right[prev_left]
+    described = before.in_right[prev_right]
+    cur_right = best_matches(described, pair.in_right, described.uv, reach)
+    prev_left, prev_right, cur_right = (each[cur_right >= 0] for each in (prev_left, prev_right, cur_right))
+    cur_left = pair.to_left[cur_right]
+    prev_left, prev_right, cur_right, cur_left = (
+        each[cur_left >= 0] for each in (prev_left, prev_right, cur_right, cur_left)
+    )
+    described = pair.in_left[cur_left]
+    closed = best_matches(described, before.in_left, described.uv, reach) == prev_left
+    return prev_left[closed], prev_right[closed], cur_left[closed], cur_right[closed]
+
+
+def finish(
+    before: DescribedPair, pair: DescribedPair, whole: Iterable[Array], config: MatchingConfig
+) -> tuple[FourPlaces, BoolArray]:
+    """Sub-pixel places of matches that are known to whole pixels.
+
+    A feature stays where the previous left image has it. Lucas-Kanade finds it from there in the previous
+    right and in the current left image, and from each of these in the current right one: there the two ways
+    round the loop must meet.
+
+    Parameters
+    ----------
+    whole : (N, 2) pixels in the previous left and right, and in the current left and right image.
+
+    Returns
+    -------
+    Places in the same order, and which of them are good, (N,).
+    """
+    side, (prev_left, prev_right, cur_left, cur_right) = config.finish_window, whole
+    prev_right, ok, _ = track(before.left, before.right, prev_left, prev_right, side)
+    cur_left, ok_left, _ = track(before.left, pair.left, prev_left, cur_left, side)
+    by_time, ok_right, _ = track(before.right, pair.right, prev_right, cur_right, side)
+    cur_right, ok_stereo, _ = track(pair.left, pair.right, cur_left, cur_right, side)
+    ok &= (
+        ok_left
+        & ok_right
+        & ok_stereo
+        & (np.linalg.norm(cur_right - by_time, axis=1) <= config.loop_tolerance)
+    )
+    ok &= is_stereo(prev_left, prev_right, config) & is_stereo(cur_left, cur_right, config)
+    return (prev_left, prev_right, cur_left, cur_right), ok
+
+
+def is_stereo(left: Array, right: Array, config: StereoLimits) -> BoolArray:
+    """Which pixels (N, 2) can be a stereo match: rows agree, the disparity is large enough. (N,) bool."""
+    disparity, row = (left - right).T
+    return np.asarray((disparity >= config.min_disparity) & (np.abs(row) <= config.row_tolerance))
+
+
+def track(
+    image: Image,
+    target: Image,
+    uv: Array,
+    start: Array,
+    side: int,
+    reach: float = MAX_FINISH_MOVE_PX,
+    levels: int = 0,
+    ends: tuple[int, float] = (20, 0.005),
+) -> tuple[Array, BoolArray, Array]:
+    """Lucas-Kanade: where windows round `uv` (N, 2) of an image lie in `target`, near `start` (N, 2), pixels.
+
+    Parameters
+    ----------
+    side : of a window, and reach : farthest from the start, pixels; levels : of pyramids above the images.
+    ends : after so many steps, or one shorter than so many pixels.
+
+    Returns
+    -------
+    Pixels (N, 2), which were found (N,), and the mean absolute difference of their windows (N,), grey levels.
+    """
+    if len(uv) == 0:
+        return start, np.zeros(0, np.bool_), np.zeros(0)
+    moved, status, difference = cv2.calcOpticalFlowPyrLK(
+        image,
+        target,
+        uv.astype(np.float32),
+        start.astype(np.float32),
+        winSize=(side, side),
+        maxLevel=levels,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, *ends),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    places = np.asarray(moved, np.float64).reshape(-1, 2)
+    ok = (status.ravel() == 1) & (np.abs(places - start).max(axis=1) <= reach)
+    return places, ok, np.where(ok, difference.ravel(), np.inf)

@@ -1,0 +1,163 @@
+"""The paper's method: matches and boxes of a frame in, its motion out, in seven steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..geometry.boxes import Boxes, no_boxes
+from ..geometry.camera import StereoCamera
+from ..geometry.matches import StereoMatches
+from ..geometry.motion import essential_angle, essential_vector, rigid
+from ..geometry.result import Clock, Flag, FrameResult
+from ..geometry.types import Array, BoolArray, Index
+from .boxes import on_vehicles
+from .buckets import select_by_bucket
+from .five_point import five_point
+from .selection import (
+    draw_sets,
+    nearest_to_prior,
+    resolve_by_depth,
+    sampson_inliers,
+    truncated_errors,
+)
+from .settings import MethodConfig
+from .translation import solve_translation
+
+
+class Rotation(NamedTuple):
+    """What the winner of a frame gives: R_cp (3, 3), its E (3, 3), and its inliers (N,) among the matches."""
+
+    R_cp: Array
+    E: Array
+    inliers: BoolArray
+
+
+class Odometry:
+    """The paper's method along a sequence, frame by frame.
+
+    Flags of a frame: `standstill`, and `few_matches` or `no_motion`, where the last motion is used again.
+
+    Attributes
+    ----------
+    e_prev : (9,) essential vector of the last frame that moved, the paper's E_prev; None before.
+    clock : times the stages of the frame at hand.
+    """
+
+    def __init__(self, camera: StereoCamera, config: MethodConfig):
+        self.camera = camera
+        self.config = config
+        self.e_prev: Array | None = None
+        self.clock = Clock()
+        self._boxes = no_boxes()
+        self._frame = 0
+        self._last = np.eye(4)
+
+    def start(self, boxes: Boxes) -> None:
+        """The first frame: nothing but its boxes is needed."""
+        self._boxes = boxes
+
+    def step(self, matches: StereoMatches, boxes: Boxes) -> FrameResult:
+        """Motion of the next frame from its matches and the boxes in its left image."""
+        self._frame += 1
+        self.clock = Clock()
+        static = self.without_boxes(matches, boxes)
+        chosen = self.bucketed(static)
+        self.clock.stage("filter")
+        if len(chosen) < self.config.min_matches:
+            motion = FrameResult(self._last, flags=(Flag.FEW_MATCHES,))
+        elif self.stands_still(chosen):
+            motion = self.rest(chosen)
+        else:
+            motion = self.motion(chosen) or FrameResult(self._last, flags=(Flag.NO_MOTION,))
+        self._last = motion.T_cp
+        removed = len(matches) - len(static)
+        return replace(motion, matches=len(matches), removed=removed, used=len(chosen), ms=self.clock.ms)
+
+    def motion(self, matches: StereoMatches) -> FrameResult | None:
+        """Rotation from the essential matrix, then the translation; None where the matches show none."""
+        x_p, x_c = self.points(matches)
+        sets = self.draw_sets(x_p, x_c)
+        E, set_index = five_point(x_p[sets], x_c[sets])
+        if len(E) == 0:
+            return None
+        winner = E[self.select(E, set_index, x_p, x_c)]
+        rotation = self.rotation(winner, matches)
+        self.clock.stage("rotation")
+        t_cp = self.translate(matches, rotation)
+        self.clock.stage("translation")
+        return None if t_cp is None else self.remember(rotation, t_cp)
+
+    def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
+        """Step 1 (section 3): the matches outside vehicle boxes; `boxes` are those of the current frame."""
+        before, self._boxes = self._boxes, boxes
+        if self.config.filter.rule == "none":
+            return matches
+        return matches[~on_vehicles(matches, before, boxes, self.config.filter)]
+
+    def bucketed(self, matches: StereoMatches) -> StereoMatches:
+        """Step 2 (section 1): a few matches of each square of the image."""
+        kept = select_by_bucket(matches.cur_left, matches.age, matches.strength, self.config.buckets)
+        return matches[kept]
+
+    def draw_sets(self, x_p: Array, x_c: Array) -> Index:
+        """Step 3 (section 2.1): random five-point sets among the N matches, (S, 5), for `five_point`."""
+        return draw_sets(self.random(), len(x_p), self.config.selection.sets)
+
+    def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
+        """Step 4 (section 2.2): the candidate of smallest error among those near the previous frame's."""
+        errors = truncated_errors(E, x_p, x_c, self.threshold)
+        if self.config.selection.prior and self.e_prev is not None:
+            near = nearest_to_prior(E, set_index, self.e_prev, self.config.selection.keep)
+            errors = np.where(near, errors, np.inf)
+        return int(np.argmin(errors))
+
+    def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
+        """Step 5 (section 2.1): of the four motions of the winner E the one that agrees with stereo depth."""
+        x_p, x_c = self.points(matches)
+        inliers = sampson_inliers(E, x_p, x_c, self.threshold)
+        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
+        R_cp, _ = resolve_by_depth(E, x_p[inliers], x_c[inliers], X_p[inliers])
+        return Rotation(R_cp, E, inliers)
+
+    def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
+        """Step 6 (equations 2 and 3): t_cp (3,), metres, from the winner's inliers; None where few agree."""
+        chosen = matches[rotation.inliers]
+        solved = solve_translation(self.camera, chosen, rotation.R_cp, self.config.translation)
+        enough = solved is not None and np.count_nonzero(solved[1]) >= self.config.min_matches
+        return solved[0] if solved is not None and enough else None
+
+    def remember(self, rotation: Rotation, t_cp: Array) -> FrameResult:
+        """Step 7 (section 2.2): the winner becomes E_prev."""
+        before, self.e_prev = self.e_prev, essential_vector(rotation.E)
+        angle = np.nan if before is None else np.degrees(essential_angle(self.e_prev, before))
+        inliers = int(np.count_nonzero(rotation.inliers))
+        return FrameResult(rigid(rotation.R_cp, t_cp), inliers=inliers, prior_angle=float(angle))
+
+    def stands_still(self, matches: StereoMatches) -> bool:
+        """Whether the features move too little for an essential matrix."""
+        return median_flow(matches) < self.config.selection.standstill_flow
+
+    def rest(self, matches: StereoMatches) -> FrameResult:
+        """The motion of a camera that stands still: none. E_prev is kept."""
+        return FrameResult(np.eye(4), flags=(Flag.STANDSTILL,))
+
+    def points(self, matches: StereoMatches) -> tuple[Array, Array]:
+        """Normalised points x_p and x_c (N, 2) of the previous and the current left image."""
+        return self.camera.normalise(matches.prev_left), self.camera.normalise(matches.cur_left)
+
+    def random(self) -> np.random.Generator:
+        """Random numbers of this frame: of the seed and the frame's number alone."""
+        return np.random.default_rng([self.config.seed, self._frame])
+
+    @property
+    def threshold(self) -> float:
+        """Largest Sampson distance of an inlier, in normalised points."""
+        return self.config.selection.threshold / self.camera.f
+
+
+def median_flow(matches: StereoMatches) -> float:
+    """Median length of the flow in the left image, pixels."""
+    return float(np.median(np.linalg.norm(matches.cur_left - matches.prev_left, axis=1)))

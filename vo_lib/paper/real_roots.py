@@ -1,0 +1,149 @@
+"""All real roots of many polynomials of degree 10 at once, for the five-point solver.
+
+The polynomials are homogeneous in (z, w), so no root lies at infinity: roots in [-1, 1] of z/w, then of w/z.
+Intervals with one root each are found by the sign changes of Bernstein coefficients (Descartes' rule), then
+each root by Newton's method. Polynomials lie along the last axis.
+"""
+
+from __future__ import annotations
+
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+
+from ..geometry.types import Array, BoolArray, Index
+
+DEGREE = 10
+_ORDER = np.arange(DEGREE + 1)
+PIECES, PARTS = 17, 8  # first cut of [-1, 1], odd to keep the special root 0 off the cuts; and further cuts
+CUTS = 16
+SAMPLES = 6  # starting points for polishing, taken from an interval in which roots cannot be told apart
+ROUNDING_ERROR = (
+    5e-13,
+    1e-19,
+)  # rounding error of the polynomial: relative to its largest coefficient, absolute
+ZERO_POLYNOMIAL = 1e-25  # a polynomial no larger is zero: its set has a whole family of solutions
+ROOT_STEPS, ROOT_DONE = 20, 1e-7
+
+
+def _bernstein_matrices() -> tuple[Array, Array]:
+    """Power coefficients -> Bernstein coefficients on the PIECES of [-1, 1]; those -> on the PARTS of [0, 1].
+
+    Shapes (11 · PIECES, 11) and (11 · PARTS, 11), coefficient by coefficient.
+    """
+    choose = np.array([comb(DEGREE, i) for i in _ORDER], dtype=np.float64)
+
+    def bernstein(u: Array) -> Array:
+        return np.asarray(choose * u[:, None] ** _ORDER * (1.0 - u[:, None]) ** _ORDER[::-1])
+
+    u = 0.5 - 0.5 * np.cos(np.pi * (_ORDER + 0.5) / (DEGREE + 1))
+    from_values = np.linalg.inv(bernstein(u))
+    pieces = [from_values @ np.vander(2.0 * (k + u) / PIECES - 1.0, DEGREE + 1) for k in range(PIECES)]
+    parts = [from_values @ bernstein((k + u) / PARTS) for k in range(PARTS)]
+    return np.concatenate(np.stack(pieces, axis=1)), np.concatenate(np.stack(parts, axis=1))
+
+
+TO_PIECES, TO_PARTS = _bernstein_matrices()
+
+
+class Intervals(NamedTuple):
+    """K intervals low … low + width, (K,), of polynomials p (K,), with Bernstein coefficients b (11, K)."""
+
+    low: Array
+    width: Array
+    p: Index
+    b: Array
+
+
+def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
+    """Intervals that each hold one real root in [-1, 1] of polynomials (11, P), coefficients of t¹⁰ … 1.
+
+    The number of roots in an interval is at most the number of sign changes among the Bernstein
+    coefficients there (Descartes): none means no root, one means one. Other intervals are cut into parts.
+    Returned apart, as the second, are those in which rounding noise hides the number of roots: all
+    coefficients of an interval to be cut, or the smallest of one without a sign change, are no larger.
+    """
+    size = np.max(np.abs(polynomials), axis=0)
+    noise = np.maximum(ROUNDING_ERROR[0] * size, ROUNDING_ERROR[1])
+    p = np.flatnonzero(size > ZERO_POLYNOMIAL)
+    b = (TO_PIECES @ polynomials.take(p, axis=1)).reshape(DEGREE + 1, -1)
+    width = 2.0 / PIECES
+    low = np.repeat(-1.0 + width * np.arange(PIECES), p.size)
+    p = np.tile(p, PIECES)
+    found: tuple[list[Intervals], list[Intervals]] = [], []
+    for cut in range(CUTS):
+        positive = b >= 0.0
+        changes = np.sum((positive[1:] != positive[:-1]).view(np.int8), axis=0, dtype=np.int8)
+        single, many = changes == 1, changes > 1
+        hidden = np.zeros_like(single)
+        if cut:
+            magnitude = np.abs(b)
+            faint = np.where(many, magnitude.max(axis=0), magnitude.min(axis=0)) < noise[p]
+            hidden = (faint & ~single) | (many & (cut + 1 == CUTS))
+        for group, chosen in zip(found, (single, hidden), strict=True):
+            k = np.flatnonzero(chosen)
+            group.append(Intervals(low[k], np.full(k.size, width), p[k], b.take(k, axis=1)))
+        more = np.flatnonzero(many & ~hidden)
+        if not more.size:
+            break
+        width /= PARTS
+        low = (low[more] + width * np.arange(PARTS)[:, None]).ravel()
+        p = np.tile(p[more], PARTS)
+        b = (TO_PARTS @ b.take(more, axis=1)).reshape(DEGREE + 1, -1)
+    first, second = (
+        Intervals(*(np.concatenate(column, axis=-1) for column in zip(*group, strict=True)))
+        for group in found
+    )
+    return first, second
+
+
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # degenerate ones drop out at the end
+def real_roots(polynomials: Array) -> tuple[Array, Array, Index, BoolArray]:
+    """All real roots (z, w), max(|z|, |w|) = 1, of polynomials (11, S).
+
+    Returns
+    -------
+    z, w : (M,) roots; index : (M,) the polynomial of each; doubtful : (S,) polynomials with roots so near
+    each other that their number is uncertain. Samples of such an interval are returned in their place.
+    """
+    sets = polynomials.shape[1]
+    both = np.concatenate([polynomials, polynomials[::-1]], axis=1)  # in z/w, and in w/z
+    single, unclear = isolate_roots(both)
+    root = _newton(both.take(single.p, axis=1), single)
+    samples = unclear.low + unclear.width * np.linspace(0.0, 1.0, SAMPLES)[:, None]
+    t = np.concatenate([root, samples.ravel()])
+    p = np.concatenate([single.p, np.tile(unclear.p, SAMPLES)])
+    doubtful = np.zeros(sets, dtype=bool)
+    doubtful[unclear.p % sets] = True
+    return np.where(p < sets, t, 1.0), np.where(p < sets, 1.0, t), p % sets, doubtful
+
+
+def _newton(c: Array, interval: Intervals) -> Array:
+    """The one root of c (11, K) in each interval, by Newton steps that fall back on halving."""
+    low, high, positive = interval.low, interval.low + interval.width, interval.b >= 0.0
+    # Start where the polygon of Bernstein coefficients crosses zero.
+    k = np.sum((positive == positive[0]).view(np.int8), axis=0, dtype=np.int8) - 1
+    before, after = interval.b[[k, k + 1], np.arange(k.size)]
+    t = low + interval.width * (k + before / (before - after)) / DEGREE
+    rising, c = positive[-1], c[::-1]  # c now of 1, t, …, t¹⁰
+    slopes, powers = c[1:] * _ORDER[1:, None], np.ones_like(c)
+    root: Array = t.copy()
+    todo = np.arange(t.size)
+    for step in range(ROOT_STEPS):
+        for d in range(DEGREE):
+            np.multiply(powers[d], t, out=powers[d + 1])
+        value = np.einsum("km,km->m", c, powers)
+        above = (value >= 0.0) == rising
+        high, low = np.where(above, t, high), np.where(above, low, t)
+        new = t - value / np.einsum("km,km->m", slopes, powers[:-1])
+        new = np.where((new >= low) & (new <= high), new, 0.5 * (low + high))
+        move, t = np.abs(new - t), new
+        if step >= 2:  # only now is it worth while to sort out the few that go on
+            root[todo] = t
+            left = np.flatnonzero(~(move < ROOT_DONE))
+            if not left.size:
+                break
+            todo, low, high, t, rising = (a[left] for a in (todo, low, high, t, rising))
+            c, slopes, powers = (a.take(left, axis=1) for a in (c, slopes, powers))
+    return root

@@ -1,0 +1,165 @@
+"""Thresholds of the systems of Table 1, each declared once: default, unit, range and one sentence.
+
+The paper gives two of these numbers: buckets of 50×50 px, two solutions kept of a set. The rest is ours.
+The bases `ImageBorder`, `StereoLimits` and `MethodConfig` hold the settings that both variants share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..settings import Checked, section, setting
+
+
+@dataclass(frozen=True)
+class ImageBorder(Checked):
+    """The part of an image without features (chapter 1)."""
+
+    border: int = setting(8, "no features this close to the image border", unit="px", low=2, high=100)
+
+
+@dataclass(frozen=True)
+class FeatureConfig(ImageBorder):
+    """Blobs and corners of an image (chapter 1)."""
+
+    blob_cell: int = setting(
+        19, "a blob or corner is the extremum of a square with this side", unit="px", low=3, high=101
+    )
+    blob_quality: float = setting(
+        50.0, "smallest response of the 5×5 masks to a blob or corner", unit="grey levels", low=0, high=2000
+    )
+
+
+@dataclass(frozen=True)
+class StereoLimits(Checked):
+    """Conditions that a match in four images meets (chapter 1)."""
+
+    max_disparity: int = setting(
+        160, "largest disparity searched in a stereo pair", unit="px", low=16, high=512
+    )
+    finish_window: int = setting(
+        11, "side of the window of the sub-pixel finish, odd", unit="px", low=5, high=41
+    )
+    loop_tolerance: float = setting(
+        0.35, "largest distance between the two ways round the loop", unit="px", low=0.05, high=10
+    )
+    row_tolerance: float = setting(
+        1.0, "largest row difference in a stereo pair", unit="px", low=0.05, high=10
+    )
+    min_disparity: float = setting(
+        0.5, "smallest disparity; far points say little", unit="px", low=0.05, high=50
+    )
+
+
+@dataclass(frozen=True)
+class MatchingConfig(StereoLimits):
+    """Matching round the loop of four images (chapter 1)."""
+
+    search_radius: int = setting(
+        120, "how far from its last place a feature is looked for", unit="px", low=5, high=1000
+    )
+
+
+@dataclass(frozen=True)
+class BucketConfig(Checked):
+    """Feature selection: equal squares, older features first, then stronger ones (chapter 1)."""
+
+    size: int = setting(50, "side of a bucket", unit="px", low=10, high=500)
+    features: int = setting(3, "features kept in a bucket", low=1, high=100)
+
+
+@dataclass(frozen=True)
+class FilterConfig(Checked):
+    """Removal of features in vehicle boxes (chapter 5)."""
+
+    rule: str = setting("all", "which boxes remove their features", choices=("none", "all"))
+    margin: float = setting(0.0, "a box grows by this share of its size on every side", low=-0.4, high=1.0)
+    classes: tuple[int, ...] = setting(
+        (2, 5, 7), "class ids of vehicles (COCO: car 2, bus 5, truck 7)", low=0
+    )
+    score: float = setting(
+        0.25, "boxes scored lower are ignored; a label without score counts as 1", low=0, high=1
+    )
+
+
+@dataclass(frozen=True)
+class SelectionConfig(Checked):
+    """The rotation: five-point sets and solution selection (chapters 2 and 3)."""
+
+    sets: int = setting(200, "five-point sets drawn in a frame (n of the paper)", low=1, high=5000)
+    prior: bool = setting(True, "choose by nearness to the previous essential vector; off: consensus alone")
+    keep: int = setting(
+        2, "solutions of a set kept by nearness to the previous one (k of the paper)", low=1, high=10
+    )
+    threshold: float = setting(
+        1.0, "a match is an inlier below this Sampson distance", unit="px", low=0.05, high=10
+    )
+    standstill_flow: float = setting(
+        0.5, "below this median flow the camera stands still: no essential matrix", unit="px", low=0, high=5
+    )
+
+
+@dataclass(frozen=True)
+class TranslationConfig(Checked):
+    """The translation by the pseudo-inverse, equations (2) and (3) (chapter 4)."""
+
+    max_depth: float = setting(100.0, "features farther away are not used", unit="m", low=5, high=1000)
+    agreement: float = setting(
+        1.0, "a feature agrees with the motion where its eight rows leave less", unit="px", low=0.1, high=50
+    )
+
+
+@dataclass(frozen=True)
+class ReprojectionConfig(Checked):
+    """The VISO2 estimator: three matches a trial, Gauss-Newton on the reprojection error (StereoScan)."""
+
+    trials: int = setting(200, "motions from three random matches in a frame", low=1, high=5000)
+    threshold: float = setting(
+        2.0,
+        "a match is an inlier below this residual norm over its four current coordinates",
+        unit="px",
+        low=0.05,
+        high=20,
+    )
+    iterations: int = setting(20, "largest number of Gauss-Newton steps", low=1, high=100)
+    centre: float = setting(
+        0.05,
+        "a residual weighs 1 / (|u - cu| / |cu| + this): smaller, the middle counts more",
+        low=1e-3,
+        high=100,
+    )
+
+
+@dataclass(frozen=True)
+class MethodConfig(Checked):
+    """Settings of a run of a system of Table 1, in the sections that both variants have."""
+
+    variant: ClassVar[str]
+
+    seed: int = setting(0, "seed of the random five-point sets", low=0)
+    min_matches: int = setting(
+        12, "with fewer matches the frame goes on with the last motion", low=5, high=1000
+    )
+    features: ImageBorder = section(ImageBorder)
+    matching: StereoLimits = section(StereoLimits)
+    buckets: BucketConfig = section(BucketConfig)
+    filter: FilterConfig = section(FilterConfig)
+    selection: SelectionConfig = section(SelectionConfig)
+    translation: TranslationConfig = section(TranslationConfig)
+    estimator: str = setting(
+        "essential",
+        "rotation from the essential matrix, then the translation; or both from the reprojection error",
+        choices=("essential", "reprojection"),
+    )
+    reprojection: ReprojectionConfig = section(ReprojectionConfig)
+
+
+@dataclass(frozen=True)
+class PublishedConfig(MethodConfig):
+    """Everything that decides a run of a system of Table 1 as published, with the images."""
+
+    variant: ClassVar[str] = "published"
+
+    features: FeatureConfig = section(FeatureConfig)
+    matching: MatchingConfig = section(MatchingConfig)

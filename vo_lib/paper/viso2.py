@@ -1,0 +1,154 @@
+"""The VISO2 estimator of Table 1 (StereoScan: Geiger, Ziegler, Stiller, IV 2011).
+
+Gauss-Newton on the reprojection error in both current images: many motions from three points of known depth
+each, the best one refitted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.camera import StereoCamera
+from ..geometry.matches import StereoMatches
+from ..geometry.motion import rigid, rotation_from_vector
+from ..geometry.reprojection import CONVERGED_STEP, CONVERGED_TRIAL_STEP, linearise, measured_pixels
+from ..geometry.result import FrameResult
+from ..geometry.types import Array, BoolArray, Index
+from .odometry import Odometry
+from .settings import ReprojectionConfig
+
+MIN_MATCHES_FOR_FIT = 6  # matches that a motion needs; three would do without one wrong among them
+
+
+class Viso2(Odometry):
+    """VISO2 along a sequence: StereoScan's estimator in place of the essential matrix and equation (3)."""
+
+    def stands_still(self, matches: StereoMatches) -> bool:
+        """No special case: the reprojection error is defined for a camera at rest."""
+        return False
+
+    def motion(self, matches: StereoMatches) -> FrameResult | None:
+        """Rotation and translation in one fit; None where too few matches agree on them."""
+        solution = self.fit(matches)
+        self.clock.stage("rotation")
+        if solution is None:
+            return None
+        R_cp, t_cp, inliers = solution
+        return FrameResult(rigid(R_cp, t_cp), inliers=int(np.count_nonzero(inliers)))
+
+    def fit(self, matches: StereoMatches) -> tuple[Array, Array, BoolArray] | None:
+        """Rotation, translation and inliers (N,); None where too few matches agree on them."""
+        solution = ransac_motion(self.camera, matches, self.random(), self.config.reprojection)
+        enough = solution is not None and np.count_nonzero(solution[2]) >= self.config.min_matches
+        return solution if enough else None
+
+
+def ransac_motion(
+    camera: StereoCamera, matches: StereoMatches, rng: np.random.Generator, config: ReprojectionConfig
+) -> tuple[Array, Array, BoolArray] | None:
+    """The motion with the most inliers among those of random triples of matches, refitted on its inliers.
+
+    Returns
+    -------
+    R_cp (3, 3), t_cp (3,) metres, and the inliers (N,): residual norm over the four coordinates below the
+    threshold. None where fewer than six matches have depth or agree on a motion.
+    """
+    usable = np.flatnonzero(matches.prev_left[:, 0] > matches.prev_right[:, 0])
+    if len(usable) < MIN_MATCHES_FOR_FIT:
+        return None
+    X, measured, weight = observed(camera, matches[usable], config)
+    triples = _triples(rng, len(usable), config.trials)
+    start = np.tile(np.eye(3), (config.trials, 1, 1)), np.zeros((config.trials, 3))
+    data = X[triples], measured[triples], weight[triples]
+    R, t = _gauss_newton(camera, *data, *start, config.iterations, CONVERGED_TRIAL_STEP)
+    inliers = _residuals(camera, X, measured, R, t) < config.threshold
+    best = int(np.argmax(np.count_nonzero(inliers, axis=1)))
+    agreed = usable[inliers[best]]
+    if len(agreed) < MIN_MATCHES_FOR_FIT:
+        return None
+    R_cp, t_cp = refit_motion(camera, matches[agreed], R[best], t[best], config)
+    # The refit moves the border: say which matches agree with the motion that is returned.
+    final = np.zeros(len(matches), np.bool_)
+    final[usable] = (_residuals(camera, X, measured, R_cp[None], t_cp[None]) < config.threshold)[0]
+    return R_cp, t_cp, final
+
+
+def refit_motion(
+    camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array, config: ReprojectionConfig
+) -> tuple[Array, Array]:
+    """Least squares over matches with depth, from a motion near the answer: R_cp (3, 3), t_cp (3,)."""
+    X_p, measured, weight = observed(camera, matches, config)
+    data = X_p[None], measured[None], weight[None]
+    R, t = _gauss_newton(camera, *data, R_cp[None], t_cp[None], config.iterations, CONVERGED_STEP)
+    return R[0], t[0]
+
+
+def observed(
+    camera: StereoCamera, matches: StereoMatches, config: ReprojectionConfig
+) -> tuple[Array, Array, Array]:
+    """Points X_p (N, 3), metres, their current pixels (N, 4), and the weights (N,) of their residuals.
+
+    StereoScan's weight is 1 / (|u - cu| / |cu| + centre): calibration errors grow towards the left and right
+    border of the image, so the middle counts more.
+    """
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    weight = 1.0 / (np.abs(matches.cur_left[:, 0] - camera.cx) / abs(camera.cx) + config.centre)
+    return X_p, measured_pixels(camera, matches.cur_left, matches.cur_right), weight
+
+
+def _gauss_newton(
+    camera: StereoCamera,
+    X_p: Array,
+    measured: Array,
+    weight: Array,
+    R: Array,
+    t: Array,
+    iterations: int,
+    tolerance: float,
+) -> tuple[Array, Array]:
+    """Least squares of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N), R, t to start.
+
+    A problem whose last step was below the tolerance is left alone; one that runs away stays where it was.
+    """
+    R, t = R.copy(), t.copy()
+    active = np.arange(len(R))
+    for _ in range(iterations):
+        rotated = X_p[active] @ np.swapaxes(R[active], 1, 2)
+        r, jac, _ = linearise(camera, rotated, t[active, None], measured[active])
+        w = weight[active][:, :, None]
+        r, jac = (w * r).reshape(len(active), -1, 1), (w[..., None] * jac).reshape(len(active), -1, 6)
+        jac_t = np.swapaxes(jac, 1, 2)
+        # Three points on one line leave a rotation open; closing it gently keeps the batch solvable.
+        H = jac_t @ jac
+        H += 1e-9 * np.trace(H, axis1=1, axis2=2)[:, None, None] * np.eye(6)
+        delta = np.asarray(np.linalg.solve(H, jac_t @ r)[:, :, 0], np.float64)
+        size = np.linalg.norm(delta, axis=1)
+        sane = size < 1e3
+        moved = active[sane]
+        R[moved] = rotation_from_vector(delta[sane, :3]) @ R[moved]
+        t[moved] += delta[sane, 3:]
+        active = active[sane & (size > tolerance)]
+        if len(active) == 0:
+            break
+    return R, t
+
+
+def _triples(rng: np.random.Generator, number: int, trials: int) -> Index:
+    """Three different indices below `number` for each trial, (trials, 3), all triples equally likely."""
+    first, second, third = (rng.integers(0, number - k, trials) for k in range(3))
+    # Each is drawn among those that are left, and steps over those already taken.
+    second += second >= first
+    for lower in np.sort([first, second], axis=0):
+        third += third >= lower
+    return np.stack([first, second, third], axis=1)
+
+
+def _residuals(camera: StereoCamera, X_p: Array, measured: Array, R: Array, t: Array) -> Array:
+    """Residual norm of N matches under M motions, (M, N) pixels; infinite behind the camera."""
+    x, y, z = np.moveaxis(R @ X_p.T + t[:, :, None], 1, 0)
+    front = z > 0
+    s = camera.f / np.where(front, z, 1.0)
+    u, v = s * x, s * y
+    squared = (measured[:, 0] - u) ** 2 + (measured[:, 1] - v) ** 2
+    squared += (measured[:, 2] - u + s * camera.baseline) ** 2 + (measured[:, 3] - v) ** 2
+    return np.asarray(np.where(front, np.sqrt(squared), np.inf))

@@ -1,0 +1,168 @@
+"""A film of a run: features, boxes, the path and its distance from the truth, ten frames a second."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from ..data.poses import from_first
+from ..errors import DataError
+from ..evaluation.kitti import trajectory_distances
+from ..geometry.boxes import Boxes
+from ..geometry.matches import StereoMatches
+from ..geometry.result import FrameResult
+from ..geometry.types import Array, BoolArray, Image, IntArray
+from ..paper.boxes import on_vehicles
+from ..runs.drive import MethodRun, Run, single_threaded
+from ..runs.front_end import TimedMatches, find_matches
+from .plots import AGE_COLOURS, REMOVED, distance_from_truth, match_image
+
+if TYPE_CHECKING:
+    from ..kit.calibration import Calibration
+
+FILM_FPS = 10
+FILM_CODES = {".mp4": "mp4v", ".avi": "MJPG"}
+MIN_PATH_SIDE_PX = 300  # of the square that the path is drawn in
+WORDS_HEIGHT_PX = 60  # of the lines of words below
+DARK, PALE, WHITE = (28, 28, 28), (110, 110, 110), (235, 235, 235)  # BGR
+TRUE_PATH_COLOUR, PATH_COLOUR = (60, 60, 240), (240, 190, 80)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A frame but the first: N matches, those that boxes leave (N,), boxes and their state (K,).
+
+    `state` : as `match_image` takes it, None where no rule judges boxes.
+    """
+
+    index: int
+    matches: StereoMatches
+    keep: BoolArray
+    boxes: Boxes
+    state: IntArray | None
+    motion: FrameResult
+
+
+def shown_frames(
+    run: Run, matches: Iterable[TimedMatches] | None = None, calibration: Calibration | None = None
+) -> Iterator[Shown]:
+    """The frames of a finished run, computed once more; `matches`, `calibration` as in `run_methods`."""
+    sequence, config = run.sequence, run.config
+    method = MethodRun(sequence, config, calibration)
+    with single_threaded():
+        before = sequence.boxes(0)
+        frames = find_matches(sequence, config) if matches is None else matches
+        for index, frame in enumerate(frames):
+            boxes, state = sequence.boxes(index), None
+            method.step(index, frame, boxes)
+            if index == 0:
+                continue
+            shown, keep = boxes, np.ones(len(frame[0]), np.bool_)
+            if config.variant == "kit":
+                from ..kit.odometry import SelfCalibratingOdometry
+
+                assert isinstance(method.odometry, SelfCalibratingOdometry)
+                filtered = method.odometry.filtered
+                assert filtered is not None
+                keep, judged = filtered.keep, filtered.judgement
+                if judged is not None:
+                    shown, state = judged.boxes, judged.state
+            elif config.filter.rule != "none":
+                keep = ~on_vehicles(frame[0], before, boxes, config.filter)
+            before = boxes
+            yield Shown(index, frame[0], keep, shown, state, method.motions[-1])
+
+
+class Film:
+    """A video file that frames of a run are added to; it appears whole when it is closed, or not at all."""
+
+    def __init__(self, path: Path, run: Run, label: str):
+        self.path, self.run, self.label = path, run, label
+        camera, truth = run.sequence.camera, run.sequence.truth
+        side = max(camera.height, MIN_PATH_SIDE_PX)
+        # Even numbers of pixels: encoders take no others.
+        self._shape = side + WORDS_HEIGHT_PX + side % 2, (camera.width + side + 1) // 2 * 2
+        self._paths = [run.poses] if truth is None else [run.poses, from_first(truth)]
+        self._drift = None if truth is None else distance_from_truth(run.poses, truth)
+        self._driven = trajectory_distances(self._paths[-1])
+        self._working = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
+        code = cv2.VideoWriter.fourcc(*FILM_CODES[path.suffix.lower()])
+        self._writer = cv2.VideoWriter(str(self._working), code, FILM_FPS, self._shape[::-1])
+        if not self._writer.isOpened():
+            raise DataError("the film cannot be written there, or OpenCV lacks its encoder", path)
+
+    def __enter__(self) -> Film:
+        return self
+
+    def __exit__(self, kind: object, *details: object) -> None:
+        self._writer.release()
+        try:
+            if kind is None:
+                os.replace(self._working, self.path)
+        finally:
+            self._working.unlink(missing_ok=True)
+
+    def add(self, shown: Shown) -> None:
+        """Write a frame."""
+        self._writer.write(self.picture(shown))
+
+    def picture(self, shown: Shown) -> Image:
+        """The page of a frame, BGR: image, the path beside it, words below."""
+        page = np.full((*self._shape, 3), DARK, np.uint8)
+        left, _ = self.run.sequence.stereo(shown.index)
+        image = match_image(left, shown.matches, shown.keep, shown.boxes, shown.state, by_age=True)
+        height, width = left.shape
+        page[:height, :width] = image
+        self._draw_paths(page[:-WORDS_HEIGHT_PX, width:], shown.index)
+        self._write_words(page[-WORDS_HEIGHT_PX:], shown)
+        return page
+
+    def _draw_paths(self, part: Image, index: int) -> None:
+        """The path from above up to a frame, the whole truth pale; all of it fits."""
+        points = [poses[:, [0, 2], 3] for poses in self._paths]
+        low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
+        size = np.array(part.shape[1::-1])
+        scale = float(((size - 50.0) / np.maximum(high - low, 1.0)).min())
+        path, *truth = (scale * (each - (low + high) / 2) * [1.0, -1.0] + size / 2 for each in points)
+        for line in truth:
+            _draw_line(part, line, PALE, 1)
+            _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, 4)
+        _draw_line(part, path[: index + 1], PATH_COLOUR, 2)
+        cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, WHITE, -1, cv2.LINE_AA)
+
+    def _write_words(self, part: Image, shown: Shown) -> None:
+        index, motion = shown.index, shown.motion
+        times, driven = self.run.sequence.times, self._driven[index]
+        first = [self.label, f"frame {self.run.sequence.frames[index]}", f"{times[index] - times[0]:.1f} s"]
+        first.append(f"{driven:.0f} m driven")
+        if self._drift is not None:
+            off = self._drift[index]
+            first.append(f"{off:.2f} m from the truth ({100 * off / max(driven, 1e-9):.2f} %)")
+        _write(part, "  ".join([*first, *motion.flags]), (12, 22))
+        counts = [f"{getattr(motion, name)} {name}" for name in ("matches", "removed", "used", "inliers")]
+        legend = [("  ".join(counts), WHITE), ("new match", AGE_COLOURS[0]), ("old", AGE_COLOURS[-1])]
+        legend += [("removed", REMOVED), ("path", PATH_COLOUR)]
+        if self._drift is not None:
+            legend.append(("truth", TRUE_PATH_COLOUR))
+        if shown.state is not None:
+            legend.append(("boxes: whole line moves, dashed parked, dots unknown", WHITE))
+        at = 12
+        for text, colour in legend:
+            at = _write(part, text, (at, 46), colour) + 20
+
+
+def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:
+    fixed = np.rint(points * 16).astype(np.int32)  # four binary digits, as OpenCV takes them
+    cv2.polylines(part, [fixed], False, colour, width, cv2.LINE_AA, shift=4)
+
+
+def _write(part: Image, text: str, at: tuple[int, int], colour: tuple[int, int, int] = WHITE) -> int:
+    """Write a line of words; returns where it ends, pixels."""
+    cv2.putText(part, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
+    return at[0] + cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]

@@ -1,0 +1,191 @@
+"""Errors and pictures of any paths: runs of the kit and pose files of other systems, side by side."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..data.catalogue import open_sequence
+from ..data.poses import match_times, read_euroc, read_kitti_poses, read_tum
+from ..errors import DataError
+from ..evaluation.ate_rpe import Alignment, align, rmse
+from ..evaluation.evaluate import Evaluation, evaluate
+from ..evaluation.kitti import SHORT_MEASURE, Measure, suitable_measure
+from ..files import read_text, write_atomic
+from ..geometry.types import Array, Index
+from ..runs.folder import CONFIG, POSES, POSES_TUM, read_config
+from .page import ReportTable, number
+from .plots import error_curves_figure, png, trajectories_figure
+from .reproduce import slug
+from .table1 import ERROR_KINDS
+
+COMMON_STEMS = ("poses", "poses_tum", "data")  # of files that many folders have
+# Fewest points of a curve: the devkit's bins of speed overlap, and a drive at one speed lies in two or three.
+MIN_CURVE_POINTS = {"length": 2, "speed": 4}
+GIVE_TRUTH = "name its truth with --truth FILE"
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedPaths:
+    """The truth of a sequence (N, 4, 4), and estimates of it by label, (N, 4, 4) each.
+
+    `times` : (N,) seconds, None where they are unknown.
+    """
+
+    name: str
+    truth: Array
+    times: Array | None
+    estimates: dict[str, Array]
+
+
+def read_path(path: Path) -> tuple[Array | None, Array]:
+    """Times (N,), None in KITTI's format, and poses (N, 4, 4) of a file as KITTI, TUM or EuRoC have it."""
+    rows = (line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#"))
+    first = next(rows, "")
+    if "," in first:
+        return read_euroc(path)
+    return read_tum(path) if len(first.split()) == 8 else (None, read_kitti_poses(path))
+
+
+def read_paths(places: list[Path], truth_file: Path | None = None) -> list[ComparedPaths]:
+    """Run folders and pose files by their truth, which is that of the runs' sequences without a truth file.
+
+    Poses go with the true ones by time or, where one has no times, row by row; frames that one of the paths
+    does not have are left out. Raises `DataError` where the truth of a path is unknown or does not fit it.
+    """
+    places = list(dict.fromkeys(place.absolute() for place in places))
+    for place in places:
+        if place.is_dir() and not (place / CONFIG).exists():
+            raise DataError("holds no run: expected the folder of one finished run, or a pose file", place)
+        if not place.is_dir():
+            read_path(place)  # refuses a missing file before its truth is asked for
+    configs = {place: read_config(place) for place in places if place.is_dir()}
+    if truth_file is None:
+        truths = {place: _truth_of_run(place, config) for place, config in configs.items()}
+    else:
+        times, poses = read_path(truth_file)
+        given = ComparedPaths(_names(truth_file.absolute(), None)[0], poses, times, {})
+        truths = dict.fromkeys(places, given)
+    by_name = {truth.name: truth for truth in truths.values()}
+    for truth in truths.values():
+        if not np.array_equal(truth.truth, by_name[truth.name].truth):
+            raise DataError(f"two sequences are called {truth.name}: evaluate them one after the other")
+    compared = []
+    for place in places:
+        if place not in truths and len(by_name) != 1:
+            raise DataError(f"is a file of poses alone: {GIVE_TRUTH}", place)
+    for name, truth in by_name.items():
+        own = [place for place in places if truths.get(place, truth).name == name]
+        # With a truth file, times are those of its clock.
+        run_file = POSES if truth_file is None or truth.times is None else POSES_TUM
+        files = [place / run_file if place in configs else place for place in own]
+        compared.append(_compared(truth, files, [_names(place, configs.get(place)) for place in own]))
+    return compared
+
+
+def _truth_of_run(folder: Path, config: dict[str, Any]) -> ComparedPaths:
+    """The truth of a run's frames, from the place of its sequence."""
+    place, (first, last) = str(config.get("folder")), config.get("frames", ("", ""))
+    if not Path(place).is_dir():
+        raise DataError(f"the sequence of this run is no longer at {place}: {GIVE_TRUTH}", folder)
+    sequence = open_sequence(place)
+    if first not in sequence.frames or last not in sequence.frames or sequence.truth is None:
+        raise DataError(f"{place} has no truth for the frames of this run: {GIVE_TRUTH}", folder)
+    name = str(config.get("sequence", sequence.name))
+    if (first, last) != (sequence.frames[0], sequence.frames[-1]):
+        name += f", frames {int(first)}-{int(last)}"
+        sequence = sequence.part(sequence.frames.index(first), sequence.frames.index(last) + 1)
+    assert sequence.truth is not None
+    return ComparedPaths(name, sequence.truth, sequence.times, {})
+
+
+def _names(place: Path, config: dict[str, Any] | None) -> list[str]:
+    """Names of a run's folder or of a file, the shortest first."""
+    if config is None:
+        return [*[place.stem][place.stem in COMMON_STEMS :], *place.parent.parts[:0:-1], str(place)]
+    method, variant, seed = str(config.get("method")), config.get("variant"), config["settings"].get("seed")
+    return [method, f"{method}, {variant}, seed {seed}", str(place)]
+
+
+def _compared(truth: ComparedPaths, files: list[Path], names: list[list[str]]) -> ComparedPaths:
+    """The paths at the frames that all of them have, by the shortest names that tell them apart."""
+    matched = [_matched(file, truth) for file in files]
+    common = functools.reduce(np.intersect1d, [rows for rows, _ in matched])
+    if len(common) < 2:
+        raise DataError(
+            f"has fewer than two poses at the times of the other paths of {truth.name}", files[-1]
+        )
+    estimates = {}
+    for own, (rows, poses) in zip(names, matched, strict=True):
+        others = {name for other in names if other is not own for name in other}
+        label = next(name for name in own if name not in others)
+        estimates[label] = poses[np.searchsorted(rows, common)]
+    times = None if truth.times is None else truth.times[common]
+    return ComparedPaths(truth.name, truth.truth[common], times, estimates)
+
+
+def _matched(path: Path, truth: ComparedPaths) -> tuple[Index, Array]:
+    """Rows of the truth that poses of a file go with, and these poses."""
+    times, poses = read_path(path)
+    if times is not None and truth.times is not None:
+        rows, own = match_times(truth.times, times)
+        return rows, poses[own]
+    if len(poses) != len(truth.truth):
+        raise DataError(f"has {len(poses)} poses, but the truth of {truth.name} has {len(truth.truth)}", path)
+    return np.arange(len(poses)), poses
+
+
+def evaluate_paths(
+    paths: ComparedPaths,
+    lengths: tuple[float, ...] | None = None,
+    step: int | None = None,
+    alignment: Alignment = Alignment.SE3,
+) -> Evaluation:
+    """Errors of each estimate; lengths, metres, and step, frames, are by default those that suit the path."""
+    measure = suitable_measure(paths.truth)
+    pairs = [(label, paths.truth, poses) for label, poses in paths.estimates.items()]
+    times = {} if paths.times is None else dict.fromkeys(paths.estimates, paths.times)
+    return evaluate(pairs, lengths or measure.lengths, step or measure.step, alignment, times)
+
+
+def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
+    """Errors of the systems of a sequence, then their TE and RE by length."""
+    measure, systems = Measure(result.lengths, result.step), result.sequences
+    rows = []
+    for s in systems:
+        drift = map(rmse, (s.ate.distance, s.rpe.translation, np.degrees(s.rpe.rotation)))
+        rows.append([s.name, number(s.kitti.te), number(s.kitti.re), *(number(each, 4) for each in drift)])
+    columns = ["system", *(unit for unit, _ in ERROR_KINDS.values()), "ATE m", "RPE m", "RPE deg"]
+    words = systems[0].ate.alignment.words
+    note = f"ATE and RPE: root mean squares; ATE {words}; RPE from frame to frame."
+    short = "Shorter sub-sequences than KITTI's, as far as the path goes: not comparable with the benchmark."
+    head = [short] if measure == SHORT_MEASURE else []
+    by_length = []
+    for at in result.lengths:
+        parts = [s.kitti[s.kitti.length == at] for s in systems]
+        if len(parts[0]):
+            by_length.append([f"{at:g} m", *(f"{number(part.te)} / {number(part.re)}" for part in parts)])
+    tables = [ReportTable(f"{name}: sub-sequences of {measure.words}", columns, rows, [note], head)]
+    if by_length:
+        names = [s.name for s in systems]
+        tables.append(ReportTable("TE % / RE deg/100 m by length", ["length", *names], by_length, []))
+    return tables
+
+
+def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> None:
+    """Write the paths of a sequence, aligned as for ATE, with the truth; and curves of their errors."""
+    file, alignment = slug(paths.name), result.sequences[0].ate.alignment
+    # The first camera's axes: from above whatever the world's axes are.
+    to_start = np.linalg.inv(paths.truth[0])
+    drawn = {name: to_start @ align(paths.truth, T, alignment)[0] for name, T in paths.estimates.items()}
+    figure = trajectories_figure({f"{paths.name}\n{alignment.words}": (paths.truth, drawn)})
+    write_atomic(folder / f"trajectory_{file}.png", png(figure))
+    for by, least in MIN_CURVE_POINTS.items():
+        curves = {s.name: s.kitti.curve(by, result.lengths) for s in result.sequences}
+        if max(map(len, curves.values())) >= least:
+            figure = error_curves_figure(paths.name, by, curves)
+            write_atomic(folder / f"errors_{file}_by_{by}.png", png(figure))

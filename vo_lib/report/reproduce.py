@@ -1,0 +1,157 @@
+"""Table 1 over sequences, methods and seeds: its runs, their errors, and the files of `vo reproduce`."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from ..config import preset
+from ..data.catalogue import KITTI, SYNTHETIC, available
+from ..data.scenes import SCENES
+from ..data.sequence import Sequence
+from ..errors import DataError
+from ..evaluation.kitti import Measure
+from ..files import write_atomic
+from ..geometry.types import Array
+from ..paper.settings import MethodConfig
+from ..runs.folder import read_run
+from ..runs.jobs import Job, Outcome
+from .entries import BENCHMARK_FRAMES, Entry, group_entries, measure_runs
+from .page import Picture, markdown, records_csv, render_report
+from .plots import png, trajectories_figure
+from .printed import REMARKS, PaperTable
+from .table1 import VARIANT_WORDS, layout_table, table_records
+
+FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
+TABLE_FILES = ("table1.md", "table1.csv", "report.html")
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """Errors and paths of the runs of a table.
+
+    Attributes
+    ----------
+    missing : KITTI sequences asked for that are not here.
+    failed : names of the runs that failed, by cause.
+    entries : errors by sequence and method, where there is truth.
+    paths : by variant and sequence the truth, if any, and the first seed's path by method, (N, 4, 4) each.
+    """
+
+    missing: list[str]
+    failed: dict[str, list[str]]
+    entries: list[Entry] = field(default_factory=list)
+    paths: dict[tuple[str, str], tuple[Array | None, dict[str, Array]]] = field(default_factory=dict)
+
+    @property
+    def problems(self) -> list[str]:
+        """A sentence for the missing sequences and for each cause of failed runs."""
+        sentences = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
+        for cause, (job, *others) in self.failed.items():
+            sentences.append(f"Failed: {job}{f' and {len(others)} more' if others else ''}: {cause}")
+        return sentences
+
+
+def default_sequences() -> list[str]:
+    """The benchmark's sequences that are here or, without any, the synthetic scenes."""
+    names = available()
+    return [name for name in BENCHMARK_FRAMES if name in names] or [f"{SYNTHETIC}{name}" for name in SCENES]
+
+
+def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
+    """Names that can be opened, and KITTI sequences that are not here; `DataError` when none is left."""
+    folders = available()
+    missing = [name for name in names if name.startswith(KITTI) and name not in folders]
+    present = [name for name in dict.fromkeys(names) if name not in missing]
+    if not present:
+        raise DataError(f"none of the sequences is here: {', '.join(missing)}; see `vo check`")
+    return present, missing
+
+
+def plan_jobs(
+    sequences: list[Sequence],
+    methods: Mapping[str, list[str]],
+    seeds: int,
+    folder: Path,
+    config: MethodConfig | None = None,
+) -> list[Job]:
+    """A run for each variant, sequence, method and seed 0 … seeds - 1.
+
+    methods : names by variant; config : settings of the one method, where they are not its own.
+    """
+    names = [sequence.name for sequence in sequences]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise DataError(f"two sequences are called {twice[0]}: run them one after the other")
+    jobs = []
+    for variant, of_variant in methods.items():
+        for sequence, method, seed in itertools.product(sequences, of_variant, range(seeds)):
+            settings = replace(config or preset(method, variant=variant), seed=seed)
+            place = job_folder(folder, variant, sequence.name, method, seed)
+            jobs.append(Job(sequence, method, settings, place))
+    return jobs
+
+
+def job_folder(folder: Path, variant: str, sequence: str, method: str, seed: int) -> Path:
+    """The run folder of a job under the folder of the table."""
+    return folder / "runs" / variant / slug(sequence) / method / f"seed_{seed}"
+
+
+def slug(name: str) -> str:
+    """A sequence's name as a file name: "kitti/07" is kitti_07."""
+    return re.sub(r"[^A-Za-z0-9.-]+", "_", name)
+
+
+def collect(outcomes: list[Outcome], missing: list[str], measure: Measure | None = None) -> Reproduction:
+    """Errors and paths of finished jobs, read from their folders."""
+    table = Reproduction(missing, {})
+    together: dict[tuple[str, str, str], list[Job]] = {}
+    for job, error in ((outcome.job, outcome.error) for outcome in outcomes):
+        if error is not None:
+            table.failed.setdefault(error, []).append(job.name)
+        else:
+            together.setdefault((job.config.variant, job.sequence.name, job.method), []).append(job)
+    for (variant, name, method), jobs in together.items():
+        runs = [read_run(job.folder, job.sequence) for job in jobs]
+        truth = runs[0].sequence.truth
+        table.paths.setdefault((variant, name), (truth, {}))[1][method] = runs[0].poses
+        if truth is not None:
+            table.entries.append(measure_runs(method, runs, measure))
+    return table
+
+
+def write_table_files(folder: Path, result: Reproduction, paper: PaperTable, command: str) -> None:
+    """Write `TABLE_FILES` and figures of the runs that the command line made."""
+    groups = group_entries(result.entries)
+    records = table_records(groups, paper)
+    tables = [layout_table(group, paper) for group in groups]
+    if any(group.kitti for group in groups):
+        tables[-1].notes.extend(REMARKS)
+    without_truth = sorted({name for (_, name), (truth, _) in result.paths.items() if truth is None})
+    pictures = _trajectories(folder, result)
+    contents = (
+        "".join(f"{line}\n\n" for line in result.problems) + "\n".join(map(markdown, tables)),
+        records_csv(records),
+        render_report(tables, pictures, [command], result.problems, without_truth),
+    )
+    for name, content in zip(TABLE_FILES, contents, strict=True):
+        write_atomic(folder / name, content)
+
+
+def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
+    """Figure 4 of each variant that has one of its two sequences, and a figure of each sequence."""
+    pictures = []
+    for variant in dict.fromkeys(variant for variant, _ in result.paths):
+        panels = {name: panel for (each, name), panel in result.paths.items() if each == variant}
+        figure_4 = {name: panels[name] for name in FIGURE_4_SEQUENCES if name in panels}
+        figures = {f"figure4_{variant}": figure_4} if figure_4 else {}
+        figures |= {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in panels.items()}
+        for file, shown in figures.items():
+            caption = f"{'Figure 4: ' if shown is figure_4 else ''}{' and '.join(shown)} from above and, with"
+            caption += f" truth, the distance from it; {VARIANT_WORDS[variant]}, first seed."
+            pictures.append(Picture(png(trajectories_figure(shown)), caption))
+            write_atomic(folder / f"{file}.png", pictures[-1].data)
+    return pictures

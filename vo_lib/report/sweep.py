@@ -1,0 +1,162 @@
+"""A grid over settings: one method on one sequence with every combination of values, over several seeds."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import settings
+from ..config import CONFIG_CLASSES, change
+from ..data.sequence import Sequence
+from ..errors import DataError
+from ..evaluation.kitti import suitable_measure
+from ..paper.settings import MethodConfig
+from ..runs.folder import read_run
+from ..runs.jobs import Job, Outcome
+from .entries import measure_runs
+from .page import NO_NUMBER, ReportTable, number, plus_minus, seeds_words
+from .plots import SMALL_PAGE, page, png
+from .table1 import ERROR_KINDS, number_fields
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A setting by its dotted name, and the values it takes."""
+
+    name: str
+    values: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A grid, the last axis changing fastest.
+
+    A record of each combination of values has the values as typed by the names of their axes, the number of
+    seeds that ran, their errors and costs as a record of Table 1, and the causes of runs that failed.
+    """
+
+    title: str
+    axes: tuple[Axis, ...]
+    records: list[dict[str, Any]]
+    notes: list[str]
+
+
+def parse_axis(text: str, config: MethodConfig) -> Axis:
+    """The axis of "selection.sets=50,100,200"; values that are lists themselves are parted by semicolons.
+
+    config : its variant has the setting.
+
+    Raises `DataError` for an unknown setting, or a value it cannot take.
+    """
+    name, equals, rest = text.partition("=")
+    declared = [item for cls in (type(config), *CONFIG_CLASSES.values()) for item in settings.declared(cls)]
+    item = next((item for item in declared if item.name == name), None)
+    if name == "seed":
+        raise DataError("--set seed: every cell runs with the same seeds; choose their number with --seeds")
+    if item is None or not equals:
+        raise DataError(
+            f"--set {text!r}: expected SETTING=VALUE,VALUE,… with a setting of "
+            f"`vo run --variant {config.variant} --help-settings`"
+        )
+    values = tuple(item.parse(word) for word in rest.split(";" if isinstance(item.default, tuple) else ","))
+    for value in values:
+        change(config, name, value)  # refuses a setting or value of the other variant
+    if len(set(values)) < len(values):
+        raise DataError(f"--set {text!r}: a value is given twice")
+    return Axis(name, values)
+
+
+def run_sweep(
+    sequence: Sequence,
+    method: str,
+    base: MethodConfig,
+    axes: tuple[Axis, ...],
+    seeds: int,
+    folder: Path,
+    run: Callable[[list[Job]], list[Outcome]],
+) -> Sweep:
+    """Run all combinations with seeds 0 … seeds - 1, each in a run folder under `folder`/cells.
+
+    Parameters
+    ----------
+    sequence : with truth.
+    base : the settings where the axes do not say otherwise.
+    run : does the jobs, such as `jobs.run_jobs` with its options set.
+    """
+    if sequence.truth is None:
+        raise DataError(f"{sequence.name} has no ground truth: a sweep has nothing to compare")
+    if len({axis.name for axis in axes}) < len(axes):
+        raise DataError("--set: a setting is given twice")
+    grid: list[tuple[dict[str, str], list[Job]]] = []
+    for values in itertools.product(*(axis.values for axis in axes)):
+        config = base
+        for axis, value in zip(axes, values, strict=True):
+            config = change(config, axis.name, value)  # refuses settings that do not go together
+        words = {axis.name: _typed(value) for axis, value in zip(axes, values, strict=True)}
+        name = "+".join(f"{axis}={word}" for axis, word in words.items()).replace(",", "-")
+        place = folder / "cells" / base.variant / name
+        configs = [dataclasses.replace(config, seed=seed) for seed in range(seeds)]
+        jobs = [Job(sequence, method, each, place / f"seed{seed}") for seed, each in enumerate(configs)]
+        grid.append((words, jobs))
+    outcomes = iter(run([job for _, jobs in grid for job in jobs]))
+    measure = suitable_measure(sequence.truth)
+    records = list[dict[str, Any]]()
+    for words, _ in grid:
+        ends = list(itertools.islice(outcomes, seeds))
+        runs = [read_run(each.job.folder, sequence) for each in ends if each.error is None]
+        causes = [f"seed {each.job.config.seed}: {each.error}" for each in ends if each.error is not None]
+        entry = measure_runs(method, runs, measure) if runs else None
+        fields = number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
+        records.append(words | {"seeds": len(runs)} | fields | {"failed": "; ".join(causes)})
+    without_labels = sequence.labels is None and base.filter.rule != "none"
+    title = f"{sequence.name}, {method}, {base.variant}: {measure.words}; {seeds_words(seeds)}"
+    return Sweep(title, axes, records, ["The sequence has no labels: boxes remove nothing."] * without_labels)
+
+
+def sweep_table(sweep: Sweep) -> ReportTable:
+    """A row for each combination; failed runs in the notes."""
+    axes = [axis.name for axis in sweep.axes]
+    columns = [*axes, *(unit for unit, _ in ERROR_KINDS.values()), "removed", "back end ms"]
+    rows, notes = [], [*sweep.notes]
+    for record in sweep.records:
+        share = record["removed_share"]
+        errors = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in ERROR_KINDS]
+        removed = NO_NUMBER if share is None else f"{100 * share:.1f} %"
+        rows.append([*(record[axis] for axis in axes), *errors, removed, number(record["back_end_ms"], 1)])
+        if record["failed"]:
+            place = ", ".join(f"{axis}={record[axis]}" for axis in axes)
+            notes.append(f"Failed: {place}, {record['failed']}")
+    return ReportTable(sweep.title, columns, rows, notes)
+
+
+def heat_map(sweep: Sweep) -> bytes:
+    """TE and RE of a grid of two settings as PNG: dark is large, a cross stands where there is no number."""
+    rows, columns = ([_typed(value) for value in axis.values] for axis in sweep.axes)
+    width, height = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns)), 2 * (1.2 + 0.55 * len(rows)) + 0.8
+    figure = page(sweep.title, width, height)
+    for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
+        values = np.array([record[kind] for record in sweep.records], float).reshape(len(rows), -1)
+        image = axis.imshow(values, "YlGnBu", aspect="auto")
+        figure.colorbar(image, ax=axis, label=label, format="%.3g")
+        axis.set_xticks(range(len(columns)), columns)
+        axis.set_yticks(range(len(rows)), rows)
+        axis.set(xlabel=sweep.axes[1].name, ylabel=sweep.axes[0].name)
+        for (row, column), record in zip(np.ndindex(values.shape), sweep.records, strict=True):
+            text = plus_minus(record[kind], record[f"{kind}_std"])
+            text = text.replace(" ±", "\n±").replace(NO_NUMBER, "×")
+            colour = "white" if image.norm(values[row, column]) > 0.6 else "black"
+            axis.text(column, row, text, ha="center", va="center", color=colour, fontsize="small")
+    return png(figure)
+
+
+def _typed(value: Any) -> str:
+    """A value as it is typed."""
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)

@@ -1,0 +1,199 @@
+"""The loop over frames: a sequence in, poses out, several methods on the same matches."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..data.sequence import Sequence
+from ..geometry.boxes import Boxes
+from ..geometry.camera import StereoCamera
+from ..geometry.matches import StereoMatches
+from ..geometry.motion import inverse, nearest_rotation
+from ..geometry.result import FrameResult
+from ..geometry.types import Array, BoolArray, Progress
+from ..paper.odometry import Odometry
+from ..paper.settings import MethodConfig
+from ..paper.viso2 import Viso2
+from .front_end import TimedMatches, find_matches
+
+# A published run imports nothing of the kit.
+if TYPE_CHECKING:
+    from ..kit.calibration import Calibration
+
+# For speed alone: until a block of 16 MB (never touched) was freed, glibc gives freed memory back to the
+# system and fetches it again page by page, which is a third of the five-point solver's time.
+np.empty(1 << 21)
+
+
+@dataclass(frozen=True)
+class Run:
+    """Result of a run over N frames.
+
+    Attributes
+    ----------
+    sequence : its input; config : its settings.
+    poses : (N, 4, 4) T_w_c of the left camera, first one the identity, metres.
+    motions : (N - 1) motions, from each frame to the next.
+    calibration : errors of the cameras, as learnt by the last frame; None as published.
+    """
+
+    sequence: Sequence
+    config: MethodConfig
+    poses: Array
+    motions: list[FrameResult]
+    calibration: Calibration | None = None
+
+    @property
+    def ms_per_frame(self) -> float:
+        """Mean time of all stages of this method, milliseconds."""
+        return float(np.mean([sum(motion.ms.values()) for motion in self.motions]))
+
+    @property
+    def removed_share(self) -> float:
+        """Share of the matches that boxes removed, over all frames, in [0, 1]."""
+        return sum(m.removed for m in self.motions) / max(sum(m.matches for m in self.motions), 1)
+
+    @property
+    def matches_per_frame(self) -> float:
+        """Median number of matches of a frame."""
+        return float(np.median([motion.matches for motion in self.motions]))
+
+
+class MethodRun:
+    """One method along a sequence: its odometry and its motions so far."""
+
+    def __init__(self, sequence: Sequence, config: MethodConfig, calibration: Calibration | None = None):
+        self.sequence = sequence
+        self.config = config
+        on_moving = None
+        if config.filter.rule == "truth":
+            from ..data.truth import matches_on_moving
+
+            on_moving = functools.partial(matches_on_moving, sequence)
+        self.odometry = make_odometry(sequence.camera, config, calibration, sequence.times, on_moving)
+        self.motions: list[FrameResult] = []
+
+    def step(self, index: int, frame: TimedMatches, boxes: Boxes) -> None:
+        """Take in a frame; the first one, 0, gives no motion."""
+        if index == 0:
+            self.odometry.start(boxes)
+            return
+        matches, ms = frame
+        motion = self.odometry.step(matches, boxes)
+        self.motions.append(dataclasses.replace(motion, ms={**ms, **motion.ms}))
+
+    def result(self) -> Run:
+        """The run, once all frames were taken in."""
+        poses = [np.eye(4)]
+        for motion in self.motions:
+            T_w_c = poses[-1] @ inverse(motion.T_cp)
+            T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
+            poses.append(T_w_c)
+        learnt = getattr(self.odometry, "calibration", None)  # the kit's alone learns
+        return Run(self.sequence, self.config, np.array(poses), self.motions, learnt)
+
+
+def make_odometry(
+    camera: StereoCamera,
+    config: MethodConfig,
+    calibration: Calibration | None = None,
+    times: Array | None = None,
+    on_moving: Callable[[int, StereoMatches], BoolArray] | None = None,
+) -> Odometry:
+    """The odometry of a configuration: the paper's, VISO2, or the kit's.
+
+    The kit's takes errors of the cameras to start from, the frames' times for its vehicle check, and the
+    truth of what moves for the box rule `truth`, see `kit.odometry`.
+    """
+    if config.variant == "published":
+        return Viso2(camera, config) if config.estimator == "reprojection" else Odometry(camera, config)
+    from ..kit.odometry import make_kit_odometry
+
+    return make_kit_odometry(camera, config, calibration, times, on_moving)
+
+
+def run(
+    sequence: Sequence,
+    config: MethodConfig,
+    progress: Progress | None = None,
+    *,
+    calibration: Calibration | None = None,
+) -> Run:
+    """Visual odometry over a sequence; arguments as in `run_methods`."""
+    return run_methods(sequence, {"": config}, progress, calibration=calibration)[""]
+
+
+def run_methods(
+    sequence: Sequence,
+    configs: Mapping[str, MethodConfig],
+    progress: Progress | None = None,
+    matches: Iterable[TimedMatches] | None = None,
+    calibration: Calibration | None = None,
+) -> dict[str, Run]:
+    """Several methods over one sequence, all on the same matches, which are found once.
+
+    Parameters
+    ----------
+    configs : name and configuration of each method; variant, feature and matching settings must be equal.
+    progress : called with (frames done, frames in all) after each frame.
+    matches : of every frame, found with these settings, such as `matches.CachedMatches`; default: found here.
+    calibration : errors of the cameras that the kit starts from, see `kit.calibration`.
+
+    Raises
+    ------
+    DataError : an image or a label file is not as it should be.
+    ValueError : the methods do not share one front end.
+    """
+    front_ends = {(config.variant, config.features, config.matching) for config in configs.values()}
+    if len(front_ends) != 1:
+        raise ValueError("the methods need the same feature and matching settings to share their matches")
+    method_runs = {name: MethodRun(sequence, config, calibration) for name, config in configs.items()}
+    with single_threaded():
+        frames = find_matches(sequence, next(iter(configs.values()))) if matches is None else matches
+        for index, frame in enumerate(frames):
+            boxes = sequence.boxes(index)
+            for method_run in method_runs.values():
+                method_run.step(index, frame, boxes)
+            if progress is not None:
+                progress(index + 1, len(sequence))
+    return {name: method_run.result() for name, method_run in method_runs.items()}
+
+
+class _ThreadLimit:
+    """Number of contexts of `single_threaded` that are open in this process, and what the last one undoes."""
+
+    lock = threading.Lock()
+    contexts = 0
+    undo = ExitStack()
+
+
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """A context without threads of BLAS and OpenCV: matrices and images are small, and frames are prepared in
+    threads of ours; more threads only wait for each other.
+
+    Threads of one process may enter and leave in any order: the first sets the limit, the last undoes it.
+    """
+    with _ThreadLimit.lock:
+        _ThreadLimit.contexts += 1
+        if _ThreadLimit.contexts == 1:
+            _ThreadLimit.undo.callback(cv2.setNumThreads, cv2.getNumThreads())
+            cv2.setNumThreads(1)
+            _ThreadLimit.undo.enter_context(threadpool_limits(limits=1, user_api="blas"))
+    try:
+        yield
+    finally:
+        with _ThreadLimit.lock:
+            _ThreadLimit.contexts -= 1
+            if _ThreadLimit.contexts == 0:
+                _ThreadLimit.undo.close()

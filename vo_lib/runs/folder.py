@@ -1,0 +1,208 @@
+"""Run folders: everything a run leaves behind, each file whole or not there."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import settings
+from ..config import config_class
+from ..data.poses import format_kitti_poses, format_tum, read_kitti_poses
+from ..data.sequence import Sequence
+from ..errors import DataError
+from ..evaluation.evaluate import Evaluation, evaluate
+from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, SHORT_LENGTHS, trajectory_distances
+from ..files import DRAFT, LOCK, csv_text, read_csv, read_mapping, write_atomic
+from ..geometry.motion import inverse
+from ..geometry.result import MAX_MISSING_FRAMES, Flag, FrameResult
+from ..geometry.types import Array
+from ..kit.settings import KitConfig
+from .drive import Run
+from .identity import surroundings
+
+CONFIG = "config.json"
+LOG = "frames.csv"
+METRICS = "metrics.json"
+POSES = "poses.txt"
+POSES_TUM = "poses_tum.txt"
+CALIBRATION = "calibration.json"
+PICTURE = "trajectory.png"
+RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE)
+FRAME_INTERVALS_S = 1e-3, 10.0  # between the frames of a camera; nanoseconds in place of seconds are beyond
+COUNTS = {"matches": "matches", "removed": "removed_by_boxes", "used": "used", "inliers": "inliers"}
+STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
+
+
+@contextmanager
+def run_folder(folder: str | Path) -> Iterator[Path]:
+    """A folder for results, made where it is missing.
+
+    Folders made for it are removed if they are still empty at the end. A sequence's own folder is refused: a
+    run's poses.txt would replace the truth.
+    """
+    if not str(folder):
+        raise DataError("the folder's name is empty: expected the folder for results")
+    path = Path(folder)
+    try:
+        if (path / "image_0").is_dir():
+            raise DataError("holds a sequence's images: name another folder for results", path)
+        made = [p for p in (path, *path.parents) if not p.exists()]
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"the folder cannot be made: {error.strerror}", path) from None
+    try:
+        yield path
+    finally:
+        with suppress(OSError):
+            for new in made:
+                new.rmdir()
+
+
+def refuse_foreign_files(folder: Path) -> None:
+    """`DataError` where a folder without a run holds files that no run writes."""
+    if is_finished(folder):
+        return
+    for path in sorted(folder.iterdir()):
+        if path.name not in RUN_FILES and path.name != LOCK and not path.name.endswith(DRAFT):
+            raise DataError(
+                f"the folder holds other files, such as {path.name}: choose another, or add --fresh", folder
+            )
+
+
+def evaluate_run(result: Run) -> dict[str, Evaluation]:
+    """Errors of a run by kind; none without truth.
+
+    "kitti" as the benchmark has it, "short" where the path is short; speeds by the sequence's own times.
+    """
+    sequence = result.sequence
+    if sequence.truth is None:
+        return {}
+    pairs = [(sequence.name, sequence.truth, result.poses)]
+    times = {sequence.name: sequence.times}
+    errors = {"kitti": evaluate(pairs, KITTI_LENGTHS, KITTI_STEP, times=times)}
+    if trajectory_distances(sequence.truth)[-1] < KITTI_LENGTHS[-1]:
+        errors["short"] = evaluate(pairs, SHORT_LENGTHS, 1, times=times)
+    return errors
+
+
+def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
+    """Write poses, per-frame log, errors and, last, config.json: with it the run is finished.
+
+    identity : of `identity.run_identity`.
+    """
+    sequence = result.sequence
+    metrics: dict[str, Any] = {kind: errors.to_dict() for kind, errors in evaluate_run(result).items()}
+    metrics["path"] = {
+        "frames_without_motion": sum(not m.measured for m in result.motions),
+        "frames_in_doubt": sum(m.in_doubt for m in result.motions),
+        "lost": path_lost(result),
+        "warnings": warnings_of(result),
+    }
+    for name in (CONFIG, CALIBRATION):
+        (folder / name).unlink(missing_ok=True)
+    write_atomic(folder / POSES, format_kitti_poses(result.poses))
+    write_atomic(folder / POSES_TUM, format_tum(sequence.times, result.poses))
+    write_atomic(folder / LOG, frames_csv(sequence.frames[1:], result.motions))
+    if result.calibration is not None:
+        write_atomic(folder / CALIBRATION, result.calibration.to_json())
+    write_atomic(folder / METRICS, _json(metrics))
+    about = {"timing": timing(result), "surroundings": surroundings()}
+    write_atomic(folder / CONFIG, _json(identity | about | {"folder": str(sequence.folder.resolve())}))
+
+
+def path_lost(result: Run) -> bool:
+    """Whether more frames in a row gave no motion than an earlier motion can stand in for."""
+    config = result.config
+    limit = config.vehicle.patience if isinstance(config, KitConfig) else MAX_MISSING_FRAMES
+    measured = itertools.groupby(motion.measured for motion in result.motions)
+    return any(len(list(motions)) > limit for good, motions in measured if not good)
+
+
+def warnings_of(result: Run) -> list[str]:
+    """Doubts about the input of a run, a sentence each."""
+    seconds = float(np.median(np.diff(result.sequence.times)))
+    shortest, longest = FRAME_INTERVALS_S
+    if shortest <= seconds <= longest:
+        return []
+    expected = f"expected {shortest:g} to {longest:g}: speeds are wrong"
+    return [f"times.txt has {seconds:.3g} s from frame to frame, {expected}"]
+
+
+def timing(result: Run) -> dict[str, Any]:
+    """Mean milliseconds a frame, of each stage and in all."""
+    stages = [stage for stage in STAGES if any(stage in motion.ms for motion in result.motions)]
+    mean = {s: float(np.mean([motion.ms.get(s, 0.0) for motion in result.motions])) for s in stages}
+    return {"ms_per_frame": result.ms_per_frame, "ms_per_frame_of": mean}
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """The content of config.json of a finished run; `DataError` where there is none."""
+    expected = "the settings of a run, as `vo run` writes them"
+    data = read_mapping(folder / CONFIG, expected)
+    if not isinstance(data.get("settings"), dict):
+        raise DataError(f"expected {expected}", folder / CONFIG)
+    return data
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether a folder holds a finished run."""
+    return (folder / CONFIG).exists()
+
+
+def read_run(folder: Path, sequence: Sequence) -> Run:
+    """A finished run of the sequence from its folder, to the digits that poses.txt and frames.csv have.
+
+    Raises `DataError` where a file is missing or broken, or does not have a row for each frame.
+    """
+    stored = read_config(folder)
+    try:
+        config = settings.from_dict(config_class(str(stored.get("variant"))), stored["settings"])
+    except DataError as error:
+        raise DataError(str(error), folder / CONFIG) from None
+    poses = read_kitti_poses(folder / POSES)
+    path = folder / LOG
+    (_, heading), *lines = read_csv(path) or [(1, [])]
+    rows = [dict(zip(heading, cells, strict=False)) for _, cells in lines]
+    if len(poses) != len(sequence) or len(rows) != len(sequence) - 1:
+        raise DataError(f"expected a row for each of the {len(sequence)} frames of {sequence.name}", path)
+    T_cp = inverse(poses[1:]) @ poses[:-1]
+    try:
+        motions = [_read_motion(row, T) for row, T in zip(rows, T_cp, strict=True)]
+    except (KeyError, ValueError):
+        raise DataError("expected the columns of a per-frame log, as `vo run` writes it", path) from None
+    if config.variant == "published":
+        return Run(sequence, config, poses, motions)
+    from ..kit.calibration import read_learnt_calibration
+
+    return Run(sequence, config, poses, motions, read_learnt_calibration(folder / CALIBRATION))
+
+
+def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
+    """A row of frames.csv, and the motion that belongs to it."""
+    counts = {name: int(row[column]) for name, column in COUNTS.items()}
+    angle, flags = float(row["prior_angle_deg"] or "nan"), tuple(map(Flag, row["flags"].split()))
+    ms = {stage: float(row[f"{stage}_ms"]) for stage in STAGES if row.get(f"{stage}_ms")}
+    return FrameResult(T_cp, **counts, prior_angle=angle, flags=flags, ms=ms)
+
+
+def frames_csv(frames: tuple[str, ...], motions: list[FrameResult]) -> str:
+    """The per-frame log as CSV: one row for the motion into each frame but the first."""
+    heading = ["frame", *COUNTS.values(), "prior_angle_deg", "step_m", "flags"]
+    rows: list[list[object]] = [[*heading, *(f"{stage}_ms" for stage in STAGES)]]
+    for frame, motion in zip(frames, motions, strict=True):
+        angle = "" if math.isnan(motion.prior_angle) else f"{motion.prior_angle:.4f}"
+        step, flags = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}", " ".join(motion.flags)
+        row = [frame, *(getattr(motion, name) for name in COUNTS), angle, step, flags]
+        rows.append(row + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES])
+    return csv_text(rows)
+
+
+def _json(data: dict[str, Any]) -> str:
+    return json.dumps(data, indent=2, allow_nan=False) + "\n"

@@ -1,0 +1,70 @@
+"""Matches of every frame of a sequence with the one before, by the front end of a variant."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, Protocol, TypeVar
+
+from ..data.sequence import Sequence
+from ..geometry.camera import StereoCamera
+from ..geometry.matches import StereoMatches
+from ..geometry.result import Clock
+from ..geometry.types import Image
+from ..paper.matching import LoopMatcher
+from ..paper.settings import MethodConfig, PublishedConfig
+
+# Matches of a frame with the one before, and the milliseconds of each stage that they took.
+TimedMatches = tuple[StereoMatches, dict[str, float]]
+Prepared = TypeVar("Prepared")
+
+
+class FrontEnd(Protocol):
+    """Stereo pairs in, matches of four images out.
+
+    `prepare` may run in other threads, ahead and in any order; `step` takes its results in order.
+    """
+
+    def prepare(self, pair: tuple[Image, Image]) -> Any:
+        """The part of the work that needs no other pair; left and right image, (H, W) uint8."""
+
+    def step(self, pair: Any) -> StereoMatches:
+        """Matches of the pair before with this one; empty for the first pair."""
+
+
+def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:
+    """The front end of the configuration's variant."""
+    if isinstance(config, PublishedConfig):
+        return LoopMatcher(config.features, config.matching)
+    from ..kit.klt import KltMatcher
+    from ..kit.settings import KitConfig
+
+    assert isinstance(config, KitConfig)
+    return KltMatcher(camera, config.features, config.matching)
+
+
+def find_matches(sequence: Sequence, config: MethodConfig) -> Iterator[TimedMatches]:
+    """Matches of every frame with the one before, found in the images; those of the first frame are empty."""
+    front_end = make_front_end(sequence.camera, config)
+    # `step` has no thread of its own: like the odometry after it, it holds Python's lock half of the time.
+    clock = Clock()
+    for prepared in stereo_ahead(sequence, front_end.prepare):
+        clock.stage("wait_images")
+        matches = front_end.step(prepared)
+        clock.stage("matching")
+        yield matches, clock.ms
+        clock = Clock()
+
+
+def stereo_ahead(
+    sequence: Sequence, prepare: Callable[[tuple[Image, Image]], Prepared], ahead: int = 4
+) -> Iterator[Prepared]:
+    """The result of `prepare` for each stereo pair, in order; computed in threads, a few frames ahead."""
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        waiting: deque[Future[Prepared]] = deque()
+        for index in range(len(sequence) + ahead):
+            if index < len(sequence):
+                waiting.append(pool.submit(lambda i: prepare(sequence.stereo(i)), index))
+            if index >= ahead:
+                yield waiting.popleft().result()

@@ -1,0 +1,153 @@
+"""Settings declared once: default, unit, range and meaning of every threshold.
+
+A settings class is a frozen dataclass whose fields are made by `setting`. Command-line options, widgets,
+the JSON in a run folder and the reference page are all derived from these declarations.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import typing
+from dataclasses import dataclass
+from typing import Any
+
+from .errors import DataError
+
+SWITCH = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}
+
+
+def setting(
+    default: Any,
+    text: str,
+    *,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """A dataclass field with its unit, closed range (low, high) or choices, and one sentence of meaning."""
+    meta = {"text": text, "unit": unit, "low": low, "high": high, "choices": choices}
+    return dataclasses.field(default=default, metadata=meta)
+
+
+def section(cls: type) -> Any:
+    """A nested settings class as a field, with its own defaults."""
+    return dataclasses.field(default_factory=cls)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One declared setting: `name` is the dotted path such as "selection.sets", `kind` its Python type.
+
+    A setting whose default is None may be None; one whose default is a tuple holds several values.
+    """
+
+    name: str
+    kind: Any
+    default: Any
+    text: str
+    unit: str
+    low: float | None
+    high: float | None
+    choices: tuple[str, ...]
+
+    @property
+    def _item_kind(self) -> Any:
+        """The type of the value, or of each item of a tuple."""
+        return (typing.get_args(self.kind) or (self.kind,))[0]
+
+    def parse(self, raw: str) -> Any:
+        """The value of a command-line word; `DataError` says what was expected."""
+        kind = self._item_kind
+        try:
+            if kind is bool:
+                return SWITCH[raw.lower()]
+            if isinstance(self.default, tuple):
+                return tuple(kind(item) for item in raw.split(",") if item)
+            return None if self.default is None and raw.lower() == "none" else kind(raw)
+        except (KeyError, ValueError):
+            raise DataError(f"{self.name}: {raw!r} is not {self.describe()}") from None
+
+    def check(self, value: Any) -> None:
+        """Raise `DataError` unless the value has the declared type, range and choices."""
+        one = not isinstance(value, tuple)
+        if one == isinstance(self.default, tuple) or not all(map(self._allows, (value,) if one else value)):
+            raise DataError(f"{self.name}: {value!r} is not {self.describe()}")
+
+    def _allows(self, item: Any) -> bool:
+        if item is None:
+            return self.default is None
+        if type(item) is not self._item_kind and (type(item), self._item_kind) != (int, float):
+            return False
+        if self.choices:
+            return item in self.choices
+        # NaN compares false.
+        return (self.low is None or item >= self.low) and (self.high is None or item <= self.high)
+
+    def describe(self) -> str:
+        """The values allowed, in words: "a number from 0 to 5 px"."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        if self._item_kind is bool:
+            return "on or off"
+        noun = {int: "whole number", float: "number"}.get(self._item_kind, "text")
+        text = f"a comma-separated list of {noun}s" if isinstance(self.default, tuple) else f"a {noun}"
+        if self.high is not None:
+            text += f" from {self.low:g} to {self.high:g}"
+        elif self.low is not None:
+            text += f" of {self.low:g} or more"
+        return f"{text} {self.unit}".rstrip()
+
+
+class Checked:
+    """Base of settings classes: every instance is checked against its declarations when made."""
+
+    def __post_init__(self) -> None:
+        for item in declared(type(self)):
+            if "." not in item.name:  # nested settings have checked themselves
+                item.check(getattr(self, item.name))
+
+
+_hints = functools.cache(typing.get_type_hints)  # asked for every widget and option; takes a millisecond
+
+
+def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
+    """All settings of a settings class, depth first, in the order of declaration."""
+    hints, items = _hints(cls), list[Setting]()
+    for field in dataclasses.fields(cls):
+        kind = hints[field.name]
+        if dataclasses.is_dataclass(kind):
+            items += declared(typing.cast(type, kind), f"{prefix}{field.name}.")
+        elif field.metadata:
+            items.append(Setting(prefix + field.name, kind, field.default, **field.metadata))
+    return tuple(items)
+
+
+def replace(config: Any, name: str, value: Any) -> Any:
+    """A copy of nested settings with one changed by its dotted name, checked."""
+    item = next((item for item in declared(type(config)) if item.name == name), None)
+    if item is None:
+        raise DataError(f"{name}: there is no such setting")
+    item.check(value)
+    head, _, rest = name.partition(".")
+    changed = replace(getattr(config, head), rest, value) if rest else value
+    return dataclasses.replace(config, **{head: changed})
+
+
+def to_dict(config: Any) -> dict[str, Any]:
+    """Nested plain dict, ready for JSON."""
+    return dataclasses.asdict(config)
+
+
+def from_dict(cls: Any, data: dict[str, Any]) -> Any:
+    """Settings from a nested dict as `to_dict` gives it; absent fields keep their defaults."""
+    if not isinstance(data, dict):
+        raise DataError(f"expected the settings of {cls.__name__} by name")
+    hints, values = _hints(cls), dict[str, Any]()
+    for name, value in data.items():
+        if name not in hints:
+            raise DataError(f"{name}: there is no such setting")
+        value = from_dict(hints[name], value) if dataclasses.is_dataclass(hints[name]) else value
+        values[name] = tuple(value) if isinstance(value, list) else value
+    return cls(**values)
