@@ -81,6 +81,15 @@ def test_every_candidate_is_an_essential_matrix_through_its_five_points(
     np.testing.assert_allclose(np.linalg.norm(E, axis=(1, 2)), 1.0, atol=1e-14)
 
 
+def test_real_solutions_come_in_pairs_and_there_are_at_most_ten() -> None:
+    """Complex roots of a real polynomial are paired, so the number of real ones among ten is even."""
+    given = problems("general", 5000, noise_px=0.3)
+    count = np.bincount(five_point(given.x_p, given.x_c).set_index, minlength=5000)
+    assert count.max() <= 10
+    assert np.mean(count % 2) <= 1e-3
+    assert 4.0 < count.mean() < 5.0
+
+
 def test_candidates_of_a_set_differ_and_sets_are_sorted() -> None:
     given = problems("general", 2000)
     E, index = five_point(given.x_p, given.x_c)
