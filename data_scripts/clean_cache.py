@@ -1,6 +1,6 @@
-"""Remove the kept matches of other code from the cache.
+"""Remove matches that other versions of the code left in the cache.
 
-Each version of a front end keeps its matches in a folder of its own. Those of the present code stay.
+Each version of a front end has its own folder of matches. The matches of the present version stay.
 
 examples:
   vo data clean_cache

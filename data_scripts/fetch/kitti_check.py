@@ -76,7 +76,7 @@ def check_tree(
 
 
 def _by_number(folder: Path) -> dict[int, str]:
-    """File names of a folder's images by their numbers; empty if there is no folder."""
+    """File names of the images in a folder by image number; empty where the folder is missing."""
     names = sorted(path.name for path in folder.glob("*.png") if re.fullmatch(r"\d+", path.stem))
     return {int(name[:-4]): name for name in names}
 

@@ -15,7 +15,7 @@ from made_entries import straight
 from vo_lib import preset, run
 from vo_lib.commands.cli import main
 from vo_lib.data.catalogue import open_sequence
-from vo_lib.data.poses import read_euroc, read_kitti_poses, write_kitti_poses, write_tum
+from vo_lib.data.poses import format_tum, read_euroc, read_kitti_poses, write_kitti_poses
 from vo_lib.evaluation.ate_rpe import Alignment
 from vo_lib.geometry.motion import quaternion_from_rotation, rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
@@ -88,7 +88,7 @@ def test_errors_are_computed_anew_from_the_poses(
     truth = read_kitti_poses(runs / "bands" / "poses.txt")
     write_kitti_poses(tmp_path / "a" / "poses.txt", scaled(truth, 1.1))
     write_kitti_poses(tmp_path / "orb.txt", TURNED @ scaled(truth, 1.2))
-    write_tum(tmp_path / "timed.txt", np.arange(0.102, 0.6, 0.1), scaled(truth, 1.3)[1:])
+    (tmp_path / "timed.txt").write_text(format_tum(np.arange(0.102, 0.6, 0.1), scaled(truth, 1.3)[1:]))
     found = numbers(capsys, tmp_path / "a", tmp_path / "orb.txt", tmp_path / "timed.txt")
     assert list(found) == ["viso2", "orb", "timed"]
     for (name, each), percent in zip(found.items(), (10, 20, 30), strict=True):
@@ -108,7 +108,7 @@ def test_a_run_whose_sequence_is_gone_takes_the_truth_from_a_file(
     kitti, timed = tmp_path / "truth.txt", tmp_path / "timed.txt"
     truth = read_kitti_poses(runs / "bands" / "poses.txt")
     write_kitti_poses(kitti, truth)
-    write_tum(timed, np.arange(0.0, 0.6, 0.1), truth)
+    timed.write_text(format_tum(np.arange(0.0, 0.6, 0.1), truth))
     for file in (kitti, timed):
         found = numbers(capsys, tmp_path / "a", "--truth", file)["viso2"]
         assert found["ate"]["rmse_m"] == pytest.approx(expected["ate"]["rmse_m"], abs=1e-6)
@@ -143,7 +143,7 @@ def test_unknown_truths_and_other_numbers_of_poses_are_refused(
     assert "a file of poses alone" in refused(capsys, runs / "a", runs / "else", tmp_path / "five.txt")
     assert "has 5 poses, but the truth of bands has 6" in refused(capsys, runs / "a", tmp_path / "five.txt")
     assert "holds no run: expected the folder of one finished run" in refused(capsys, tmp_path)
-    write_tum(tmp_path / "later.txt", np.arange(10.0, 15.0), straight(5))
+    (tmp_path / "later.txt").write_text(format_tum(np.arange(10.0, 15.0), straight(5)))
     assert "fewer than two poses at the times" in refused(capsys, runs / "a", tmp_path / "later.txt")
 
 
@@ -195,7 +195,7 @@ def test_euroc_truth_meets_tum_and_euroc_estimates_at_the_times_all_have(
     found_times, poses = read_euroc(tmp_path / "data.csv")
     np.testing.assert_allclose(found_times, times, atol=1e-6)
     np.testing.assert_allclose(poses, truth, atol=1e-12)
-    write_tum(tmp_path / "tum.txt", times[::2] + 0.002, truth[::2])
+    (tmp_path / "tum.txt").write_text(format_tum(times[::2] + 0.002, truth[::2]))
     write_euroc(tmp_path / "other.csv", times[20:], scaled(truth, 1.1)[20:])
     places = [tmp_path / name for name in ("tum.txt", "other.csv", "data.csv")]
     tum, other = numbers(capsys, *places[:2], "--truth", places[2], "--lengths", "20,50").values()

@@ -123,11 +123,6 @@ def format_tum(times: Array, T: Array) -> str:
     )
 
 
-def write_tum(path: str | Path, times: Array, T: Array) -> None:
-    """Write times and poses in TUM's format; the file appears whole or not at all."""
-    write_atomic(path, format_tum(times, T))
-
-
 def _check_poses(T: Array) -> None:
     if np.ndim(T) != 3 or np.shape(T)[1:] != (4, 4) or not np.isfinite(T).all():
         raise ValueError(f"expected finite poses of shape (N, 4, 4), got shape {np.shape(T)}")

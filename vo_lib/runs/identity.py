@@ -110,6 +110,11 @@ def _remembered(memory: Path) -> dict[str, str]:
 def labels_digest(sequence: Sequence) -> str:
     """Digest of the label files of the sequence's frames; the digest of nothing where there are none."""
     files = [] if sequence.labels is None else [sequence.labels / f"{frame}.txt" for frame in sequence.frames]
+    return _digest_of_data(files)
+
+
+def _digest_of_data(files: list[Path]) -> str:
+    """Digest of the stems and contents of the files that exist."""
     return _digest(b"".join(f"{path.stem} ".encode() + read_bytes(path) for path in files if path.exists()))
 
 
@@ -117,7 +122,7 @@ def truth_digest(sequence: Sequence) -> str:
     """Digest of the drawn truth of what moves, which the box rule `truth` reads, of the sequence's frames."""
     folder = sequence.folder / "truth"
     files = [folder / "objects.npz", *(folder / "instance" / f"{frame}.png" for frame in sequence.frames)]
-    return _digest(b"".join(f"{path.stem} ".encode() + read_bytes(path) for path in files if path.exists()))
+    return _digest_of_data(files)
 
 
 def versions() -> dict[str, str]:
