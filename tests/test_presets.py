@@ -30,6 +30,10 @@ DECISIVE: dict[str, tuple[str, tuple[Any, ...]]] = {
         "section 2.2: nearness to the previous essential vector is what solution selection adds to MESVO_F",
         (None, False, True, True, True),
     ),
+    "selection.winner": (
+        "the abstract: RANSAC, which counts inliers, is the usual method; section 2.2 speaks of an error",
+        (None, "inliers", "error", "error", "error"),
+    ),
     "filter.rule": (
         "section 3: feature selection removes what lies in vehicle boxes; beyond the paper they must move",
         ("none", "none", "none", "all", "moving"),

@@ -103,7 +103,7 @@ def test_the_street_renderer_needs_little_of_the_library() -> None:
 
 def test_the_paper_is_read_at_one_sitting() -> None:
     files = (ROOT / "vo_lib" / "paper").glob("*.py")
-    assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files) <= 1600
+    assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files) <= 1700
 
 
 def test_no_public_name_stands_in_two_rooms_and_no_module_has_a_rooms_name() -> None:

@@ -16,30 +16,32 @@ AnyConfig = TypeVar("AnyConfig", bound=MethodConfig)
 
 # StereoScan keeps two features a bucket.
 VISO2_BUCKETS = BucketConfig(features=2)
+# RANSAC takes the candidate with the most inliers and knows no prior.
+RANSAC: dict[str, Any] = {"prior": False, "winner": "inliers"}
 
 
-def _published(prior: bool, rule: str) -> PublishedConfig:
-    return PublishedConfig(selection=SelectionConfig(prior=prior), filter=FilterConfig(rule=rule))
+def _published(rule: str, **selection: Any) -> PublishedConfig:
+    return PublishedConfig(selection=SelectionConfig(**selection), filter=FilterConfig(rule=rule))
 
 
-def _kit(prior: bool, rule: str) -> KitConfig:
-    return KitConfig(selection=KitSelectionConfig(prior=prior), filter=KitFilterConfig(rule=rule))
+def _kit(rule: str, **selection: Any) -> KitConfig:
+    return KitConfig(selection=KitSelectionConfig(**selection), filter=KitFilterConfig(rule=rule))
 
 
 PUBLISHED: dict[str, PublishedConfig] = {
     "viso2": PublishedConfig(
         estimator="reprojection", buckets=VISO2_BUCKETS, filter=FilterConfig(rule="none")
     ),
-    "mesvo_f": _published(prior=False, rule="none"),
-    "solution_selection": _published(prior=True, rule="none"),
-    "feature_selection": _published(prior=True, rule="all"),
+    "mesvo_f": _published("none", **RANSAC),
+    "solution_selection": _published("none"),
+    "feature_selection": _published("all"),
 }
 KIT: dict[str, KitConfig] = {
     "viso2": KitConfig(estimator="reprojection", buckets=VISO2_BUCKETS, filter=KitFilterConfig(rule="none")),
-    "mesvo_f": _kit(prior=False, rule="none"),
-    "solution_selection": _kit(prior=True, rule="none"),
-    "feature_selection": _kit(prior=True, rule="all"),
-    "moving_selection": _kit(prior=True, rule="moving"),
+    "mesvo_f": _kit("none", **RANSAC),
+    "solution_selection": _kit("none"),
+    "feature_selection": _kit("all"),
+    "moving_selection": _kit("moving"),
 }
 VARIANTS: dict[str, Mapping[str, MethodConfig]] = {"published": PUBLISHED, "kit": KIT}
 CONFIG_CLASSES: dict[str, type[MethodConfig]] = {"published": PublishedConfig, "kit": KitConfig}

@@ -12,7 +12,7 @@ import numpy as np
 from ..geometry.motion import DEVIATION_OVER_MEDIAN, essential_from_motion
 from ..geometry.types import Array, BoolArray, Index
 from ..paper.sampson import MatchTerms, candidate_terms, match_terms, squared_distances
-from ..paper.selection import nearest_to_prior, resolve_by_depth, truncated_errors
+from ..paper.selection import MEASURES, nearest_to_prior, resolve_by_depth
 from .refinement import refine
 from .settings import KitSelectionConfig
 
@@ -63,7 +63,7 @@ def choose(
     kept = np.ones(len(E), np.bool_)
     if config.prior and e_prev is not None:
         kept = nearest_to_prior(E, set_index, e_prev, config.keep)
-    errors = truncated_errors(E, x_p, x_c, config.threshold / focal)
+    errors = MEASURES[config.winner](E, x_p, x_c, config.threshold / focal)
     winner = int(np.argmin(errors))
     choice = int(np.argmin(np.where(kept, errors, np.inf)))
     dropped = bool(errors[choice] > config.prior_rejection_ratio * errors[winner])

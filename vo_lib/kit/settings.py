@@ -12,7 +12,7 @@ from ..paper.settings import (
     MethodConfig,
     SelectionConfig,
     StereoLimits,
-    TranslationConfig,
+    TranslationLimits,
 )
 from ..settings import Checked, section, setting
 
@@ -83,6 +83,9 @@ class KitFilterConfig(FilterConfig):
 class KitSelectionConfig(SelectionConfig):
     """Refinement of the winner, standing still, and when the prior is dropped (chapter 3)."""
 
+    threshold: float = setting(
+        1.0, "a match is an inlier below this Sampson distance", unit="px", low=0.05, high=10
+    )
     mode: str = setting(
         "refined", "take the winner as it is, or refine it on its inliers", choices=("literal", "refined")
     )
@@ -98,7 +101,7 @@ class KitSelectionConfig(SelectionConfig):
 
 
 @dataclass(frozen=True)
-class KitTranslationConfig(TranslationConfig):
+class KitTranslationConfig(TranslationLimits):
     """The translation with weights, robust (chapter 4)."""
 
     scale: float = setting(

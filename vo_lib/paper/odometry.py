@@ -16,15 +16,9 @@ from ..geometry.types import Array, BoolArray, Index
 from .boxes import on_vehicles
 from .buckets import select_by_bucket
 from .five_point import five_point
-from .selection import (
-    draw_sets,
-    nearest_to_prior,
-    resolve_by_depth,
-    sampson_inliers,
-    truncated_errors,
-)
-from .settings import MethodConfig
-from .translation import solve_translation
+from .selection import MEASURES, draw_sets, nearest_to_prior, resolve_by_depth, sampson_inliers
+from .settings import MethodConfig, TranslationConfig
+from .translation import PairBefore, solve_translation
 
 
 class Rotation(NamedTuple):
@@ -54,6 +48,7 @@ class Odometry:
         self._boxes = no_boxes()
         self._frame = 0
         self._last = np.eye(4)
+        self._before: PairBefore | None = None
 
     def start(self, boxes: Boxes) -> None:
         """The first frame: nothing but its boxes is needed."""
@@ -73,6 +68,8 @@ class Odometry:
         else:
             motion = self.motion(chosen) or FrameResult(self._last, flags=(Flag.NO_MOTION,))
         self._last = motion.T_cp
+        # Only a motion of the frame's own is known well enough to place features of the pair before.
+        self._before = None if motion.flags else PairBefore(static, motion.T_cp)
         removed = len(matches) - len(static)
         return replace(motion, matches=len(matches), removed=removed, used=len(chosen), ms=self.clock.ms)
 
@@ -107,8 +104,8 @@ class Odometry:
         return draw_sets(self.random(), len(x_p), self.config.selection.sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
-        """Step 4 (section 2.2): the candidate of smallest error among those near the previous frame's."""
-        errors = truncated_errors(E, x_p, x_c, self.threshold)
+        """Step 4 (section 2.2): the best of the candidates that are near the previous frame's E."""
+        errors = MEASURES[self.config.selection.winner](E, x_p, x_c, self.threshold)
         if self.config.selection.prior and self.e_prev is not None:
             near = nearest_to_prior(E, set_index, self.e_prev, self.config.selection.keep)
             errors = np.where(near, errors, np.inf)
@@ -124,8 +121,10 @@ class Odometry:
 
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
         """Step 6 (equations 2 and 3): t_cp (3,), metres, from the winner's inliers; None where few agree."""
-        chosen = matches[rotation.inliers]
-        solved = solve_translation(self.camera, chosen, rotation.R_cp, self.config.translation)
+        config = self.config.translation
+        assert isinstance(config, TranslationConfig)
+        before = self._before if config.pairs == 3 else None
+        solved = solve_translation(self.camera, matches[rotation.inliers], rotation.R_cp, config, before)
         enough = solved is not None and np.count_nonzero(solved[1]) >= self.config.min_matches
         return solved[0] if solved is not None and enough else None
 

@@ -1,8 +1,8 @@
 """Chapter 3: one essential matrix out of many, and its rotation (paper, section 2.2).
 
 Of the candidates of each five-point set the k nearest to the previous frame's essential vector are kept; the
-one with the smallest error wins. Two things are our reading: the error is taken over all matches, and one
-previous vector stands where the text speaks of two frames. Without the prior this is consensus.
+one with the smallest error wins. That the error is taken over all matches is our reading. Without the prior,
+and with the number of inliers in place of the error, this is RANSAC: MESVO_F by our reading.
 """
 
 from __future__ import annotations
@@ -35,6 +35,19 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
     d2 = squared_distances(candidate_terms(E, np.float32), match_terms(x_p, x_c, np.float32))
     np.minimum(d2, d2.dtype.type(threshold**2), out=d2)
     return np.asarray(d2.mean(axis=1, dtype=np.float64) / threshold**2)
+
+
+def outlier_shares(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
+    """Share of the matches beyond the threshold of each candidate, (M,); parameters as in `truncated_errors`.
+
+    The smallest share belongs to the candidate with the most inliers, which RANSAC takes.
+    """
+    d2 = squared_distances(candidate_terms(E, np.float32), match_terms(x_p, x_c, np.float32))
+    return np.asarray((d2 >= d2.dtype.type(threshold**2)).mean(axis=1))
+
+
+# The measure of a candidate for each value of `selection.winner`.
+MEASURES = {"error": truncated_errors, "inliers": outlier_shares}
 
 
 def sampson_inliers(E: Array, x_p: Array, x_c: Array, threshold: float) -> BoolArray:

@@ -1,7 +1,8 @@
 """Thresholds of the systems of Table 1, each declared once: default, unit, range and one sentence.
 
 The paper gives two of these numbers: buckets of 50×50 px, two solutions kept of a set. The rest is ours.
-The bases `ImageBorder`, `StereoLimits` and `MethodConfig` hold the settings that both variants share.
+The bases `ImageBorder`, `StereoLimits`, `TranslationLimits` and `MethodConfig` hold the settings that both
+variants share.
 """
 
 from __future__ import annotations
@@ -88,12 +89,17 @@ class SelectionConfig(Checked):
     """The rotation: five-point sets and solution selection (chapters 2 and 3)."""
 
     sets: int = setting(200, "five-point sets drawn in a frame (n of the paper)", low=1, high=5000)
-    prior: bool = setting(True, "choose by nearness to the previous essential vector; off: consensus alone")
+    winner: str = setting(
+        "error",
+        "measure of a candidate: truncated Sampson error, or number of inliers as in RANSAC",
+        choices=("error", "inliers"),
+    )
+    prior: bool = setting(True, "only solutions near the previous essential vector compete; off: all of them")
     keep: int = setting(
         2, "solutions of a set kept by nearness to the previous one (k of the paper)", low=1, high=10
     )
     threshold: float = setting(
-        1.0, "a match is an inlier below this Sampson distance", unit="px", low=0.05, high=10
+        0.5, "a match is an inlier below this Sampson distance", unit="px", low=0.05, high=10
     )
     standstill_flow: float = setting(
         0.5, "below this median flow the camera stands still: no essential matrix", unit="px", low=0, high=5
@@ -101,12 +107,24 @@ class SelectionConfig(Checked):
 
 
 @dataclass(frozen=True)
-class TranslationConfig(Checked):
-    """The translation by the pseudo-inverse, equations (2) and (3) (chapter 4)."""
+class TranslationLimits(Checked):
+    """Features that the translation uses (chapter 4)."""
 
     max_depth: float = setting(100.0, "features farther away are not used", unit="m", low=5, high=1000)
     agreement: float = setting(
         1.0, "a feature agrees with the motion where its eight rows leave less", unit="px", low=0.1, high=50
+    )
+
+
+@dataclass(frozen=True)
+class TranslationConfig(TranslationLimits):
+    """The translation by the pseudo-inverse, equations (2) and (3) (chapter 4)."""
+
+    pairs: int = setting(
+        3,
+        "stereo pairs whose rows a feature has: the two of (3), or three where the feature was seen",
+        low=2,
+        high=3,
     )
 
 
@@ -146,7 +164,7 @@ class MethodConfig(Checked):
     buckets: BucketConfig = section(BucketConfig)
     filter: FilterConfig = section(FilterConfig)
     selection: SelectionConfig = section(SelectionConfig)
-    translation: TranslationConfig = section(TranslationConfig)
+    translation: TranslationLimits = section(TranslationLimits)
     estimator: str = setting(
         "essential",
         "rotation from the essential matrix, then the translation; or both from the reprojection error",
@@ -163,3 +181,4 @@ class PublishedConfig(MethodConfig):
 
     features: FeatureConfig = section(FeatureConfig)
     matching: MatchingConfig = section(MatchingConfig)
+    translation: TranslationConfig = section(TranslationConfig)

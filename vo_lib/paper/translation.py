@@ -5,18 +5,39 @@ With R known, a feature seen at x = (u - cx) / f, y = (v - cy) / f gives two row
 P = Q in the previous pair and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). The paper has
 Q in the current frame, and calls the projection matrix P. Divided by the feature's depth a row is in pixels
 over f, as (2) projects with its factor α; in metres far features weigh most, and steps come out too long.
+
+Section 2 asks for the constraints of three consecutive frames. A feature that the pair before saw too has
+four more rows: there P = R' Q + t', where (R', t') undoes the last motion. These rows hold Q alone.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
+from ..geometry.motion import inverse
 from ..geometry.types import Array, BoolArray
 from .settings import TranslationConfig
 
 SOLVING_ROUNDS = 2
+
+
+class PairBefore(NamedTuple):
+    """The matches that ended in the previous frame, and the motion T_cp (4, 4) that they gave, metres."""
+
+    matches: StereoMatches
+    T_cp: Array
+
+
+def view_rows(camera: StereoCamera, uv: Array) -> Array:
+    """The rows x e3 - e1 and y e3 - e2 of pixels (N, 2) in one image, (N, 2, 3)."""
+    rows = np.zeros((len(uv), 2, 3))
+    rows[:, :, 2] = camera.normalise(uv)
+    rows[:, 0, 0] = rows[:, 1, 1] = -1.0
+    return rows
 
 
 def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> tuple[Array, Array, Array]:
@@ -28,12 +49,9 @@ def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> t
     current right. Q in the previous left frame and t_cp, metres.
     """
     n = len(matches)
-    A = np.zeros((n, 4, 2, 3))
-    c = np.zeros((n, 4, 2))
     views = (matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right)
-    for view, uv in enumerate(views):
-        A[:, view, :, 2] = camera.normalise(uv)
-        A[:, view, 0, 0] = A[:, view, 1, 1] = -1.0
+    A = np.stack([view_rows(camera, uv) for uv in views], axis=1)
+    c = np.zeros((n, 4, 2))
     c[:, 1::2, 0] = -camera.baseline
     B = np.zeros_like(A)
     B[:, 2:] = A[:, 2:]
@@ -41,18 +59,41 @@ def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> t
     return A.reshape(n, 8, 3), B.reshape(n, 8, 3), c.reshape(n, 8)
 
 
+def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefore) -> tuple[Array, Array]:
+    """The rows A Q = c of the frame before the previous one, for N features of the present pair.
+
+    Returns
+    -------
+    A (N, 4, 3), c (N, 4). Rows: x and y in the left, then in the right image; zeros for a feature
+    that was not seen there.
+    """
+    n = len(matches)
+    A, c = np.zeros((n, 2, 2, 3)), np.zeros((n, 2, 2))
+    _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
+    seen, T = before.matches[there], inverse(before.T_cp)
+    for view, uv in enumerate((seen.prev_left, seen.prev_right)):
+        rows = view_rows(camera, uv)
+        A[here, view], c[here, view] = rows @ T[:3, :3], -rows @ T[:3, 3]
+    c[here, 1, 0] -= camera.baseline
+    return A.reshape(n, 4, 3), c.reshape(n, 4)
+
+
 def eliminate_points(A: Array, B: Array, c: Array) -> tuple[Array, Array]:
     """The rows M t = d that are left of every feature when I - A A⁺ takes out its point Q.
 
-    A, B (N, 8, 3) and c (N, 8) as `feature_rows` gives them; M (N, 8, 3), d (N, 8).
+    A, B (N, K, 3) and c (N, K), K rows a feature, as `feature_rows` gives them; M (N, K, 3), d (N, K).
     """
     A_plus = np.linalg.solve(A.swapaxes(1, 2) @ A, A.swapaxes(1, 2))
-    projector = np.eye(8) - A @ A_plus
+    projector = np.eye(A.shape[1]) - A @ A_plus
     return projector @ B, (projector @ c[..., None])[..., 0]
 
 
 def solve_translation(
-    camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: TranslationConfig
+    camera: StereoCamera,
+    matches: StereoMatches,
+    R_cp: Array,
+    config: TranslationConfig,
+    before: PairBefore | None = None,
 ) -> tuple[Array, BoolArray] | None:
     """One translation for all features: equation (3) stacked and solved by the pseudo-inverse.
 
@@ -62,6 +103,7 @@ def solve_translation(
     Parameters
     ----------
     matches : N features; R_cp : (3, 3) rotation, previous to current.
+    before : the pair before, for the constraints of three frames; None: two frames.
 
     Returns
     -------
@@ -71,14 +113,23 @@ def solve_translation(
     near = np.flatnonzero(depth <= config.max_depth)  # no depth is NaN, which compares false
     if len(near) == 0:
         return None
-    M, d = eliminate_points(*feature_rows(camera, matches[near], R_cp))
+    A, B, c = feature_rows(camera, matches[near], R_cp)
+    limit = config.agreement
+    if before is not None:
+        A_before, c_before = earlier_rows(camera, matches[near], before)
+        A, c = np.concatenate([A, A_before], axis=1), np.concatenate([c, c_before], axis=1)
+        B = np.concatenate([B, np.zeros_like(A_before)], axis=1)
+        # A point takes three of a feature's rows: noise leaves 5 σ² of eight rows and 9 σ² of twelve.
+        seen = A_before.any(axis=(1, 2)).mean()
+        limit *= float(np.sqrt(1.0 + 4.0 / 5.0 * seen))
+    M, d = eliminate_points(A, B, c)
     M, d = M / depth[near, None, None], d / depth[near, None]
     H, g = M.swapaxes(1, 2) @ M, (M.swapaxes(1, 2) @ d[..., None])[..., 0]  # normal equations of each feature
     try:
         t = np.median(np.linalg.solve(H, g[..., None])[..., 0], axis=0)
         for _ in range(SOLVING_ROUNDS):
             residual = camera.f * np.linalg.norm(d - M @ t, axis=1)
-            fits = residual < config.agreement
+            fits = residual < limit
             t = np.linalg.solve(H[fits].sum(axis=0), g[fits].sum(axis=0))
     except np.linalg.LinAlgError:
         return None
