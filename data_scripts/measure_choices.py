@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 from unittest.mock import patch
 
@@ -48,10 +49,16 @@ def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any) -> Any:
     return t, np.isin(np.arange(len(matches)), near[fits])
 
 
-def from_current(before: Any, pair: Any, whole: Any, config: Any) -> Any:
+def from_current(before: Any, pair: Any, matches: Any, config: Any) -> Any:
     """Sub-pixel places with the feature on its whole pixel in the current left image."""
-    places, ok = finish(pair, before, np.roll([*whole], 2, axis=0), config)
-    return (*places[2:], *places[:2]), ok
+    return backwards(finish(pair, before, backwards(matches), config))
+
+
+def backwards(m: Any) -> Any:
+    """Matches with the current pair as the previous one."""
+    return replace(
+        m, prev_left=m.cur_left, prev_right=m.cur_right, cur_left=m.prev_left, cur_right=m.prev_right
+    )
 
 
 # Question, a setting or a function by its full name, and other answers.

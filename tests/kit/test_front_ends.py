@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from box_scenes import CAMERA, match_points
@@ -16,7 +15,6 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import rotation_from_vector
 from vo_lib.kit.klt import next_motion
-from vo_lib.paper.features import best_matches, describe
 from vo_lib.paper.matching import LoopMatcher
 from vo_lib.paper.settings import FeatureConfig, MatchingConfig
 from vo_lib.runs.front_end import FrontEnd, make_front_end
@@ -36,21 +34,6 @@ def follow(folder: Path, kind: str) -> list[StereoMatches]:
     sequence = open_sequence(folder)
     front_end = opened(sequence, kind)
     return [front_end.step(front_end.prepare(sequence.stereo(i))) for i in range(len(sequence))]
-
-
-@pytest.mark.parametrize("radius", [(8, 8), (30, 2), (2, 30), (200, 200)])
-def test_the_best_match_is_the_least_different_of_all_near_ones(radius: tuple[float, float]) -> None:
-    image = np.random.default_rng(1).integers(0, 255, (80, 120), np.uint8)
-    # Twice the same side by side, blurred: some descriptors occur twice.
-    image = np.tile(np.asarray(cv2.GaussianBlur(image, (5, 5), 1), np.uint8), (1, 2))
-    a, b = describe(image, FEATURES), describe(image[:, ::-1].copy(), FEATURES)
-    guess = a.uv + 0.4
-    guess[::7] = np.nan
-    difference = np.abs(a.descriptor[:, None] - b.descriptor).sum(axis=2)
-    near = (np.abs(guess[:, None] - b.uv) <= radius).all(axis=2) & (a.kind[:, None] == b.kind)
-    expected = np.where(near.any(axis=1), np.argmin(np.where(near, difference, np.inf), axis=1), -1)
-    assert np.count_nonzero(expected >= 0) > 20
-    np.testing.assert_array_equal(best_matches(a, b, guess, radius), expected)
 
 
 @pytest.mark.parametrize("kind", FRONT_ENDS)

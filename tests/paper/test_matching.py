@@ -1,13 +1,15 @@
-"""The paper's loop matching: how far the finish may go, how near a thing may be."""
+"""The paper's loop matching: the feature most alike, how far the finish may go, how near a thing may be."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from conftest import texture
 
-from vo_lib.geometry.types import Image
-from vo_lib.paper.matching import describe_pair, track
+from vo_lib.geometry.types import BoolArray, Image, Index
+from vo_lib.paper.features import Described, best_matches, describe, stereo_matches
+from vo_lib.paper.matching import close_loop, describe_pair, track
 from vo_lib.paper.settings import FeatureConfig, MatchingConfig
 
 FEATURES = FeatureConfig(blob_cell=9, blob_quality=30)
@@ -18,6 +20,65 @@ WALL = texture(np.random.default_rng(1), 160, 320 + 2 * MARGIN, 2.0)
 def seen(left_edge: int) -> Image:
     """The wall from `left_edge` on."""
     return np.ascontiguousarray(WALL[:, left_edge : left_edge + 320])
+
+
+def two_images() -> tuple[Image, Image]:
+    """An image, blurred noise twice side by side, and its mirror image: some descriptors occur twice."""
+    image = np.random.default_rng(1).integers(0, 255, (80, 120), np.uint8)
+    image = np.tile(np.asarray(cv2.GaussianBlur(image, (5, 5), 1), np.uint8), (1, 2))
+    return image, image[:, ::-1].copy()
+
+
+def most_alike(a: Described, b: Described, near: BoolArray) -> Index:
+    """For each of N features the first of the least different among M near ones of its kind; near (N, M)."""
+    near = near & (a.kind[:, None] == b.kind)
+    difference = np.abs(a.descriptor[:, None] - b.descriptor).sum(axis=2)
+    match = np.where(near.any(axis=1), np.argmin(np.where(near, difference, np.inf), axis=1), -1)
+    assert np.count_nonzero(match >= 0) > 20
+    return match
+
+
+@pytest.mark.parametrize("radius", [8, 30, 200])
+def test_the_best_match_is_the_least_different_of_all_near_ones(
+    radius: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vo_lib.paper.features.BATCH_FEATURES", 4)
+    a, b = (describe(image, FEATURES) for image in two_images())
+    near = np.all(np.abs(a.uv[:, None] - b.uv) <= radius, axis=2)
+    np.testing.assert_array_equal(best_matches(a, b, radius), most_alike(a, b, near))
+
+
+@pytest.mark.parametrize("largest", [16, 37, 240])
+def test_a_stereo_match_is_the_least_different_of_its_rows_both_ways(largest: int) -> None:
+    a, b = (describe(image, FEATURES) for image in two_images())
+    disparity, row = np.moveaxis(a.uv[:, None] - b.uv, 2, 0)
+    near = (disparity >= 0) & (disparity <= largest) & (np.abs(row) <= 2)
+    to_right, to_left = stereo_matches(a, b, largest)
+    np.testing.assert_array_equal(to_right, most_alike(a, b, near))
+    np.testing.assert_array_equal(to_left, most_alike(b, a, near.T))
+
+
+def test_a_loop_closes_where_four_best_matches_lead_back() -> None:
+    settings = MatchingConfig(max_disparity=32)
+    images = [(seen(u), seen(u + 10)) for u in (MARGIN, MARGIN + 7)]
+    for _, right in images:  # a step of one row: the features of left and right come in different orders
+        right[:, :160] = np.roll(right[:, :160], 1, axis=0)
+    before, pair = (describe_pair(each, FEATURES, settings) for each in images)
+    place = np.arange(len(before.to_right))
+    ways = (
+        before.to_right,
+        best_matches(before.in_right, pair.in_right, 20),
+        pair.to_left,
+        best_matches(pair.in_left, before.in_left, 20),
+    )
+    steps = [place]
+    for way in ways:
+        steps.append(np.where(steps[-1] >= 0, way[steps[-1]], -1))
+    closed = steps[-1] == place
+    assert 20 < np.count_nonzero(closed) < np.count_nonzero(steps[-1] >= 0)
+    prev_left, prev_right, cur_right, cur_left, _ = (step[closed] for step in steps)
+    loop = close_loop(before, pair, 20)
+    np.testing.assert_array_equal(loop, [prev_left, prev_right, cur_left, cur_right])
 
 
 @pytest.mark.parametrize(("apart", "within"), [(1.5, True), (3.0, False)])

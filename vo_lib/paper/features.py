@@ -30,9 +30,8 @@ DESCRIPTOR_OFFSETS = np.array(
     np.intp,
 )
 DESCRIPTOR_RADIUS_PX = 6  # pixels that a descriptor reaches: 5, and one more of the Sobel mask
-BATCH_FEATURES = (
-    128  # features compared at once, of neighbouring rows: most others are too far for all of them
-)
+BATCH_FEATURES = 128  # features compared at once, of neighbouring columns: most others are too far for all
+MAX_ROW_DIFFERENCE_PX = 2  # pixels by which whole-pixel rows of a stereo pair may differ
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,31 +78,58 @@ def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, A
     return np.stack([column, row], axis=1).astype(np.float64), response[row, column].astype(np.float64)
 
 
-def best_matches(query: Described, train: Described, guess: Array, radius: tuple[float, float]) -> Index:
-    """For each query feature the train feature of its kind that looks most alike near a guess.
+def stereo_matches(left: Described, right: Described, max_disparity: int) -> tuple[Index, Index]:
+    """For each left feature the right one of its kind that looks most alike, and the other way round.
+
+    Two features are compared if their rows differ by `MAX_ROW_DIFFERENCE_PX` at most and their disparity
+    is 0 … max_disparity, pixels. These pairs are few: all are compared at once.
+
+    Returns
+    -------
+    (N,) index into `right` and (M,) index into `left`; -1 where a feature has no pair.
+    """
+    # `describe` sorts features by kind and row. With both in one number, near rows of a kind are one range.
+    places, others = ((side.kind << 32) + side.uv[:, 1].astype(np.intp) for side in (left, right))
+    first = np.searchsorted(others, places - MAX_ROW_DIFFERENCE_PX)
+    last = np.searchsorted(others, places + MAX_ROW_DIFFERENCE_PX, side="right")
+    count = last - first
+    i = np.repeat(np.arange(len(count)), count)
+    j = np.arange(len(i)) + np.repeat(last - np.cumsum(count), count)  # first[i] … last[i] - 1
+    disparity = left.uv[i, 0] - right.uv[j, 0]
+    possible = (disparity >= 0) & (disparity <= max_disparity)
+    i, j = i[possible], j[possible]
+    difference = np.abs(left.descriptor[i] - right.descriptor[j]).sum(axis=1)
+    # The last pair written for a feature stays: the most alike; of equals the first in the features' order.
+    order = np.argsort(difference, kind="stable")[::-1]
+    to_right, to_left = (np.full(len(side.kind), -1, np.intp) for side in (left, right))
+    to_right[i[order]], to_left[j[order]] = j[order], i[order]
+    return to_right, to_left
+
+
+def best_matches(query: Described, train: Described, radius: int) -> Index:
+    """For each query feature the train feature of its kind that looks most alike near the same place.
 
     Parameters
     ----------
-    guess : (N, 2) where to look, pixels; NaN: nowhere. radius : largest distance along u and v, pixels.
+    radius : largest distance along u and along v, pixels.
 
     Returns
     -------
     (N,) index into `train`; -1 where no feature is near.
     """
     match = np.full(len(query.kind), -1, np.intp)
-    # Sorted along the axis of the smaller radius, what is near stands side by side.
-    axis = int(radius[1] < radius[0])
-    places, others = (uv.T.astype(np.float32) for uv in (guess, train.uv))
-    orders = [np.argsort(side[axis], kind="stable") for side in (places, others)]
+    # An image is wider than high: sorted by columns, most features of a batch have the same neighbours.
+    places, others = (side.uv.T.astype(np.int16) for side in (query, train))
+    orders = [np.argsort(side[0], kind="stable") for side in (places, others)]
     for kind in range(4):
         queries, trains = (o[side.kind[o] == kind] for o, side in zip(orders, (query, train), strict=True))
         for i in (queries[n : n + BATCH_FEATURES] for n in range(0, len(queries), BATCH_FEATURES)):
-            ends = places[axis, i[0]] - radius[axis] - 1, places[axis, i[-1]] + radius[axis] + 1
+            ends = places[0, i[0]] - radius, places[0, i[-1]] + radius + 1
             # Of equals the first is taken, in the order of the features.
-            j = np.sort(trains[slice(*np.searchsorted(others[axis, trains], ends))])
+            j = np.sort(trains[slice(*np.searchsorted(others[0, trains], ends))])
             if len(j) == 0:
                 continue
-            u, v = (np.abs(np.subtract.outer(places[k, i], others[k, j])) <= radius[k] for k in (0, 1))
+            u, v = (np.abs(np.subtract.outer(places[k, i], others[k, j])) <= radius for k in (0, 1))
             mask = (u & v).view(np.uint8)
             _, best = cv2.batchDistance(
                 query.descriptor[i], train.descriptor[j], -1, normType=cv2.NORM_L1, K=1, mask=mask

@@ -8,21 +8,17 @@ gives whole pixels; Lucas-Kanade then moves each place by a fraction of one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from ..geometry.matches import StereoMatches, empty_matches
 from ..geometry.types import Array, BoolArray, Image, Index, IntArray
-from .features import Described, best_matches, describe
+from .features import Described, best_matches, describe, stereo_matches
 from .settings import FeatureConfig, MatchingConfig, StereoLimits
 
 MAX_FINISH_MOVE_PX = 2.0  # pixels that the sub-pixel finish may move a place
-# (N, 2) pixels in the previous left and right, and in the current left and right image.
-FourPlaces = tuple[Array, Array, Array, Array]
-MAX_ROW_DIFFERENCE_PX = 2  # pixels by which whole-pixel rows of a stereo pair may differ
 
 
 @dataclass(frozen=True)
@@ -48,11 +44,7 @@ def describe_pair(
 ) -> DescribedPair:
     """Features of a left and a right image, and for each the one most alike in the other image."""
     left, right = (describe(image, features) for image in pair)
-    # The right image shows a feature further left, by its disparity of 0 … max_disparity.
-    half = np.array([matching.max_disparity / 2, 0.0])
-    to_right = best_matches(left, right, left.uv - half, (half[0], MAX_ROW_DIFFERENCE_PX))
-    to_left = best_matches(right, left, right.uv + half, (half[0], MAX_ROW_DIFFERENCE_PX))
-    return DescribedPair(*pair, left, right, to_right, to_left)
+    return DescribedPair(*pair, left, right, *stereo_matches(left, right, matching.max_disparity))
 
 
 class LoopMatcher:
@@ -80,15 +72,19 @@ class LoopMatcher:
         age, identity = np.ones(number, np.int64), np.full(number, -1, np.int64)
         matches = empty_matches()
         if before is not None:
-            loop = close_loop(before, pair, self.config.search_radius)
-            prev_left, _, cur_left, _ = loop
+            prev_left, prev_right, cur_left, cur_right = close_loop(before, pair, self.config.search_radius)
             age[cur_left] = self._age[prev_left] + 1
             identity[cur_left] = self._id[prev_left]
-            images = before.in_left, before.in_right, pair.in_left, pair.in_right
-            whole = (described.uv[index] for described, index in zip(images, loop, strict=True))
-            places, ok = finish(before, pair, whole, self.config)
-            history = self._age[prev_left], before.in_left.strength[prev_left], self._id[prev_left]
-            matches = StereoMatches(*places, *history)[ok]
+            whole = StereoMatches(
+                before.in_left.uv[prev_left],
+                before.in_right.uv[prev_right],
+                pair.in_left.uv[cur_left],
+                pair.in_right.uv[cur_right],
+                self._age[prev_left],
+                before.in_left.strength[prev_left],
+                self._id[prev_left],
+            )
+            matches = finish(before, pair, whole, self.config)
         new = identity < 0
         identity[new] = self._next_id + np.arange(np.count_nonzero(new))
         self._next_id += int(np.count_nonzero(new))
@@ -96,58 +92,44 @@ class LoopMatcher:
         return matches
 
 
-def close_loop(before: DescribedPair, pair: DescribedPair, radius: float) -> tuple[Index, ...]:
+def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple[Index, ...]:
     """Features whose loop through the four images ends where it began.
 
     Returns
     -------
     Their indices (N,) in the previous left and right, and in the current left and right image.
     """
-    reach = (radius, radius)
-    prev_left = np.flatnonzero(before.to_right >= 0)
-    prev_right = before.to_right[prev_left]
-    described = before.in_right[prev_right]
-    cur_right = best_matches(described, pair.in_right, described.uv, reach)
-    prev_left, prev_right, cur_right = (each[cur_right >= 0] for each in (prev_left, prev_right, cur_right))
+    # Left features with the same right feature share the rest of the loop: each right one is matched once.
+    prev_right = np.unique(before.to_right[before.to_right >= 0])
+    cur_right = best_matches(before.in_right[prev_right], pair.in_right, radius)
+    prev_right, cur_right = (each[cur_right >= 0] for each in (prev_right, cur_right))
     cur_left = pair.to_left[cur_right]
-    prev_left, prev_right, cur_right, cur_left = (
-        each[cur_left >= 0] for each in (prev_left, prev_right, cur_right, cur_left)
-    )
-    described = pair.in_left[cur_left]
-    closed = best_matches(described, before.in_left, described.uv, reach) == prev_left
+    prev_right, cur_right, cur_left = (each[cur_left >= 0] for each in (prev_right, cur_right, cur_left))
+    distinct, which = np.unique(cur_left, return_inverse=True)
+    prev_left = best_matches(pair.in_left[distinct], before.in_left, radius)[which]
+    closed = np.flatnonzero((prev_left >= 0) & (before.to_right[prev_left] == prev_right))
+    closed = closed[np.argsort(prev_left[closed])]
     return prev_left[closed], prev_right[closed], cur_left[closed], cur_right[closed]
 
 
 def finish(
-    before: DescribedPair, pair: DescribedPair, whole: Iterable[Array], config: MatchingConfig
-) -> tuple[FourPlaces, BoolArray]:
-    """Sub-pixel places of matches that are known to whole pixels.
+    before: DescribedPair, pair: DescribedPair, matches: StereoMatches, config: MatchingConfig
+) -> StereoMatches:
+    """The good ones of matches in whole pixels, with sub-pixel places.
 
     A feature stays where the previous left image has it. Lucas-Kanade finds it from there in the previous
     right and in the current left image, and from each of these in the current right one: there the two ways
-    round the loop must meet.
-
-    Parameters
-    ----------
-    whole : (N, 2) pixels in the previous left and right, and in the current left and right image.
-
-    Returns
-    -------
-    Places in the same order, and which of them are good, (N,).
+    round the loop must meet. A match that fails is not followed further.
     """
-    side, (prev_left, prev_right, cur_left, cur_right) = config.finish_window, whole
-    prev_right, ok, _ = track(before.left, before.right, prev_left, prev_right, side)
-    cur_left, ok_left, _ = track(before.left, pair.left, prev_left, cur_left, side)
-    by_time, ok_right, _ = track(before.right, pair.right, prev_right, cur_right, side)
-    cur_right, ok_stereo, _ = track(pair.left, pair.right, cur_left, cur_right, side)
-    ok &= (
-        ok_left
-        & ok_right
-        & ok_stereo
-        & (np.linalg.norm(cur_right - by_time, axis=1) <= config.loop_tolerance)
-    )
-    ok &= is_stereo(prev_left, prev_right, config) & is_stereo(cur_left, cur_right, config)
-    return (prev_left, prev_right, cur_left, cur_right), ok
+    side = config.finish_window
+    prev_right, ok, _ = track(before.left, before.right, matches.prev_left, matches.prev_right, side)
+    matches = replace(matches, prev_right=prev_right)[ok & is_stereo(matches.prev_left, prev_right, config)]
+    cur_left, ok, _ = track(before.left, pair.left, matches.prev_left, matches.cur_left, side)
+    matches = replace(matches, cur_left=cur_left)[ok]
+    by_time, ok, _ = track(before.right, pair.right, matches.prev_right, matches.cur_right, side)
+    cur_right, ok_stereo, _ = track(pair.left, pair.right, matches.cur_left, matches.cur_right, side)
+    ok &= ok_stereo & (np.linalg.norm(cur_right - by_time, axis=1) <= config.loop_tolerance)
+    return replace(matches, cur_right=cur_right)[ok & is_stereo(matches.cur_left, cur_right, config)]
 
 
 def is_stereo(left: Array, right: Array, config: StereoLimits) -> BoolArray:
