@@ -6,10 +6,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from fetch.download import download
+from fetch.download import download, write_file
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError
-from vo_lib.files import file_sha256, read_bytes, write_atomic
+from vo_lib.files import file_sha256, read_bytes
 from vo_lib.geometry.types import Progress
 
 YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0/"
@@ -81,10 +81,6 @@ def register_detector(name: str, source: Path, folder: Path) -> Path:
     YoloDetector(source)  # a `DataError` where the kit cannot run it
     if name in FETCHABLE and file_sha256(source) != FETCHABLE[name].sha256:
         raise DataError(f"is not the official {name}; register it under another name", source)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f"cannot be written: {error.strerror}", folder) from None
     path = folder / f"{name}.onnx"
-    write_atomic(path, data)
+    write_file(path, data)
     return path

@@ -112,8 +112,13 @@ def download(url: str, path: Path, size: int, sha256: str, progress: Progress | 
         raise DataError(what_failed(error, url)) from None
     if len(data) != size or hashlib.sha256(data).hexdigest() != sha256:
         raise DataError(f"{url}: this is not the file expected: {size} bytes with SHA-256 {sha256[:12]}…")
+    write_file(path, bytes(data))
+
+
+def write_file(path: Path, data: bytes | str) -> None:
+    """Write as `write_atomic`, in a folder that is made where it is missing."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f"cannot be written: {error.strerror}", path) from None
-    write_atomic(path, bytes(data))
+    write_atomic(path, data)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from fetch.stereo_calibration import rig_from_matrices
-from fetch.stereo_sources import Drive
+from fetch.stereo_sources import Drive, pair_folders
 from vo_lib.data.kitti import read_image
 from vo_lib.data.poses import is_rotation, read_rows
 from vo_lib.errors import DataError
@@ -21,7 +22,6 @@ EARTH_RADIUS_M = 6378137.0  # at the equator
 OXTS_LIMITS = np.array([85.0, 180.0, 1e5, 7.0, 7.0, 7.0])
 MAX_SENSOR_DISTANCE_M = 100.0  # between sensors of one vehicle
 MOMENT = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?", re.ASCII)
-OXTS_ROW = "30 numbers of a GPS/IMU packet"
 
 
 def read_raw_drive(drive: Path) -> Drive:
@@ -29,21 +29,26 @@ def read_raw_drive(drive: Path) -> Drive:
 
     Raises `DataError` with the file, where something needed is missing or wrong.
     """
-    folders = [drive / f"image_0{camera}" / "data" for camera in (0, 1)]
-    for folder in folders:
-        if not folder.is_dir():
-            raise DataError("is no raw drive: expected image_00/data and image_01/data in it", drive)
-    names = [{p.stem: p for p in folder.glob("*.png") if p.stem.isdecimal()} for folder in folders]
-    for stem in sorted(names[0].keys() ^ names[1].keys()):
-        raise DataError(f"image {stem}.png is in one camera's folder only", drive)
-    stems = sorted(names[0], key=int)
-    if len(stems) < 2:
-        raise DataError(f"expected two images or more, found {len(stems)}", folders[0])
+    left, right = (drive / f"image_0{camera}" / "data" for camera in (0, 1))
+    if not left.is_dir() or not right.is_dir():
+        raise DataError("is no raw drive: expected image_00/data and image_01/data in it", drive)
+    return describe_drive(drive, pair_folders(left, right))
+
+
+def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:
+    """Calibration, times and poses of a drive folder for stereo images, which may be elsewhere.
+
+    paths : left and right image of each frame, named by the frame's number in the drive.
+
+    Raises `DataError` with the file, where something needed is missing or wrong.
+    """
+    paths = [pair for pair in paths if pair[0].stem.isdecimal()]
+    stems = [left.stem.zfill(10) for left, _ in paths]
     where = drive if (drive / "calib_cam_to_cam.txt").exists() else drive.resolve().parent
     path = where / "calib_cam_to_cam.txt"
     cameras = read_calibration_file(path)
     P = {f"P{camera + 1}": _matrix(cameras, f"P_rect_0{camera}", (3, 4), path) for camera in (0, 1)}
-    first, size = names[0][stems[0]], _matrix(cameras, "S_rect_00", (2,), path)
+    first, size = paths[0][0], _matrix(cameras, "S_rect_00", (2,), path)
     height, width = read_image(first).shape
     if (width, height) != tuple(size):
         raise DataError(
@@ -56,9 +61,7 @@ def read_raw_drive(drive: Path) -> Drive:
         raise DataError(f"{len(moments)} rows, but there is an image {stems[-1]}", drive / "image_00")
     times = moments[[int(stem) for stem in stems]]
     poses, note = _poses(drive, where, cameras, stems)
-    paths = [(names[0][stem], names[1][stem]) for stem in stems]
-    rig = rig_from_matrices(P, (0, 0), path, rectified=True)
-    return Drive(paths, rig, times - times[0], poses, note)
+    return Drive(paths, rig_from_matrices(P, (0, 0), path, rectified=True), times - times[0], poses, note)
 
 
 def read_calibration_file(path: Path) -> dict[str, Array]:
@@ -66,10 +69,8 @@ def read_calibration_file(path: Path) -> dict[str, Array]:
     found = {}
     for line in read_text(path).splitlines():
         name, _, rest = line.partition(":")
-        try:
+        with suppress(ValueError):  # a date
             found[name.strip()] = np.array([float(word) for word in rest.split()])
-        except ValueError:
-            continue  # a date
     return found
 
 
@@ -106,7 +107,7 @@ def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]
     velo_imu, cam_velo = (_rigid(path) for path in needed)
     R_rect = _rotation(cameras, "R_rect_00", where / "calib_cam_to_cam.txt")
     T_cam_imu = rigid(R_rect, np.zeros(3)) @ cam_velo @ velo_imu
-    rows = np.concatenate([read_rows(path, OXTS_ROW, 30)[0] for path in packets])
+    rows = np.concatenate([read_rows(path, "30 numbers of a GPS/IMU packet", 30)[0] for path in packets])
     wrong = (np.abs(rows[:, :6]) > OXTS_LIMITS).any(axis=1)
     if wrong.any():
         path = packets[int(np.argmax(wrong))]

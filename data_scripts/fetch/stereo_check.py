@@ -44,11 +44,6 @@ class PairStatistics:
     row_spread: float
 
 
-def sample_of(count: int) -> list[int]:
-    """Numbers of a few pairs spread over `count`."""
-    return [int(i) for i in np.unique(np.linspace(0, count - 1, SAMPLE_PAIRS).round())]
-
-
 def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
     """Match each pair by SIFT in all directions, so that swapped and unrectified pairs match as well."""
     shifts = [_shifts(left, right) for left, right in pairs]

@@ -15,7 +15,7 @@ import numpy as np
 
 from fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
 from fetch.stereo_check import complaints, measure_pairs
-from fetch.stereo_sources import Pair, Source
+from fetch.stereo_sources import FolderSource, Pair, Source
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.errors import DataError
@@ -101,9 +101,9 @@ def write_sequence(
     -------
     The number of pairs.
     """
-    files = source.files() if rig.maps is None else None
+    files = source.paths if isinstance(source, FolderSource) and rig.maps is None else []
     with _new_folder(out) as folder:
-        if files is not None:
+        if files and all(path.suffix.lower() == ".png" for pair in files for path in pair):
             count = _take_files(files, folder, copy, progress)
         else:
             count = _write_images(source, rig, folder, progress)
@@ -113,16 +113,21 @@ def write_sequence(
         for name, length in (("times", len(rows)), ("poses", count if poses is None else len(poses))):
             if length != count:
                 raise DataError(f"{length} rows of {name} for {count} pairs: expected one row a pair")
-        camera = StereoCamera(rig.f, rig.cx, rig.cy, rig.baseline)
-        write_atomic(folder / "calib.txt", calibration_text(camera))
-        write_atomic(folder / "times.txt", "".join(f"{seconds:.9f}\n" for seconds in rows))
-        if poses is not None:
-            write_kitti_poses(folder / "poses.txt", poses)
+        write_tables(folder, rig, rows, poses)
         try:
             open_sequence(folder)
         except DataError as error:  # nothing is left behind that cannot be opened
             raise DataError(str(error).replace(str(folder), str(out))) from None
     return count
+
+
+def write_tables(folder: Path, rig: Rig, times: Array, poses: Array | None) -> None:
+    """Write calib.txt, times.txt of (N,) seconds and, where there are true poses (N, 4, 4), poses.txt."""
+    camera = StereoCamera(rig.f, rig.cx, rig.cy, rig.baseline)
+    write_atomic(folder / "calib.txt", calibration_text(camera))
+    write_atomic(folder / "times.txt", "".join(f"{seconds:.9f}\n" for seconds in times))
+    if poses is not None:
+        write_kitti_poses(folder / "poses.txt", poses)
 
 
 def require_new(out: Path) -> None:

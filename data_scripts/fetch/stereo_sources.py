@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from fetch.stereo_calibration import Rig
-from fetch.stereo_check import SAMPLE_PAIRS, sample_of
+from fetch.stereo_check import SAMPLE_PAIRS
 from vo_lib.data.kitti import read_image
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array, Image
@@ -51,16 +51,12 @@ class FolderSource:
 
     def sample(self) -> list[Pair]:
         """Pairs spread over the whole sequence."""
-        return [_read_pair(self.paths[i]) for i in sample_of(len(self.paths))]
+        chosen = np.unique(np.linspace(0, len(self.paths) - 1, SAMPLE_PAIRS).round())
+        return [_read_pair(self.paths[int(i)]) for i in chosen]
 
     def pairs(self) -> Iterator[Callable[[], Pair]]:
         """All pairs."""
         return (partial(_read_pair, paths) for paths in self.paths)
-
-    def files(self) -> list[tuple[Path, Path]] | None:
-        """The files themselves, where all are PNG."""
-        whole = all(path.suffix.lower() == ".png" for pair in self.paths for path in pair)
-        return self.paths if whole else None
 
     def size_hint(self) -> int:
         """How many there are."""
@@ -90,10 +86,6 @@ class VideoSource:
                 yield partial(self._halves, np.asarray(frame, np.uint8))
         finally:
             video.release()
-
-    def files(self) -> None:
-        """None: a video has no files of its frames."""
-        return None
 
     def size_hint(self) -> int:
         """As many as the video says it has."""
