@@ -37,18 +37,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Look, show, and say what to do."""
     root: Path = options.root or kitti_root()
-    get = typed(f"vo data get_kitti --root {root} --sequences")
+    get = typed(f"vo data get_kitti --root {root}")
     names = None if options.sequences is None else parse_numbers(options.sequences)
     if names is None and not root.is_dir():
-        raise DataError(f"the folder is missing; {get} 07,04 makes it", root)
+        raise DataError(f"the folder is missing; {get} --sequences 07,04 makes it", root)
     with reporting("looking at the sequences") as report:
         reports = check_tree(root, names, options.deep, report)
     if not reports:
-        raise DataError(f"no sequences in it; {get} 07,04 gets some", root / "sequences")
+        raise DataError(f"no sequences in it; {get} --sequences 07,04 gets some", root / "sequences")
     show_sequences(root, reports)
-    fetchable = [r.name for r in reports if r.problems and r.expected is not None]
-    if fetchable:
-        say(f"What is missing comes with: {get} {','.join(fetchable)}")
+    short = [report for report in reports if report.problems and report.expected is not None]
+    ways = [report.part for report in short if report.part]
+    if whole := [report.name for report in short if not report.part]:
+        ways.append(f"--sequences {','.join(whole)}")
+    for way in ways:
+        say(f"What is missing comes with: {get} {way}")
     return 1 if any(found.problems for found in reports) else 0
 
 

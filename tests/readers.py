@@ -22,7 +22,7 @@ from fetch.stereo_calibration import read_opencv, rig_from_matrices
 from training.dataset import open_set
 from training.kitti_set import read_object_set, read_tracking_set
 from vo_lib import open_sequence, preset, run
-from vo_lib.data.kitti import read_calibration, read_image, read_times
+from vo_lib.data.kitti import read_calibration, read_image, read_part, read_times
 from vo_lib.data.labels import read_labels
 from vo_lib.data.poses import read_euroc, read_kitti_poses, read_tum
 from vo_lib.data.scenes import scene_config
@@ -161,6 +161,7 @@ def readers() -> dict[str, Reader]:
         "tum": _alone("poses.txt", read_tum, "# t\n0 0 0 0 0 0 0 1\n1 0 0 1 0 0 0 1\n"),
         "euroc truth": _alone("data.csv", read_euroc, TRUTH),
         "calib": _alone("calib.txt", read_calibration, CALIB),
+        "part": Reader("part.txt", read_part, {"part.txt": "--sequences 00 --frames 0:201\n"}),
         "times": _alone("times.txt", read_times, "0.0\n0.1\n0.2\n"),
         "labels": _alone("000000.txt", lambda path: read_labels(path, 480, 240), LABEL),
         "image": _alone("000000.png", read_image, png()),

@@ -9,9 +9,10 @@ from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path, PurePosixPath
 
+from fetch.download import write_file
 from fetch.zip_archives import Archives, Member
 from vo_lib.errors import DataError
-from vo_lib.files import read_bytes, write_atomic
+from vo_lib.files import read_bytes
 from vo_lib.geometry.types import Progress
 
 # The links of PAGE under "odometry data set"; sizes as the page states them.
@@ -28,43 +29,39 @@ LICENCE = (
     f"that the page asks for before it shows its download links: {PAGE}",
 )
 
-# Only this end of a member's name becomes a path below the root.
-INSIDE = re.compile(
-    r"(?:.*/)?(sequences/(\d\d)/(?:image_[0-3]/\d+\.png|calib\.txt|times\.txt)|poses/(\d\d)\.txt)"
-)
+# Paths below the root by the names of members: a pattern of a name's end, and what it becomes.
+Targets = dict[str, str]
 
 
-def archives_at(host: str, color: bool = False) -> list[str]:
-    """Addresses of the archives that a server has."""
-    kinds = [GRAY, *([COLOR] if color else []), CALIB, POSES]
-    return [f"{host.rstrip('/')}/{kind}" for kind in kinds]
+def sequence_archives(host: str, sequences: Iterable[str], color: bool = False) -> tuple[list[str], Targets]:
+    """Addresses of the benchmark's archives, and the targets of some sequences, "00" … "21"."""
+    kinds, names = [GRAY, *([COLOR] if color else []), CALIB, POSES], f"(?:{'|'.join(sequences)})"
+    inside = rf"(sequences/{names}/(?:image_[0-3]/\d+\.png|calib\.txt|times\.txt)|poses/{names}\.txt)"
+    return [f"{host.rstrip('/')}/{kind}" for kind in kinds], {inside: r"\1"}
 
 
 def plan(
-    archives: Archives, places: list[str], sequences: Iterable[str], progress: Progress | None = None
+    archives: Archives, places: list[str], targets: Targets, progress: Progress | None = None
 ) -> list[Member]:
-    """The members wanted of some archives, each target once, in the order of their targets.
+    """The members of some archives that have a target, each target once, in the order of the targets.
 
     Parameters
     ----------
     places : paths or URLs. What several archives have is taken from the last: KITTI's calibration archive
         replaces the older calib.txt in the image archives.
-    sequences : "00" … "21".
     progress : called with (archives looked into, archives in all).
     """
-    wanted = set(sequences)
     found: dict[PurePosixPath, Member] = {}
+    patterns = [(re.compile(f"(?:.*/)?{inside}", re.ASCII), path) for inside, path in targets.items()]
     for number, place in enumerate(places, start=1):
-        for info in archives.directory(place):
-            inside = INSIDE.fullmatch(info.filename)
-            if inside is None or (inside[2] or inside[3]) not in wanted:
-                continue
-            target = PurePosixPath(inside[1])
-            size, packed = info.file_size, info.compress_size
-            found[target] = Member(place, info.filename, target, size, packed, info.CRC)
+        for info, end in archives.directory(place):
+            for pattern, path in patterns:
+                if match := pattern.fullmatch(info.filename):
+                    below = PurePosixPath(match.expand(path))
+                    found[below] = Member(place, info, end, below)
         if progress is not None:
             progress(number, len(places))
-    return [found[target] for target in sorted(found)]
+    return [found[below] for below in sorted(found)]
 
 
 def absent(members: list[Member], root: Path, progress: Progress | None = None) -> list[Member]:
@@ -72,8 +69,8 @@ def absent(members: list[Member], root: Path, progress: Progress | None = None) 
     todo = []
     for number, member in enumerate(members, start=1):
         path = root / member.target
-        whole = path.is_file() and path.stat().st_size == member.size
-        if not (whole and zlib.crc32(read_bytes(path)) == member.crc):
+        whole = path.is_file() and path.stat().st_size == member.info.file_size
+        if not (whole and zlib.crc32(read_bytes(path)) == member.info.CRC):
             todo.append(member)
         if progress is not None and (number % 50 == 0 or number == len(members)):
             progress(number, len(members))
@@ -91,15 +88,10 @@ def fetch(
     ----------
     progress : called with (bytes of the archive done, bytes in all).
     """
-    for folder in sorted({root / member.target.parent for member in members}):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise DataError(f"the folder cannot be made: {error.strerror}", folder) from None
-    total, done = sum(member.packed for member in members), 0
+    total, done = sum(member.info.compress_size for member in members), 0
 
     def take(member: Member) -> None:
-        write_atomic(root / member.target, archives.read(member))
+        write_file(root / member.target, archives.read(member))
 
     pool = ThreadPoolExecutor(max_workers=jobs)
     try:
@@ -107,7 +99,7 @@ def fetch(
         waiting: dict[Future[None], Member] = {pool.submit(take, member): member for member in members}
         for future in as_completed(waiting):
             future.result()
-            done += waiting[future].packed
+            done += waiting[future].info.compress_size
             if progress is not None:
                 progress(done, total)
     finally:
@@ -117,14 +109,11 @@ def fetch(
 def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:
     """Links below `root` to the sequences and poses of a KITTI tree elsewhere; returns those linked."""
     tree = tree / "dataset" if (tree / "dataset" / "sequences").is_dir() else tree
-    linked = []
-    for name in sequences:
-        if not (tree / "sequences" / name).is_dir():
-            continue
+    linked = [name for name in sequences if (tree / "sequences" / name).is_dir()]
+    for name in linked:
         _link(tree / "sequences" / name, root / "sequences" / name)
         if (tree / "poses" / f"{name}.txt").is_file():
             _link(tree / "poses" / f"{name}.txt", root / "poses" / f"{name}.txt")
-        linked.append(name)
     if not linked:
         raise DataError("has none of these sequences; expected sequences/00 and so on in it", tree)
     return linked
@@ -139,6 +128,4 @@ def _link(source: Path, link: Path) -> None:
         link.parent.mkdir(parents=True, exist_ok=True)
         link.symlink_to(source.resolve(), target_is_directory=source.is_dir())
     except OSError as error:
-        raise DataError(
-            f"cannot be linked: {error.strerror}; set KITTI_ROOT to the tree instead", link
-        ) from None
+        raise DataError(f"cannot be linked: {error.strerror}; set KITTI_ROOT instead", link) from None

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import threading
+import struct
 import time
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import PurePosixPath
 from typing import TypeVar
 
@@ -19,6 +19,7 @@ from fetch.download import LOST, open_session, what_failed
 from vo_lib.errors import DataError
 
 Answer = TypeVar("Answer")
+HEADER_BYTES = 30  # before a member's name; the lengths of name and extra field end it
 
 
 @dataclass(frozen=True)
@@ -27,51 +28,67 @@ class Member:
 
     Attributes
     ----------
-    archive : the archive's path or URL; name : the member's name in it.
+    archive : the archive's path or URL; info : the member's entry in the directory.
+    end : position in the archive behind the member.
     target : where it goes below the root.
-    size, packed : bytes on disk and in the archive; crc : CRC-32 of the content.
     """
 
     archive: str
-    name: str
+    info: zipfile.ZipInfo
+    end: int
     target: PurePosixPath
-    size: int
-    packed: int
-    crc: int
 
 
 class Archives:
-    """Archives opened once a thread; members read with their checksums, lost connections opened again."""
+    """Archives whose members several threads may read, each by one request, with its checksum verified."""
 
     def __init__(self) -> None:
         self._session = open_session()
         self._session.hooks["response"].append(_close_unread)
-        self._here = threading.local()
-        self._opened: list[zipfile.ZipFile] = []
 
     def __enter__(self) -> Archives:
         return self
 
     def __exit__(self, *details: object) -> None:
-        for archive in self._opened:
-            _close(archive)
         self._session.close()
 
-    def directory(self, place: str) -> list[zipfile.ZipInfo]:
-        """All members of an archive; `DataError` where it cannot be read."""
-        return self._again(place, lambda: self._open(place).infolist())
+    def directory(self, place: str) -> list[tuple[zipfile.ZipInfo, int]]:
+        """Entries of an archive, each with the position behind its member; `DataError` where unreadable."""
+
+        def ask() -> tuple[list[zipfile.ZipInfo], int]:
+            remote, options = _is_url(place), {"session": self._session, "timeout": download.TIMEOUT_S}
+            with RemoteZip(place, **options) if remote else zipfile.ZipFile(place) as archive:
+                return archive.infolist(), archive.start_dir
+
+        members, end = self._again(place, ask)
+        members = sorted(members, key=lambda info: info.header_offset)
+        ends = [*(info.header_offset for info in members[1:]), end]
+        return list(zip(members, ends, strict=False))  # one end too many without members
 
     def read(self, member: Member) -> bytes:
         """Content of a member, its checksum verified; `DataError` where it is damaged or cannot be read."""
-        return self._again(member.archive, lambda: self._open(member.archive).read(member.name), member.name)
 
-    def _open(self, place: str) -> zipfile.ZipFile:
-        mine: dict[str, zipfile.ZipFile] = self._here.__dict__
-        if place not in mine:
-            remote = partial(RemoteZip, session=self._session, timeout=download.TIMEOUT_S)
-            mine[place] = remote(place) if _is_url(place) else zipfile.ZipFile(place)
-            self._opened.append(mine[place])
-        return mine[place]
+        def ask() -> bytes:
+            data = self._bytes(member.archive, member.info.header_offset, member.end)
+            start = HEADER_BYTES + sum(struct.unpack_from("<HH", data, HEADER_BYTES - 4))
+            content = data[start : start + member.info.compress_size]
+            if member.info.compress_type == zipfile.ZIP_DEFLATED:
+                content = zlib.decompress(content, -zlib.MAX_WBITS)
+            if zlib.crc32(content) != member.info.CRC:
+                raise zipfile.BadZipFile("wrong CRC-32")
+            return content
+
+        return self._again(member.archive, ask, member.info.filename)
+
+    def _bytes(self, place: str, start: int, end: int) -> bytes:
+        if not _is_url(place):
+            with open(place, "rb") as file:
+                file.seek(start)
+                return file.read(end - start)
+        headers = {"Range": f"bytes={start}-{end - 1}"}
+        with self._session.get(place, headers=headers, stream=True, timeout=download.TIMEOUT_S) as answer:
+            answer.raise_for_status()
+            return bytes(answer.raw.read())
 
     def _again(self, place: str, ask: Callable[[], Answer], member: str = "") -> Answer:
         """The answer of `ask`, which is asked again after a lost connection or a wrong checksum."""
@@ -80,29 +97,16 @@ class Archives:
             try:
                 return ask()
             except RangeNotSupported:
-                raise DataError(
-                    "the server gives only whole files (no range requests): download the archive as a whole "
-                    "and call again with --from-zip FILE",
-                    place,
-                ) from None
+                remedy = "download the archive as a whole and call again with --from-zip FILE"
+                raise DataError(f"the server gives only whole files: {remedy}", place) from None
             except Exception as error:  # those of zip files and of their compressions share no other base
                 failure = error.__context__ if isinstance(error, RemoteZipError) else error
-                broken = self._here.__dict__.pop(place, None)
-                if broken is not None:
-                    _close(broken)
                 if isinstance(failure, requests.RequestException) or not _is_url(place):
                     break
         if isinstance(failure, LOST):
             raise DataError(what_failed(failure, place)) from None
         what = f"the member {member} is damaged or packed otherwise" if member else "is not a whole zip file"
         raise DataError(f"{what} ({failure})", place) from None
-
-
-def _close(archive: zipfile.ZipFile) -> None:
-    file = archive.fp
-    archive.close()
-    if file is not None:
-        file.close()  # a remote one stays open otherwise, with the rest of the server's answer
 
 
 def _close_unread(response: requests.Response, *details: object, **options: object) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from vo_lib.commands.cli import main
 from vo_lib.commands.scripts import scripts
-from vo_lib.data.kitti import EXPECTED_FRAMES
+from vo_lib.data.kitti import EXPECTED_FRAMES, PART
 from vo_lib.data.scenes import SCENES
 
 
@@ -43,9 +43,13 @@ def test_a_user_without_data_is_told_the_steps_and_the_size_of_the_caches(
 def test_incomplete_sequences_are_noted(
     bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    shutil.copytree(bands, tmp_path / "KITTI_ROOT" / "sequences" / "04")
+    folder = Path(shutil.copytree(bands, tmp_path / "KITTI_ROOT" / "sequences" / "04"))
     assert main(["check"]) == 0
     assert "incomplete: 04" in " ".join(capsys.readouterr().out.replace("│", "").split())
+    (folder / PART).write_text("--sequences 04 --frames 0:6\n", encoding="utf-8")
+    assert main(["check"]) == 0
+    assert "incomplete: " not in capsys.readouterr().out
+    (folder / PART).unlink()
     monkeypatch.setitem(EXPECTED_FRAMES, "04", 6)
     assert main(["check"]) == 0
     assert "incomplete: " not in capsys.readouterr().out

@@ -8,7 +8,7 @@ from importlib import metadata
 
 from ..data.catalogue import KITTI, available, kitti_root, kitti_roots
 from ..data.drawn import cache_folder
-from ..data.kitti import EXPECTED_FRAMES, count_pairs
+from ..data.kitti import count_pairs, wanted_frames
 from ..detection.models import detector_folder, list_detectors
 from ..runs.identity import FRONT_END_CODE, hash_folder, versions
 from ..runs.matches import code_folder, folder_size, match_folder
@@ -53,7 +53,7 @@ def _kitti() -> Finding:
         }
         return "KITTI odometry", "note", "no sequences", "optional; ways to data" + steps(ways)
     facts = f"{len(folders)} sequences in {', '.join(map(str, kitti_roots()))}"
-    short = [path.name for path in folders if count_pairs(path) < EXPECTED_FRAMES.get(path.name, 0)]
+    short = [path.name for path in folders if count_pairs(path) < len(wanted_frames(path) or ())]
     if not short:
         return "KITTI odometry", "ok", facts, ""
     remedy = "incomplete" + steps({"vo data check_kitti": "names the missing parts"})

@@ -21,6 +21,9 @@ _FRAMES = [4541, 1101, 4661, 801, 271, 2761, 1101, 1101, 4071, 1591, 1201]  # 00
 _FRAMES += [921, 1061, 3281, 631, 1901, 1731, 491, 1801, 4981, 831, 2721]
 EXPECTED_FRAMES = {f"{number:02d}": frames for number, frames in enumerate(_FRAMES)}
 
+PART = "part.txt"  # marks a folder that has a part of a sequence: the options of `vo data get_kitti` for it
+_MARK = re.compile(r"(?:--sequences \d\d|--raw [0-9_]+_drive_\d{4}) --frames (\d{1,6}):(\d{1,6})", re.ASCII)
+
 MAX_FOCAL_PX = 1e6  # also of the principal point; larger numbers overflow later on
 MIN_BASELINE_M, MAX_BASELINE_M = 1e-5, 10.0  # a longer baseline was given in millimetres
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -107,6 +110,31 @@ def list_frames(folder: Path) -> list[str]:
             path = folder / "image_0" / f"{int(before) + 1:0{len(before)}d}.png"
             raise DataError(f"the image is missing: {after}.png comes after {before}.png", path)
     return names
+
+
+def read_part(folder: Path) -> tuple[str, range] | None:
+    """Mark of a folder that has a part of a sequence, and numbers of the part's frames; None without a mark.
+
+    A mark is such as "--sequences 00 --frames 0:201" or "--raw 2011_09_26_drive_0013 --frames 0:80". Raises
+    `DataError` for any other text.
+    """
+    path = folder / PART
+    if not path.exists():
+        return None
+    mark = _MARK.fullmatch(read_text(path).strip())
+    if mark is None or int(mark[1]) >= int(mark[2]):
+        raise DataError("expected a line such as --sequences 00 --frames 0:201", path, 1)
+    return mark[0], range(int(mark[1]), int(mark[2]))
+
+
+def wanted_frames(folder: Path) -> range | None:
+    """Numbers of the frames of a complete folder: those of a part, or of the benchmark's whole sequence.
+
+    None for any other folder.
+    """
+    if (part := read_part(folder)) is not None:
+        return part[1]
+    return range(EXPECTED_FRAMES[folder.name]) if folder.name in EXPECTED_FRAMES else None
 
 
 def count_pairs(folder: Path) -> int:

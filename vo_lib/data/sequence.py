@@ -65,16 +65,19 @@ class Sequence:
 
     def part(self, start: int, stop: int) -> Sequence:
         """The frames start … stop - 1; `DataError` unless these are two frames or more of the sequence."""
-        if not (0 <= start < stop <= len(self)) or stop - start < 2:
-            raise DataError(
-                f"frames {start}:{stop}: expected two frames or more of 0:{len(self)}, which {self.name} has"
-            )
+        require_frames(start, stop, len(self), self.name)
         return dataclasses.replace(
             self,
             frames=self.frames[start:stop],
             times=self.times[start:stop],
             truth=None if self.truth is None else self.truth[start:stop],
         )
+
+
+def require_frames(start: int, stop: int, count: int, name: str) -> None:
+    """`DataError` unless start … stop - 1 are two frames or more of the `count` frames of a sequence."""
+    if not 0 <= start < stop - 1 < count:
+        raise DataError(f"frames {start}:{stop}: expected two frames or more of 0:{count}, which {name} has")
 
 
 def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Sequence:

@@ -1,0 +1,94 @@
+"""Parts of KITTI's sequences, and drives of its raw data as sequences: members, marks, tables."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+
+from fetch.kitti_archive import Targets
+from fetch.kitti_raw import describe_drive
+from fetch.stereo_import import write_tables
+from fetch.stereo_sources import pair_folders
+from fetch.zip_archives import Member
+from vo_lib.data.kitti import read_part
+from vo_lib.data.sequence import open_folder, require_frames
+from vo_lib.errors import DataError
+
+RAW = "raw"  # in a drive's sequence: calibration, timestamps and GPS/IMU packets of the drive
+DRIVE = re.compile(r"(\d{4}_\d\d_\d\d)_(drive_\d{4})", re.ASCII)
+
+
+def parse_drive(text: str) -> tuple[str, str]:
+    """Day and sequence, such as drive_0013, of the raw drive 2011_09_26_drive_0013; `DataError` otherwise."""
+    if (match := DRIVE.fullmatch(text)) is None:
+        raise DataError(f"--raw {text!r}: expected a drive such as 2011_09_26_drive_0013")
+    return match[1], match[2]
+
+
+def drive_archives(host: str, drive: str, color: bool = False) -> tuple[list[str], Targets]:
+    """Addresses of a synchronised and rectified drive and of its day's calibration, and the targets of both.
+
+    Images keep their numbers in the drive; calibration, timestamps and GPS/IMU packets go into RAW.
+    """
+    day, sequence = parse_drive(drive)
+    base, folder, cameras = f"{host.rstrip('/')}/raw_data", f"sequences/{sequence}", "0-3" if color else "01"
+    return [f"{base}/{drive}/{drive}_sync.zip", f"{base}/{day}_calib.zip"], {
+        rf"{day}/{drive}_sync/image_0([{cameras}])/data/0000(\d{{6}}\.png)": rf"{folder}/image_\1/\2",
+        rf"{day}/{drive}_sync/(oxts/data/\d{{10}}\.txt|image_00/timestamps\.txt)": rf"{folder}/{RAW}/\1",
+        rf"{day}/(calib_\w+\.txt)": rf"{folder}/{RAW}/\1",
+    }
+
+
+def select_frames(
+    members: list[Member], root: Path, frames: Callable[[int], tuple[int, int]], drive: str | None = None
+) -> tuple[list[Member], dict[Path, str]]:
+    """The members of some frames and of the frames of earlier calls, and the text of each folder's mark.
+
+    Parameters
+    ----------
+    members : of whole sequences. root : of the tree.
+    frames : start and stop of the frames, for the number of frames of a sequence.
+    drive : the raw drive that the members are of; None for the odometry benchmark.
+
+    The mark of a whole sequence is "". Raises `DataError` for frames that the sequence does not have or that
+    leave a gap to those of earlier calls, and for a folder with images of another source.
+    """
+    counts, parts, marks = dict[str, int](), dict[str, range](), dict[Path, str]()
+    for target in (m.target for m in members if m.target.match("sequences/*/image_?/*.png")):
+        counts[target.parts[1]] = max(counts.get(target.parts[1], 0), int(target.stem) + 1)
+    for name, count in counts.items():
+        folder, source = root / "sequences" / name, f"--raw {drive}" if drive else f"--sequences {name}"
+        start, stop = frames(count)
+        require_frames(start, stop, count, drive or name)
+        part, images = read_part(folder), any(folder.glob("image_[01]/*.png"))
+        foreign = images and drive is not None if part is None else not part[0].startswith(f"{source} ")
+        if foreign:
+            raise DataError(f"has images of another source than {drive or name}; move it away first", folder)
+        if part is not None:
+            old, size = part[1], stop - start
+            start, stop = min(start, old.start), max(stop, old.stop)
+            if stop - start > size + len(old):
+                gap = f"has the frames {old.start}:{old.stop}; --frames {start}:{stop} leaves no gap"
+                raise DataError(gap, folder)
+        parts[name] = range(start, stop)
+        # A folder with images but no mark has a whole sequence, or the start of one.
+        whole = drive is None and (stop - start == count or (images and part is None))
+        marks[folder] = "" if whole else f"{source} --frames {start}:{stop}"
+
+    def is_selected(target: PurePosixPath) -> bool:
+        name, number = target.parts[1], target.stem
+        return name not in parts or not number.isdecimal() or int(number) in parts[name]
+
+    return [member for member in members if is_selected(member.target)], marks
+
+
+def write_drive_tables(folder: Path) -> str:
+    """Write calib.txt, times.txt and poses.txt of a fetched drive; returns a note on missing truth, or "".
+
+    The first frame has time 0 and the identity as its pose.
+    """
+    drive = describe_drive(folder / RAW, pair_folders(folder / "image_0", folder / "image_1"))
+    write_tables(folder, drive.rig, drive.times, drive.poses)
+    open_folder(folder, folder.name)
+    return drive.note
