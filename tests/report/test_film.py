@@ -7,6 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import find_browser
+from playwright.sync_api import sync_playwright
 
 from vo_lib import preset, run
 from vo_lib.commands.cli import main
@@ -42,7 +44,7 @@ def test_the_path_grows_and_removed_features_are_orange(bands: Path, variant: st
     (bands / "labels").mkdir()
     (bands / "labels" / "000003.txt").write_text("2 0.5 0.5 0.5 0.5 0.9\n", encoding="utf-8")
     result = run(open_sequence(bands), preset("feature_selection", variant=variant))
-    with Film(bands.parent / "film.avi", result, "mine") as film:
+    with Film(bands.parent / "film.mp4", result, "mine") as film:
         pictures = {shown.index: film.picture(shown) for shown in shown_frames(result)}
     assert list(pictures) == [1, 2, 3, 4, 5]
     image, words = (slice(None, 240), slice(None, 480)), (slice(300, None),)
@@ -52,3 +54,32 @@ def test_the_path_grows_and_removed_features_are_orange(bands: Path, variant: st
         assert drawn[-1] > 3 * drawn[0] > 0
     assert near(pictures[3][image], REMOVED) > 0 == near(pictures[5][image], REMOVED)
     assert all(picture[words].std() > 5 for picture in pictures.values())
+
+
+PLAY = """async video => {
+    video.muted = true;
+    await video.play();
+    await new Promise(resolve => video.onended = resolve);
+    return [video.error, video.currentTime, video.videoWidth];
+}"""
+
+
+def test_a_browser_plays_a_film_to_its_end_and_nothing_else_is_left(bands: Path) -> None:
+    browser = find_browser()
+    if browser is None:
+        pytest.skip("no Chromium or Chrome is installed")
+    folder = bands.parent / "films"
+    folder.mkdir()
+    result = run(open_sequence(bands), preset("solution_selection"))
+    with Film(folder / "film.mp4", result, "mine") as film:
+        for shown in shown_frames(result):
+            film.add(shown)
+    assert [path.name for path in folder.iterdir()] == ["film.mp4"]
+    (folder / "page.html").write_text("<video src=film.mp4></video>", encoding="utf-8")
+    with sync_playwright() as play:
+        opened = play.chromium.launch(executable_path=browser, args=["--no-sandbox"])
+        page = opened.new_page()
+        page.goto((folder / "page.html").as_uri())
+        # Five frames at ten a second.
+        assert page.eval_on_selector("video", PLAY) == [None, 0.5, 780]
+        opened.close()

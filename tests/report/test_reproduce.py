@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -203,6 +205,16 @@ def test_the_whole_table_is_made_and_names_what_is_missing(
     assert "No ground truth, so no errors: kitti/11." in page
     assert "kitti/08" in page
     assert page.count("<img") == page.count("data:image/png;base64,") == len(figures)
+
+
+def test_the_report_shows_the_film_of_a_run_in_its_folder(tree: Path) -> None:
+    place = tree / "out" / "runs" / "published" / "kitti_02" / "viso2" / "seed_0"
+    film = ["--out", str(place), "--video", str(place / "my film.mp4")]
+    assert main(["run", "kitti/02", "--method", "viso2", *film]) == 0
+    assert reproduce(tree, "--sequences", "02", "--variant", "published") == 0
+    page = (tree / "out" / "report.html").read_text(encoding="utf-8")
+    (address,) = re.findall(r'<video src="([^"]+)"', page)
+    assert (tree / "out" / unquote(address)).samefile(place / "my film.mp4")
 
 
 def test_a_run_that_fails_is_told_with_its_cause_while_the_others_finish(

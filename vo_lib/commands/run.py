@@ -12,7 +12,7 @@ from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..files import write_atomic
 from ..kit.settings import KitConfig
-from ..report.film import FILM_CODES, Film, shown_frames
+from ..report.film import FILM_ENDING, Film, shown_frames
 from ..report.page import number
 from ..report.paths import ComparedPaths, evaluate_paths, evaluation_tables
 from ..report.plots import png, trajectories_figure
@@ -47,7 +47,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--calibration", type=Path, metavar="FILE", help=text)
     text = f"keep matches and use those kept in DIR (default {match_folder(None).parent}), with drawn scenes"
     option("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
-    text = f"a film ({', '.join(FILM_CODES)}) of features, boxes, path; computes the frames once more"
+    text = f"a film ({FILM_ENDING}, VP9) of features, boxes, path; the frames are computed once more. "
+    text += "In a run folder of `vo reproduce` the report shows the film"
     option("--video", type=Path, metavar="FILE", help=text)
     option("--help-settings", action="store_true", help="the thresholds of the variant, which are options")
     for item in [*SETTINGS.values(), *DETECTOR_SETTINGS]:
@@ -136,9 +137,11 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
         raise DataError("expected a sequence and --out DIR")
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: expected one of them, both give the boxes")
-    film = options.video
-    if film is not None and not (film.suffix.lower() in FILM_CODES and film.absolute().parent.is_dir()):
-        raise DataError(f"expected an existing folder and a name ending in {' or '.join(FILM_CODES)}", film)
+    if (film := options.video) is not None:
+        place = film.absolute().parent
+        exists = place.is_dir() or place == Path(options.out).absolute()
+        if film.suffix.lower() != FILM_ENDING or not exists:
+            raise DataError(f"expected an existing folder and a name ending in {FILM_ENDING}", film)
     if options.calibration is None:
         return None
     if config.variant == "published":

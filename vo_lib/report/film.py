@@ -14,6 +14,7 @@ import numpy as np
 from ..data.poses import from_first
 from ..errors import DataError
 from ..evaluation.kitti import trajectory_distances
+from ..files import DRAFT
 from ..geometry.boxes import Boxes
 from ..geometry.matches import StereoMatches
 from ..geometry.result import FrameResult
@@ -27,7 +28,11 @@ if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
 FILM_FPS = 10
-FILM_CODES = {".mp4": "mp4v", ".avi": "MJPG"}
+FILM_ENDING = ".mp4"
+FILM_CODE = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLab and VS Code
+# OpenCV gives the encoder all the bits it can use: 100 kB a frame, at any low rate. Only its limit of bits a
+# second binds, so the frames are encoded at this rate and then timed anew.
+ENCODER_FPS = 5000
 MIN_PATH_SIDE_PX = 300  # of the square that the path is drawn in
 WORDS_HEIGHT_PX = 60  # of the lines of words below
 DARK, PALE, WHITE = (28, 28, 28), (110, 110, 110), (235, 235, 235)  # BGR
@@ -91,11 +96,9 @@ class Film:
         self._paths = [run.poses] if truth is None else [run.poses, from_first(truth)]
         self._drift = None if truth is None else distance_from_truth(run.poses, truth)
         self._driven = trajectory_distances(self._paths[-1])
-        self._working = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
-        code = cv2.VideoWriter.fourcc(*FILM_CODES[path.suffix.lower()])
-        self._writer = cv2.VideoWriter(str(self._working), code, FILM_FPS, self._shape[::-1])
-        if not self._writer.isOpened():
-            raise DataError("the film cannot be written there, or OpenCV lacks its encoder", path)
+        drafts = (f".{path.stem}.{os.getpid()}.{name}{DRAFT}{FILM_ENDING}" for name in ("fast", "timed"))
+        self._fast, self._timed = map(path.with_name, drafts)
+        self._writer = self._open(self._fast, ENCODER_FPS)
 
     def __enter__(self) -> Film:
         return self
@@ -104,9 +107,30 @@ class Film:
         self._writer.release()
         try:
             if kind is None:
-                os.replace(self._working, self.path)
+                self._time_anew()
+                os.replace(self._timed, self.path)
         finally:
-            self._working.unlink(missing_ok=True)
+            for draft in (self._fast, self._timed):
+                draft.unlink(missing_ok=True)
+
+    def _open(self, draft: Path, fps: int, *properties: int) -> cv2.VideoWriter:
+        writer = cv2.VideoWriter(str(draft), cv2.CAP_FFMPEG, FILM_CODE, fps, self._shape[::-1], properties)
+        if not writer.isOpened():
+            raise DataError("the film cannot be written there, or OpenCV lacks its encoder", self.path)
+        return writer
+
+    def _time_anew(self) -> None:
+        """Write the encoded frames, as they are, at the rate at which they are shown."""
+        encoded = cv2.VideoCapture(str(self._fast), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+        timed = self._open(self._timed, FILM_FPS, cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1)
+        while True:
+            good, frame = encoded.read()
+            if not good:
+                break
+            timed.set(cv2.VIDEOWRITER_PROP_KEY_FLAG, encoded.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME))
+            timed.write(frame)
+        encoded.release()
+        timed.release()
 
     def add(self, shown: Shown) -> None:
         """Write a frame."""

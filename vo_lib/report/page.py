@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 from ..files import csv_text
@@ -98,8 +99,12 @@ def render_report(
     made: list[str],
     problems: Sequence[str] = (),
     without_truth: Sequence[str] = (),
+    films: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
-    """The report of Table 1 as HTML, every text in it escaped; `problems` are shown first, in a box."""
+    """The report of Table 1 as HTML, every text in it escaped; `problems` are shown first, in a box.
+
+    `films` : captions by relative address; films stay beside the page.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     loader = PackageLoader("vo_lib.report")
@@ -110,4 +115,5 @@ def render_report(
         pictures=pictures,
         made=made + provenance(),
         without_truth=without_truth,
+        films=films,
     )

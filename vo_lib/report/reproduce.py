@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from urllib.parse import quote
 
 from ..config import preset
 from ..data.catalogue import KITTI, SYNTHETIC, available
@@ -20,6 +21,7 @@ from ..paper.settings import MethodConfig
 from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
 from .entries import BENCHMARK_FRAMES, Entry, group_entries, measure_runs
+from .film import FILM_ENDING
 from .page import Picture, markdown, records_csv, render_report
 from .plots import png, trajectories_figure
 from .printed import REMARKS, PaperTable
@@ -131,11 +133,11 @@ def write_table_files(folder: Path, result: Reproduction, paper: PaperTable, com
     if any(group.kitti for group in groups):
         tables[-1].notes.extend(REMARKS)
     without_truth = sorted({name for (_, name), (truth, _) in result.paths.items() if truth is None})
-    pictures = _trajectories(folder, result)
+    pictures, films = _trajectories(folder, result), _films(folder, result)
     contents = (
         "".join(f"{line}\n\n" for line in result.problems) + "\n".join(map(markdown, tables)),
         records_csv(records),
-        render_report(tables, pictures, [command], result.problems, without_truth),
+        render_report(tables, pictures, [command], result.problems, without_truth, films),
     )
     for name, content in zip(TABLE_FILES, contents, strict=True):
         write_atomic(folder / name, content)
@@ -155,3 +157,14 @@ def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
             pictures.append(Picture(png(trajectories_figure(shown)), caption))
             write_atomic(folder / f"{file}.png", pictures[-1].data)
     return pictures
+
+
+def _films(folder: Path, result: Reproduction) -> dict[str, str]:
+    """Captions of the films in the run folders of the first seed, by their address in the report."""
+    films = {}
+    for (variant, name), (_, methods) in result.paths.items():
+        for method in methods:
+            for film in sorted(job_folder(folder, variant, name, method, 0).glob(f"*{FILM_ENDING}")):
+                caption = f"{name}, {method}; {VARIANT_WORDS[variant]}, first seed."
+                films[quote(film.relative_to(folder).as_posix())] = caption
+    return films
