@@ -53,9 +53,27 @@ def test_incomplete_sequences_are_noted(
     monkeypatch.setitem(EXPECTED_FRAMES, "04", 6)
     assert main(["check"]) == 0
     assert "incomplete: " not in capsys.readouterr().out
+
+
+def test_the_list_says_what_each_sequence_has_in_80_columns(
+    bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("vo_lib.data.drawn.cache_folder", lambda: tmp_path / "nothing")
+    root = tmp_path / "KITTI_ROOT" / "sequences"
+    for name in ("04", "05"):
+        shutil.copytree(bands, root / name)
+    (root / "05" / "times.txt").unlink()
     assert main(["list"]) == 0
-    printed = capsys.readouterr().out
-    assert all(name in printed for name in ("kitti/04", *(f"synthetic/{name}" for name in SCENES)))
+    table, *said = capsys.readouterr().out.split("└")
+    assert max(map(len, table.splitlines())) <= 80
+    rows = [line.replace("│", "").split() for line in table.splitlines() if line.startswith("│")]
+    facts = {name: cells for name, *cells in rows}
+    assert facts["kitti/04"] == ["6", "2", "yes", "no", "480×240", "1"]
+    assert facts["kitti/05"] == ["–"] * 6
+    assert "kitti/05 cannot be used" in said[0]
+    assert facts["synthetic/jam"] == ["–", "100", "yes", "yes", "1241×376", "–"]
+    assert {f"synthetic/{name}" for name in SCENES} < facts.keys()
 
 
 def test_two_packages_of_opencv_are_a_problem(

@@ -3,9 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
-from ..data.catalogue import KITTI, available
+from ..data.catalogue import KITTI, SYNTHETIC, available, kitti_roots
+from ..data.drawn import cache_folder
+from ..data.scenes import SCENES
+from ..data.sequence import open_folder
+from ..errors import DataError
+from ..evaluation.kitti import trajectory_distances
+from ..report.page import NO_NUMBER
+from ..runs.matches import folder_size
 from .console import say, show_table
+
+COLUMNS = ["name", "frames", "length m", "truth", "boxes", "image px", "MB"]
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -14,8 +24,30 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _list(options: argparse.Namespace) -> int:
-    rows = [[name, str(path or "drawn on first use")] for name, path in available().items()]
-    show_table("", ["name", "folder"], rows, numbers=False)
-    if not any(name.startswith(KITTI) for name, _ in rows):
+    rows, problems = list[list[str]](), list[str]()
+    for name, folder in available().items():
+        try:
+            rows.append([name, *_facts(name, folder)])
+        except DataError as error:
+            rows.append([name, *[NO_NUMBER] * (len(COLUMNS) - 1)])
+            problems.append(f"{name} cannot be used: {error}")
+    show_table("", COLUMNS, rows)
+    say(f"drawn scenes: {cache_folder()}; a scene without frames is drawn on first use")
+    say(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
+    if not any(name.startswith(KITTI) for name, *_ in rows):
         say("no KITTI sequences found; `vo check` says how to get them")
     return 0
+
+
+def _facts(name: str, folder: Path | None) -> list[str]:
+    """Cells of a sequence: of a scene that is not drawn, those that its settings tell."""
+    if folder is None:
+        scene = SCENES[name.removeprefix(SYNTHETIC)]
+        size = f"{scene.width}×{scene.height}"
+        return [NO_NUMBER, f"{scene.length:.0f}", "yes", "yes", size, NO_NUMBER]
+    sequence = open_folder(folder, name)
+    camera, truth = sequence.camera, sequence.truth
+    length = NO_NUMBER if truth is None else f"{trajectory_distances(truth)[-1]:.0f}"
+    has = ["no" if part is None else "yes" for part in (truth, sequence.labels)]
+    megabytes = sum(folder_size(folder / side) for side in ("image_0", "image_1")) / 1e6
+    return [str(len(sequence)), length, *has, f"{camera.width}×{camera.height}", f"{megabytes:.0f}"]

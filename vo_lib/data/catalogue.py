@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..geometry.types import Progress
-from .drawn import ensure_scene
+from .drawn import ensure_scene, scene_folder
 from .scenes import SCENES
 from .sequence import Sequence, open_folder
 
@@ -32,8 +32,11 @@ def kitti_root() -> Path:
 
 
 def available() -> dict[str, Path | None]:
-    """Sequences by name with their folders; None for a synthetic scene, which is drawn on first use."""
-    folders: dict[str, Path | None] = {f"{SYNTHETIC}{name}": None for name in SCENES}
+    """Sequences by name with their folders; None for a synthetic scene that is not drawn yet."""
+    folders: dict[str, Path | None] = {}
+    for name, config in SCENES.items():
+        folder = scene_folder(config)
+        folders[f"{SYNTHETIC}{name}"] = folder if folder.is_dir() else None
     for root in kitti_roots():
         for folder in sorted((root / "sequences").iterdir()):
             if (folder / "image_0").is_dir():

@@ -40,6 +40,11 @@ def scene_key(config: SceneConfig) -> str:
     return f"{name}-{digest}"
 
 
+def scene_folder(config: SceneConfig, cache: Path | None = None) -> Path:
+    """Where a scene is kept in the cache, by default the user's; it is there only when it is complete."""
+    return (cache_folder() if cache is None else Path(cache)).absolute() / scene_key(config)
+
+
 def ensure_scene(
     name_or_config: str | SceneConfig,
     cache: Path | None = None,
@@ -58,11 +63,10 @@ def ensure_scene(
     Raises `DataError`: no such scene, the cache cannot be written, or the kit is not used from its folder.
     """
     config = name_or_config if isinstance(name_or_config, SceneConfig) else scene_config(name_or_config)
-    parent = (cache_folder() if cache is None else Path(cache)).absolute()
-    folder = parent / scene_key(config)
+    folder = scene_folder(config, cache)
     if frames is not None and not folder.is_dir():
-        folder = parent / f"{folder.name}-{frames.start}-{frames.stop}"
-    if folder.is_dir():  # it has its name only when it is complete
+        folder = folder.with_name(f"{folder.name}-{frames.start}-{frames.stop}")
+    if folder.is_dir():
         return folder
     try:
         from vo_street.cache import draw_scene
