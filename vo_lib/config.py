@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Mapping
 from typing import Any, Literal, TypeVar, overload
 
 from . import settings
-from .errors import DataError
+from .errors import DataError, did_you_mean
 from .kit.settings import KitConfig, KitFilterConfig, KitSelectionConfig
 from .paper.settings import BucketConfig, FilterConfig, MethodConfig, PublishedConfig, SelectionConfig
 
@@ -70,8 +69,7 @@ def preset(method: str, *, variant: str = "published", seed: int = 0) -> MethodC
     if method in METHODS and method not in methods:
         raise DataError(f"{method} is not in the paper: add --variant kit")
     if method not in methods:
-        near = difflib.get_close_matches(method, methods, n=1, cutoff=0.3)
-        hint = f"did you mean {near[0]}? " if near else ""
+        hint = did_you_mean(method, methods)
         raise DataError(f"unknown method {method!r}: {hint}the methods are {', '.join(methods)}")
     return dataclasses.replace(methods[method], seed=seed)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -15,3 +17,9 @@ class DataError(Exception):
     def __init__(self, message: str, path: str | Path | None = None, line: int | None = None):
         place = "" if path is None else str(path) + ("" if line is None else f", line {line}") + ": "
         super().__init__(" ".join((place + message).split("\n")))
+
+
+def did_you_mean(name: str, names: Iterable[str]) -> str:
+    """A question that names the nearest of the valid names, with a blank behind it; "" where none is near."""
+    near = difflib.get_close_matches(name, list(names), n=1)
+    return f"did you mean {near[0]}? " if near else ""

@@ -185,7 +185,9 @@ def test_the_settings_page_has_the_variants_own_settings_and_defaults(
 
 
 @pytest.mark.parametrize(
-    ("words", "start"), [("run --help", "usage: vo run "), ("--version", "vo ")], ids=["help", "version"]
+    ("words", "start"),
+    [("run --help", "usage: vo run "), ("--version", "vo "), ("", "usage: vo ")],
+    ids=["help", "version", "nothing"],
 )
 def test_the_short_help_leaves_thresholds_out(
     capsys: pytest.CaptureFixture[str], words: str, start: str

@@ -23,7 +23,7 @@ COMMANDS = {
     "reproduce": ("reproduce", "Table 1 and Figure 4: methods over sequences and seeds"),
     "sweep": ("sweep", "a grid over settings on cached matches: table, CSV, heat map"),
     "evaluate": ("evaluate", "KITTI errors, ATE and RPE of runs and trajectories"),
-    "list": ("sequences", "sequences available, with their folders"),
+    "list": ("sequences", "sequences: frames, length, truth, boxes, size"),
     "check": ("environment", "packages, data and caches; the remedy for each problem"),
     "data": ("scripts", "fetch, check, draw, import, label data; train a detector; no name: the list"),
     "lab": ("lab", "open the notebooks in JupyterLab"),
@@ -50,7 +50,7 @@ def main(words: Items[str] | None = None) -> int:
     Bad input ends with one line and code 2, see `script.exit_code`. Warnings of libraries are printed at the
     end of a command that succeeds.
     """
-    words = sys.argv[1:] if words is None else words
+    words = (sys.argv[1:] if words is None else words) or ["--help"]
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that lacks a letter shows "?"
     with warnings.catch_warnings(record=True) as raised:

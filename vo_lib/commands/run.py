@@ -21,6 +21,7 @@ from ..runs.jobs import run_once
 from ..runs.matches import CachedMatches, match_folder
 from . import common
 from .console import reporting, say, show_report_table, show_table, tell
+from .script import SETTINGS_PAGE
 from .setting_options import add_option, given
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     text = f"a film ({FILM_ENDING}, VP9) of features, boxes, path; the frames are computed once more. "
     text += "In a run folder of `vo reproduce` the report shows the film"
     option("--video", type=Path, metavar="FILE", help=text)
-    option("--help-settings", action="store_true", help="the thresholds of the variant, which are options")
+    option(SETTINGS_PAGE, action="store_true", help="the thresholds of the variant, which are options")
     for item in [*SETTINGS.values(), *DETECTOR_SETTINGS]:
         add_option(parser, item, item.name, shown=False)  # not in the short help
     parser.set_defaults(command=_run)

@@ -3,24 +3,45 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import shlex
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
-from ..errors import DataError
+from ..errors import DataError, did_you_mean
 
+SETTINGS_PAGE = "--help-settings"  # the option of a command whose other page lists its settings
 ENDINGS = (DataError, OSError, KeyboardInterrupt)  # exceptions that end a command without a traceback
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Wrong options get one line and exit code 2; the list of all options only on --help."""
+    """Wrong options get one line, with the nearest option, and exit code 2; the list of options is a page."""
+
+    _words: Sequence[str] = ()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As every parser, but with an error for an option that is unknown."""
+        self._words = sys.argv[1:] if args is None else list(args)
+        options, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return options, unknown
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {' '.join(message.split())} (see {self.prog} --help)\n")
+        """Print the line and end."""
+        options, page, hint = self._option_string_actions, "--help", ""
+        for word in itertools.takewhile("--".__ne__, self._words):
+            name = word.partition("=")[0]
+            if name.startswith("--") and not any(option.startswith(name) for option in options):
+                hint = f"; {question.rstrip()}" if (question := did_you_mean(name, options)) else ""
+                page = SETTINGS_PAGE if "." in name and SETTINGS_PAGE in options else page
+                break
+        text = " ".join(message.split())
+        self.exit(2, f"{self.prog}: error: {text}{hint} (see {self.prog} {page})\n")
 
 
 def exit_code(program: str, error: BaseException) -> int:

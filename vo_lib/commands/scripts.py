@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import ast
-import difflib
 import importlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-from ..errors import DataError
+from ..errors import DataError, did_you_mean
 from ..files import read_text
 from .console import say, show_table
 from .script import ENDINGS, OneLineParser, exit_code
@@ -34,8 +33,8 @@ def _data(options: argparse.Namespace) -> int:
         say("vo data NAME --help: options, examples")
         return 0
     if options.name not in purposes:
-        near = difflib.get_close_matches(options.name, purposes, n=1, cutoff=0)
-        raise DataError(f"no data script is called {options.name!r}; did you mean {near[0]}?")
+        hint = did_you_mean(options.name, purposes)
+        raise DataError(f"no data script is called {options.name!r}; {hint}`vo data` lists them")
     if str(SCRIPTS) not in sys.path:
         sys.path.insert(0, str(SCRIPTS))  # scripts import each other as programs of one folder do
     return run_script(importlib.import_module(options.name), options.words)
