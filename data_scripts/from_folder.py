@@ -1,13 +1,15 @@
 """Bring your own stereo images into KITTI's layout.
 
-`vo run FOLDER` then takes them. Images: two folders, one video with both images side by side, or a drive of
-KITTI's raw data or a EuRoC folder (mav0), which bring calibration, times and truth along. Calibration:
+`vo run FOLDER` then takes them. Images: two folders or patterns, one video with both images side by side, or
+a drive of KITTI's raw data or a EuRoC folder (mav0), which bring calibration, times and truth along. Names
+that are times (whole nanoseconds, or seconds with decimals) go together with the nearest. Calibration:
 three numbers for rectified images, or OpenCV YAML files (K1 D1 K2 D2 R T: the images are rectified; P1 P2
 alone: they are already). The order of the images, their rows and the baseline are checked on a sample.
 
 examples:
   vo data from_folder --left L --right R --focal 718.9 --centre 607.2,185.2 --baseline 0.537 --out data/mine
   vo data from_folder --left L --right R --calibration intrinsics.yml extrinsics.yml --out data/mine
+  vo data from_folder --left 'S/I1_*.png' --right 'S/I2_*.png' --calibration stereo.yml --out data/mine
   vo data from_folder --video drive.mp4 --calibration stereo.yml --unit mm --out data/mine
   vo data from_folder --raw 2011_09_26/2011_09_26_drive_0005_sync --out data/drive_0005
   vo data from_folder --euroc MH_01_easy --out data/MH_01
@@ -22,7 +24,7 @@ from pathlib import Path
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
 from fetch.stereo_import import look, require_new, rig_of, write_sequence
-from fetch.stereo_sources import Drive, FolderSource, Source, VideoSource, pair_folders
+from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.script import typed
 from vo_lib.commands.scripts import run_script
@@ -33,19 +35,23 @@ from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array
 
 MIN_MEDIAN_DEPTH_M = 5.0  # a smaller one means a wrong unit of the baseline that the user gives
-MIN_FPS, MAX_FPS = 0.001, 10_000.0
+MIN_FPS, MAX_FPS, DEFAULT_FPS = 0.001, 10_000.0, 10.0
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script."""
     images = parser.add_argument_group("images")
-    images.add_argument("--left", type=Path, metavar="DIR", help="folder of the left images")
-    images.add_argument("--right", type=Path, metavar="DIR", help="folder of the right images")
+    images.add_argument("--left", type=Path, metavar="DIR", help="left images: a folder, or FOLDER/NAME*.png")
+    images.add_argument("--right", type=Path, metavar="DIR", help="right images, likewise")
     images.add_argument("--video", type=Path, metavar="FILE", help="video: left and right half of each frame")
     images.add_argument("--raw", type=Path, metavar="DIR", help="a synced and rectified drive of KITTI raw")
     images.add_argument("--euroc", type=Path, metavar="DIR", help="a EuRoC folder mav0, or the one above it")
     images.add_argument("--swap", action="store_true", help="exchange left and right")
+    text = "leave out images without a partner (EuRoC: always); without times, pairs count as evenly spaced"
+    images.add_argument("--skip-unpaired", action="store_true", help=text)
+    text = f"seconds from a left image to its partner at most, by their times; default {MAX_DELAY_S}"
+    images.add_argument("--max-delay", type=float, default=MAX_DELAY_S, metavar="S", help=text)
     camera = parser.add_argument_group("calibration")
     camera.add_argument("--focal", type=float, metavar="F", help="focal length, pixels")
     camera.add_argument("--centre", metavar="CX,CY", help="principal point, pixels")
@@ -56,7 +62,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--rectified", action="store_true", help="images are rectified; take P1, P2 of the files"
     )
     more = parser.add_argument_group("times, truth, output")
-    more.add_argument("--fps", type=float, metavar="N", help="pairs a second; default the video's, else 10")
+    text = f"pairs a second; default: as the names or the video say, else {DEFAULT_FPS:g}"
+    more.add_argument("--fps", type=float, metavar="N", help=text)
     more.add_argument("--times", type=Path, metavar="FILE", help="seconds of each pair, one a line")
     more.add_argument("--poses", type=Path, metavar="FILE", help="true poses in KITTI's format")
     more.add_argument("--copy", action="store_true", help="copy PNG images in place of linking them")
@@ -75,14 +82,20 @@ def run(options: argparse.Namespace) -> int:
     source: Source
     times: Array | float
     if drive is not None:
-        source, rig, times, poses = FolderSource(drive.paths), drive.rig, drive.times, drive.poses
-        if drive.note:
-            say(f"note: {drive.note}")
+        source, rig, note = FolderSource(drive.paths), drive.rig, drive.note
+        times, poses = drive.times, drive.poses
     else:
         source, poses = find_source(options), None
-        times = options.fps or (source.fps() if isinstance(source, VideoSource) else 0.0) or 10.0
+        named, note, rate = None, "", DEFAULT_FPS
+        if isinstance(source, VideoSource):
+            rate = source.fps() or rate
+        else:
+            named, note = source.times, source.note
+        times = named if named is not None and options.fps is None else options.fps or rate
         numbers = options.focal, options.centre, options.baseline
         rig = rig_of(source, numbers, options.calibration, options.rectified, UNITS[options.unit])
+    if note:
+        say(f"note: {note}")
     say(*look(source, rig, options.anyway, MIN_MEDIAN_DEPTH_M if drive is None else 0.0))
     if options.times is not None:
         times = read_times(options.times)
@@ -109,17 +122,17 @@ def read_drive(options: argparse.Namespace) -> Drive | None:
             raise DataError(f"--{name} with --{kind}: that folder brings its own calibration")
     if options.raw is not None:
         return read_raw_drive(options.raw)
-    return read_euroc_drive(options.euroc)
+    return read_euroc_drive(options.euroc, options.max_delay)
 
 
 def find_source(options: argparse.Namespace) -> Source:
-    """The video, or the two folders of images."""
+    """The video, or the two folders or patterns of images."""
     if options.video is not None:
         return VideoSource(options.video, options.swap)
     if options.right is None:
         raise DataError("--right is missing: the folder of the right images")
     folders = (options.right, options.left) if options.swap else (options.left, options.right)
-    return FolderSource(pair_folders(*folders))
+    return pair_images(*folders, options.max_delay, options.skip_unpaired)
 
 
 if __name__ == "__main__":

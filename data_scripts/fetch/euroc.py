@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fetch.stereo_calibration import Rig, rig_from_matrices
-from fetch.stereo_sources import Drive
+from fetch.stereo_sources import MAX_DELAY_S, Drive
 from training.dataset import read_yaml
 from vo_lib.data.poses import from_first, is_rotation, match_times, read_euroc
 from vo_lib.errors import DataError
@@ -25,24 +25,29 @@ MAX_CAMERA_NUMBER = 1e5  # pixels, metres
 LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  # of a 4×4 pose
 
 
-def read_euroc_drive(folder: Path) -> Drive:
+def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
     """A folder mav0, or the one it is in; `DataError` with the file, where something is missing or wrong.
 
-    Pairs without a true pose are left out at the start and the end; without truth all are taken.
+    Images go together with the nearest in time, at most `max_delay` seconds away; others are left out. Pairs
+    without a true pose are left out at the start and the end; without truth all are taken.
     """
     base = folder / "mav0" if (folder / "mav0").is_dir() else folder
     if not (base / "cam0").is_dir():
         raise DataError("is no EuRoC folder: expected mav0/cam0 and mav0/cam1 in it", folder)
     notes: list[str] = []
     images = [_images(base / f"cam{camera}", notes) for camera in (0, 1)]
-    moments = sorted(images[0].keys() & images[1].keys())
-    if len(moments) < 2:
-        raise DataError(f"expected two pairs of equal times or more, found {len(moments)}", base)
+    moments = [np.sort(np.array([*side], np.int64)) for side in images]
+    seconds = [1e-9 * each.astype(np.float64) for each in moments]
+    left, right = match_times(seconds[0], seconds[1], max_delay)
+    if len(left) < 2:
+        expected = f"expected two pairs or more, at most {max_delay:g} s apart"
+        raise DataError(f"{expected}, found {len(left)}", base)
     rig, T_body_camera = _rig(base)
-    times = 1e-9 * np.array(moments, np.float64)
-    single = len(images[0].keys() ^ images[1].keys())
+    pairs = list(zip(moments[0][left].tolist(), moments[1][right].tolist(), strict=True))
+    times = seconds[0][left]
+    single = len(moments[0]) + len(moments[1]) - 2 * len(pairs)
     notes += [f"{single} images without a partner are left out"] if single else []
-    chosen, poses = slice(0, len(moments)), None
+    chosen, poses = slice(0, len(pairs)), None
     if (base / TRUTH).exists():
         true_times, bodies = read_euroc(base / TRUTH)
         at, at_truth = match_times(times, true_times, MAX_POSE_DELAY_S)
@@ -51,11 +56,11 @@ def read_euroc_drive(folder: Path) -> Drive:
         else:
             chosen = slice(int(at[0]), int(at[-1]) + 1)
             poses = from_first(bodies[at_truth] @ T_body_camera)
-            left_out = len(moments) - len(at)
+            left_out = len(pairs) - len(at)
             notes += [f"{left_out} pairs before or after the truth are left out"] if left_out else []
     else:
         notes.append(f"no true poses: {base / TRUTH} is missing")
-    paths = [(images[0][moment], images[1][moment]) for moment in moments[chosen]]
+    paths = [(images[0][at_left], images[1][at_right]) for at_left, at_right in pairs[chosen]]
     return Drive(paths, rig, times[chosen], poses, "; ".join(notes))
 
 

@@ -15,12 +15,15 @@ import numpy as np
 from fetch.stereo_calibration import Rig
 from fetch.stereo_check import SAMPLE_PAIRS
 from vo_lib.data.kitti import read_image
+from vo_lib.data.poses import match_times
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array, Image
 
 Pair = tuple[Image, Image]
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
+MAX_DELAY_S = 0.005  # between left and right image; a car at 50 km/h drives 7 cm in this time
+NANOSECONDS, SECONDS = re.compile(r"\d{18,19}"), re.compile(r"\d{9,10}\.\d+")  # names that are times
 VIDEO_SAMPLE_STEP = 10  # frames of a video from one pair of the sample to the next
 
 
@@ -45,9 +48,11 @@ class Drive:
 
 @dataclass(frozen=True)
 class FolderSource:
-    """Pairs of image files."""
+    """N pairs of image files; `times` (N,), seconds, where names say them; `note` as a `Drive` has it."""
 
     paths: list[tuple[Path, Path]]
+    times: Array | None = None
+    note: str = ""
 
     def sample(self) -> list[Pair]:
         """Pairs spread over the whole sequence."""
@@ -124,34 +129,69 @@ class VideoSource:
 Source = FolderSource | VideoSource
 
 
-def pair_folders(left: Path, right: Path) -> list[tuple[Path, Path]]:
-    """Left and right image files that belong together: of the same name, else in the order of their numbers.
+def pair_images(
+    left: Path, right: Path, max_delay: float = MAX_DELAY_S, skip_unpaired: bool = False
+) -> FolderSource:
+    """Left and right image files that belong together, each side a folder or a pattern such as `S/I1_*.png`.
 
-    Raises `DataError` for folders without images, or of different length without equal names.
+    Names that are times, whole nanoseconds or seconds with decimals, go together with the nearest, at most
+    `max_delay` seconds away. Other names go together where they, or the parts that the star stands for, are
+    equal; where none is, images go together in the order of their numbers.
+
+    Raises `DataError` for places without images, for different numbers of images without equal names, and
+    for an image without a partner unless `skip_unpaired` leaves it out.
     """
-    sides = []
-    for folder in (left, right):
-        if not folder.is_dir():
-            raise DataError("the folder is missing", folder)
-        found = sorted((p for p in folder.iterdir() if p.suffix.lower() in ENDINGS), key=_by_number)
-        if len(found) < 2:
-            raise DataError(f"expected two images or more, found {len(found)}", folder)
-        sides.append(found)
-    names = [{p.stem for p in side} for side in sides]
-    if names[0] & names[1]:
-        for stem in sorted(names[0] ^ names[1]):
-            lacking = right if stem in names[0] else left
-            raise DataError(f"the image {stem} is missing, its partner is there", lacking)
-    elif len(sides[0]) != len(sides[1]):
-        raise DataError(
-            f"has {len(sides[1])} images, {left} has {len(sides[0])}, and their names do not match", right
-        )
-    return list(zip(*sides, strict=True))
+    sides = [_images(place) for place in (left, right)]
+    names, stamps = [list(side) for side in sides], [_seconds(list(side)) for side in sides]
+    times, notes = None, []
+    if stamps[0] is not None and stamps[1] is not None:
+        chosen = [each.tolist() for each in match_times(stamps[0], stamps[1], max_delay)]
+        times = stamps[0][chosen[0]]
+        if (delay := float(np.abs(times - stamps[1][chosen[1]]).max(initial=0.0))) > 0:
+            notes.append(f"left and right images are up to {1e3 * delay:.1f} ms apart")
+    elif common := sides[0].keys() & sides[1].keys():
+        chosen = [[n for n, name in enumerate(of_side) if name in common] for of_side in names]
+    elif len(sides[0]) == len(sides[1]):
+        chosen = [list(range(len(sides[0])))] * 2
+    else:
+        counts = f"has {len(sides[1])} images, {left} has {len(sides[0])}"
+        raise DataError(f"{counts}, and their names do not match", right)
+    files = [list(side.values()) for side in sides]
+    single = [f[n] for f, c in zip(files, chosen, strict=True) for n in sorted({*range(len(f))} - {*c})]
+    if single and not skip_unpaired:
+        raise DataError("the image has no partner; --skip-unpaired leaves such images out", single[0])
+    if single:
+        notes.append(f"{len(single)} images without a partner are left out")
+    paths = [(files[0][n], files[1][m]) for n, m in zip(*chosen, strict=True)]
+    return FolderSource(paths, times, "; ".join(notes))
 
 
-def _by_number(path: Path) -> list[tuple[int, str]]:
+def _images(place: Path) -> dict[str, Path]:
+    """Images of a folder by their names without ending, or those of a pattern by the part that varies."""
+    head, star, tail = place.name.partition("*") if "*" in place.name else ("", "", "")
+    folder = place.parent if star else place
+    if not folder.is_dir():
+        raise DataError("the folder is missing", folder)
+    named = {
+        (p.name if tail else p.stem).removeprefix(head).removesuffix(tail): p
+        for p in folder.iterdir()
+        if p.suffix.lower() in ENDINGS and p.name.startswith(head) and p.name.endswith(tail)
+    }
+    if len(named) < 2:
+        raise DataError(f"expected two images or more, found {len(named)}", place)
+    return {name: named[name] for name in sorted(named, key=_by_number)}
+
+
+def _seconds(names: list[str]) -> Array | None:
+    """Times (N,), seconds, that names say; None where one is no time."""
+    if all(NANOSECONDS.fullmatch(name) for name in names):
+        return 1e-9 * np.array(names, np.float64)
+    return np.array(names, np.float64) if all(SECONDS.fullmatch(name) for name in names) else None
+
+
+def _by_number(name: str) -> list[tuple[int, str]]:
     """Sorts img2 before img10."""
-    return [(int(part or 0), word) for word, part in re.findall(r"(\D*)(\d*)", path.stem)]
+    return [(int(part or 0), word) for word, part in re.findall(r"(\D*)(\d*)", name)]
 
 
 def _read_pair(paths: tuple[Path, Path]) -> Pair:

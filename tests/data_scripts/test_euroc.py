@@ -110,3 +110,7 @@ def test_pairs_without_truth_or_partner_are_left_out(tmp_path: Path) -> None:
     drive = read_euroc_drive(mav0)
     np.testing.assert_allclose(drive.times - 1e-9 * START, [0.0, 0.1, 0.15], atol=1e-6)
     assert "1 images without a partner" in drive.note
+    # The other camera may be a little late.
+    late = [row.replace(f"{START + 2 * STEP},", f"{START + 2 * STEP + 4_000_000},") for row in rows]
+    (mav0 / "cam1" / "data.csv").write_text("\n".join(late) + "\n", encoding="utf-8")
+    assert [len(read_euroc_drive(mav0, delay).paths) for delay in (0.001, 0.005)] == [3, 4]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from fetch.stereo_calibration import Rig, rig_from_matrices
 from fetch.stereo_import import write_sequence
-from fetch.stereo_sources import FolderSource, VideoSource, pair_folders
+from fetch.stereo_sources import FolderSource, VideoSource, pair_images
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import rotation_from_vector
@@ -26,7 +27,7 @@ def source(bands: Path) -> FolderSource:
     for side in ("image_0", "image_1"):
         for path in sorted((bands / side).iterdir()):
             path.rename(path.with_name(f"img_{int(path.stem) + 7}.png"))
-    return FolderSource(pair_folders(bands / "image_0", bands / "image_1"))
+    return pair_images(bands / "image_0", bands / "image_1")
 
 
 def test_png_images_are_linked_in_order_and_the_sequence_opens(source: FolderSource, tmp_path: Path) -> None:
@@ -40,6 +41,60 @@ def test_png_images_are_linked_in_order_and_the_sequence_opens(source: FolderSou
     assert (sequence.camera.f, sequence.camera.baseline) == (300.0, 0.5)
     np.testing.assert_allclose(sequence.times, np.arange(6) / 5)
     assert sequence.truth is None
+
+
+def renamed(bands: Path, name: Callable[[int, int], str]) -> Path:
+    """All band images in one folder, under names made of their camera and frame."""
+    for side in range(2):
+        for path in sorted((bands / f"image_{side}").iterdir()):
+            path.rename(bands / name(side, int(path.stem)))
+    return bands
+
+
+def numbers(source: FolderSource, bands: Path) -> list[str]:
+    """Names of the pairs of a source."""
+    return [" ".join(str(path.relative_to(bands)) for path in pair) for pair in source.paths]
+
+
+def test_patterns_find_both_cameras_in_one_folder_and_an_image_without_partner_is_an_error(
+    bands: Path,
+) -> None:
+    renamed(bands, lambda side, frame: f"I{side + 1}_{frame}.png")
+    (bands / "I2_3.png").unlink()
+    patterns = bands / "I1_*.png", bands / "I2_*.png"
+    with pytest.raises(DataError, match=r"I1_3\.png: the image has no partner; --skip-unpaired"):
+        pair_images(*patterns)
+    found = pair_images(*patterns, skip_unpaired=True)
+    assert numbers(found, bands) == [f"I1_{n}.png I2_{n}.png" for n in (0, 1, 2, 4, 5)]
+    assert found.note == "1 images without a partner are left out"
+    with pytest.raises(DataError, match="expected two images or more, found 0"):
+        pair_images(bands / "I1_*.png", bands / "I3_*.png")
+
+
+@pytest.mark.parametrize("digits", [0, 6])
+def test_names_that_are_times_go_together_with_the_nearest_and_say_the_times(
+    bands: Path, digits: int
+) -> None:
+    start = 1403636579763555584
+
+    def name(side: int, frame: int) -> str:
+        # The right camera fires 2 ms later, from frame 4 on 20 ms later.
+        ns = start + 100_000_000 * frame + side * (20_000_000 if frame > 3 else 2_000_000)
+        stamp = f"{ns // 10**9}.{ns % 10**9:09d}"[: 11 + digits] if digits else str(ns)
+        return f"{'lr'[side]}_{stamp}.png"
+
+    renamed(bands, name)
+    sides = bands / "l_*.png", bands / "r_*.png"
+    with pytest.raises(DataError, match="has no partner"):
+        pair_images(*sides)
+    found = pair_images(*sides, skip_unpaired=True)
+    assert numbers(found, bands) == [f"{name(0, frame)} {name(1, frame)}" for frame in range(4)]
+    assert (
+        found.note == "left and right images are up to 2.0 ms apart; 4 images without a partner are left out"
+    )
+    assert found.times is not None
+    np.testing.assert_allclose(found.times - 1e-9 * start, [0.0, 0.1, 0.2, 0.3], atol=1e-5)
+    assert len(pair_images(*sides, max_delay=0.03).paths) == 6
 
 
 def test_truth_and_times_come_along(source: FolderSource, tmp_path: Path) -> None:
