@@ -15,7 +15,13 @@ from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error
 from vo_lib.evaluation.evaluate import evaluate
-from vo_lib.evaluation.kitti import KITTI_BIN_MINIMUM, KITTI_LENGTHS, KittiErrors, kitti_errors
+from vo_lib.evaluation.kitti import (
+    KITTI_BIN_MINIMUM,
+    KITTI_LENGTHS,
+    KittiErrors,
+    kitti_errors,
+    trajectory_distances,
+)
 from vo_lib.geometry.motion import nearest_rotation, rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
@@ -242,6 +248,16 @@ def test_ate_and_rpe_equal_those_of_evo(seed: int) -> None:
             rpe = metrics.RPE(relation, delta=delta, delta_unit=metrics.Unit.frames)
             rpe.process_data(pair)
             np.testing.assert_allclose(errors, rpe.error, atol=1e-8)
+    for delta_m in (0.1, 2.5):
+        ours = relative_error(truth, estimate, delta_m, trajectory_distances(truth))
+        rpe = metrics.RPE(
+            metrics.PoseRelation.translation_part,
+            delta=delta_m,
+            delta_unit=metrics.Unit.meters,
+            pairs_from_reference=True,
+        )
+        rpe.process_data(pair)
+        np.testing.assert_allclose(ours.translation, rpe.error, atol=1e-8)
 
 
 def test_a_curve_has_a_point_for_each_bin_of_three_and_more() -> None:

@@ -176,6 +176,24 @@ def test_long_paths_have_pictures_and_tables_the_same_each_time(
         assert [each["length_m"] for each in found["ours"]["by_length"]] == [20.0]
 
 
+def test_rpe_over_frames_or_metres_and_the_largest_difference_of_times_are_options(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth, times = straight(101, 0.5), np.arange(101.0)
+    (tmp_path / "truth.txt").write_text(format_tum(times, truth))
+    (tmp_path / "ours.txt").write_text(format_tum(times + 0.2, scaled(truth, 1.1)))
+    files: list[Path | str] = [tmp_path / "ours.txt", "--truth", tmp_path / "truth.txt"]
+    words = [*files, "--t-max-diff", "0.3"]
+    assert "fewer than two poses" in refused(capsys, *files)
+    # A step is 0.5 m long and its error a tenth of that.
+    for delta, key, error in (("1f", "frames", 0.05), ("8f", "frames", 0.4), ("3.2m", "m", 0.35)):
+        rpe = numbers(capsys, *words, "--delta", delta)["ours"]["rpe"]
+        assert rpe[f"delta_{key}"] == float(delta[:-1])
+        assert rpe["translation"]["rmse_m"] == pytest.approx(error, abs=1e-6)
+    assert main(["evaluate", *map(str, words), "--delta", "3.2m"]) == 0
+    assert "RPE over 3.2 m" in " ".join(capsys.readouterr().out.split())
+
+
 def write_euroc(path: Path, times: Array, poses: Array) -> None:
     """EuRoC's truth: nanoseconds, position, quaternion with w first, speed and biases."""
     rows = ["#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], …"]

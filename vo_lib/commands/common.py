@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from ..data.sequence import Sequence
 from ..detection.labels import labelled_sequence
 from ..detection.settings import DetectorConfig
 from ..errors import DataError
+from ..evaluation.ate_rpe import Delta
 from ..files import read_mapping
 from ..paper.settings import MethodConfig
 from .console import reporting, tell
@@ -148,6 +150,15 @@ def parse_lengths(text: str) -> tuple[float, ...]:
     if not lengths or not all(0 < length <= MAX_COORDINATE_M for length in lengths):
         raise DataError(f"--lengths {text!r}: expected metres such as 20,50,100")
     return lengths
+
+
+def parse_delta(text: str) -> Delta:
+    """Frames of "10f", metres of "5m"."""
+    match = re.fullmatch(r"(\d+)f|(\d+\.?\d*|\.\d+)m", text, re.ASCII)
+    delta = Delta() if match is None else Delta(int(match[1])) if match[1] else Delta(float(match[2]), "m")
+    if match is None or not 0 < delta.size <= MAX_COORDINATE_M:
+        raise DataError(f"--delta {text!r}: expected frames such as 10f, or metres such as 5m")
+    return delta
 
 
 def labelled(

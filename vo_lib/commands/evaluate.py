@@ -6,11 +6,12 @@ import argparse
 import json
 from pathlib import Path
 
+from ..data.poses import TOLERANCE
 from ..evaluation.ate_rpe import Alignment
 from ..files import write_atomic
 from ..report.paths import evaluate_paths, evaluation_tables, read_paths, write_pictures
 from ..runs.folder import run_folder
-from .common import parse_lengths, parse_whole
+from .common import parse_delta, parse_lengths, parse_whole
 from .console import say, show_report_table
 
 
@@ -27,6 +28,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--step", metavar="N", help="frames from one start to the next; default 10, on short paths 1")
     text = "what may be moved before ATE is taken; default %(default)s"
     option("--alignment", default="se3", choices=[each.value for each in Alignment], help=text)
+    text = "RPE between poses so far apart: frames, 10f, or metres along the true path, 5m; default 1f"
+    option("--delta", default="1f", metavar="D", help=text)
+    text = "seconds from a pose to the true one at most, where both have times; default %(default)s"
+    option("--t-max-diff", type=float, default=TOLERANCE, metavar="S", help=text)
     text = "write evaluation.json, and pictures of paths and of errors by length and speed"
     option("--out", metavar="DIR", help=text)
     option("--json", action="store_true", help="print JSON")
@@ -36,10 +41,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _evaluate(options: argparse.Namespace) -> int:
     lengths = None if options.lengths is None else parse_lengths(options.lengths)
     step = None if options.step is None else parse_whole("--step", options.step)
-    alignment = Alignment(options.alignment)
+    alignment, delta = Alignment(options.alignment), parse_delta(options.delta)
     results = [
-        (paths, evaluate_paths(paths, lengths, step, alignment))
-        for paths in read_paths(options.paths, options.truth)
+        (paths, evaluate_paths(paths, lengths, step, alignment, delta))
+        for paths in read_paths(options.paths, options.truth, options.t_max_diff)
     ]
     numbers = [{"sequence": paths.name} | result.to_dict("systems") for paths, result in results]
     data = json.dumps({"sequences": numbers}, indent=2, allow_nan=False)

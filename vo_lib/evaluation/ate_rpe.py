@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,18 +48,30 @@ class AbsoluteError:
         return {"alignment": self.alignment.value, "scale": self.scale} | _in("m", self.distance)
 
 
+class Delta(NamedTuple):
+    """How far poses are apart whose relative error is taken: frames, or metres along the true path."""
+
+    size: float = 1
+    unit: str = "frames"
+
+    @property
+    def words(self) -> str:
+        """As a table's note says it."""
+        return "from frame to frame" if self == Delta() else f"over {self.size:g} {self.unit}"
+
+
 @dataclass(frozen=True)
 class RelativeError:
-    """RPE over `delta` frames: translation (M,), metres, and rotation angle (M,), radians."""
+    """RPE over `delta`: translation (M,), metres, and rotation angle (M,), radians."""
 
-    delta: int
+    delta: Delta
     translation: Array
     rotation: Array
 
     def to_dict(self) -> dict[str, Any]:
-        """Frames apart and statistics, for JSON; None where the trajectory is shorter than delta."""
+        """Distance of the poses and statistics, for JSON; None where the trajectory is shorter than delta."""
         return {
-            "delta_frames": self.delta,
+            f"delta_{self.delta.unit}": self.delta.size,
             "translation": _in("m", self.translation),
             "rotation": _in("deg", np.degrees(self.rotation)),
         }
@@ -112,12 +124,26 @@ def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignme
     return AbsoluteError(alignment, scale, np.linalg.norm(aligned[:, :3, 3] - truth[:, :3, 3], axis=1))
 
 
-def relative_error(truth: Array, estimate: Array, delta: int = 1) -> RelativeError:
-    """RPE over the frames 0 to delta, delta to 2·delta, … (evo's default pairs); needs no alignment."""
+def relative_error(
+    truth: Array, estimate: Array, delta: float = 1, path: Array | None = None
+) -> RelativeError:
+    """RPE over the frames 0 to delta, delta to 2·delta, … (evo's default pairs); needs no alignment.
+
+    path : (N,) metres from the first true pose to each. With it delta is in metres: from a pose to the first
+    one so far ahead, and on from that (evo's pairs with `--pairs_from_reference`).
+    """
     check_pair(truth, estimate)
-    frames = np.arange(0, len(truth), delta)
+    if path is None:
+        frames = np.arange(0, len(truth), int(delta))
+    else:
+        chain, end = list[int](), 0
+        while end < len(path):
+            chain.append(end)
+            end = int(np.searchsorted(path, path[end] + delta))
+        frames = np.array(chain)
     error = motion_error(truth, estimate, frames[:-1], frames[1:])
-    return RelativeError(delta, np.linalg.norm(error[:, :3, 3], axis=1), rotation_angle(error[:, :3, :3]))
+    apart = Delta(delta, "frames" if path is None else "m")
+    return RelativeError(apart, np.linalg.norm(error[:, :3, 3], axis=1), rotation_angle(error[:, :3, :3]))
 
 
 def statistics(errors: Array) -> dict[str, float | None]:

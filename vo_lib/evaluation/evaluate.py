@@ -12,12 +12,15 @@ from ..geometry.types import Array
 from .ate_rpe import (
     AbsoluteError,
     Alignment,
+    Delta,
     RelativeError,
     absolute_error,
     check_pair,
     relative_error,
 )
 from .kitti import KITTI_LENGTHS, KITTI_STEP, KittiErrors, kitti_errors, trajectory_distances
+
+ONE_FRAME = Delta()
 
 
 @dataclass(frozen=True)
@@ -63,10 +66,11 @@ def evaluate(
     step: int = KITTI_STEP,
     alignment: Alignment = Alignment.SE3,
     times: Mapping[str, Array] = MappingProxyType({}),
+    delta: Delta = ONE_FRAME,
 ) -> Evaluation:
     """KITTI errors, ATE and RPE of (name, truth, estimate) triples, poses (N, 4, 4) each.
 
-    `times` : (N,) seconds of the frames of each name, where they are known.
+    `times` : (N,) seconds of the frames of each name, where they are known. `delta` : of RPE.
 
     Raises
     ------
@@ -75,10 +79,11 @@ def evaluate(
     results = []
     for name, truth, estimate in pairs:
         check_pair(truth, estimate, f"sequence {name}: ")
-        distance = float(trajectory_distances(truth)[-1])
+        path = trajectory_distances(truth)
         kitti = kitti_errors(truth, estimate, lengths, step, times.get(name))
-        ate, rpe = absolute_error(truth, estimate, alignment), relative_error(truth, estimate)
-        results.append(SequenceResult(name, len(truth), distance, kitti, ate, rpe))
+        ate = absolute_error(truth, estimate, alignment)
+        rpe = relative_error(truth, estimate, delta.size, path if delta.unit == "m" else None)
+        results.append(SequenceResult(name, len(truth), float(path[-1]), kitti, ate, rpe))
     if not results:
         raise DataError("nothing to evaluate: expected at least one truth and estimate")
     return Evaluation(tuple(results), tuple(map(float, lengths)), step)

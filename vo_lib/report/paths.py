@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..data.catalogue import open_sequence
-from ..data.poses import match_times, read_euroc, read_kitti_poses, read_tum
+from ..data.poses import TOLERANCE, match_times, read_euroc, read_kitti_poses, read_tum
 from ..errors import DataError
-from ..evaluation.ate_rpe import Alignment, align, rmse
-from ..evaluation.evaluate import Evaluation, evaluate
+from ..evaluation.ate_rpe import Alignment, Delta, align, rmse
+from ..evaluation.evaluate import ONE_FRAME, Evaluation, evaluate
 from ..evaluation.kitti import SHORT_MEASURE, Measure, suitable_measure
 from ..files import read_text, write_atomic
 from ..geometry.types import Array, Index
@@ -51,11 +51,14 @@ def read_path(path: Path) -> tuple[Array | None, Array]:
     return read_tum(path) if len(first.split()) == 8 else (None, read_kitti_poses(path))
 
 
-def read_paths(places: list[Path], truth_file: Path | None = None) -> list[ComparedPaths]:
+def read_paths(
+    places: list[Path], truth_file: Path | None = None, tolerance: float = TOLERANCE
+) -> list[ComparedPaths]:
     """Run folders and pose files by their truth, which is that of the runs' sequences without a truth file.
 
-    Poses go with the true ones by time or, where one has no times, row by row; frames that one of the paths
-    does not have are left out. Raises `DataError` where the truth of a path is unknown or does not fit it.
+    Poses go with the true ones by time, at most `tolerance` seconds away, or, where one has no times, row by
+    row; frames that one of the paths does not have are left out. Raises `DataError` where the truth of a path
+    is unknown or does not fit it.
     """
     places = list(dict.fromkeys(place.absolute() for place in places))
     for place in places:
@@ -83,7 +86,8 @@ def read_paths(places: list[Path], truth_file: Path | None = None) -> list[Compa
         # With a truth file, times are those of its clock.
         run_file = POSES if truth_file is None or truth.times is None else POSES_TUM
         files = [place / run_file if place in configs else place for place in own]
-        compared.append(_compared(truth, files, [_names(place, configs.get(place)) for place in own]))
+        labels = [_names(place, configs.get(place)) for place in own]
+        compared.append(_compared(truth, files, labels, tolerance))
     return compared
 
 
@@ -111,9 +115,11 @@ def _names(place: Path, config: dict[str, Any] | None) -> list[str]:
     return [method, f"{method}, {variant}, seed {seed}", str(place)]
 
 
-def _compared(truth: ComparedPaths, files: list[Path], names: list[list[str]]) -> ComparedPaths:
+def _compared(
+    truth: ComparedPaths, files: list[Path], names: list[list[str]], tolerance: float
+) -> ComparedPaths:
     """The paths at the frames that all of them have, by the shortest names that tell them apart."""
-    matched = [_matched(file, truth) for file in files]
+    matched = [_matched(file, truth, tolerance) for file in files]
     common = functools.reduce(np.intersect1d, [rows for rows, _ in matched])
     if len(common) < 2:
         raise DataError(
@@ -128,11 +134,11 @@ def _compared(truth: ComparedPaths, files: list[Path], names: list[list[str]]) -
     return ComparedPaths(truth.name, truth.truth[common], times, estimates)
 
 
-def _matched(path: Path, truth: ComparedPaths) -> tuple[Index, Array]:
+def _matched(path: Path, truth: ComparedPaths, tolerance: float) -> tuple[Index, Array]:
     """Rows of the truth that poses of a file go with, and these poses."""
     times, poses = read_path(path)
     if times is not None and truth.times is not None:
-        rows, own = match_times(truth.times, times)
+        rows, own = match_times(truth.times, times, tolerance)
         return rows, poses[own]
     if len(poses) != len(truth.truth):
         raise DataError(f"has {len(poses)} poses, but the truth of {truth.name} has {len(truth.truth)}", path)
@@ -144,12 +150,13 @@ def evaluate_paths(
     lengths: tuple[float, ...] | None = None,
     step: int | None = None,
     alignment: Alignment = Alignment.SE3,
+    delta: Delta = ONE_FRAME,
 ) -> Evaluation:
     """Errors of each estimate; lengths, metres, and step, frames, are by default those that suit the path."""
     measure = suitable_measure(paths.truth)
     pairs = [(label, paths.truth, poses) for label, poses in paths.estimates.items()]
     times = {} if paths.times is None else dict.fromkeys(paths.estimates, paths.times)
-    return evaluate(pairs, lengths or measure.lengths, step or measure.step, alignment, times)
+    return evaluate(pairs, lengths or measure.lengths, step or measure.step, alignment, times, delta)
 
 
 def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
@@ -161,7 +168,7 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
         rows.append([s.name, number(s.kitti.te), number(s.kitti.re), *(number(each, 4) for each in drift)])
     columns = ["system", *(unit for unit, _ in ERROR_KINDS.values()), "ATE m", "RPE m", "RPE deg"]
     words = systems[0].ate.alignment.words
-    note = f"ATE and RPE: root mean squares; ATE {words}; RPE from frame to frame."
+    note = f"ATE and RPE: root mean squares; ATE {words}; RPE {systems[0].rpe.delta.words}."
     short = "Shorter sub-sequences than KITTI's, as far as the path goes: not comparable with the benchmark."
     head = [short] if measure == SHORT_MEASURE else []
     by_length = []
