@@ -6,6 +6,8 @@ import json
 import shlex
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from conftest import write_bands
 from readers import expanded
@@ -18,13 +20,20 @@ CASES = json.loads((Path(__file__).parent / "bad_input.json").read_text(encoding
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """A sequence, its left images, its poses, a run's settings, a loop of links, and an unwritten folder."""
+    """A sequence, its images, its poses, half a mask, a run's settings, a loop, an unwritten folder."""
     bands = write_bands(tmp_path_factory.mktemp("bad") / "bands")
     config = {"method": "mesvo_f", "variant": "published", "settings": {}}
     (bands / "config.json").write_text(json.dumps(config), encoding="utf-8")
     (bands / "loop").symlink_to(bands / "loop")
-    paths = {"BANDS": bands, "LEFT": bands / "image_0", "POSES": bands / "poses.txt", "OUT": bands / "out"}
-    paths |= {"CONFIG": bands / "config.json", "LOOP/x": bands / "loop" / "x"}
+    cv2.imwrite(str(bands / "mask.png"), np.zeros((120, 480), np.uint8))
+    paths = {
+        "MASK": bands / "mask.png",
+        "BANDS": bands,
+        "LEFT": bands / "image_0",
+        "POSES": bands / "poses.txt",
+        "OUT": bands / "out",
+    }
+    paths |= {"CONFIG": bands / "config.json", "MASK": bands / "mask.png", "LOOP/x": bands / "loop" / "x"}
     return {name: str(path) for name, path in paths.items()}
 
 

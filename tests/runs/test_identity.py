@@ -94,6 +94,19 @@ def test_labels_times_and_camera_decide_a_run_and_labels_only_where_they_are_use
         assert identity.run_identity(other, kept, "m") != after[0]
 
 
+def test_masks_decide_a_run_and_not_its_matches(bands: Path) -> None:
+    sequence, config = open_sequence(bands), preset("feature_selection")
+    matches, runs = [], []
+    for value in (None, 0, 255):
+        if value is not None:
+            cv2.imwrite(str(bands / "mask.png"), np.full((240, 480), value, np.uint8))
+            sequence = dataclasses.replace(sequence, masks=bands / "mask.png")
+        matches.append(identity.matches_identity(sequence, config))
+        runs.append(identity.run_identity(sequence, config, "m"))
+    assert matches[0] == matches[1] == matches[2]
+    assert len({run["masks"] for run in runs}) == 3
+
+
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of vo_lib whose files may be changed."""

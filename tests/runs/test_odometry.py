@@ -9,13 +9,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import BASELINE, small, with_box, write_bands
+from conftest import BASELINE, small, texture, with_box, write_bands
 
 from measure.axes import fit_axes
 from vo_lib import Run, open_sequence, preset, run
 from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.runs.drive import run_methods
+from vo_lib.runs.drive import run_methods, unmasked
 from vo_lib.runs.folder import warnings_of
+from vo_lib.runs.front_end import find_matches
 
 METHODS = ("mesvo_f", "solution_selection", "feature_selection")
 
@@ -93,3 +94,40 @@ def test_real_clip_00_is_as_good_as_promised(clips: Path) -> None:
             without = fit_axes(sequence.truth, result.poses, [length], 1).kitti
             found = np.array([errors.te, errors.re, without.te], float)
             assert (found < (te, re, turned)).all()
+
+
+@pytest.mark.parametrize("variant", ["published", "kit"])
+def test_masks_leave_out_the_features_of_a_bonnet(tmp_path: Path, variant: str) -> None:
+    folder = write_bands(tmp_path / "bands")
+    bonnet = texture(np.random.default_rng(1), 60, 500, 1.2)
+    for side, start in (("image_0", 0), ("image_1", 20)):  # the bonnet stays where it is
+        for path in (folder / side).glob("*.png"):
+            image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+            assert image is not None
+            image[180:] = bonnet[:, start : start + 480]
+            cv2.imwrite(str(path), image)
+    mask = np.zeros((240, 480), np.uint8)
+    mask[180:] = 255
+    (tmp_path / "masks").mkdir()
+    for place in ("mask", *(f"masks/{frame:06d}" for frame in range(6))):
+        cv2.imwrite(str(tmp_path / f"{place}.png"), mask)
+    whole, config = open_sequence(folder), preset("mesvo_f", variant=variant)
+    masked = [dataclasses.replace(whole, masks=tmp_path / name) for name in ("mask.png", "masks")]
+    found = list(find_matches(whole, config))
+    for (before, _), (after, _) in zip(found, unmasked(masked[0], found), strict=True):
+        above = (before.prev_left[:, 1] < 179.5) & (before.cur_left[:, 1] < 179.5)
+        assert len(before) == 0 or 50 < np.count_nonzero(above) < len(before)
+        np.testing.assert_array_equal(after.cur_left, before.cur_left[above])
+    runs = [run(sequence, config) for sequence in masked]
+    np.testing.assert_array_equal(runs[0].poses, runs[1].poses)
+    assert np.abs(runs[0].poses[:, 0, 3] - 0.5 * np.arange(6)).max() < 0.05
+
+
+def test_the_mask_of_the_frame_before_covers_where_features_were(bands: Path) -> None:
+    masks = bands.parent / "masks"
+    masks.mkdir()
+    for frame in range(6):
+        cv2.imwrite(str(masks / f"{frame:06d}.png"), np.full((240, 480), 255 * (frame == 3), np.uint8))
+    sequence = dataclasses.replace(open_sequence(bands), masks=masks)
+    frames = unmasked(sequence, find_matches(sequence, preset("mesvo_f")))
+    assert [len(matches) > 0 for matches, _ in frames] == [False, True, True, False, False, True]

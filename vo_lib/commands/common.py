@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import re
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,8 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     """The options that choose frames and labels of the sequence."""
     parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
     parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
+    text = "PNG image of pixels (not 0) whose features are left out, or folder with one a frame, named as it"
+    parser.add_argument("--masks", type=Path, metavar="PATH", help=text)
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
@@ -73,11 +76,15 @@ def add_many(parser: argparse.ArgumentParser, jobs: Any) -> None:
 
 
 def open_with_bar(
-    name: str, cache: Path | None, labels: str | None = None, frames: str | None = None
+    name: str,
+    cache: Path | None,
+    labels: str | None = None,
+    frames: str | None = None,
+    masks: Path | None = None,
 ) -> Sequence:
     """A sequence, or its frames "A:B"; a bar is shown while a synthetic scene is drawn."""
     with reporting(f"drawing {name}") as report:
-        sequence = open_sequence(name, labels, cache, report)
+        sequence = dataclasses.replace(open_sequence(name, labels, cache, report), masks=masks)
     return sequence if frames is None else sequence.part(*parse_frames(frames, len(sequence)))
 
 

@@ -64,7 +64,8 @@ def _run(options: argparse.Namespace) -> int:
     config = changed_by_options(options, config)
     calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
     values = {name.removeprefix(DETECTOR): value for name, value in given(options, DETECTOR_SETTINGS).items()}
-    sequence = common.open_with_bar(options.sequence, cache, options.labels, options.frames)
+    part = options.labels, options.frames, options.masks
+    sequence = common.open_with_bar(options.sequence, cache, *part)
     label = f"{sequence.name}, {options.method}, {config.variant}"
     with run_folder(options.out) as folder:
         sequence = common.labelled(sequence, options, DetectorConfig(**values), cache)

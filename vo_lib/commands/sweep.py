@@ -41,7 +41,8 @@ def _sweep(options: argparse.Namespace) -> int:
     seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
     base = common.read_settings(options)
     axes = tuple(parse_axis(text, base) for text in options.axes)
-    sequence = common.open_with_bar(options.sequence, options.cache, options.labels, options.frames)
+    part = options.labels, options.frames, options.masks
+    sequence = common.open_with_bar(options.sequence, options.cache, *part)
     with run_folder(options.out) as folder, only_process(folder):
         with reporting(f"{sequence.name}, {options.method}") as report:
             run = partial(

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import DataError
 from ..geometry.boxes import Boxes, no_boxes
 from ..geometry.camera import StereoCamera
-from ..geometry.types import Array, Image
+from ..geometry.types import Array, BoolArray, Image
 from .kitti import list_frames, read_calibration, read_image, read_times
 from .labels import read_labels
 from .poses import read_kitti_poses
@@ -30,6 +34,8 @@ class Sequence:
     times : (N,) seconds.
     truth : (N, 4, 4) ground-truth poses T_w_c, or None.
     labels : folder of YOLO label files, or None.
+    masks : PNG image of the pixels whose features are left out, those that are not 0, of all left images; or
+        folder of such images, one for each frame; or None.
     """
 
     name: str
@@ -39,22 +45,35 @@ class Sequence:
     times: Array
     truth: Array | None
     labels: Path | None
+    masks: Path | None = field(default=None, kw_only=True)
 
     def __len__(self) -> int:
         return len(self.frames)
 
     def stereo(self, index: int) -> tuple[Image, Image]:
         """Left and right image of a frame, (H, W) uint8; `DataError` names an image that cannot be used."""
-        size = (self.camera.height, self.camera.width)
-        images = []
-        for side in ("image_0", "image_1"):
-            path = self.folder / side / f"{self.frames[index]}.png"
-            image = read_image(path)
-            if image.shape != size:
-                found, expected = f"{image.shape[1]}×{image.shape[0]}", f"{size[1]}×{size[0]}"
-                raise DataError(f"the image is {found}, expected {expected} as the first left image", path)
-            images.append(image)
-        return images[0], images[1]
+        name = f"{self.frames[index]}.png"
+        return self._image(self.folder / "image_0" / name), self._image(self.folder / "image_1" / name)
+
+    def _image(self, path: Path) -> Image:
+        image, size = read_image(path), (self.camera.height, self.camera.width)
+        if image.shape != size:
+            found, expected = f"{image.shape[1]}×{image.shape[0]}", f"{size[1]}×{size[0]}"
+            raise DataError(f"the image is {found}, expected {expected} as the first left image", path)
+        return image
+
+    def mask_files(self) -> list[Path]:
+        """The mask of each frame, or one for all; none without masks."""
+        if self.masks is None or self.masks.is_file():
+            return [] if self.masks is None else [self.masks]
+        return [self.masks / f"{frame}.png" for frame in self.frames]
+
+    def masked(self, index: int, uv: Array) -> BoolArray:
+        """Which left pixels (N, 2) of a frame its mask covers; raises as `stereo`. (N,)"""
+        files = self.mask_files()
+        if not files:
+            return np.zeros(len(uv), np.bool_)
+        return np.asarray(at_pixels(self._image(files[min(index, len(files) - 1)]), uv) != 0)
 
     def boxes(self, index: int) -> Boxes:
         """Labelled boxes of a frame's left image; none where there is no label file."""
@@ -78,6 +97,13 @@ def require_frames(start: int, stop: int, count: int, name: str) -> None:
     """`DataError` unless start … stop - 1 are two frames or more of the `count` frames of a sequence."""
     if not 0 <= start < stop - 1 < count:
         raise DataError(f"frames {start}:{stop}: expected two frames or more of 0:{count}, which {name} has")
+
+
+def at_pixels(picture: NDArray[Any], uv: Array) -> NDArray[Any]:
+    """Values (N,) of a picture (H, W) at the pixels nearest to uv (N, 2)."""
+    last = np.array(picture.shape[::-1]) - 1
+    column, row = np.rint(np.clip(np.nan_to_num(uv), 0, last)).astype(np.intp).T
+    return np.asarray(picture[row, column])
 
 
 def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Sequence:

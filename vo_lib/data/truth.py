@@ -17,7 +17,7 @@ from ..geometry.types import Array, BoolArray, IntArray
 from ..settings import from_dict
 from .poses import read_kitti_poses
 from .scenes import SceneConfig
-from .sequence import Sequence
+from .sequence import Sequence, at_pixels
 
 STANDING_STEP_M = 0.01  # a vehicle that moves less between two frames stands
 
@@ -48,9 +48,7 @@ class Truth:
 
     def vehicle_at(self, frame: int, uv: Array) -> IntArray:
         """The vehicle under left pixels (N, 2): k + 1 for vehicle k or its shadow, else 0. (N,)"""
-        camera = self.config.camera
-        column, row = np.rint(np.clip(np.nan_to_num(uv), 0, (camera.width - 1, camera.height - 1))).T
-        number = self.instances(frame)[row.astype(np.intp), column.astype(np.intp)].astype(np.int64)
+        number = at_pixels(self.instances(frame), uv).astype(np.int64)
         return np.where(number > 0, (number - 1) % max(self.objects.shape[1], 1) + 1, 0)
 
     def is_moving(self, frame: int, uv: Array, other: int) -> BoolArray:

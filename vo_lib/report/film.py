@@ -20,7 +20,7 @@ from ..geometry.matches import StereoMatches
 from ..geometry.result import FrameResult
 from ..geometry.types import Array, BoolArray, Image, IntArray
 from ..paper.boxes import on_vehicles
-from ..runs.drive import MethodRun, Run, single_threaded
+from ..runs.drive import MethodRun, Run, single_threaded, unmasked
 from ..runs.front_end import TimedMatches, find_matches
 from .plots import AGE_COLOURS, REMOVED, distance_from_truth, match_image
 
@@ -63,7 +63,7 @@ def shown_frames(
     with single_threaded():
         before = sequence.boxes(0)
         frames = find_matches(sequence, config) if matches is None else matches
-        for index, frame in enumerate(frames):
+        for index, frame in enumerate(unmasked(sequence, frames)):
             boxes, state = sequence.boxes(index), None
             method.step(index, frame, boxes)
             if index == 0:

@@ -122,6 +122,15 @@ def make_odometry(
     return make_kit_odometry(camera, config, calibration, times, on_moving)
 
 
+def unmasked(sequence: Sequence, frames: Iterable[TimedMatches]) -> Iterator[TimedMatches]:
+    """The matches of each frame that the sequence's masks leave, those of the frame before and of its own."""
+    for index, (matches, ms) in enumerate(frames):
+        if index and sequence.masks is not None:
+            covered = sequence.masked(index - 1, matches.prev_left) | sequence.masked(index, matches.cur_left)
+            matches = matches[~covered]
+        yield matches, ms
+
+
 def run(
     sequence: Sequence,
     config: MethodConfig,
@@ -160,7 +169,7 @@ def run_methods(
     method_runs = {name: MethodRun(sequence, config, calibration) for name, config in configs.items()}
     with single_threaded():
         frames = find_matches(sequence, next(iter(configs.values()))) if matches is None else matches
-        for index, frame in enumerate(frames):
+        for index, frame in enumerate(unmasked(sequence, frames)):
             boxes = sequence.boxes(index)
             for method_run in method_runs.values():
                 method_run.step(index, frame, boxes)
