@@ -47,7 +47,7 @@ STEPS = {
 
 
 def test_each_point_is_asked_with_the_boxes_of_its_own_image_and_no_others_are_remembered() -> None:
-    rule = BoxFilter(CAMERA, KitFilterConfig(rule="all", min_matches=0, min_share=0.0))
+    rule = BoxFilter(CAMERA, KitFilterConfig(rule="all", min_matches=0))
     rule.start(box(*LEFT))
     first = rule.step(going(*STEPS), box(*MIDDLE))
     assert (first.keep.tolist(), first.flags) == ([*STEPS.values()], ())
@@ -59,15 +59,12 @@ def test_each_point_is_asked_with_the_boxes_of_its_own_image_and_no_others_are_r
 
 def test_with_too_few_left_the_filter_is_off_and_says_so() -> None:
     matches = going(*[(IN_LEFT, IN_LEFT)] * 9, (AWAY, AWAY))
-    for config in (
-        KitFilterConfig(min_matches=2, min_share=0.0),
-        KitFilterConfig(min_matches=0, min_share=0.3),
-    ):
-        rule = BoxFilter(CAMERA, config)
+    for min_matches, flags in ((2, (Flag.FILTER_OFF,)), (1, ())):
+        rule = BoxFilter(CAMERA, KitFilterConfig(min_matches=min_matches))
         rule.start(box(*LEFT))
         filtered = rule.step(matches, box(*LEFT))
-        assert filtered.flags == (Flag.FILTER_OFF,)
-        assert filtered.keep.all()
+        assert filtered.flags == flags
+        assert filtered.keep.sum() == (10 if flags else 1)
     # Few matches from the start are not the filter's fault.
     assert BoxFilter(CAMERA, KitFilterConfig()).step(matches, no_boxes()).flags == ()
 
@@ -99,7 +96,7 @@ def test_features_of_parked_cars_have_to_agree_with_the_street(agreement: float,
 
 
 def test_a_frame_with_little_background_is_flagged() -> None:
-    config = KitFilterConfig(rule="moving", min_matches=0, min_share=0.0)
+    config = KitFilterConfig(rule="moving", min_matches=0)
     assert filtered(config, kept=slice(190, 240))[0].flags == ("few_background",)
 
 

@@ -32,13 +32,13 @@ class Filtered:
 
 
 def unless_too_few(keep: BoolArray, config: KitFilterConfig) -> Filtered:
-    """The matches to keep; all of them, flagged, where too few would be left.
+    """The matches to keep; all of them, flagged, where fewer than `min_matches` would be left.
 
-    A motion from vehicles is better than a motion from a handful of points.
+    A motion from vehicles is better than a motion from a handful of points. The share that is left does not
+    count: where a vehicle holds most of the matches its features win the vote.
     """
-    kept, number = int(np.count_nonzero(keep)), len(keep)
-    if kept < number and (kept < config.min_matches or kept < config.min_share * number):
-        return Filtered(np.ones(number, np.bool_), (Flag.FILTER_OFF,))
+    if not keep.all() and np.count_nonzero(keep) < config.min_matches:
+        return Filtered(np.ones(len(keep), np.bool_), (Flag.FILTER_OFF,))
     return Filtered(keep)
 
 

@@ -73,9 +73,6 @@ class KitFilterConfig(FilterConfig):
     min_matches: int = setting(
         60, "with fewer matches left the filter is off for the frame", low=0, high=10000
     )
-    min_share: float = setting(
-        0.3, "with a smaller share left the filter is off for the frame", low=0, high=1
-    )
     moving: MovingConfig = section(MovingConfig)
 
 
