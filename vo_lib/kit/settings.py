@@ -71,7 +71,7 @@ class KitFilterConfig(FilterConfig):
         "all", "which boxes remove their features", choices=("none", "all", "moving", "truth")
     )
     min_matches: int = setting(
-        60, "with fewer matches left the filter is off for the frame", low=0, high=10000
+        12, "with fewer matches left the filter is off for the frame", low=0, high=10000
     )
     moving: MovingConfig = section(MovingConfig)
 
