@@ -1,7 +1,8 @@
-"""Chapter 5's opening: the same frames with features in boxes kept and removed, and what the car believes."""
+"""Chapter 5's opening: the same frames with features in boxes kept and removed, and when that matters."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,9 +15,12 @@ from vo_lib.evaluation.ate_rpe import relative_error
 from vo_lib.geometry.types import Array
 
 from ..colours import BAD, DARK, GOOD, PALE, THIRD
-from ..drawing import figure, finish, room
+from ..drawing import figure, finish, room, say
 from ..frames import true_poses
 
+CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
+THRESHOLD_AND_BOXES = "threshold and boxes"  # its choice whose rows are no differences
+MEASURED = "drive_0013", "synthetic/jam"
 LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width: all are seen where they coincide
 
 
@@ -82,4 +86,50 @@ def claim_figure(
     finish(turns, "rotation error of each step [deg]", "frame", "", "upper left")
     finish(lengths, "translation error of each step [mm]", "frame")
     finish(path, "where the car believes it is", "x, right [m]", "z, forward [m]", "lower left")
+    return made
+
+
+def by_threshold(path: Path = CHOICES) -> dict[str, dict[str, Array]]:
+    """RE over the inlier threshold, by sequence, with all features and with boxes removed.
+
+    Returns
+    -------
+    (K, 3) each, by threshold: threshold in pixels, mean RE and its deviation over seeds, deg/100 m.
+    """
+    measured: dict[str, dict[str, list[list[float]]]] = {}
+    with path.open(encoding="utf-8", newline="") as lines:
+        for row in csv.DictReader(lines):
+            if row["choice"] == THRESHOLD_AND_BOXES:
+                threshold, _, boxes = row["alternative"].partition(" px, ")
+                numbers = [float(each) for each in (threshold, row["re"], row["re_sd"])]
+                measured.setdefault(row["sequence"], {}).setdefault(boxes, []).append(numbers)
+    return {
+        name: {boxes: np.array(sorted(rows)) for boxes, rows in each.items()}
+        for name, each in measured.items()
+    }
+
+
+def threshold_lines(measured: Mapping[str, Mapping[str, Array]]) -> str:
+    """A line for each sequence and threshold: RE with all features and without those in boxes."""
+    return "\n".join(
+        f"{name:13}, {rows[0][0]:4g} px: RE "
+        + ", ".join(f"{re:5.2f} ± {spread:.2f} {boxes}" for boxes, (_, re, spread) in zip(each, rows))
+        for name, each in measured.items()
+        for rows in zip(*each.values(), strict=True)
+    )
+
+
+def threshold_figure(measured: Mapping[str, Mapping[str, Array]], height: int = 260) -> Figure:
+    """RE over the inlier threshold, with all features and with boxes removed; bars are one deviation."""
+    made, axes = figure(height, len(MEASURED))
+    for axis, name in zip(axes, MEASURED, strict=True):
+        if name not in measured:
+            say(axis, f"{CHOICES.name} has no rows '{THRESHOLD_AND_BOXES}' of {name}")
+            continue
+        for (boxes, rows), (colour, _) in zip(measured[name].items(), LINES, strict=False):
+            threshold, re, deviation = rows.T
+            axis.errorbar(range(len(rows)), re, deviation, color=colour, marker="o", capsize=3, label=boxes)
+        axis.set_xticks(range(len(rows)), [f"{each:g}" for each in threshold])
+        axis.set_ylim(0)
+        finish(axis, f"rotation error, {name}", "inlier threshold [px]", "RE [deg/100 m]", "upper left")
     return made

@@ -20,10 +20,10 @@ from vo_lib.report.plots import METHOD_MARKERS, draw_drift, draw_trajectories, m
 from vo_lib.report.printed import PRINTED_NAMES, PROPOSAL, read_paper_table
 from vo_lib.report.table1 import VARIANT_WORDS
 
+from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
 from ..colours import CYCLE, DARK, PALE
 from ..drawing import FONT_SIZE, figure, finish, log_axis, say
 
-CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
 UNITS = "TE [%]", "RE [deg/100 m]"
 PRINTED_DIGITS = 2, 3  # of the TE and RE that the paper prints
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
@@ -149,7 +149,7 @@ def choice_ratios(path: Path = CHOICES) -> dict[str, dict[str, dict[str, float]]
     The choices come in the order of their largest mean |log ratio| over the sequences.
     """
     with path.open(encoding="utf-8", newline="") as lines:
-        rows = [row for row in csv.DictReader(lines) if row["te"]]
+        rows = [row for row in csv.DictReader(lines) if row["te"] and row["choice"] != THRESHOLD_AND_BOXES]
     plain = {row["sequence"]: float(row["te"]) for row in rows if not row["alternative"]}
     ratios: dict[str, dict[str, dict[str, float]]] = {}
     for row in rows:

@@ -1,0 +1,136 @@
+"""Chapter 5: the vote of one frame when a lorry before the camera holds a share of the matches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vo_lib.config import VARIANTS, preset
+from vo_lib.data.sequence import Sequence
+from vo_lib.geometry.boxes import Boxes
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches, empty_matches
+from vo_lib.geometry.types import Array, BoolArray
+from vo_lib.paper.buckets import select_by_bucket
+from vo_lib.paper.selection import sampson_inliers
+from vo_lib.paper.settings import MethodConfig
+from vo_lib.runs.drive import make_odometry
+from vo_lib.settings import setting
+
+from ..ch03.figures import errors_figure
+from ..colours import PALE
+from ..controls import Control
+from ..drawing import stack
+from ..frames import Memory, frame_matches, key_of, stereo, true_motion, true_poses
+from ..panel import Drawing, Panel, State
+from ..results import Fact
+from ..simulation.lorry import LorryConfig, with_lorry
+from .figures import filter_picture
+
+PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
+CENTI, PERCENT = 100.0, 100.0
+SHARES = np.arange(1, 10) / 10  # of the chart
+WAYS = {"all features": "solution_selection", "box removed": "feature_selection"}
+
+
+@dataclass(frozen=True)
+class LorryView(LorryConfig):
+    """The lorry, and the method that is judged."""
+
+    variant: str = setting("published", "the paper as published, or the kit's way", choices=tuple(VARIANTS))
+
+
+_errors: Memory[dict[str, Array]] = Memory(48)
+
+
+def laden_frame(
+    sequence: Sequence, frame: int, config: MethodConfig, lorry: LorryConfig
+) -> tuple[StereoMatches, list[Boxes]]:
+    """The matches of a frame >= 1 with the lorry's; its boxes in the previous and the current left image."""
+    frames = [empty_matches(), frame_matches(sequence, frame, config)]
+    laden = [*with_lorry(sequence.camera, frames, lorry)]
+    return laden[1][0], [box for _, box in laden]
+
+
+def vote(
+    camera: StereoCamera, matches: StereoMatches, boxes: list[Boxes], config: MethodConfig
+) -> tuple[Array, BoolArray]:
+    """T_cp (4, 4) of a frame without a previous vector, and which of its matches (N,) the winner fits."""
+    odometry = make_odometry(camera, config)
+    odometry.start(boxes[0])
+    T_cp = odometry.step(matches, boxes[1]).T_cp
+    if odometry.e_prev is None:
+        return T_cp, np.zeros(len(matches), np.bool_)
+    E = odometry.e_prev.reshape(3, 3)
+    return T_cp, sampson_inliers(E, *odometry.points(matches), odometry.threshold)
+
+
+def lorry_errors(sequence: Sequence, frame: int, view: LorryView) -> dict[str, float]:
+    """Error of a frame's translation, metres, with all features and with the lorry's box removed."""
+    T_true, errors = true_motion(sequence, frame), {}
+    assert T_true is not None
+    for name, method in WAYS.items():
+        config = preset(method, variant=view.variant)
+        T_cp, _ = vote(sequence.camera, *laden_frame(sequence, frame, config, view), config)
+        errors[name] = float(np.linalg.norm(T_cp[:3, 3] - T_true[:3, 3]))
+    return errors
+
+
+def errors_by_share(sequence: Sequence, frame: int, view: LorryView) -> dict[str, Array]:
+    """The same for each of `SHARES`, centimetres, (S,) each; kept."""
+
+    def find() -> dict[str, Array]:
+        each = [lorry_errors(sequence, frame, replace(view, share=share)) for share in SHARES.tolist()]
+        return {name: CENTI * np.array([errors[name] for errors in each]) for name in WAYS}
+
+    return _errors.get((*key_of(sequence, frame), view.distance, view.variant), find)
+
+
+class LorryPanel(Panel):
+    """A frame with a lorry in it: the features that the winner fits, and the errors over the lorry's share."""
+
+    title = "A lorry before the camera"
+    view = LorryView
+    height = PHOTO_HEIGHT + CHART_HEIGHT
+    controls = (
+        Control("view.share", "share", high=0.9, step=0.05),
+        Control("view.distance", "distance", high=20, step=0.5),
+        Control("view.variant", "variant"),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        sequence, frame, view = state.sequence, state.frame, state.view
+        true_poses(sequence)  # or say that there are none
+        config = preset(WAYS["all features"], variant=view.variant)
+        matches, boxes = laden_frame(sequence, frame, config, view)
+        _, fits = vote(sequence.camera, matches, boxes, config)
+        lorry = matches.id < 0
+        on_lorry, on_street = (float(np.mean(fits[each])) for each in (lorry, ~lorry))
+        image = stereo(sequence, frame)[0].copy()
+        for x0, y0, x1, y1 in np.rint(boxes[1].xyxy).astype(int).tolist():
+            image[y0:y1, x0:x1] = image[y0:y1, x0:x1] // 4 + 96
+        words = f"frame {frame}: features that the winner fits blue, others orange; the lorry grey"
+        picture = filter_picture(image, matches, fits, boxes[1], None, words, PHOTO_HEIGHT)
+        chart = errors_figure(
+            errors_by_share(sequence, frame, view),
+            PERCENT * SHARES,
+            f"error of the translation, lorry {view.distance:g} m ahead",
+            "share of the matches on the lorry [%]",
+            "cm",
+            CHART_HEIGHT,
+        )
+        chart.axes[0].axvline(PERCENT * view.share, color=PALE, linewidth=1)
+        used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
+        errors = lorry_errors(sequence, frame, view)
+        sentence = (
+            f"The lorry holds {np.sum(lorry)} of {len(matches)} matches. The winner of all features fits "
+            f"{on_street:.0%} of the street's and {on_lorry:.0%} of the lorry's: "
+            f"the vote goes to the {'lorry' if on_lorry > on_street else 'street'}."
+        )
+        facts = (
+            Fact("on the lorry", PERCENT * float(np.mean(lorry)), "%"),
+            Fact("after the buckets", PERCENT * float(np.mean(lorry[used])), "%"),
+            *(Fact(f"error, {name}", CENTI * error, "cm", 2) for name, error in errors.items()),
+        )
+        return Drawing(stack([picture, chart], self.height), sentence, facts)

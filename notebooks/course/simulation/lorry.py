@@ -1,0 +1,105 @@
+"""A lorry before the camera: features of its side, put into the matches of any sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vo_lib.data.sequence import Sequence
+from vo_lib.geometry.boxes import Boxes
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.rows import joined
+from vo_lib.geometry.types import Array, BoolArray
+from vo_lib.paper.boxes import inside
+from vo_lib.paper.settings import MethodConfig
+from vo_lib.runs.drive import MethodRun, Run, single_threaded
+from vo_lib.runs.front_end import TimedMatches
+from vo_lib.settings import Checked, setting
+
+from .tracks import CAMERA_HEIGHT
+
+SIDE = np.array([4.0, 3.0, 0.0])  # length and height of the lorry's side, metres; the side is flat
+STEP = 0.3  # metres to the right from frame to frame, seen from the camera
+NOISE = 0.15  # standard deviation of each coordinate measured, pixels
+POINTS = 6000  # on the side; no more of them are matched than the share asks for
+TRUCK = 7  # COCO's class
+
+
+@dataclass(frozen=True)
+class LorryConfig(Checked):
+    """How much of the matches, and of the view, the lorry takes."""
+
+    share: float = setting(0.5, "share of the matches that lie on the lorry", low=0, high=0.95)
+    distance: float = setting(5.0, "from the camera to the lorry's side", unit="m", low=3, high=50)
+
+
+def with_lorry(
+    camera: StereoCamera, frames: Iterable[StereoMatches], config: LorryConfig, seed: int = 0
+) -> Iterator[tuple[StereoMatches, Boxes]]:
+    """The matches of each frame with those on a lorry, and the lorry's box in the left image.
+
+    The lorry's side stands across the view, always at the same distance from the camera. It is in the middle of
+    the first frame and goes to the right; once it has left the view, the next lorry comes from the left. The
+    lorry hides matches behind it. Its features keep their ids, which are negative, while they are matched.
+
+    Parameters
+    ----------
+    camera : with the size of its image.
+    frames : matches of every frame of a sequence; those of the first frame are empty.
+    """
+    rng = np.random.default_rng(seed)
+    start = np.array([-SIDE[0] / 2, CAMERA_HEIGHT - SIDE[1], config.distance])
+    points, strength = start + SIDE * rng.random((POINTS, 3)), rng.gamma(2.0, 20.0, POINTS)
+    way = SIDE[0] + config.distance * camera.width / camera.f  # from one lorry to the next
+    age = np.zeros(POINTS, np.int64)
+    for index, matches in enumerate(frames):
+        number, along = divmod(STEP * index + way / 2, way)
+        place = np.array([along - way / 2, 0.0, 0.0])
+        # Left and right image: u and v of the side's ends, and of its points as they are measured.
+        rims = np.stack(camera.project(start + place + SIDE * [[0.0], [1.0]])).reshape(2, 4)
+        seen = np.stack(camera.project(points + place)) + NOISE * rng.standard_normal((2, POINTS, 2))
+        if index == 0:
+            rims_p, seen_p = rims, seen
+        corner = (camera.width - 1, camera.height - 1)
+        a, b, c, d = images = np.concatenate([seen_p, seen])
+        visible = ((images >= 0) & (images <= corner)).all(axis=(0, 2))
+        kept = matches[~_hidden(camera, matches, [*rims_p, *rims], config.distance)]
+        wanted = round(config.share / (1 - config.share) * len(kept))
+        chosen = np.flatnonzero(visible)[:wanted]
+        age = np.where(np.isin(np.arange(POINTS), chosen), age + 1, 0)
+        ids = -1 - POINTS * int(number) - chosen
+        added = StereoMatches(a[chosen], b[chosen], c[chosen], d[chosen], age[chosen], strength[chosen], ids)
+        xyxy = np.clip(rims[:1], 0, corner * 2)
+        box = Boxes(xyxy, np.array([TRUCK]), np.ones(1))
+        yield joined([kept, added]), box[xyxy[:, 2] > xyxy[:, 0]]
+        rims_p, seen_p = rims, seen
+
+
+def _hidden(camera: StereoCamera, matches: StereoMatches, rims: list[Array], distance: float) -> BoolArray:
+    """Which matches (N,) lie behind the lorry in any of the four images, by its rims there, (4,) each."""
+    nearer = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2] < distance
+    places = matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right
+    covered = [inside(uv, rim[None])[:, 0] for uv, rim in zip(places, rims, strict=True)]
+    return np.asarray(np.any(covered, axis=0) & ~nearer)
+
+
+def drive_past_lorry(
+    sequence: Sequence,
+    configs: Mapping[str, MethodConfig],
+    frames: Iterable[TimedMatches],
+    lorry: LorryConfig,
+) -> dict[str, Run]:
+    """As `run_methods`, on the matches and boxes of `with_lorry`.
+
+    The boxes of the sequence do not count: a method that removes vehicles removes the lorry alone.
+    """
+    runs = {name: MethodRun(sequence, config) for name, config in configs.items()}
+    with single_threaded():
+        mixed = with_lorry(sequence.camera, (matches for matches, _ in frames), lorry)
+        for index, (matches, box) in enumerate(mixed):
+            for run in runs.values():
+                run.step(index, (matches, {}), box)
+    return {name: run.result() for name, run in runs.items()}
