@@ -12,12 +12,12 @@ import pytest
 
 from course.ch03 import SelectionPanel
 from course.ch04 import TranslationPanel
-from course.ch05 import FilteringPanel
+from course.ch05 import LorryPanel
 from course.ch06 import EvaluationPanel
 from vo_lib.data.sequence import Sequence
 
 FOLDER = Path(__file__).resolve().parents[2] / "notebooks"
-PANELS = {"03": SelectionPanel, "04": TranslationPanel, "05": FilteringPanel, "06": EvaluationPanel}
+PANELS = {"03": SelectionPanel, "04": TranslationPanel, "05": LorryPanel, "06": EvaluationPanel}
 NONE_MADE_UP = {"view__scale": 0.0, "view__yaw": 0.0, "view__noise": 0.0, "view__jitter": 0.0}
 LONG = 300.0  # seconds; a safeguard
 Facts = dict[str, float]
@@ -76,6 +76,27 @@ def test_far_features_are_not_missed_and_near_ones_are(seen: Seen) -> None:
     assert said == [5]
     assert 10 <= now["features used"] <= 14
     assert now["error"] > 4 * before["error"]
+
+
+def test_the_vote_goes_over_to_the_lorry_and_back_to_the_street(seen: Seen) -> None:
+    lost, street = 50.0, 5.0  # centimetres, of a step of a metre
+    text = r"At (\d) m, move the \*share\* from ([.\d]+) to ([.\d]+): .* gone over to the lorry"
+    now, before, said = seen("05", text, view__share=0.3)
+    assert said == [5, 0.3, 0.5]
+    assert now["error, all features"] < street
+    assert before["error, all features"] > lost
+    text = r"share of ([.\d]+), move the lorry to a \*distance\* of (\d+) m: the vote goes back"
+    near, _, said = seen("05", text, view__share=0.7)
+    far, _, _ = seen("05", text, view__share=0.7, view__distance=10.0)
+    assert said == [0.7, 10]
+    assert near["error, all features"] > lost
+    assert far["error, all features"] < street
+    assert far["after the buckets"] < 0.5 * far["on the lorry"]
+    assert near["error, box removed"] == before["error, box removed"]
+    text = r"is the same at every share, but at 5 m larger than at (\d+) m"
+    far, _, said = seen("05", text, view__distance=15.0)
+    assert said == [15]
+    assert 2 * far["error, box removed"] < near["error, box removed"]
 
 
 def test_made_up_errors_have_the_size_that_is_said(seen: Seen) -> None:

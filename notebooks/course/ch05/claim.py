@@ -124,7 +124,7 @@ def threshold_figure(measured: Mapping[str, Mapping[str, Array]], height: int = 
     made, axes = figure(height, len(MEASURED))
     for axis, name in zip(axes, MEASURED, strict=True):
         if name not in measured:
-            say(axis, f"{CHOICES.name} has no rows '{THRESHOLD_AND_BOXES}' of {name}")
+            say(axis, f"{CHOICES.name} has no rows '{THRESHOLD_AND_BOXES}'\nof {name}")
             continue
         for (boxes, rows), (colour, _) in zip(measured[name].items(), LINES, strict=False):
             threshold, re, deviation = rows.T

@@ -106,7 +106,7 @@ class LorryPanel(Panel):
         matches, boxes = laden_frame(sequence, frame, config, view)
         _, fits = vote(sequence.camera, matches, boxes, config)
         lorry = matches.id < 0
-        on_lorry, on_street = (float(np.mean(fits[each])) for each in (lorry, ~lorry))
+        on_lorry, on_street = (int(np.sum(fits & each)) for each in (lorry, ~lorry))
         image = stereo(sequence, frame)[0].copy()
         for x0, y0, x1, y1 in np.rint(boxes[1].xyxy).astype(int).tolist():
             image[y0:y1, x0:x1] = image[y0:y1, x0:x1] // 4 + 96
@@ -124,13 +124,13 @@ class LorryPanel(Panel):
         used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
         errors = lorry_errors(sequence, frame, view)
         sentence = (
-            f"The lorry holds {np.sum(lorry)} of {len(matches)} matches. The winner of all features fits "
-            f"{on_street:.0%} of the street's and {on_lorry:.0%} of the lorry's: "
+            f"The winner of all features fits {on_street} of the street's {np.sum(~lorry)} matches and "
+            f"{on_lorry} of the lorry's {np.sum(lorry)}: "
             f"the vote goes to the {'lorry' if on_lorry > on_street else 'street'}."
         )
         facts = (
-            Fact("on the lorry", PERCENT * float(np.mean(lorry)), "%"),
-            Fact("after the buckets", PERCENT * float(np.mean(lorry[used])), "%"),
+            Fact("on the lorry", PERCENT * int(np.sum(lorry)) / max(len(lorry), 1), "%"),
+            Fact("after the buckets", PERCENT * int(np.sum(lorry[used])) / max(len(used), 1), "%"),
             *(Fact(f"error, {name}", CENTI * error, "cm", 2) for name, error in errors.items()),
         )
         return Drawing(stack([picture, chart], self.height), sentence, facts)

@@ -1,0 +1,45 @@
+"""What chapters 5 and 7 read from the table of the paper's open choices."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from course.ch05.claim import CHOICES, by_threshold, threshold_figure, threshold_lines
+from course.ch07.figures import choice_ratios
+
+ROWS = """
+threshold and boxes,"1 px, all features",drive_0013,2.7,0.02,1.17,0.09,,
+threshold and boxes,"0.25 px, all features",drive_0013,2.8,0.03,0.25,0.05,,
+threshold and boxes,"1 px, boxes removed",drive_0013,2.8,0.01,0.26,0.03,,
+threshold and boxes,"0.25 px, boxes removed",drive_0013,2.8,0.03,0.23,0.01,,
+"""
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """The table as it is, without rows of thresholds and boxes but those of one drive."""
+    lines = [line for line in CHOICES.read_text("utf-8").splitlines() if "threshold and boxes" not in line]
+    path = tmp_path / "choices.csv"
+    path.write_text("\n".join(lines) + ROWS, encoding="utf-8")
+    return path
+
+
+def test_errors_over_the_threshold_are_drawn_with_boxes_and_without(table: Path) -> None:
+    measured = by_threshold(table)
+    of_all = [[0.25, 0.25, 0.05], [1, 1.17, 0.09]]
+    np.testing.assert_array_equal(measured["drive_0013"]["all features"], of_all)
+    wide = threshold_lines(measured).splitlines()[1]
+    assert "1.17 ± 0.09 all features" in wide
+    assert "0.26 ± 0.03 boxes removed" in wide
+    drawn, missing = threshold_figure(measured).axes
+    assert [each.get_text() for each in drawn.get_xticklabels()] == ["0.25", "1"]
+    np.testing.assert_array_equal(drawn.get_lines()[0].get_ydata(), [0.25, 1.17])
+    assert "no rows 'threshold and boxes'\nof synthetic/jam" in missing.texts[0].get_text()
+
+
+def test_rows_that_are_no_differences_are_no_choices(table: Path) -> None:
+    assert choice_ratios(table) == choice_ratios()
+    assert "threshold and boxes" not in choice_ratios(table)
