@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from fetch.kitti_archive import Targets
 from fetch.kitti_raw import describe_drive
 from fetch.stereo_import import write_tables
-from fetch.stereo_sources import pair_folders
+from fetch.stereo_sources import pair_images
 from fetch.zip_archives import Member
 from vo_lib.data.kitti import read_part
 from vo_lib.data.sequence import open_folder, require_frames
@@ -88,7 +88,7 @@ def write_drive_tables(folder: Path) -> str:
 
     The first frame has time 0 and the identity as its pose.
     """
-    drive = describe_drive(folder / RAW, pair_folders(folder / "image_0", folder / "image_1"))
+    drive = describe_drive(folder / RAW, pair_images(folder / "image_0", folder / "image_1").paths)
     write_tables(folder, drive.rig, drive.times, drive.poses)
     open_folder(folder, folder.name)
     return drive.note

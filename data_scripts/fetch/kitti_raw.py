@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fetch.stereo_calibration import rig_from_matrices
-from fetch.stereo_sources import Drive, pair_folders
+from fetch.stereo_sources import Drive, pair_images
 from vo_lib.data.kitti import read_image
 from vo_lib.data.poses import is_rotation, read_rows
 from vo_lib.errors import DataError
@@ -32,7 +32,7 @@ def read_raw_drive(drive: Path) -> Drive:
     left, right = (drive / f"image_0{camera}" / "data" for camera in (0, 1))
     if not left.is_dir() or not right.is_dir():
         raise DataError("is no raw drive: expected image_00/data and image_01/data in it", drive)
-    return describe_drive(drive, pair_folders(left, right))
+    return describe_drive(drive, pair_images(left, right).paths)
 
 
 def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:

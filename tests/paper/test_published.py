@@ -57,9 +57,10 @@ def scene(
 
 
 def translation(
-    matches: StereoMatches, R_cp: Array = R_CP, before: PairBefore | None = None, **settings: float
+    matches: StereoMatches, R_cp: Array = R_CP, before: PairBefore | None = None, agreement: float = 1.0
 ) -> tuple[Array, BoolArray]:
-    solved = solve_translation(CAMERA, matches, R_cp, dataclasses.replace(CONFIG, **settings), before)
+    config = dataclasses.replace(CONFIG, agreement=agreement)
+    solved = solve_translation(CAMERA, matches, R_cp, config, before)
     assert solved is not None
     return solved
 
