@@ -4,6 +4,8 @@ examples:
   vo data measure_choices --sequences 00,01 --detector yolov8n.onnx --jobs 2 --out notebooks/choices.csv
 
 A row has what another choice changes in `published`: mean and deviation over five seeds, lengths in per cent.
+TE on real clips is that with the axes of the truth turned to fit, as in `vo data measure_axes`. Rows on
+thresholds and boxes are no differences: they have the errors over 50 m.
 """
 
 from __future__ import annotations
@@ -18,27 +20,37 @@ from unittest.mock import patch
 import loky
 import numpy as np
 
+from measure.axes import fit_axes
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.scripts import run_script
 from vo_lib.config import change, preset
+from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import suitable_measure, trajectory_distances
+from vo_lib.evaluation.kitti import Measure, kitti_errors, suitable_measure, trajectory_distances
 from vo_lib.files import csv_text, write_atomic
+from vo_lib.geometry.motion import essential_vector
 from vo_lib.geometry.types import Array
 from vo_lib.paper.boxes import in_boxes
 from vo_lib.paper.matching import finish
-from vo_lib.paper.translation import SOLVING_ROUNDS, eliminate_points, feature_rows
-from vo_lib.report.entries import measure_runs
+from vo_lib.paper.selection import nearest_to_prior, truncated_errors
+from vo_lib.paper.translation import (
+    SOLVING_ROUNDS,
+    PairBefore,
+    earlier_rows,
+    eliminate_points,
+    feature_rows,
+)
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.matches import CachedMatches
 
 BOXES = "vo_lib.paper.odometry.on_vehicles"
+EARLIER = "vo_lib.paper.translation.earlier_rows"
 
 
-def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any) -> Any:
-    """As `solve_translation`, with the stacked rows as equation (3) has them, in metres."""
+def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any, before: Any = None) -> Any:
+    """As `solve_translation` with two frames, the stacked rows as equation (3) has them, in metres."""
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     near = np.flatnonzero(depth <= config.max_depth)
     M, d = eliminate_points(*feature_rows(camera, matches[near], R_cp))
@@ -61,6 +73,34 @@ def backwards(m: Any) -> Any:
     )
 
 
+def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
+    """As `earlier_rows`, with places shifted by the fraction of a pixel at which the pair before ended."""
+    _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
+    now, then = matches[here], before.matches[there]
+    shifted = replace(
+        then,
+        prev_left=then.prev_left + now.prev_left - then.cur_left,
+        prev_right=then.prev_right + now.prev_right - then.cur_right,
+    )
+    return earlier_rows(camera, matches, PairBefore(shifted, before.T_cp))
+
+
+def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> int:
+    """As `Odometry.select`; the winner becomes the principal vector of the best tenth of all sets' best."""
+    config = odometry.config.selection
+    errors = truncated_errors(E, x_p, x_c, odometry.threshold)
+    if odometry.e_prev is not None:
+        near = nearest_to_prior(E, set_index, odometry.e_prev, config.keep)
+        errors = np.where(near, errors, np.inf)
+    order = np.argsort(errors, kind="stable")
+    _, first = np.unique(set_index[order], return_index=True)
+    best = order[np.sort(first)[: max(len(first) // 10, 1)]]
+    vectors = essential_vector(E[best])
+    U, _, Vt = np.linalg.svd(np.linalg.svd(vectors, full_matrices=False)[2][0].reshape(3, 3))
+    E[best[0]] = U[:, :2] @ Vt[:2] / np.sqrt(2)
+    return int(best[0])
+
+
 # Question, a setting or a function by its full name, and other answers.
 OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("as published", "seed", {"": 0}),
@@ -69,30 +109,54 @@ OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("agreement", "translation.agreement", {"0.5 px": 0.5, "2 px": 2.0}),
     ("rounds", "vo_lib.paper.translation.SOLVING_ROUNDS", {"1": 1, "4": 4}),
     ("sub-pixel window", "matching.finish_window", {"7 px": 7, "21 px": 21}),
+    ("pairs in the translation", "translation.pairs", {"2": 2}),
+    ("places of the pair before", EARLIER, {"shifted to the whole pixel": with_shifted_places}),
     ("place kept whole", "vo_lib.paper.matching.finish", {"current left": from_current}),
     ("features a bucket", "buckets.features", {"2": 2, "6": 6}),
     ("sets n", "selection.sets", {"50": 50, "800": 800}),
     ("solutions kept k", "selection.keep", {"1": 1, "all": 10}),
-    ("inlier threshold", "selection.threshold", {"0.5 px": 0.5, "2 px": 2.0}),
+    ("inlier threshold", "selection.threshold", {"0.25 px": 0.25, "1 px": 1.0, "2 px": 2.0}),
+    ("measure of a candidate", "selection.winner", {"number of inliers": "inliers"}),
+    ("basis vector", "vo_lib.paper.odometry.Odometry.select", {"mean of the best tenth": mean_of_best_tenth}),
     ("loop tolerance", "matching.loop_tolerance", {"0.2 px": 0.2, "1 px": 1.0}),
     ("boxes of", BOXES, {"the previous image": lambda m, p, c, config: in_boxes(m.prev_left, p, config)}),
     ("boxes of", BOXES, {"the current image": lambda m, p, c, config: in_boxes(m.cur_left, c, config)}),
     ("boxes of classes", "filter.classes", {"cars": (2,), "cars and trucks": (2, 7)}),
     ("boxes of score", "filter.score", {"0.1": 0.1, "0.5": 0.5}),
 ]
+# Chapter 5 draws these rows: errors, not differences, with all features and without those in boxes.
+THRESHOLDS_PX = (0.25, 0.5, 1.0, 2.0)
+RULES = {"all features": "none", "boxes removed": "all"}
+ABSOLUTE, LENGTH_M = "threshold and boxes", 50.0
+ABSOLUTE_SEQUENCES = ("drive_0013", "synthetic/jam")
 
 
 def measured(sequence: Sequence, name: str, value: Any, cache: Any) -> Array:
     """TE, RE (NaN without truth) and length of the path, metres, of each seed, (S, 3)."""
     own, config = name.startswith("vo_lib."), preset("feature_selection", variant="published")
-    config = config if own else change(config, name, value)
+    if name == ABSOLUTE:
+        config = change(change(config, "selection.threshold", value[0]), "filter.rule", value[1])
+    elif not own:
+        config = change(config, name, value)
     kept = None if value is from_current else CachedMatches(sequence, config, cache)
     with patch(name, value) if own else nullcontext():
         seeds = {str(seed): change(config, "seed", seed) for seed in range(5)}
         runs = [*run_methods(sequence, seeds, None, kept).values()]
-    entry = sequence.truth is not None and measure_runs(name, runs, suitable_measure(sequence.truth))
-    errors = [entry.te, entry.re] if entry else np.full((2, 5), np.nan)
-    return np.stack([*errors, [trajectory_distances(run.poses)[-1] for run in runs]], axis=1)
+    errors = np.full((5, 2), np.nan)
+    if sequence.truth is not None:
+        measure = Measure((LENGTH_M,), 1) if name == ABSOLUTE else suitable_measure(sequence.truth)
+        errors = np.array([_errors(sequence, run.poses, measure) for run in runs])
+    return np.column_stack([errors, [trajectory_distances(run.poses)[-1] for run in runs]])
+
+
+def _errors(sequence: Sequence, poses: Array, measure: Measure) -> tuple[float, float]:
+    """TE and RE of a path; TE with the truth's axes turned where the truth is a real drive's."""
+    assert sequence.truth is not None
+    plain = kitti_errors(sequence.truth, poses, measure.lengths, measure.step)
+    if sequence.name.startswith(SYNTHETIC):
+        return plain.te or 0.0, plain.re or 0.0
+    turned = fit_axes(sequence.truth, poses, measure.lengths, measure.step).kitti
+    return turned.te or 0.0, plain.re or 0.0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -104,7 +168,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `published` as it is and with each other choice; write the differences."""
     workers = parse_whole("--jobs", options.jobs)
-    tasks = [(s, *row[:2], *way) for s in open_all(options, 0.1) for row in OPEN for way in row[2].items()]
+    tasks = []
+    for sequence in open_all(options, 0.1):
+        tasks += [(sequence, *row[:2], *way) for row in OPEN for way in row[2].items()]
+        if sequence.name.removeprefix("kitti/") in ABSOLUTE_SEQUENCES:
+            ways = {
+                f"{px:g} px, {words}": (px, rule) for px in THRESHOLDS_PX for words, rule in RULES.items()
+            }
+            tasks += [(sequence, ABSOLUTE, ABSOLUTE, *way) for way in ways.items()]
     calls = [(s, name, value, options.cache) for s, _, name, _, value in tasks]
     rows = [["choice", "alternative", "sequence", "te", "te_sd", "re", "re_sd", "length", "length_sd"]]
     with reporting(f"{len(tasks)} runs of five seeds") as report, loky.ProcessPoolExecutor(workers) as pool:
@@ -114,6 +185,8 @@ def run(options: argparse.Namespace) -> int:
                 path, plain = sequence.truth, np.array([0.0, 0.0, 100.0])
                 whole = found[:, 2].mean() if path is None else trajectory_distances(path)[-1]
             found = found * [1.0, 1.0, 100.0 / whole]
+            if name == ABSOLUTE:
+                found, plain = found * [1.0, 1.0, np.nan], np.zeros(3)
             pairs = np.stack([(found - plain).mean(axis=0), (found - plain).std(axis=0)], axis=1).ravel()
             rows.append([about, words, sequence.name, *(f"{x:.4f}" if np.isfinite(x) else "" for x in pairs)])
             plain = found if name == "seed" else plain
