@@ -128,7 +128,7 @@ OPEN: list[tuple[str, str, dict[str, Any]]] = [
 THRESHOLDS_PX = (0.25, 0.5, 1.0, 2.0)
 RULES = {"all features": "none", "boxes removed": "all"}
 ABSOLUTE, LENGTH_M = "threshold and boxes", 50.0
-ABSOLUTE_SEQUENCES = ("drive_0013", "synthetic/jam")
+ABSOLUTE_SEQUENCES = ("kitti/drive_0013", "synthetic/jam")
 
 
 def measured(sequence: Sequence, name: str, value: Any, cache: Any) -> Array:
@@ -171,7 +171,7 @@ def run(options: argparse.Namespace) -> int:
     tasks = []
     for sequence in open_all(options, 0.1):
         tasks += [(sequence, *row[:2], *way) for row in OPEN for way in row[2].items()]
-        if sequence.name.removeprefix("kitti/") in ABSOLUTE_SEQUENCES:
+        if sequence.name in ABSOLUTE_SEQUENCES:
             ways = {
                 f"{px:g} px, {words}": (px, rule) for px in THRESHOLDS_PX for words, rule in RULES.items()
             }
