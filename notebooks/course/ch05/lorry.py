@@ -67,22 +67,22 @@ def vote(
 
 
 def lorry_errors(sequence: Sequence, frame: int, view: LorryView) -> dict[str, float]:
-    """Error of a frame's translation, metres, with all features and with the lorry's box removed."""
+    """Error of a frame's translation, centimetres, with all features and with the lorry's box removed."""
     T_true, errors = true_motion(sequence, frame), {}
     assert T_true is not None
     for name, method in WAYS.items():
         config = preset(method, variant=view.variant)
         T_cp, _ = vote(sequence.camera, *laden_frame(sequence, frame, config, view), config)
-        errors[name] = float(np.linalg.norm(T_cp[:3, 3] - T_true[:3, 3]))
+        errors[name] = CENTI * float(np.linalg.norm(T_cp[:3, 3] - T_true[:3, 3]))
     return errors
 
 
 def errors_by_share(sequence: Sequence, frame: int, view: LorryView) -> dict[str, Array]:
-    """The same for each of `SHARES`, centimetres, (S,) each; kept."""
+    """The same for each of `SHARES`, (S,) each; kept."""
 
     def find() -> dict[str, Array]:
         each = [lorry_errors(sequence, frame, replace(view, share=share)) for share in SHARES.tolist()]
-        return {name: CENTI * np.array([errors[name] for errors in each]) for name in WAYS}
+        return {name: np.array([errors[name] for errors in each]) for name in WAYS}
 
     return _errors.get((*key_of(sequence, frame), view.distance, view.variant), find)
 
@@ -131,6 +131,6 @@ class LorryPanel(Panel):
         facts = (
             Fact("on the lorry", PERCENT * int(np.sum(lorry)) / max(len(lorry), 1), "%"),
             Fact("after the buckets", PERCENT * int(np.sum(lorry[used])) / max(len(used), 1), "%"),
-            *(Fact(f"error, {name}", CENTI * error, "cm", 2) for name, error in errors.items()),
+            *(Fact(f"error, {name}", error, "cm", 2) for name, error in errors.items()),
         )
         return Drawing(stack([picture, chart], self.height), sentence, facts)
