@@ -21,7 +21,7 @@ from vo_lib.settings import setting
 from ..ch03.figures import errors_figure
 from ..colours import PALE
 from ..controls import Control
-from ..drawing import stack
+from ..drawing import log_axis, stack
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, true_poses
 from ..panel import Drawing, Panel, State
 from ..results import Fact
@@ -30,7 +30,7 @@ from .figures import filter_picture
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
 CENTI, PERCENT = 100.0, 100.0
-SHARES = np.arange(1, 10) / 10  # of the chart
+SHARES, SHOWN = np.arange(1, 10) / 10, (0.01, 200.0)  # of the chart; centimetres
 WAYS = {"all features": "solution_selection", "box removed": "feature_selection"}
 
 
@@ -120,7 +120,9 @@ class LorryPanel(Panel):
             "cm",
             CHART_HEIGHT,
         )
-        chart.axes[0].axvline(PERCENT * view.share, color=PALE, linewidth=1)
+        (axis,) = chart.axes
+        log_axis(axis.yaxis, *SHOWN)
+        axis.axvline(PERCENT * view.share, color=PALE, linewidth=1)
         used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
         errors = lorry_errors(sequence, frame, view)
         sentence = (
