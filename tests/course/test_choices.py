@@ -11,10 +11,10 @@ from course.ch05.claim import CHOICES, by_threshold, threshold_figure, threshold
 from course.ch07.figures import choice_ratios
 
 ROWS = """
-threshold and boxes,"1 px, all features",drive_0013,2.7,0.02,1.17,0.09,,
-threshold and boxes,"0.25 px, all features",drive_0013,2.8,0.03,0.25,0.05,,
-threshold and boxes,"1 px, boxes removed",drive_0013,2.8,0.01,0.26,0.03,,
-threshold and boxes,"0.25 px, boxes removed",drive_0013,2.8,0.03,0.23,0.01,,
+threshold and boxes,"1 px, all features",kitti/drive_0013,2.7,0.02,1.17,0.09,,
+threshold and boxes,"0.25 px, all features",kitti/drive_0013,2.8,0.03,0.25,0.05,,
+threshold and boxes,"1 px, boxes removed",kitti/drive_0013,2.8,0.01,0.26,0.03,,
+threshold and boxes,"0.25 px, boxes removed",kitti/drive_0013,2.8,0.03,0.23,0.01,,
 """
 
 
@@ -30,7 +30,7 @@ def table(tmp_path: Path) -> Path:
 def test_errors_over_the_threshold_are_drawn_with_boxes_and_without(table: Path) -> None:
     measured = by_threshold(table)
     of_all = [[0.25, 0.25, 0.05], [1, 1.17, 0.09]]
-    np.testing.assert_array_equal(measured["drive_0013"]["all features"], of_all)
+    np.testing.assert_array_equal(measured["kitti/drive_0013"]["all features"], of_all)
     wide = threshold_lines(measured).splitlines()[1]
     assert "1.17 ± 0.09 all features" in wide
     assert "0.26 ± 0.03 boxes removed" in wide

@@ -20,7 +20,7 @@ from ..frames import true_poses
 
 CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
 THRESHOLD_AND_BOXES = "threshold and boxes"  # its choice whose rows are no differences
-MEASURED = "drive_0013", "synthetic/jam"
+MEASURED = "kitti/drive_0013", "synthetic/jam"
 LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width: all are seen where they coincide
 
 
