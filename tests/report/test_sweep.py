@@ -62,17 +62,19 @@ def test_records_hold_the_errors_of_single_runs(sequence: Sequence, tmp_path: Pa
     assert len(sweep_table(sweep).rows) == 4
 
 
+@pytest.mark.parametrize(
+    ("more", "lines"),
+    [([], 3), (["buckets.features=2,4,6"], 7), (["buckets.features=2,4", "min_matches=6,8"], 9)],
+)
 def test_the_command_writes_table_and_heat_map(
-    sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], lines: int
 ) -> None:
     out = tmp_path / "out"
     words = ["sweep", "--sequence", str(sequence.folder), "--method", "mesvo_f", "--seeds", "1"]
     words += ["--cache", str(tmp_path / "cache"), "--out", str(out), "--set", "selection.sets=10,20"]
-    assert main([*words, "--set", "buckets.features=2,4,6"]) == 0
-    printed = capsys.readouterr().out
-    assert "selection." in printed
-    assert "one seed" in printed
-    assert len((out / "sweep.csv").read_text(encoding="utf-8").splitlines()) == 7
+    assert main([*words, *(word for text in more for word in ("--set", text))]) == 0
+    assert "one seed" in capsys.readouterr().out
+    assert len((out / "sweep.csv").read_text(encoding="utf-8").splitlines()) == lines
     picture = cv2.imread(str(out / "sweep.png"))
     assert picture is not None
     assert picture.std() > 20

@@ -41,8 +41,8 @@ def _sweep(options: argparse.Namespace) -> int:
     seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
     base = common.read_settings(options)
     axes = tuple(parse_axis(text, base) for text in options.axes)
-    part = options.labels, options.frames, options.masks
-    sequence = common.open_with_bar(options.sequence, options.cache, *part)
+    sequence = common.open_with_bar(options.sequence, options.cache, options)
+    common.warn_without_boxes([(sequence, base)])
     with run_folder(options.out) as folder, only_process(folder):
         with reporting(f"{sequence.name}, {options.method}") as report:
             run = partial(
@@ -57,8 +57,7 @@ def _sweep(options: argparse.Namespace) -> int:
         if not any(record["seeds"] for record in sweep.records):  # an earlier table stays
             raise DataError(sweep.records[0]["failed"])
         write_atomic(folder / "sweep.csv", records_csv(sweep.records))
-        if len(axes) == 2:
-            write_atomic(folder / "sweep.png", heat_map(sweep))
+        write_atomic(folder / "sweep.png", heat_map(sweep))
     show_report_table(sweep_table(sweep))
-    say(f"written to {folder / 'sweep.csv'}" + (f" and {folder / 'sweep.png'}" if len(axes) == 2 else ""))
+    say(f"written to {folder}: sweep.csv, sweep.png")
     return int(any(record["failed"] for record in sweep.records))

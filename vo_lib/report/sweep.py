@@ -44,7 +44,6 @@ class Sweep:
     title: str
     axes: tuple[Axis, ...]
     records: list[dict[str, Any]]
-    notes: list[str]
 
 
 def parse_axis(text: str, config: MethodConfig) -> Axis:
@@ -114,16 +113,15 @@ def run_sweep(
         entry = measure_runs(method, runs, measure) if runs else None
         fields = number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
         records.append(words | {"seeds": len(runs)} | fields | {"failed": "; ".join(causes)})
-    without_labels = sequence.labels is None and base.filter.rule != "none"
     title = f"{sequence.name}, {method}, {base.variant}: {measure.words}; {seeds_words(seeds)}"
-    return Sweep(title, axes, records, ["The sequence has no labels: boxes remove nothing."] * without_labels)
+    return Sweep(title, axes, records)
 
 
 def sweep_table(sweep: Sweep) -> ReportTable:
     """A row for each combination; failed runs in the notes."""
     axes = [axis.name for axis in sweep.axes]
     columns = [*axes, *(unit for unit, _ in ERROR_KINDS.values()), "removed", "back end ms"]
-    rows, notes = [], [*sweep.notes]
+    rows, notes = list[list[str]](), list[str]()
     for record in sweep.records:
         share = record["removed_share"]
         errors = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in ERROR_KINDS]
@@ -136,17 +134,19 @@ def sweep_table(sweep: Sweep) -> ReportTable:
 
 
 def heat_map(sweep: Sweep) -> bytes:
-    """TE and RE of a grid of two settings as PNG: dark is large, a cross stands where there is no number."""
-    rows, columns = ([_typed(value) for value in axis.values] for axis in sweep.axes)
+    """TE and RE of a grid as PNG, the last setting across: dark is large, a cross stands for no number."""
+    *down, across = sweep.axes
+    columns = [_typed(value) for value in across.values]
+    rows = [", ".join(map(_typed, values)) for values in itertools.product(*(axis.values for axis in down))]
     width, height = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns)), 2 * (1.2 + 0.55 * len(rows)) + 0.8
     figure = page(sweep.title, width, height)
     for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
         values = np.array([record[kind] for record in sweep.records], float).reshape(len(rows), -1)
         image = axis.imshow(values, "YlGnBu", aspect="auto")
-        figure.colorbar(image, ax=axis, label=label, format="%.3g")
+        figure.colorbar(image, ax=axis, label=f"{label}\nlower is better", format="%.3g")
         axis.set_xticks(range(len(columns)), columns)
         axis.set_yticks(range(len(rows)), rows)
-        axis.set(xlabel=sweep.axes[1].name, ylabel=sweep.axes[0].name)
+        axis.set(xlabel=across.name, ylabel=",\n".join(axis.name for axis in down))
         for (row, column), record in zip(np.ndindex(values.shape), sweep.records, strict=True):
             text = plus_minus(record[kind], record[f"{kind}_std"])
             text = text.replace(" ±", "\n±").replace(NO_NUMBER, "×")
