@@ -93,9 +93,17 @@ def run(options: argparse.Namespace) -> int:
     (last.parent / "finished").touch()
     say(f"{model}: mAP50 {found.box.map50:.3f}, mAP50-95 {found.box.map:.3f} on {split}")
     if options.register is not None:
-        register_detector(options.register, model, detector_folder())
-        say(f"registered: vo run … --detector {options.register}")
+        register(options.register, model, found.box.map50)
     return 0
+
+
+def register(name: str, model: Path, map50: float) -> None:
+    """Keep a model under a name; `DataError` for one that detected nothing in its test."""
+    if map50 == 0:
+        by_hand = f"vo data get_detector {name} --from {model}"
+        raise DataError(f"not registered: it detects nothing on the test images; by hand: {by_hand}", model)
+    register_detector(name, model, detector_folder())
+    say(f"registered: vo run … --detector {name}")
 
 
 def _ultralytics() -> Any:

@@ -9,12 +9,15 @@ import cv2
 import numpy as np
 import pytest
 from data_command import load
+from tiny_onnx import write_answering
 
+from train_detector import register
 from training.dataset import open_set
 from training.evaluated import ODOMETRY_DRIVES, evaluated_sequence
 from training.street_set import DetectionSetConfig, streets
 from vo_lib.data.labels import write_labels
 from vo_lib.detection.yolo import YoloDetector
+from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes
 
 train_detector = load("train_detector")
@@ -96,11 +99,22 @@ def test_a_training_ends_in_a_model_that_the_kit_runs(
     monkeypatch.chdir(tmp_path)
     options = "--out run --epochs 2 --size 96 --batch 4"
     words = [str(write_set(tmp_path / "set")), *options.split()]
-    assert train_detector([*words, "--one-class", "vehicle", "--register", "mine"]) == 0
-    printed = capfd.readouterr().out
-    assert "mAP50" in printed
-    assert "--detector mine" in printed
-    for detector in (YoloDetector(tmp_path / "run" / "detector.onnx"), YoloDetector("mine")):
-        assert detector.layout == "yolov8"
-        assert detector.names == ("vehicle",)
-        detector.detect(np.full((120, 400), 40, np.uint8))
+    assert train_detector([*words, "--one-class", "vehicle"]) == 0
+    assert "mAP50" in capfd.readouterr().out
+    detector = YoloDetector(tmp_path / "run" / "detector.onnx")
+    assert detector.layout == "yolov8"
+    assert detector.names == ("vehicle",)
+    detector.detect(np.full((120, 400), 40, np.uint8))
+
+
+def test_a_model_that_detects_nothing_is_not_registered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("train_detector.detector_folder", lambda: tmp_path / "kept")
+    model = write_answering(tmp_path / "own.onnx", np.zeros((1, 5, 84), np.float32), names="['car']")
+    with pytest.raises(DataError, match=r"detects nothing on the test images; by hand: vo data get_detector"):
+        register("mine", model, 0.0)
+    assert not (tmp_path / "kept").exists()
+    register("mine", model, 0.001)
+    assert "--detector mine" in capsys.readouterr().out
+    assert (tmp_path / "kept" / "mine.onnx").read_bytes() == model.read_bytes()
