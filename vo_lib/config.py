@@ -69,8 +69,8 @@ def preset(method: str, *, variant: str = "published", seed: int = 0) -> MethodC
     if method in METHODS and method not in methods:
         raise DataError(f"{method} is not in the paper: add --variant kit")
     if method not in methods:
-        hint = did_you_mean(method, methods)
-        raise DataError(f"unknown method {method!r}: {hint}the methods are {', '.join(methods)}")
+        near = did_you_mean(method, methods)
+        raise DataError(f"unknown method {method!r}: {near}the methods are {', '.join(methods)}")
     return dataclasses.replace(methods[method], seed=seed)
 
 

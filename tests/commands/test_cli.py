@@ -112,6 +112,20 @@ def test_matches_are_kept_on_demand_and_used_again(
     assert float(row["cached_matches_ms"]) >= 0
 
 
+def test_missing_boxes_are_told_at_the_start(
+    bands: Path, done: Callable[..., str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = "warning: no vehicle boxes on bands: no feature is removed there, so that"
+    assert " ".join(done("a").split()).startswith(told)
+    assert "boxes on" not in done("b", "--method", "solution_selection")
+    words = ["--sequences", str(bands), "--seeds", "1", "--variant", "published"]
+    words += ["--out", str(bands.parent / "c")]
+    assert main(["reproduce", *words, "--cache", str(bands.parent / "cache")]) == 0
+    assert " ".join(capsys.readouterr().out.split()).startswith(told)
+    (bands / "labels").mkdir()
+    assert "boxes on" not in done("d")
+
+
 def test_a_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) -> None:
     (bands / "poses.txt").unlink()
     printed = done("out")

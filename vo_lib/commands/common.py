@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -75,17 +76,14 @@ def add_many(parser: argparse.ArgumentParser, jobs: Any) -> None:
     add_cache(parser)
 
 
-def open_with_bar(
-    name: str,
-    cache: Path | None,
-    labels: str | None = None,
-    frames: str | None = None,
-    masks: Path | None = None,
-) -> Sequence:
-    """A sequence, or its frames "A:B"; a bar is shown while a synthetic scene is drawn."""
+def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None = None) -> Sequence:
+    """A sequence, with the options of `add_part`; a bar is shown while a synthetic scene is drawn."""
     with reporting(f"drawing {name}") as report:
-        sequence = dataclasses.replace(open_sequence(name, labels, cache, report), masks=masks)
-    return sequence if frames is None else sequence.part(*parse_frames(frames, len(sequence)))
+        sequence = open_sequence(name, part.labels if part else None, cache, report)
+    if part is None:
+        return sequence
+    sequence = dataclasses.replace(sequence, masks=part.masks)
+    return sequence.part(*parse_frames(part.frames, len(sequence))) if part.frames else sequence
 
 
 def read_settings(options: argparse.Namespace) -> MethodConfig:
@@ -166,6 +164,17 @@ def parse_delta(text: str) -> Delta:
     if match is None or not 0 < delta.size <= MAX_COORDINATE_M:
         raise DataError(f"--delta {text!r}: expected frames such as 10f, or metres such as 5m")
     return delta
+
+
+def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> None:
+    """Tell on which sequences a box rule finds no boxes, the consequence, and where boxes come from."""
+    without = (s.name for s, config in runs if s.labels is None and config.filter.rule in ("all", "moving"))
+    if names := ", ".join(dict.fromkeys(without)):
+        tell(
+            f"warning: no vehicle boxes on {names}: no feature is removed there, so that the method is "
+            "Solution selection. `--detector street` finds boxes on drawn streets, a model of `vo data "
+            "get_detector` on real images; label files are read from labels/ in the folder of the sequence."
+        )
 
 
 def labelled(

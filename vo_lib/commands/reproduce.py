@@ -63,6 +63,7 @@ def reproduce(options: argparse.Namespace) -> int:
             for each in opened
         ]
         jobs = plan_jobs(sequences, methods, seeds, folder, config)
+        common.warn_without_boxes((job.sequence, job.config) for job in jobs)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)
         result = collect(outcomes, missing, measure)

@@ -48,8 +48,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--calibration", type=Path, metavar="FILE", help=text)
     text = f"keep matches and use those kept in DIR (default {match_folder(None).parent}), with drawn scenes"
     option("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
-    text = f"a film ({FILM_ENDING}, VP9) of features, boxes, path; the frames are computed once more. "
-    text += "In a run folder of `vo reproduce` the report shows the film"
+    text = f"film ({FILM_ENDING}) of features, boxes and path; a report shows the films in its run folders"
     option("--video", type=Path, metavar="FILE", help=text)
     option(SETTINGS_PAGE, action="store_true", help="the thresholds of the variant, which are options")
     for item in [*SETTINGS.values(), *DETECTOR_SETTINGS]:
@@ -64,11 +63,11 @@ def _run(options: argparse.Namespace) -> int:
     config = changed_by_options(options, config)
     calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
     values = {name.removeprefix(DETECTOR): value for name, value in given(options, DETECTOR_SETTINGS).items()}
-    part = options.labels, options.frames, options.masks
-    sequence = common.open_with_bar(options.sequence, cache, *part)
+    sequence = common.open_with_bar(options.sequence, cache, options)
     label = f"{sequence.name}, {options.method}, {config.variant}"
     with run_folder(options.out) as folder:
         sequence = common.labelled(sequence, options, DetectorConfig(**values), cache)
+        common.warn_without_boxes([(sequence, config)])
         matches = None if options.cache is None else CachedMatches(sequence, config, cache)
         with reporting(label) as report:
             result, done_before = run_once(

@@ -33,8 +33,8 @@ def _data(options: argparse.Namespace) -> int:
         say("vo data NAME --help: options, examples")
         return 0
     if options.name not in purposes:
-        hint = did_you_mean(options.name, purposes)
-        raise DataError(f"no data script is called {options.name!r}; {hint}`vo data` lists them")
+        near = did_you_mean(options.name, purposes)
+        raise DataError(f"no data script is called {options.name!r}; {near}`vo data` lists them")
     if str(SCRIPTS) not in sys.path:
         sys.path.insert(0, str(SCRIPTS))  # scripts import each other as programs of one folder do
     return run_script(importlib.import_module(options.name), options.words)

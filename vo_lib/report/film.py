@@ -123,12 +123,9 @@ class Film:
         """Write the encoded frames, as they are, at the rate at which they are shown."""
         encoded = cv2.VideoCapture(str(self._fast), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
         timed = self._open(self._timed, FILM_FPS, cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1)
-        while True:
-            good, frame = encoded.read()
-            if not good:
-                break
+        while encoded.grab():
             timed.set(cv2.VIDEOWRITER_PROP_KEY_FLAG, encoded.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME))
-            timed.write(frame)
+            timed.write(encoded.retrieve()[1])
         encoded.release()
         timed.release()
 

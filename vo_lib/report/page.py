@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 from ..files import csv_text
@@ -99,11 +98,11 @@ def render_report(
     made: list[str],
     problems: Sequence[str] = (),
     without_truth: Sequence[str] = (),
-    films: Mapping[str, str] = MappingProxyType({}),
+    films: Sequence[tuple[str, str]] = (),
 ) -> str:
     """The report of Table 1 as HTML, every text in it escaped; `problems` are shown first, in a box.
 
-    `films` : captions by relative address; films stay beside the page.
+    `films` : relative addresses and captions; films stay beside the page.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 

@@ -159,12 +159,12 @@ def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
     return pictures
 
 
-def _films(folder: Path, result: Reproduction) -> dict[str, str]:
-    """Captions of the films in the run folders of the first seed, by their address in the report."""
-    films = {}
+def _films(folder: Path, result: Reproduction) -> list[tuple[str, str]]:
+    """Addresses in the report, and captions, of the films in the run folders of the first seed."""
+    films = []
     for (variant, name), (_, methods) in result.paths.items():
         for method in methods:
             for film in sorted(job_folder(folder, variant, name, method, 0).glob(f"*{FILM_ENDING}")):
                 caption = f"{name}, {method}; {VARIANT_WORDS[variant]}, first seed."
-                films[quote(film.relative_to(folder).as_posix())] = caption
+                films.append((quote(film.relative_to(folder).as_posix()), caption))
     return films

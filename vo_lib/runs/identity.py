@@ -113,11 +113,6 @@ def labels_digest(sequence: Sequence) -> str:
     return _digest_of_data(files)
 
 
-def masks_digest(sequence: Sequence) -> str:
-    """Digest of the masks of the sequence's frames; `DataError` names a mask that is missing."""
-    return _digest(b"".join(map(read_bytes, sequence.mask_files())))
-
-
 def _digest_of_data(files: list[Path]) -> str:
     """Digest of the stems and contents of the files that exist."""
     return _digest(b"".join(f"{path.stem} ".encode() + read_bytes(path) for path in files if path.exists()))
@@ -159,7 +154,7 @@ def run_identity(
         "settings": to_dict(config),
         "times": _digest(sequence.times.tobytes()),
         "labels": NOT_USED if config.filter.rule == "none" else labels_digest(sequence),
-        "masks": NOT_USED if sequence.masks is None else masks_digest(sequence),
+        "masks": _digest(b"".join(map(read_bytes, sequence.mask_files()))),
         "moving": truth_digest(sequence) if config.filter.rule == "truth" else NOT_USED,
         "calibration": calibration and _digest(calibration.to_json().encode()),
         "made_with": versions() | {"code": code_digest(POSE_CODE[config.variant])},
