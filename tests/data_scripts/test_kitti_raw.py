@@ -100,7 +100,7 @@ def test_path_images_times_and_calibration_are_read(drive: Path) -> None:
 
 def test_a_frame_that_the_drive_lacks_is_left_out_of_times_and_poses(drive: Path) -> None:
     (drive / "image_00" / "data" / "0000000002.png").unlink()
-    with pytest.raises(DataError, match="the image 0000000002 is missing, its partner is there"):
+    with pytest.raises(DataError, match="the image has no partner"):
         read_raw_drive(drive)
     (drive / "image_01" / "data" / "0000000002.png").unlink()
     found = read_raw_drive(drive)

@@ -111,7 +111,7 @@ def test_masks_leave_out_the_features_of_a_bonnet(tmp_path: Path, variant: str) 
     (tmp_path / "masks").mkdir()
     for place in ("mask", *(f"masks/{frame:06d}" for frame in range(6))):
         cv2.imwrite(str(tmp_path / f"{place}.png"), mask)
-    whole, config = open_sequence(folder), preset("mesvo_f", variant=variant)
+    whole, config = open_sequence(folder), preset("solution_selection", variant=variant)
     masked = [dataclasses.replace(whole, masks=tmp_path / name) for name in ("mask.png", "masks")]
     found = list(find_matches(whole, config))
     for (before, _), (after, _) in zip(found, unmasked(masked[0], found), strict=True):
