@@ -121,7 +121,7 @@ def read_drive(options: argparse.Namespace) -> Drive | None:
         if getattr(options, name) not in (None, False):
             raise DataError(f"--{name} with --{kind}: that folder brings its own calibration")
     if options.raw is not None:
-        return read_raw_drive(options.raw)
+        return read_raw_drive(options.raw, options.skip_unpaired)
     return read_euroc_drive(options.euroc, options.max_delay)
 
 

@@ -24,7 +24,7 @@ MAX_SENSOR_DISTANCE_M = 100.0  # between sensors of one vehicle
 MOMENT = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?", re.ASCII)
 
 
-def read_raw_drive(drive: Path) -> Drive:
+def read_raw_drive(drive: Path, skip_unpaired: bool = False) -> Drive:
     """A drive folder such as 2011_09_26_drive_0005_sync, with its calibration in it or above it.
 
     Raises `DataError` with the file, where something needed is missing or wrong.
@@ -32,7 +32,7 @@ def read_raw_drive(drive: Path) -> Drive:
     left, right = (drive / f"image_0{camera}" / "data" for camera in (0, 1))
     if not left.is_dir() or not right.is_dir():
         raise DataError("is no raw drive: expected image_00/data and image_01/data in it", drive)
-    return describe_drive(drive, pair_images(left, right).paths)
+    return describe_drive(drive, pair_images(left, right, skip_unpaired=skip_unpaired).paths)
 
 
 def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:
