@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from measure.axes import fit_axes
+from measure.axes import TurnedErrors, fit_axes
 from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -40,6 +40,8 @@ OTHERS: dict[tuple[str, tuple[float, ...]], tuple[str, str]] = {
     ("kitti/00", (100.0,)): ("1.44 / 1.17", "1.41 / 1.64"),
     ("kitti/01", (20.0,)): ("7.84 / 2.70", "5.47 / 2.54"),
 }
+# Drives of KITTI raw: their truth is that of the GPS/INS, turned against the camera.
+RAW_DRIVE = "/drive_"
 Key = tuple[str, str, str]  # sequence, variant, method or "method rule"
 
 
@@ -72,16 +74,27 @@ def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
     if whole:
         return [(sequence.name, KITTI_MEASURE)]
     lengths = [L for L in SHORT_LENGTHS if len(kitti_errors(sequence.truth, sequence.truth, [L], 1))]
-    return [(f"{sequence.name}, {length:g} m", Measure((length,), 1)) for length in lengths]
+    axes = ", axes removed" if RAW_DRIVE in sequence.name else ""
+    return [(f"{sequence.name}, {length:g} m{axes}", Measure((length,), 1)) for length in lengths]
 
 
 def _cell(runs: list[Run], measure: Measure) -> str:
     """TE / RE, mean ± deviation over the first five seeds, and the mean over the other five below."""
-    first, second = (measure_runs("", part, measure) for part in (runs[: len(SEEDS)], runs[len(SEEDS) :]))
-    if not np.isfinite(first.te).all():
+    entry = measure_runs("", runs, measure)
+    te = entry.te
+    if RAW_DRIVE in runs[0].sequence.name:
+        te = np.array([_fit_axes(run, measure).kitti.te or np.nan for run in runs])
+    if not np.isfinite(te).all():
         return "–"
-    pairs = [f"{v.mean():.3f} ± {v.std():.3f}" for v in (first.te, first.re)]
-    return " / ".join(pairs) + f"\n({second.te.mean():.3f} / {second.re.mean():.3f})"
+    first, second = np.split(np.array([te, entry.re]), [len(SEEDS)], axis=1)
+    pairs = [f"{v.mean():.3f} ± {v.std():.3f}" for v in first]
+    return " / ".join(pairs) + "\n({:.3f} / {:.3f})".format(*second.mean(axis=1))
+
+
+def _fit_axes(run: Run, measure: Measure) -> TurnedErrors:
+    """Errors of a run with the axes of the truth turned to fit."""
+    assert run.sequence.truth is not None
+    return fit_axes(run.sequence.truth, run.poses, measure.lengths, measure.step)
 
 
 def systems(sequences: list[Sequence], runs: dict[Key, list[Run]], variant: str) -> ReportTable:
@@ -147,7 +160,7 @@ def _turned(sequence: Sequence, runs: list[Run], measure: Measure) -> str:
     """TE of the first seed with the axes turned, and by how much; drawn scenes have the true axes."""
     if sequence.name.startswith(SYNTHETIC) or sequence.truth is None:
         return "–"
-    turned = fit_axes(sequence.truth, runs[0].poses, measure.lengths, measure.step)
+    turned = _fit_axes(runs[0], measure)
     return f"{turned.kitti.te:.3f}\n({turned.pitch:+.2f}°, {turned.yaw:+.2f}°)"
 
 
