@@ -12,7 +12,7 @@ from faulty_camera import CAMERA, KITTI, Faults, drive
 from measure.axes import fit_axes
 from vo_lib import open_sequence, preset, run, settings
 from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.geometry.boxes import Boxes, no_boxes
+from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array
 from vo_lib.kit.odometry import make_kit_odometry
@@ -156,25 +156,19 @@ def test_what_noise_explains_of_a_lens_is_taken_for_noise(
     np.testing.assert_allclose(rig.errors[PAIR:], expected, rtol=1e-6)
 
 
-def test_boxes_keep_nothing_from_the_field_but_what_moves_in_them_does_not_teach() -> None:
-    """A box over the left third of the image; parked cars in it, or cars that cross."""
+def test_what_moves_in_a_box_does_not_teach() -> None:
+    """A box over the left third of the image, in which cars cross."""
     over = Boxes(np.array([[0.0, 0.0, 400.0, 360.0]]), np.array([2]), np.ones(1))
-    deviation, error = [], []
-    for boxes, crossing in ((no_boxes(), 0.0), (over, 0.0), (over, 6.0)):
-        odometry = make_kit_odometry(CAMERA, preset("feature_selection", variant="kit"))
-        odometry.start(boxes)
-        for matches, _, _ in drive(40, KITTI):
-            aside = np.where(matches.prev_left[:, :1] < 300.0, (crossing, 0.0), 0.0)
-            crossed = dataclasses.replace(
-                matches, cur_left=matches.cur_left + aside, cur_right=matches.cur_right + aside
-            )
-            odometry.step(crossed, boxes)
-        rig = odometry.rig
-        deviation.append(float(np.sqrt(rig.covariance[0, 0])))
-        found = field_at(rig.errors, *CAMERA.normalise(GRID).T)
-        error.append(float(np.abs(found[0] - true_field(KITTI)[0])[GRID[:, 0] > 300].mean()))
-    assert deviation[1] < 1.02 * deviation[0]
-    assert error[2] < 0.1
+    odometry = make_kit_odometry(CAMERA, preset("feature_selection", variant="kit"))
+    odometry.start(over)
+    for matches, _, _ in drive(40, KITTI):
+        aside = np.where(matches.prev_left[:, :1] < 300.0, (6.0, 0.0), 0.0)
+        crossed = dataclasses.replace(
+            matches, cur_left=matches.cur_left + aside, cur_right=matches.cur_right + aside
+        )
+        odometry.step(crossed, over)
+    found = field_at(odometry.rig.errors, *CAMERA.normalise(GRID).T)
+    assert np.abs(found[0] - true_field(KITTI)[0])[GRID[:, 0] > 300].mean() < 0.1
 
 
 # libviso2 has 7.84 % / 2.70 and ORB-SLAM2's published trajectory 5.47 % / 2.54 on the same frames.
@@ -231,6 +225,8 @@ def test_few_or_wild_matches_do_no_harm(seed: int) -> None:
     assert np.linalg.eigvalsh(rig.covariance)[0] > 0
     few = wild[np.arange(5)]
     assert parallax_information(CAMERA, few, np.eye(3), t_cp, of_stereo, 0.5) is None
-    assert rig.update(few, np.eye(3), t_cp) is None
+    before = rig.estimate
+    rig.update(few, np.eye(3), t_cp)
+    assert rig.estimate is before
     rig.learn_rows(wild[np.arange(0)])
     assert np.isfinite(rig.errors).all()

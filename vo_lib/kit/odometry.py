@@ -14,19 +14,17 @@ import numpy as np
 
 from ..geometry.boxes import Boxes
 from ..geometry.camera import StereoCamera
-from ..geometry.matches import StereoMatches, empty_matches
+from ..geometry.matches import StereoMatches
 from ..geometry.motion import rigid
 from ..geometry.reprojection import fit_motion
 from ..geometry.result import Flag, FrameResult
-from ..geometry.rows import joined
 from ..geometry.types import Array, BoolArray, Index
 from ..paper.odometry import Odometry, Rotation, median_flow
 from ..paper.selection import sampson_inliers
 from ..paper.settings import MethodConfig
-from ..paper.viso2 import Viso2, refit_motion
+from ..paper.viso2 import Viso2
 from .boxes import BoxFilter, Filtered
 from .calibration import Calibration
-from .moving import AGREES_CHI2, background_noise, point_steps
 from .rig import Rig
 from .selection import choose, motion_of_winner, sample_sets
 from .settings import KitConfig
@@ -73,7 +71,6 @@ class SelfCalibratingOdometry(Odometry):
             calibration.check(camera)
             self.rig.know(calibration.estimate, calibration.covariance_on_another_drive())
         self._times, self._on_moving = times, on_moving
-        self._corrected = empty_matches()
         self._still = False
         self._filter = BoxFilter(camera, config.filter)
         self._vehicle = Vehicle(config.vehicle)
@@ -95,8 +92,7 @@ class SelfCalibratingOdometry(Odometry):
         self._still = len(matches) > 0 and median_flow(matches) < still_flow
         if self.config.calibration.estimate and not self._still:
             self.rig.learn_rows(matches)
-        self._corrected = self.rig.correct(matches)
-        motion = super().step(self._corrected, boxes)
+        motion = super().step(self.rig.correct(matches), boxes)
         assert self.filtered is not None
         motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
         seconds = 0.0 if self._times is None else float(np.diff(self._times)[self._frame - 1])
@@ -112,23 +108,11 @@ class SelfCalibratingOdometry(Odometry):
         self.filtered = self._filter.step(matches, boxes, on_moving)
         return matches[self.filtered.keep]
 
-    def learn(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> StereoMatches | None:
-        """Learn the rig from a frame's motion; the matches corrected by the change, None where it is small.
-
-        Features that boxes removed count too where they do not move: parked cars are near.
-        """
-        if self._still:
-            return None
-        assert self.filtered is not None
-        evidence, removed = matches, self.bucketed(self._corrected[~self.filtered.keep])
-        if len(removed):
-            evidence = joined([matches, removed])
-            used = np.arange(len(evidence)) < len(matches)
-            error = point_steps(self.camera, evidence, rigid(R_cp, t_cp)).squared_error(np.zeros(3))
-            noise = background_noise(error, used, self.config.filter.moving)
-            evidence = evidence[used | (error < AGREES_CHI2 * noise)]
-        more = self.rig.update(evidence, R_cp, t_cp)
-        return None if more is None else self.rig.correct(matches, more)
+    def learn(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
+        """Learn the rig from a frame's motion: the next frame's matches are corrected by it."""
+        if self.config.calibration.estimate and not self._still:
+            self.rig.update(matches, R_cp, t_cp)
+            self.clock.stage("calibration")
 
 
 class KitOdometry(SelfCalibratingOdometry):
@@ -182,36 +166,26 @@ class KitOdometry(SelfCalibratingOdometry):
         return Rotation(R, E, inliers)
 
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
-        """All features weighted, robustly; solved again with what this frame shows of the calibration."""
+        """All features weighted, robustly."""
         config, R_cp = self.config.translation, rotation.R_cp
         solved = robust_translation(self.camera, matches, R_cp, config)
         self.clock.stage("translation")
         if solved is None or np.count_nonzero(solved[1] < config.agreement) < self.config.min_matches:
             return None
-        if not self.config.calibration.estimate:
-            return solved[0]
-        corrected = self.learn(matches, R_cp, solved[0])
-        again = None if corrected is None else robust_translation(self.camera, corrected, R_cp, config)
-        self.clock.stage("calibration")
-        return (again or solved)[0]
+        self.learn(matches, R_cp, solved[0])
+        return solved[0]
 
 
 class KitViso2(SelfCalibratingOdometry, Viso2):
-    """VISO2, fitted again with what the frame shows of the calibration."""
+    """VISO2, from which the calibration is learnt too."""
 
     def fit(self, matches: StereoMatches) -> tuple[Array, Array, BoolArray] | None:
         """Rotation, translation and inliers (N,); None where too few matches agree on them."""
         solution = super().fit(matches)
         self.clock.stage("rotation")
-        if solution is None or not self.config.calibration.estimate:
-            return solution
-        R_cp, t_cp, inliers = solution
-        corrected = self.learn(matches, R_cp, t_cp)
-        if corrected is not None:
-            agreed = corrected[inliers & (corrected.prev_left[:, 0] > corrected.prev_right[:, 0])]
-            R_cp, t_cp = refit_motion(self.camera, agreed, R_cp, t_cp, self.config.reprojection)
-        self.clock.stage("calibration")
-        return R_cp, t_cp, inliers
+        if solution is not None:
+            self.learn(matches, *solution[:2])
+        return solution
 
 
 def make_kit_odometry(

@@ -142,31 +142,27 @@ class Rig:
             estimate = np.asarray(np.linalg.solve(information, start + weighted @ difference))
         self.know(estimate, np.asarray(np.linalg.inv(information)))
 
-    def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> Array | None:
-        """Learn from a frame's corrected matches and motion; the change (21,), None if it is little."""
+    def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
+        """Learn from a frame's corrected matches and motion."""
 
         def added(x: Array, disparity: Array) -> Array:
             return effects(self.camera, x, disparity)[BY_PARALLAX, :3]
 
         evidence = parallax_information(self.camera, matches, R_cp, t_cp, added, self.config.scale)
         if evidence is None:
-            return None
+            return
         information, vector = np.zeros((ERROR_COUNT, ERROR_COUNT)), np.zeros(ERROR_COUNT)
         information[np.ix_(BY_PARALLAX, BY_PARALLAX)], vector[BY_PARALLAX] = evidence
         information /= self.config.noise_inflation**2
         vector /= self.config.noise_inflation**2
-        in_use, prior_information = self.errors, np.linalg.inv(self.covariance)
+        prior_information = np.linalg.inv(self.covariance)
         # What corrected the matches is what is in use, not the estimate.
-        vector -= information @ (self.estimate - in_use)
+        vector -= information @ (self.estimate - self.errors)
         change = np.linalg.solve(prior_information + information, vector)
         change *= min(
             1.0, MAX_CHANGE_DEVIATIONS / max(float(np.sqrt(change @ prior_information @ change)), 1e-12)
         )
         self.know(self.estimate + change, np.asarray(np.linalg.inv(prior_information + information)))
-        more = self.errors - in_use
-        more[N:BACK] = 0.0  # of the rows only their own measurements count in this frame
-        size = np.sqrt(np.mean(field_at(more, *self.camera.normalise(matches.cur_left).T) ** 2))
-        return None if size < self.config.least_change else more
 
     def know(self, estimate: Array, covariance: Array) -> None:
         """From now on this is known: an estimate (21,) and its covariance (21, 21)."""

@@ -49,9 +49,7 @@ class KitMatchingConfig(StereoLimits):
 class MovingConfig(Checked):
     """The judgement whether the vehicle in a box moves (chapter 5, beyond the paper)."""
 
-    noise: float = setting(
-        0.2, "standard deviation of a match, or more if the background shows it", unit="px", low=0.01, high=5
-    )
+    noise: float = setting(0.2, "standard deviation of a match", unit="px", low=0.01, high=5)
     significance: float = setting(
         4.0, "a box moves when its step is this many standard deviations from none", low=1, high=50
     )
@@ -129,9 +127,6 @@ class CalibrationConfig(Checked):
     )
     noise_inflation: float = setting(
         2.5, "errors are learnt as if frames scattered this much more than noise", low=1, high=100
-    )
-    least_change: float = setting(
-        0.03, "a smaller change of the disparities does not solve the step again", unit="px", low=0, high=1
     )
 
 
