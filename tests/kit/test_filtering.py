@@ -95,11 +95,6 @@ def test_features_of_parked_cars_have_to_agree_with_the_street(agreement: float,
     assert filtered(config, outline=3.0)[-1].keep[-1] == stays
 
 
-def test_a_frame_with_little_background_is_flagged() -> None:
-    config = KitFilterConfig(rule="moving", min_matches=0)
-    assert filtered(config, kept=slice(190, 240))[0].flags == ("few_background",)
-
-
 def test_moving_vehicles_of_a_drawn_street_are_told_from_parked_ones(street: Sequence) -> None:
     sequence, config = street.part(90, 150), preset("moving_selection", variant="kit")
     rule = BoxFilter(sequence.camera, config.filter)

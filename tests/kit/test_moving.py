@@ -13,12 +13,10 @@ from vo_lib.geometry.types import Array
 from vo_lib.kit.moving import (
     PointSteps,
     background_motion,
-    background_noise,
     box_steps,
     owner_of,
     point_steps,
 )
-from vo_lib.kit.settings import MovingConfig
 
 CAR = np.array([-0.7, 0.3, 0.2])  # step of a car against the street, current camera's axes
 
@@ -59,8 +57,8 @@ def test_a_feature_in_two_boxes_belongs_to_the_one_in_front() -> None:
     assert owner_of(CAMERA, left, left - (40.0, 0.0), both).tolist() == [0, 1, 1, -1]
 
 
-def steps_of(step: Array, background: int) -> tuple[PointSteps, NDArray[np.int64], float]:
-    """20 features on a vehicle 15 m ahead, `background` ones behind it, 100 on the street; owners, noise."""
+def steps_of(step: Array, background: int) -> tuple[PointSteps, NDArray[np.int64]]:
+    """20 features on a vehicle 15 m ahead, `background` ones behind it, 100 on the street; owners."""
     rng = np.random.default_rng(4)
     car = np.array([0.5, 0.8, 15.0]) + rng.uniform(-0.8, 0.8, (20, 3))
     behind = np.array([1.0, 0.0, 25.0]) + rng.uniform(-2, 2, (background, 3))
@@ -68,15 +66,14 @@ def steps_of(step: Array, background: int) -> tuple[PointSteps, NDArray[np.int64
     moved = transform(STEP, X)
     moved[:20] += step
     owner = np.repeat(np.array([0, -1]), [20 + background, 100])
-    points = point_steps(CAMERA, match_points(X, moved, 0.15, rng), STEP)
-    return points, owner, background_noise(points.squared_error(np.zeros(3)), owner < 0, MovingConfig())
+    return point_steps(CAMERA, match_points(X, moved, 0.15, rng), STEP), owner
 
 
 @pytest.mark.parametrize("background", [0, 10, 20])
 @pytest.mark.parametrize("step", [CAR, -0.3 * CAR, np.zeros(3)])
 def test_a_vehicle_is_found_beside_as_many_features_of_the_background(background: int, step: Array) -> None:
-    points, owner, noise = steps_of(step, background)
-    found = box_steps(points, owner, 1, noise)
+    points, owner = steps_of(step, background)
+    found = box_steps(points, owner, 1, 0.15**2)
     assert found.matches.tolist() == [20 + background]
     deviation = np.sqrt(found.step[0] @ found.information[0] @ found.step[0])
     if step.any():

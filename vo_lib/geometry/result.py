@@ -17,7 +17,6 @@ class Flag(StrEnum):
     NO_MOTION = "no_motion"  # no motion: the matches agree on none
     # The kit's own:
     FILTER_OFF = "filter_off"  # boxes would have left too few matches
-    FEW_BACKGROUND = "few_background"  # too little outside the boxes to judge which of them move
     PRIOR_DROPPED = "prior_dropped"  # the prior's best candidate was clearly worse than the best of all
     DOUBTFUL_SPEED = "doubtful_speed"  # beyond the limits of a vehicle
     DOUBTFUL_TURN = "doubtful_turn"

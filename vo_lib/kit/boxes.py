@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ class Filtered:
 
     Attributes
     ----------
-    keep : (N,) bool; flags : `FILTER_OFF` (boxes would have left too few: all stay), `FEW_BACKGROUND`.
+    keep : (N,) bool; flags : `FILTER_OFF` (boxes would have left too few: all stay).
     judgement : of the boxes by the rule `moving`; None with other rules.
     """
 
@@ -67,9 +67,7 @@ class BoxFilter:
         before, self._boxes = self._boxes, boxes
         if self._classifier is not None:
             judgement = self._classifier.step(matches, boxes)
-            filtered = unless_too_few(~judgement.removed, self.config)
-            flags = filtered.flags + (Flag.FEW_BACKGROUND,) * judgement.few_background
-            return Filtered(filtered.keep, flags, judgement)
+            return replace(unless_too_few(~judgement.removed, self.config), judgement=judgement)
         if self.config.rule == "truth":
             assert on_moving is not None
             return unless_too_few(~on_moving, self.config)

@@ -17,16 +17,13 @@ from ..geometry.matches import StereoMatches
 from ..geometry.motion import rigid
 from ..geometry.reprojection import fit_motion
 from ..geometry.rows import Rows
-from ..geometry.types import Array, BoolArray, IntArray
+from ..geometry.types import Array, IntArray
 from ..paper.boxes import inside
 from ..paper.buckets import select_by_bucket
 from ..paper.settings import BucketConfig
-from .settings import MovingConfig
 
 # Features for the motion of the camera: enough for a millimetre, few enough for a millisecond.
 BACKGROUND_BUCKETS = BucketConfig(size=100, features=2)
-# Half of all squared lengths of a normal 3-vector are below this.
-MEDIAN_CHI2 = 2.366
 # A feature agrees with a step when its squared error is below this, in deviations: 99 % of normal noise.
 AGREES_CHI2 = 11.3
 STEP_ITERATIONS = 3
@@ -140,16 +137,10 @@ def no_steps(number: int) -> BoxSteps:
     return BoxSteps(np.zeros((number, 3)), np.zeros((number, 3, 3)), np.zeros(number, np.int64))
 
 
-def background_noise(squared_error: Array, outside: BoolArray, config: MovingConfig) -> float:
-    """Variance of a match, pixels²: what the features outside the boxes show, and at least the setting."""
-    background = squared_error[outside & np.isfinite(squared_error)]
-    return max(config.noise**2, float(np.median(background)) / MEDIAN_CHI2 if len(background) else 0.0)
-
-
 def box_steps(points: PointSteps, owner: IntArray, number: int, noise: float) -> BoxSteps:
     """One step for each of `number` boxes from the features it owns (owner (N,), -1: none).
 
-    `noise` is the variance of a match, pixels², as `background_noise` finds it.
+    `noise` is the variance of a match, pixels².
 
     A box holds the vehicle, some background behind it, and outlines that belong to neither. Two robust means
     compete (Cauchy weights): of all features, and of those alone that do not agree with standing still.

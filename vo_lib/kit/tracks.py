@@ -16,7 +16,6 @@ from ..paper.boxes import inside, vehicles
 from .moving import (
     BoxSteps,
     background_motion,
-    background_noise,
     box_steps,
     no_steps,
     owner_of,
@@ -24,11 +23,8 @@ from .moving import (
 )
 from .settings import KitFilterConfig, MovingConfig
 
-MIN_CAMERA_FEATURES = 12  # features from which a motion of the camera can be told
-MIN_BACKGROUND_FEATURES = 30  # features outside boxes; with fewer those in parked boxes join them
-BACKGROUND_SHARE = 4  # one feature of so many outside the boxes is asked how it scatters
+MIN_CAMERA_FEATURES = 12  # features outside boxes from which a motion of the camera can be told
 MIN_TRACK_OVERLAP = 0.3  # a box is known again above this overlap (IoU) with its place expected
-MAX_UNSEEN_FRAMES = 3  # frames for which a track waits for its box to be seen again
 EVIDENCE_DECAY = 0.7  # share of a track's evidence that is kept when new evidence arrives
 
 
@@ -42,21 +38,18 @@ class Tracks(Rows):
     information, vector : (M, 3, 3), (M, 3) all evidence of the vehicle's step a frame, in information form,
         in the axes of this frame's left camera: step = information⁻¹ vector, metres.
     state : (M,) PARKED, UNKNOWN or MOVING.
-    missed : (M,) frames since the box was last seen.
     """
 
     xyxy: Array
     information: Array
     vector: Array
     state: IntArray
-    missed: IntArray
 
 
 def new_tracks(xyxy: Array) -> Tracks:
     """Tracks that begin with boxes (M, 4), of which nothing is known."""
     m = len(xyxy)
-    zero = np.zeros(m, np.int64)
-    return Tracks(xyxy, np.zeros((m, 3, 3)), np.zeros((m, 3)), zero + UNKNOWN, zero)
+    return Tracks(xyxy, np.zeros((m, 3, 3)), np.zeros((m, 3)), np.full(m, UNKNOWN))
 
 
 def pair_up(iou: Array) -> IntArray:
@@ -108,7 +101,6 @@ class Judgement:
     removed : (N,) matches whose left point, previous or current, lies in a box that moves; of those in other
         boxes the ones that do not agree with the background: where a box is, outlines, panes and other cars
         behind it are near, and features there are worse than elsewhere.
-    few_background : there was too little background to judge by.
     """
 
     boxes: Boxes
@@ -116,7 +108,6 @@ class Judgement:
     step: Array
     matches: IntArray
     removed: BoolArray
-    few_background: bool
 
 
 class BoxMotionClassifier:
@@ -131,36 +122,26 @@ class BoxMotionClassifier:
     def step(self, matches: StereoMatches, boxes: Boxes) -> Judgement:
         """Judge the boxes of the next frame's left image by its matches with the frame before."""
         old, current = self._tracks, vehicles(boxes, self.config)
-        visible = old.missed == 0
         in_before, in_current = inside(matches.prev_left, old.xyxy), inside(matches.cur_left, current.xyxy)
-        outside_old = ~in_before[:, visible].any(axis=1)
-        outside = np.asarray(outside_old & ~in_current.any(axis=1))
-        # A feature that leaves a parked car for a new box is not known to stand still.
-        still = np.asarray(~in_before[:, old.state != PARKED].any(axis=1) & (outside | ~outside_old))
-        few_background = self._find_motion(matches, outside, still)
+        outside = np.asarray(~in_before.any(axis=1) & ~in_current.any(axis=1))
+        self._find_motion(matches[outside])
         fresh, disagrees = self._ask(matches, current, outside)
         # Each box is expected where its features go on average.
         member = in_before.T.astype(np.float64)
         flow = member @ (matches.cur_left - matches.prev_left) / np.maximum(member.sum(axis=1), 1.0)[:, None]
-        expected = old.xyxy + np.tile(flow, 2)
-        row_of = pair_up(overlap(expected, current.xyxy))
+        row_of = pair_up(overlap(old.xyxy + np.tile(flow, 2), current.xyxy))
         matched = row_of >= 0
-        lost = np.flatnonzero((old.missed < MAX_UNSEEN_FRAMES) & ~np.isin(np.arange(len(old)), row_of))
         index = np.where(matched, row_of, len(old) + np.arange(len(current)))
-        tracks = dataclasses.replace(
-            joined([old, new_tracks(current.xyxy)])[np.append(index, lost)],
-            xyxy=np.concatenate([current.xyxy, expected[lost]]),
-            missed=np.append(np.zeros_like(index), old.missed[lost] + 1),
-        )
+        followed = joined([old, new_tracks(current.xyxy)])[index]
+        tracks = dataclasses.replace(followed, xyxy=current.xyxy)
         R_cp = np.eye(3) if self._motion is None else self._motion[:3, :3]
-        fresh_of_all = joined([fresh, no_steps(len(lost))])
-        self._tracks = with_evidence(tracks, fresh_of_all, R_cp, self.config.moving)
-        state, state_before = self._tracks.state[: len(current)], old.state.copy()
+        self._tracks = with_evidence(tracks, fresh, R_cp, self.config.moving)
+        state, state_before = self._tracks.state, old.state.copy()
         state_before[row_of[matched]] = state[matched]
-        in_moved = in_before[:, visible & (state_before == MOVING)].any(axis=1)
+        in_moved = in_before[:, state_before == MOVING].any(axis=1)
         removed = in_current[:, state == MOVING].any(axis=1) | in_moved | disagrees
         step = np.where(fresh.information.any(axis=1), fresh.step, np.nan)
-        return Judgement(current, state, step, fresh.matches, removed, few_background)
+        return Judgement(current, state, step, fresh.matches, removed)
 
     def _ask(self, matches: StereoMatches, current: Boxes, outside: BoolArray) -> tuple[BoxSteps, BoolArray]:
         """Steps of the boxes found, and which matches (N,) in boxes do not agree with standing still."""
@@ -168,31 +149,18 @@ class BoxMotionClassifier:
         if self._motion is None:
             return no_steps(len(current)), disagrees
         config = self.config.moving
-        # A share of the background is enough to see its noise.
-        chosen = np.concatenate([np.flatnonzero(~outside), np.flatnonzero(outside)[::BACKGROUND_SHARE]])
-        some = matches[chosen]
+        some = matches[np.asarray(~outside)]
         owner = owner_of(self.camera, some.cur_left, some.cur_right, current)
         points = point_steps(self.camera, some, self._motion)
-        stands = points.squared_error(np.zeros(3))
-        noise = background_noise(stands, outside[chosen], config)
         # What is not a number does not agree.
-        agrees = stands <= config.agreement**2 * noise
-        disagrees[chosen] = ~outside[chosen] & ~agrees
-        return box_steps(points, owner, len(current), noise), disagrees
+        limit = (config.agreement * config.noise) ** 2
+        disagrees[~outside] = ~(points.squared_error(np.zeros(3)) <= limit)
+        return box_steps(points, owner, len(current), config.noise**2), disagrees
 
-    def _find_motion(self, matches: StereoMatches, outside: BoolArray, still: BoolArray) -> bool:
-        """Motion of the camera from the background, None where nothing tells it; whether that was too little.
-
-        Where boxes hold nearly everything, those judged parked so far count as background (`still`); if that
-        is not enough, all features are asked: right while most of them stand still.
-        """
-        background = outside if np.count_nonzero(outside) >= MIN_BACKGROUND_FEATURES else outside | still
-        few = int(np.count_nonzero(background)) < MIN_BACKGROUND_FEATURES
-        if few:
-            background = np.ones(len(matches), np.bool_)
-        if np.count_nonzero(background) < MIN_CAMERA_FEATURES:
+    def _find_motion(self, background: StereoMatches) -> None:
+        """Motion of the camera from the features outside boxes; None where they are too few to tell it."""
+        if len(background) < MIN_CAMERA_FEATURES:
             self._motion = None
         else:
             start, steps = (np.eye(4), 10) if self._motion is None else (self._motion, 3)
-            self._motion = background_motion(self.camera, matches[background], start, steps)
-        return few
+            self._motion = background_motion(self.camera, background, start, steps)
