@@ -82,7 +82,6 @@ RIG_FAULTS |= {f"rows, {term}": ({}, {term: 1}, 0.5) for term in ("x²", "xy", "
 FREE_DEVIATION_PX = 0.01  # pixels; what no fault explains, in each coefficient of the field
 
 ROW_REWEIGHTINGS = 4  # re-weightings of the rows
-MAX_CHANGE_DEVIATIONS = 3.0  # standard deviations; a frame that asks for a larger change is cut to it
 
 
 class Rig:
@@ -159,9 +158,6 @@ class Rig:
         # What corrected the matches is what is in use, not the estimate.
         vector -= information @ (self.estimate - self.errors)
         change = np.linalg.solve(prior_information + information, vector)
-        change *= min(
-            1.0, MAX_CHANGE_DEVIATIONS / max(float(np.sqrt(change @ prior_information @ change)), 1e-12)
-        )
         self.know(self.estimate + change, np.asarray(np.linalg.inv(prior_information + information)))
 
     def know(self, estimate: Array, covariance: Array) -> None:
