@@ -90,7 +90,6 @@ def test_on_another_drive_the_shift_alone_is_less_certain(learnt: Calibration) -
         (errors(**{"d_x²": -1.0, "d_y²": 1.0}), "disparities are off by -0.5 to +0.0 px"),
         (errors(r_xy=-5.0), "rows are off by -0.8 to +0.8 px"),
         (errors(p1=1.2, k1=-12.0), "lens: p1 +1.2 px; lens: k1 -12.0 px"),
-        (errors(**{"right camera down": 0.4}), "the right camera is +0.4 % of the baseline below its place"),
     ],
 )
 def test_errors_as_a_sentence(wrong: Array, words: str) -> None:

@@ -23,7 +23,6 @@ from vo_lib.kit.rig import (
     ERROR_NAMES,
     FIELD,
     K1,
-    PAIR,
     ROW_TERMS,
     N,
     Rig,
@@ -65,7 +64,7 @@ def true_field(faults: Faults) -> Array:
 
 
 def by_name(**terms: float) -> Array:
-    """Coefficients (21,); d_ for disparities, r_ for rows."""
+    """Coefficients (19,); d_ for disparities, r_ for rows."""
     names = {f"d_{term}": f"disparity {term}" for term in DISPARITY_TERMS}
     names |= {f"r_{term}": f"row {term}" for term in ROW_TERMS}
     return np.array([{names.get(k, k): v for k, v in terms.items()}.get(name, 0.0) for name in ERROR_NAMES])
@@ -132,7 +131,7 @@ def test_corrected_positions_are_those_of_the_points(
 def test_good_lenses_are_left_alone(noise: float, step: float) -> None:
     """However the matches scatter: noise of a place does not look like a pincushion."""
     rig = learnt(Faults(), CalibrationConfig(), 100, noise, step)
-    np.testing.assert_array_equal(rig.errors[PAIR:], np.zeros(4))
+    np.testing.assert_array_equal(rig.errors[FIELD:], np.zeros(4))
     assert (np.abs(rig.estimate[FIELD:]) < 2.0 * np.sqrt(np.diag(rig.covariance)[FIELD:])).all()
 
 
@@ -151,9 +150,9 @@ def test_what_noise_explains_of_a_lens_is_taken_for_noise(
 ) -> None:
     rig = Rig(CAMERA, CalibrationConfig())
     covariance = prior_covariance()
-    covariance[PAIR:, PAIR:] = np.diag(variance)
-    rig.know(np.append(np.zeros(PAIR), mean), covariance)
-    np.testing.assert_allclose(rig.errors[PAIR:], expected, rtol=1e-6)
+    covariance[FIELD:, FIELD:] = np.diag(variance)
+    rig.know(np.append(np.zeros(FIELD), mean), covariance)
+    np.testing.assert_allclose(rig.errors[FIELD:], expected, rtol=1e-6)
 
 
 def test_what_moves_in_a_box_does_not_teach() -> None:

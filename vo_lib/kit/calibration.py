@@ -14,14 +14,13 @@ from ..files import read_mapping
 from ..geometry.camera import StereoCamera
 from ..geometry.types import Array
 from ..settings import to_dict
-from .rig import ERROR_COUNT, ERROR_NAMES, FIELD, PAIR, RIG_FAULTS, Rig, field_at
+from .rig import ERROR_COUNT, ERROR_NAMES, FIELD, RIG_FAULTS, Rig, field_at
 from .settings import CalibrationConfig
 
 MAX_LENGTH_DIFFERENCE = 0.01  # of the focal lengths and baselines of one camera, as a share
 MAX_VIEW_DIFFERENCE = 0.05  # of its image sizes and principal points, as a share of the image
 MAX_RIG_ERROR_PX = 30.0  # larger than the error of any rig in use
 MIN_REPORTED_ERROR_PX = 0.05
-MIN_REPORTED_SHARE_PERCENT = 0.1  # of the baseline
 UNREPORTED_EDGE = 0.08  # share of the image at each side
 
 
@@ -32,7 +31,7 @@ class Calibration:
     Attributes
     ----------
     camera : whose errors these are.
-    estimate, covariance : (21,) and (21, 21), as `Rig` has them.
+    estimate, covariance : (19,) and (19, 19), as `Rig` has them.
     """
 
     camera: StereoCamera
@@ -62,7 +61,7 @@ class Calibration:
                 raise DataError(f"the calibration is of another camera: {name} {learnt}, here {given}")
 
     def in_use(self, config: CalibrationConfig) -> Array:
-        """The errors (21,) that are taken out of matches, pixels."""
+        """The errors (19,) that are taken out of matches, pixels."""
         rig = Rig(self.camera, config)
         rig.know(self.estimate, self.covariance)
         return rig.errors
@@ -75,8 +74,7 @@ class Calibration:
         """The file's text; numbers are exact."""
         data = {
             "camera": to_dict(self.camera),
-            "unit": "px, in normalised left positions x, y; disparities and rows left less right; "
-            "the right camera's place in % of the baseline",
+            "unit": "px, in normalised left positions x, y; disparities and rows left less right",
             "errors": dict(zip(ERROR_NAMES, self.estimate.tolist(), strict=True)),
             "covariance": self.covariance.tolist(),
         }
@@ -108,17 +106,14 @@ def read_learnt_calibration(path: Path) -> Calibration:
 
 
 def describe_errors(errors: Array, camera: StereoCamera) -> str:
-    """The effects of a rig's errors (21,), pixels, in the image, as a sentence."""
+    """The effects of a rig's errors (19,), pixels, in the image, as a sentence."""
     u, v = (np.linspace(UNREPORTED_EDGE, 1.0 - UNREPORTED_EDGE, 9) * size for size in camera.size)
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     parts = []
     for name, field in zip(("disparities", "rows"), field_at(errors, *camera.normalise(grid).T), strict=True):
         if np.abs(field).max() >= MIN_REPORTED_ERROR_PX:
             parts.append(f"{name} are off by {field.min():+.1f} to {field.max():+.1f} px")
-    for name, share in zip(("below", "behind"), errors[FIELD:PAIR], strict=True):
-        if abs(share) >= MIN_REPORTED_SHARE_PERCENT:
-            parts.append(f"the right camera is {share:+.1f} % of the baseline {name} its place")
-    for name, size in zip(ERROR_NAMES[PAIR:], errors[PAIR:], strict=True):
+    for name, size in zip(ERROR_NAMES[FIELD:], errors[FIELD:], strict=True):
         if abs(size) >= MIN_REPORTED_ERROR_PX:
             parts.append(f"lens: {name} {size:+.1f} px")
     return "; ".join(parts) or "none that needs correction"

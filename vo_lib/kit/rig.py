@@ -9,19 +9,13 @@ which decides the length of the steps. Half of the field is attributed to the le
 right one at x_r = x_l - D / f, where D is a point's disparity: flow on KITTI fits that better than all of it
 in the right camera.
 
-The right camera may also stand a little below the left one, by a share m of the baseline, and behind it, by a
-share n, which shows in near points:
-
-    disparity + n D x_r,   row + m D + n D y.
-
 Both lenses have errors of their own, taken to be alike: Brown's decentering and radial terms, r² = x² + y²,
 
     (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   (k1 r² + k2 r⁴) (x, y).
 
 Stereo matches show the rows at once, and with them roll and focal length, which a moving camera cannot tell
-from a longer step; near and far points on one row show the baseline's direction and the lens. The motion
-tells the disparities and, again, the lens: disparities must agree with parallax, and flow with epipolar
-lines. One frame knows little of that; a Kalman filter carries everything along.
+from a longer step; near and far points on one row show the lens. The motion tells the disparities and,
+again, the lens: disparities must agree with parallax, and flow with epipolar lines. One frame knows little of that; a Kalman filter carries everything along.
 
 Noise would do harm where a rig is good. So what is in use is shrunk as empirical Bayes asks: the part of a
 square that its own variance explains is taken for noise (James and Stein 1961, positive part).
@@ -44,24 +38,18 @@ Shape = dict[str, float]
 
 DISPARITY_TERMS = ("1", "x", "y", "x²", "xy", "y²", "x³", "x²y", "x⁴")
 ROW_TERMS = DISPARITY_TERMS[:6]
-BASELINE_PERCENT = {
-    "down": 1.0,
-    "back": 2.0,
-}  # how far the right camera may stand there, % of the baseline
 # How large each may be, standard deviations, pixels (KITTI's rigs have a k1 of 12 to 17), and what of it no
 # number of frames mends: drawn cars give a perfect lens up to 2.6 px of k1, a drawn highway 0.8 px of p2.
 LENS_PX = {"p1": (1.5, 0.7), "p2": (1.5, 1.2), "k1": (15.0, 2.0), "k2": (10.0, 4.0)}
 N, FIELD = len(DISPARITY_TERMS), len(DISPARITY_TERMS) + len(ROW_TERMS)
-PAIR = FIELD + len(BASELINE_PERCENT)  # errors of one camera against the other; those of both follow
 ERROR_NAMES = (
     *(f"disparity {term}" for term in DISPARITY_TERMS),
     *(f"row {term}" for term in ROW_TERMS),
-    *(f"right camera {way}" for way in BASELINE_PERCENT),
     *LENS_PX,
 )
 ERROR_COUNT = len(ERROR_NAMES)
-DOWN, BACK, P1, P2, K1, K2 = range(FIELD, ERROR_COUNT)
-BY_PARALLAX = [*range(N), *range(BACK, ERROR_COUNT)]  # what the motion tells; rows tell all but the first N
+P1, P2, K1, K2 = range(FIELD, ERROR_COUNT)
+BY_PARALLAX = [*range(N), *range(FIELD, ERROR_COUNT)]  # what the motion tells; rows tell all but the first N
 # What may be wrong with one camera against the other: its shape in the columns, in the rows, and how large it
 # may be, pixels (standard deviation before the first frame). To first order a yaw is a shift along the rows
 # and a tilt about the vertical; decentering is a tilt of three times its size and what is left here.
@@ -89,12 +77,12 @@ class Rig:
 
     Attributes
     ----------
-    estimate : (21,) errors in the order of `ERROR_NAMES`, pixels, the right camera's place % of the baseline;
-        rows and disparities are left less right.
-    covariance : (21, 21) of the estimate.
-    errors : (21,) those in use. Of the lens one after the other is shrunk, and is zero while the frames know
+    estimate : (19,) errors in the order of `ERROR_NAMES`, pixels; rows and disparities are
+        left less right.
+    covariance : (19, 19) of the estimate.
+    errors : (19,) those in use. Of the lens one after the other is shrunk, and is zero while the frames know
         less of it than was known before them: crawling in a jam says little, but always the same. What comes
-        after it is what would be known were it the true one. At the end the pair's are shrunk as a whole.
+        after it is what would be known were it the true one. At the end the field is shrunk as a whole.
     """
 
     def __init__(self, camera: StereoCamera, config: CalibrationConfig):
@@ -104,7 +92,7 @@ class Rig:
         self.know(np.zeros(ERROR_COUNT), self._prior)
 
     def correct(self, matches: StereoMatches, errors: Array | None = None) -> StereoMatches:
-        """Matches without these errors (21,), by default those in use."""
+        """Matches without these errors (19,), by default those in use."""
         errors = self.errors if errors is None else errors
         if not errors.any():
             return matches
@@ -161,7 +149,7 @@ class Rig:
         self.know(self.estimate + change, np.asarray(np.linalg.inv(prior_information + information)))
 
     def know(self, estimate: Array, covariance: Array) -> None:
-        """From now on this is known: an estimate (21,) and its covariance (21, 21)."""
+        """From now on this is known: an estimate (19,) and its covariance (19, 19)."""
         self.estimate, self.covariance = estimate, covariance
         errors, covariance, lens = estimate.copy(), covariance.copy(), {}
         for i in (K2, K1, P1, P2):
@@ -172,14 +160,14 @@ class Rig:
             gain = covariance[i] / variance
             errors += gain * (lens[i] - errors[i])
             covariance -= np.outer(gain, covariance[i])
-        squared = float(errors[:PAIR] @ np.linalg.solve(covariance[:PAIR, :PAIR], errors[:PAIR]))
-        errors[:PAIR] *= max(0.0, 1.0 - PAIR / max(squared, 1e-12))
+        squared = float(errors[:FIELD] @ np.linalg.solve(covariance[:FIELD, :FIELD], errors[:FIELD]))
+        errors[:FIELD] *= max(0.0, 1.0 - FIELD / max(squared, 1e-12))
         errors[[*lens]] = [*lens.values()]
         self.errors = errors
 
 
 def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
-    """What errors of size 1 add to u and v on the left, to disparity and row, (21, 4, N), pixels.
+    """What errors of size 1 add to u and v on the left, to disparity and row, (19, 4, N), pixels.
 
     x : (2, N) normalised left positions; disparity : (N,) pixels.
     """
@@ -188,10 +176,8 @@ def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
     for terms, n, axis in ((slice(N), N, 0), (slice(N, FIELD), len(ROW_TERMS), 1)):
         added[terms, axis] = 0.5 * on_left[:n]
         added[terms, axis + 2] = 0.5 * (on_left + on_right)[:n]
-    added[DOWN, 3] = 0.01 * disparity
-    added[BACK, 2:] = 0.01 * disparity * right
-    added[PAIR:, :2] = lens_shapes(x)
-    added[PAIR:, 2:] = added[PAIR:, :2] - lens_shapes(right)
+    added[FIELD:, :2] = lens_shapes(x)
+    added[FIELD:, 2:] = added[FIELD:, :2] - lens_shapes(right)
     return added
 
 
@@ -216,14 +202,8 @@ def lens_shapes(points: Array) -> Array:
 
 
 def prior_covariance() -> Array:
-    """Covariance (21, 21) of the errors before the first frame: all `RIG_FAULTS`, each of random size."""
-    covariance = (
-        np.diag(
-            [FREE_DEVIATION_PX] * FIELD
-            + [*BASELINE_PERCENT.values(), *(prior for prior, _ in LENS_PX.values())]
-        )
-        ** 2
-    )
+    """Covariance (19, 19) of the errors before the first frame: all `RIG_FAULTS`, each of random size."""
+    covariance = np.diag([FREE_DEVIATION_PX] * FIELD + [prior for prior, _ in LENS_PX.values()]) ** 2
     for columns, rows, deviation in RIG_FAULTS.values():
         shape = np.array(
             [columns.get(k, 0.0) for k in DISPARITY_TERMS] + [rows.get(k, 0.0) for k in ROW_TERMS]
