@@ -188,7 +188,7 @@ def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points
 def consensus_rotation(x_p: Array, x_c: Array, X_p: Array, rng: np.random.Generator, focal: float) -> Array:
     """R_cp (3, 3) of the candidate with the smallest error, refined, from matches (N, 2) and points (N, 3)."""
     config = KitSelectionConfig()
-    sets = sample_sets(rng, len(x_p), config.sets, np.arctan2(x_c[:, 1], x_c[:, 0]))
+    sets = sample_sets(rng, len(x_p), config.sets)
     E, _ = five_point(x_p[sets], x_c[sets])
     winner = E[np.argmin(truncated_errors(E, x_p, x_c, config.threshold / focal))]
     return motion_of_winner(winner, x_p, x_c, X_p, config, focal)[0]

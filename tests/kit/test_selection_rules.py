@@ -26,16 +26,6 @@ TRACKS = TrackConfig(points=300, noise=0.3)
 DEFAULT_RATIO = KitSelectionConfig().prior_rejection_ratio
 
 
-def test_every_other_set_takes_one_feature_from_each_fifth() -> None:
-    angle = np.random.default_rng(1).uniform(-np.pi, np.pi, 52)
-    sets = sample_sets(np.random.default_rng(0), 52, 201, angle)
-    np.testing.assert_array_equal(sets[::2], sample_sets(np.random.default_rng(0), 52, 201)[::2])
-    # Two features of the 52 stay out, so a fifth may begin up to two places later.
-    place = np.argsort(np.argsort(angle))[sets[1::2]]
-    assert (np.diff(place, axis=1) > 0).all()
-    assert np.all((place >= [0, 10, 20, 30, 40]) & (place <= [11, 21, 31, 41, 51]))
-
-
 def test_rotation_noise_of_clean_tracks_is_as_small_as_promised() -> None:
     """Over 300 frames: refined 0.011°, literal 0.036° ± 0.001°."""
     modes = {mode: KitSelectionConfig(mode=mode) for mode in ("literal", "refined")}

@@ -137,20 +137,18 @@ class KitOdometry(SelfCalibratingOdometry):
         return FrameResult(T_cp, inliers=inliers, flags=(Flag.STANDSTILL,))
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
-        """Every other set takes its features from all sides of the image.
+        """Of the n sets no more are drawn than leave CLEAN_SETS without an outlier.
 
-        Of the n sets no more are drawn than leave CLEAN_SETS without an outlier, where an outlier is far from
-        the last frame's geometry: the winner is but the start of the refinement. `literal` keeps the winner,
-        and there, as on a sharp turn, all are drawn.
+        An outlier is far from the last frame's geometry; the winner is but the start of the refinement.
+        `literal` keeps the winner, and there, as on a sharp turn, all are drawn.
         """
-        config, sides = self.config.selection, np.arctan2(x_c[:, 1], x_c[:, 0])
-        sets = config.sets
+        config, sets = self.config.selection, self.config.selection.sets
         if config.mode == "refined" and self.e_prev is not None:
             near = sampson_inliers(
                 self.e_prev.reshape(3, 3), x_p, x_c, PREVIOUS_INLIER_THRESHOLDS * self.threshold
             )
             sets = min(sets, int(CLEAN_SETS / max(float(np.mean(near)), 0.1) ** 5))
-        return sample_sets(self.random(), len(x_p), sets, sides)
+        return sample_sets(self.random(), len(x_p), sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
         """As the paper's, but the prior is dropped where it is clearly wrong."""

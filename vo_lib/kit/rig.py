@@ -14,8 +14,9 @@ Both lenses have errors of their own, taken to be alike: Brown's decentering and
     (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   (k1 r² + k2 r⁴) (x, y).
 
 Stereo matches show the rows at once, and with them roll and focal length, which a moving camera cannot tell
-from a longer step; near and far points on one row show the lens. The motion tells the disparities and,
-again, the lens: disparities must agree with parallax, and flow with epipolar lines. One frame knows little of that; a Kalman filter carries everything along.
+from a longer step; near and far points on one row show the lens. The motion tells the disparities and, again,
+the lens: disparities must agree with parallax, and flow with epipolar lines. One frame knows little of that;
+a Kalman filter carries everything along.
 
 Noise would do harm where a rig is good. So what is in use is shrunk as empirical Bayes asks: the part of a
 square that its own variance explains is taken for noise (James and Stein 1961, positive part).

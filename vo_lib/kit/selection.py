@@ -1,4 +1,4 @@
-"""Chapters 2 and 3, beyond the paper: sets from all sides of the image, a guarded prior, a refined winner.
+"""Chapters 2 and 3, beyond the paper: a guarded prior, a refined winner.
 
 Consensus takes the candidate with the smallest error over all features. Solution selection (paper,
 section 2.2) first keeps, of the candidates of each five-point set, the k nearest to the essential
@@ -19,23 +19,15 @@ from .settings import KitSelectionConfig
 COARSE_ITERATIONS = 3  # iterations of the first refinement
 
 
-def sample_sets(rng: np.random.Generator, number: int, sets: int, spread_by: Array | None = None) -> Index:
+def sample_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
     """Five different indices below `number` for each set, (sets, 5).
 
-    Cut from random permutations, so that every feature is used equally often. With `spread_by` (number,)
-    every other set takes one feature from each fifth of its range: with the direction from the image centre,
-    sets that see all sides and give better rotations. The others stay free, for a fifth may be all wrong.
+    Cut from random permutations, so that every feature is used equally often.
     """
     each = number // 5
     rounds = -(-sets // each)
     order = rng.permuted(np.tile(np.arange(number), (rounds, 1)), axis=1)[:, : 5 * each]
-    chosen = order.reshape(-1, 5)[:sets]
-    if spread_by is not None:
-        # A few features stay out where five does not divide their number.
-        sorted_ones = order[0][np.argsort(spread_by[order[0]])]
-        fifths = np.repeat(sorted_ones.reshape(5, 1, each), rounds, axis=1)
-        chosen[1::2] = rng.permuted(fifths, axis=2).reshape(5, -1).T[: len(chosen[1::2])]
-    return chosen
+    return order.reshape(-1, 5)[:sets]
 
 
 def choose(
