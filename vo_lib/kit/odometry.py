@@ -15,8 +15,6 @@ import numpy as np
 from ..geometry.boxes import Boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
-from ..geometry.motion import rigid
-from ..geometry.reprojection import fit_motion
 from ..geometry.result import Flag, FrameResult
 from ..geometry.types import Array, BoolArray, Index
 from ..paper.odometry import Odometry, Rotation, median_flow
@@ -126,15 +124,6 @@ class KitOdometry(SelfCalibratingOdometry):
     def remember(self, rotation: Rotation, t_cp: Array) -> FrameResult:
         """As the paper's; says where the prior was dropped."""
         return replace(super().remember(rotation, t_cp), flags=(Flag.PRIOR_DROPPED,) * self._dropped)
-
-    def rest(self, matches: StereoMatches) -> FrameResult:
-        """The small motion that stereo depth shows, or none at all."""
-        X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
-        current = matches.cur_left, matches.cur_right
-        R, t, residual = fit_motion(self.camera, X_p, *current, np.eye(3), np.zeros(3), scale=0.5)
-        T_cp = np.eye(4) if median_flow(matches) < self.config.selection.rest_flow else rigid(R, t)
-        inliers = int(np.count_nonzero(residual < self.config.translation.agreement))
-        return FrameResult(T_cp, inliers=inliers, flags=(Flag.STANDSTILL,))
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
         """Of the n sets no more are drawn than leave CLEAN_SETS without an outlier.

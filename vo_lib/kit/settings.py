@@ -76,7 +76,7 @@ class KitFilterConfig(FilterConfig):
 
 @dataclass(frozen=True)
 class KitSelectionConfig(SelectionConfig):
-    """Refinement of the winner, standing still, and when the prior is dropped (chapter 3)."""
+    """Refinement of the winner, and when the prior is dropped (chapter 3)."""
 
     threshold: float = setting(
         1.0, "a match is an inlier below this Sampson distance", unit="px", low=0.05, high=10
@@ -86,9 +86,6 @@ class KitSelectionConfig(SelectionConfig):
     )
     refine_scale: float = setting(
         1.5, "residual that halves a match's weight when refined, in standard deviations", low=0.5, high=100
-    )
-    rest_flow: float = setting(
-        0.05, "below this median flow, under a millimetre a frame, the camera rests", unit="px", low=0, high=5
     )
     prior_rejection_ratio: float = setting(
         1.25, "drop the prior when its best candidate is so many times worse than the best", low=1, high=1000
