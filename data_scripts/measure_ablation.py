@@ -1,0 +1,119 @@
+"""Measure what each idea of the kit is worth: turn it off and compare.
+
+examples:
+  vo data measure_ablation --sequences 00,01,kitti/drive_0013 --detector yolov8n.onnx
+  vo data measure_ablation --jobs 2 --out notebooks/ablation.csv
+
+A row has the change that an idea's absence makes, mean and deviation over five seeds. A row without an idea
+has the errors themselves, the path's length in % more than the truth's, and milliseconds of the processor a
+frame. Rows that are not measured again stay in the file: of ideas that are gone, and of other sequences.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import loky
+import numpy as np
+
+from measure.ablation import COLUMNS, IDEAS, KEY, WHOLE, Idea, table
+from measure.axes import fit_axes
+from measure_results import add_inputs, open_all
+from vo_lib.commands.common import parse_whole
+from vo_lib.commands.console import reporting, say
+from vo_lib.commands.scripts import run_script
+from vo_lib.config import change, preset
+from vo_lib.data.catalogue import SYNTHETIC
+from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors, trajectory_distances
+from vo_lib.files import csv_text, read_csv, write_atomic
+from vo_lib.geometry.types import Array
+from vo_lib.report.page import markdown
+from vo_lib.runs.drive import Run, run_methods, single_threaded
+from vo_lib.runs.front_end import find_matches
+from vo_lib.runs.matches import CachedMatches
+
+SEEDS = range(5)
+DRAWN_FRAMES = 100  # of a drawn scene, the first ones; all would take a night
+TURNED = "drive_0013"  # its truth is turned by 0.64 degrees against the camera
+
+
+def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
+    """TE, RE, length and ms a frame of each seed, (S, 4), without an idea; ms with matching if it differs."""
+    config = preset(idea.method, variant="kit")
+    with ExitStack() as patches:
+        patches.enter_context(single_threaded())
+        for name, value in idea.off.items():
+            if name.startswith("vo_lib."):
+                patches.enter_context(patch(name, value))
+            else:
+                config = change(config, name, value)
+        clock = [time.process_time()]
+        matches = [
+            *(
+                find_matches(sequence, config)
+                if idea.finds_matches
+                else CachedMatches(sequence, config, cache)
+            )
+        ]
+        clock.append(time.process_time())
+        runs = run_methods(sequence, {str(s): change(config, "seed", s) for s in SEEDS}, None, matches)
+        clock.append(time.process_time())
+    matching, of_seeds = np.diff(clock) * 1e3 / len(sequence)
+    ms = of_seeds / len(SEEDS) + (matching if idea.finds_matches else 0.0)
+    return np.array([[*figures(run), ms] for run in runs.values()])
+
+
+def figures(run: Run) -> tuple[float, float, float]:
+    """TE, RE and how much longer the path is than the truth's, %."""
+    truth, (lengths, step) = run.sequence.truth, vars(SHORT_MEASURE).values()
+    assert truth is not None
+    errors = kitti_errors(truth, run.poses, lengths, step)
+    turned = run.sequence.name.endswith(TURNED)
+    te = fit_axes(truth, run.poses, lengths, step).kitti.te if turned else errors.te
+    true, length = (trajectory_distances(T)[-1] for T in (truth, run.poses))
+    return te or np.nan, errors.re or np.nan, 100.0 * (length / true - 1.0)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options."""
+    add_inputs(parser)
+    parser.add_argument("--out", default="runs/ablation.csv", metavar="FILE", help="the table")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the kit as it is and without each idea; write the differences, print them as a table."""
+    workers, out = parse_whole("--jobs", options.jobs), Path(options.out)
+    sequences = [s.part(0, DRAWN_FRAMES) if s.name.startswith(SYNTHETIC) else s for s in open_all(options)]
+    tasks = [(sequence, idea) for sequence in sequences for idea in (*WHOLE, *IDEAS)]
+    rows: list[list[str]] = []
+    whole: dict[tuple[str, str, bool], Array] = {}
+    with (
+        reporting(f"{len(tasks)} runs of {len(SEEDS)} seeds") as report,
+        loky.ProcessPoolExecutor(workers) as pool,
+    ):
+        for found in pool.map(measured, *zip(*tasks, strict=True), [options.cache] * len(tasks)):
+            sequence, idea = tasks[len(rows)]
+            base = whole.setdefault((sequence.name, idea.method, idea.finds_matches), found)
+            errors = found - base if idea.lines else found
+            numbers = np.stack([errors.mean(axis=0), errors.std(axis=0)], axis=1).ravel()[:-1]
+            key = idea.name, idea.method, sequence.name, str(idea.lines or "")
+            rows.append([*key, *(f"{x:.4f}" for x in numbers)])
+            report(len(rows), len(tasks))
+    new = {tuple(row[: len(KEY)]) for row in rows}
+    old = [cells for _, cells in read_csv(out)[1:]] if out.exists() else []
+    rows += [cells for cells in old if tuple(cells[: len(KEY)]) not in new]
+    write_atomic(out, csv_text([COLUMNS, *rows]))
+    say(markdown(table(rows)))
+    say(f"written to {out}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_script(sys.modules[__name__]))
