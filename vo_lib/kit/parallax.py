@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.types import Array
 
-PARALLAX_STEPS = 3  # Gauss-Newton steps; from the solved motion and the measured disparities two nearly do
 MIN_PARALLAX_DISPARITY_PX = 0.3  # pixels; features of smaller disparity are left out
 MIN_DEPTH_RATIO = 0.05  # smallest depth in the current frame, as a share of that in the previous one
 MIN_PARALLAX_FEATURES = 10  # features; fewer say nothing
@@ -37,7 +35,7 @@ def parallax_information(
 
         d_p = D + e_d,   (u_c, v_c) = f (X, Y) / Z + e_uv,   d_c = D / Z + e_d.
 
-    Gauss-Newton over every D, R_cp and t_cp; at the end all three are eliminated. Cauchy weights.
+    One Gauss-Newton step over every D, R_cp and t_cp, which are eliminated. Cauchy weights.
 
     Parameters
     ----------
@@ -51,47 +49,40 @@ def parallax_information(
     matches = matches[matches.prev_left[:, 0] - matches.prev_right[:, 0] > MIN_PARALLAX_DISPARITY_PX]
     if len(matches) < MIN_PARALLAX_FEATURES:
         return None
-    f, fb, R, t = camera.f, camera.f * camera.baseline, R_cp, t_cp
+    f, fb = camera.f, camera.f * camera.baseline
     x_p, x_c = camera.normalise(matches.prev_left).T, camera.normalise(matches.cur_left).T
     D, d_c = (matches.prev_left - matches.prev_right)[:, 0], (matches.cur_left - matches.cur_right)[:, 0]
-    measured = np.stack([D, f * x_c[0], f * x_c[1], d_c])
     one = np.ones_like(D)
-    p = np.vstack([x_p, one])
+    ray = R_cp @ np.vstack([x_p, one])
+    X, Y, Z = ray + D / fb * t_cp[:, None]
+    Z = np.maximum(Z, MIN_DEPTH_RATIO)
+    place, s = np.stack([X, Y]) / Z, f / Z
+    residual = np.stack([0.0 * D, *(f * (x_c - place)), d_c - D / Z])
+    # Where the points should be: noise of a place in both derivative and residual would add up.
+    before, now = effects(x_p, D), effects(place, D / Z)
+    # How the place changes by a rotation, by t and by the errors, (6 + K, 3, N).
+    moves = np.zeros((6 + len(now), 3, len(D)))
+    moves[[0, 1, 2], [1, 2, 0]], moves[[0, 1, 2], [2, 0, 1]] = -ray[[2, 0, 1]], ray[[1, 2, 0]]
+    moves[[3, 4, 5], [0, 1, 2]] = D / fb
+    moves[6:] = -np.einsum("ij,kjn->kin", R_cp[:, :2] / f, before[:, :2])
+    by = np.zeros((len(moves), 4, len(D)))
+    by[:, 1:3] = s * (moves[:, :2] - place * moves[:, 2:])
+    by[:, 3] = -D / Z**2 * moves[:, 2]
+    by[6:, 0] = before[:, 2]
+    by[6:, 1:] += now
+    toward = (t_cp[:2, None] - t_cp[2] * place) * s / fb
+    by_D = np.stack([one, *toward, (1.0 - t_cp[2] * D / (fb * Z)) / Z])
+    # Without the part along by_D, D is eliminated: the projector I - J Jᵀ / JᵀJ of each feature.
+    norm = np.maximum(np.sum(by_D**2, axis=0), 1e-12)
+    residual = residual - by_D * (np.sum(by_D * residual, axis=0) / norm)
+    by = by - by_D * (np.sum(by_D * by, axis=1) / norm)[:, None]
+    squared = np.sum(residual**2, axis=0)
+    weighted = (by / (1.0 + squared / scale**2)).reshape(len(by), -1)
+    H, g = weighted @ by.reshape(len(by), -1).T, weighted @ residual.ravel()
     try:
-        for step in range(PARALLAX_STEPS):
-            ray = R @ p
-            X, Y, Z = ray + D / fb * t[:, None]
-            Z = np.maximum(Z, MIN_DEPTH_RATIO)
-            x, y, s = X / Z, Y / Z, f / Z
-            residual = measured - np.stack([D, f * x, f * y, D / Z])
-            # How the place changes by a rotation, by t and by the errors, (6 + K, 3, N).
-            moves = np.zeros((6, 3, len(D)))
-            moves[[0, 1, 2], [1, 2, 0]], moves[[0, 1, 2], [2, 0, 1]] = -ray[[2, 0, 1]], ray[[1, 2, 0]]
-            moves[[3, 4, 5], [0, 1, 2]] = D / fb
-            if step == PARALLAX_STEPS - 1:
-                # Where the points should be: noise of a place in both derivative and residual would add up.
-                before, now = effects(x_p, D), effects(np.stack([x, y]), D / Z)
-                moves = np.concatenate([moves, -np.einsum("ij,kjn->kin", R[:, :2] / f, before[:, :2])])
-            by = np.zeros((len(moves), 4, len(D)))
-            by[:, 1:3] = s * (moves[:, :2] - np.stack([x, y]) * moves[:, 2:])
-            by[:, 3] = -D / Z**2 * moves[:, 2]
-            if step == PARALLAX_STEPS - 1:
-                by[6:, 0] = before[:, 2]
-                by[6:, 1:] += now
-            toward = (t[:2, None] - t[2] * np.stack([x, y])) * s / fb
-            by_D = np.stack([one, *toward, (1.0 - t[2] * D / (fb * Z)) / Z])
-            # Without the part along by_D, D is eliminated: the projector I - J Jᵀ / JᵀJ of each feature.
-            norm = np.maximum(np.sum(by_D**2, axis=0), 1e-12)
-            own, own_by = np.sum(by_D * residual, axis=0) / norm, np.sum(by_D * by, axis=1) / norm
-            residual, by = residual - by_D * own, by - by_D * own_by[:, None]
-            squared = np.sum(residual**2, axis=0)
-            weighted = (by / (1.0 + squared / scale**2)).reshape(len(by), -1)
-            H, g = weighted @ by.reshape(len(by), -1).T, weighted @ residual.ravel()
-            by_motion = np.linalg.solve(H[:6, :6], np.column_stack([g[:6], H[:6, 6:]]))
-            change = by_motion[:, 0]
-            R, t = cv2.Rodrigues(change[:3])[0] @ R, t + change[3:]
-            D = np.maximum(D + own - change @ own_by[:6], MIN_PARALLAX_DISPARITY_PX)
+        by_motion = np.linalg.solve(H[:6, :6], np.column_stack([g[:6], H[:6, 6:]]))
     except np.linalg.LinAlgError:
         return None
     noise = max(float(np.median(squared)) / MEDIAN_SQUARED_RESIDUAL, MIN_NOISE_PX**2)
-    return (H[6:, 6:] - H[6:, :6] @ by_motion[:, 1:]) / noise, (g[6:] - H[6:, :6] @ change) / noise
+    change, information = by_motion[:, 0], H[6:, 6:] - H[6:, :6] @ by_motion[:, 1:]
+    return information / noise, (g[6:] - H[6:, :6] @ change) / noise
