@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..geometry.result import MAX_MISSING_FRAMES
 from ..paper.settings import (
     FilterConfig,
     ImageBorder,
@@ -137,13 +136,6 @@ class VehicleConfig(Checked):
     )
     turn_rate: float = setting(90.0, "fastest turn to the left or right", unit="deg/s", low=1, high=1e4)
     tilt_rate: float = setting(40.0, "fastest pitch and roll", unit="deg/s", low=1, high=1e4)
-    patience: int = setting(
-        MAX_MISSING_FRAMES,
-        "frames without a motion, or with a doubtful one, for which the last good one goes on; then the "
-        "camera stands still (not as published)",
-        low=0,
-        high=1000,
-    )
 
 
 @dataclass(frozen=True)

@@ -22,15 +22,13 @@ START_INTERVAL_S = 2.0  # time for which the speed may have changed before the f
 class Vehicle:
     """Checks the motions of a camera on a vehicle (x to the right, y down, z ahead), frame by frame.
 
-    Where the images give no motion, the last plausible one stands in, for `patience` frames at most; then the
-    camera stands still.
+    Where the images give no motion, the last plausible one stands in.
     """
 
     def __init__(self, config: VehicleConfig):
         self.config = config
         self._plausible = np.eye(4)  # last plausible motion
         self._velocity, self._elapsed = np.zeros(3), START_INTERVAL_S  # its velocity, and seconds since then
-        self._missing = 0  # frames without a motion, one after the other
 
     def judge(self, motion: FrameResult, seconds: float, still: bool = False) -> FrameResult:
         """The next frame's motion with its flags, or the stand-in for it.
@@ -40,10 +38,7 @@ class Vehicle:
         """
         self._elapsed += seconds
         if not motion.measured:
-            self._missing += 1
-            lost = self._missing > self.config.patience
-            return replace(motion, T_cp=np.eye(4) if lost else self._plausible)
-        self._missing = 0
+            return replace(motion, T_cp=self._plausible)
         if still:
             return motion
         flags = self._flags(motion.T_cp, seconds) if self.config.check and seconds > 0.0 else ()

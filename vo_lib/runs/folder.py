@@ -23,7 +23,6 @@ from ..files import DRAFT, LOCK, csv_text, read_csv, read_mapping, write_atomic
 from ..geometry.motion import inverse
 from ..geometry.result import MAX_MISSING_FRAMES, Flag, FrameResult
 from ..geometry.types import Array
-from ..kit.settings import KitConfig
 from .drive import Run
 from .identity import surroundings
 
@@ -119,10 +118,8 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
 
 def path_lost(result: Run) -> bool:
     """Whether more frames in a row gave no motion than an earlier motion can stand in for."""
-    config = result.config
-    limit = config.vehicle.patience if isinstance(config, KitConfig) else MAX_MISSING_FRAMES
     measured = itertools.groupby(motion.measured for motion in result.motions)
-    return any(len(list(motions)) > limit for good, motions in measured if not good)
+    return any(len(list(motions)) > MAX_MISSING_FRAMES for good, motions in measured if not good)
 
 
 def warnings_of(result: Run) -> list[str]:
