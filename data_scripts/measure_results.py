@@ -103,9 +103,9 @@ def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:
         "Written by the command below, not by hand. TE in % / RE in deg/100 m, mean ± deviation over "
         "seeds 0-4; in brackets the mean over seeds 5-9. Drawn scenes: as the KITTI benchmark measures them; "
         "`jam`, 100 m long, and clips of KITTI by length, from every frame. A clip is the beginning of its "
-        "sequence. Axes removed: the truth of a raw drive is turned against the camera, so TE has the "
-        "pitch and yaw that make TE smallest. Vehicles of clips without labels were found by the detector "
-        "named in the command.",
+        "sequence. Axes removed: the truth of a raw drive is turned against the camera, so TE is taken with "
+        "the pitch and yaw between them that make TE smallest. Vehicles of clips without labels are those "
+        "of the detector that the command names.",
         f"    {shlex.join(words)}",
         f"{date.today().isoformat()}. " + "; ".join(made) + ".",
     ]
