@@ -190,7 +190,6 @@ IDEAS = (
     ),
     Idea("boxes: rule all, not none", 80, {"filter.rule": "none"}),
     Idea("boxes: rule moving, not all", 330, {"filter.rule": "all"}, MOVING),
-    Idea("boxes: evidence kept", 12, {"vo_lib.kit.tracks.EVIDENCE_DECAY": 0.0}, MOVING),
     Idea("boxes: what disagrees is removed", 8, {"filter.moving.agreement": 1000.0}, MOVING),
     Idea(
         "boxes: two means",

@@ -12,8 +12,8 @@ from ..geometry.matches import StereoMatches, empty_matches
 from ..geometry.result import Flag
 from ..geometry.types import BoolArray
 from ..paper.boxes import on_vehicles
+from .judgement import BoxMotionClassifier, Judgement
 from .settings import KitFilterConfig
-from .tracks import BoxMotionClassifier, Judgement
 
 
 @dataclass(frozen=True)
