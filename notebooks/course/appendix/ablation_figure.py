@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 
 from vo_lib.geometry.types import Array
 
+from ..colours import DARK
 from ..drawing import DPI, FONT_SIZE, TITLE_SIZE, WIDTH
 
 ABLATION = Path(__file__).parents[2] / "ablation.csv"  # written by `vo data measure_ablation`
-ROW_HEIGHT, NAMES_WIDTH, HEAD_HEIGHT = 17, 265, 105  # pixels
-FULL_COLOUR = 3.0  # the ratio of errors that has the darkest colour
+ROW_HEIGHT, NAMES_WIDTH, HEAD_HEIGHT = 17, 265, 100  # pixels
+FULL_COLOUR = 2.5  # the ratio of errors that has the darkest colour
 
 
 def ablation_ratios(path: Path = ABLATION) -> tuple[list[str], list[str], Array]:
@@ -35,20 +36,22 @@ def ablation_ratios(path: Path = ABLATION) -> tuple[list[str], list[str], Array]
 
 
 def ablation_figure(path: Path = ABLATION) -> Figure:
-    """Change of TE and RE without an idea, %: red is worse without it, blue better, white the same."""
+    """Change of TE and RE without an idea, %; red is worse without it, blue better, a dash not measured."""
     ideas, sequences, ratios = ablation_ratios(path)
     height = HEAD_HEIGHT + ROW_HEIGHT * len(ideas)
     made = Figure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI)
     left, wide = NAMES_WIDTH / WIDTH, 0.5 * (1.0 - NAMES_WIDTH / WIDTH) - 0.01
     for kind, title in enumerate(("TE without it [%]", "RE without it [%]")):
         axis = made.add_axes((left + kind * (wide + 0.01), 0.01, wide, 0.99 - HEAD_HEIGHT / height))
-        limit = np.log(FULL_COLOUR)
-        axis.imshow(np.log(ratios[kind]), cmap="RdBu_r", vmin=-limit, vmax=limit, aspect="auto")
+        shade = np.log(ratios[kind]) / np.log(FULL_COLOUR)
+        axis.imshow(shade, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
         for (row, column), ratio in np.ndenumerate(ratios[kind]):
-            if abs(ratio - 1.0) >= 0.005:
-                look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": FONT_SIZE - 3}
-                axis.text(column, row, f"{100 * (ratio - 1):+.0f}", **look)
-        axis.set_title(title, fontsize=TITLE_SIZE, loc="left", pad=72)
+            words = "–" if np.isnan(ratio) else f"{100 * (ratio - 1):+.0f}"
+            if words not in ("+0", "-0"):
+                colour = "white" if abs(shade[row, column]) > 0.8 else DARK
+                look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": FONT_SIZE - 2}
+                axis.text(column, row, words, color=colour, **look)
+        axis.set_title(title, fontsize=TITLE_SIZE, loc="left", pad=52)
         axis.tick_params(top=True, labeltop=True, bottom=False, labelbottom=False, length=0)
         names = [name.rpartition("/")[2] for name in sequences]
         axis.set_xticks(range(len(names)), names, rotation=60, ha="left", fontsize=FONT_SIZE - 1)
