@@ -66,7 +66,7 @@ def test_a_part_of_00_begins_where_its_truth_can_be_believed(monkeypatch: pytest
     ran = run_plan(Plan(whole.part(0, 60), ("solution_selection",), 1, "kit"))[0]
     true, found = (np.linalg.norm(np.diff(p[:, :3, 3], axis=0), axis=1) for p in (ran.truth, ran.poses))
     off, first = np.abs(true - found), FIRST["kitti/00"]
-    assert 0.17 < off[:first].max() < 0.19
+    assert 0.17 < off[:first].max() < 0.2
     assert off[first:].max() < 0.06
 
 
