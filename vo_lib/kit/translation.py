@@ -65,7 +65,7 @@ def robust_translation(
     now = stereo_points(camera, matches.cur_left[used], matches.cur_right[used])
     scale, system = config.scale / camera.f, EliminatedPoints(before, now, depth[used], depth[used])
     try:
-        t = np.linalg.solve(system.W.sum(axis=1)[FULL], system.pull().sum(axis=1))
+        t = robust_start(system, 4.0 * scale)
         for _ in range(config.iterations):
             # The rows' weights use the depth of each point as solved, in both frames.
             system = EliminatedPoints(before, now, *system.depths(t))
@@ -154,3 +154,23 @@ class EliminatedPoints:
         """Depths (N,) of each feature's best point under t, in the previous and in the current pair."""
         RQ = self.before.X + times(self.C_p, times(self.W, self.apart - t[:, None]))
         return np.maximum(self.before.axis @ RQ, MIN_ROW_DEPTH_M), np.maximum(RQ[2] + t[2], MIN_ROW_DEPTH_M)
+
+
+def robust_start(system: EliminatedPoints, limit: float) -> Array:
+    """The best of many translations from three features each: a start no wrong match can pull away.
+
+    The triples are cut from the features in order, a third of them apart, so every feature is used once
+    and nothing is random. The best one has the smallest sum of squared residuals, truncated at `limit`.
+    """
+    H, g = system.W, system.pull()
+    third = H.shape[1] // 3
+    A, b = (a[:, : 3 * third].reshape(-1, 3, third).sum(axis=1) if third else a[:, :1] for a in (H, g))
+    # A triple of features on one line of sight leaves a direction open; close it gently.
+    A = np.moveaxis(A[FULL], 2, 0)
+    A = A + 1e-9 * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    t = np.linalg.solve(A, b.T[:, :, None])[:, :, 0]
+    # The squared residuals of all features under all translations are one matrix product.
+    x, y, z = t.T
+    monomials = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, *(-2 * t.T)], axis=1)
+    squared = monomials @ np.concatenate([H, g]) + system.squared_residuals(np.zeros(3))
+    return np.asarray(t[np.argmin(np.minimum(squared, limit**2).sum(axis=1))])
