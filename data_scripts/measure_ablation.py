@@ -103,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
             base = whole.setdefault((sequence.name, idea.method, idea.finds_matches), found)
             errors = found - base if idea.lines else found
             numbers = np.stack([errors.mean(axis=0), errors.std(axis=0)], axis=1).ravel()[:-1]
-            key = idea.name, idea.method, sequence.name, str(idea.lines or "")
+            key = idea.name, idea.method, sequence.name, str(idea.lines or ""), str(len(found))
             rows.append([*key, *(f"{x:.4f}" for x in numbers)])
             report(len(rows), len(tasks))
     new = {tuple(row[: len(KEY)]) for row in rows}
