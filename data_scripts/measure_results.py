@@ -4,8 +4,7 @@ examples:
   vo data measure_results --jobs 2 --out notebooks/results.md
   vo data measure_results --sequences 00,01 --detector yolov8n.onnx --jobs 2
 
-Each system of Table 1 is run as published and the kit's way, with seeds 0-4, and with seeds 5-9 to check what
-is written with ±. Called again with the same --runs, it does not do finished runs again.
+Each system of Table 1 is run as published and the kit's way, with seeds 0-4. Called again with the same --runs, it does not do finished runs again.
 """
 
 from __future__ import annotations
@@ -101,7 +100,7 @@ def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:
     head = [
         "# Measured results",
         "Written by the command below, not by hand. TE in % / RE in deg/100 m, mean ± deviation over "
-        "seeds 0-4; in brackets the mean over seeds 5-9. Drawn scenes: as the KITTI benchmark measures them; "
+        "seeds 0-4. Drawn scenes: as the KITTI benchmark measures them; "
         "`jam`, 100 m long, and clips of KITTI by length, from every frame. A clip is the beginning of its "
         "sequence. Axes removed: the truth of a raw drive is turned against the camera, so TE is taken with "
         "the pitch and yaw between them that make TE smallest. Vehicles of clips without labels are those "
