@@ -4,7 +4,8 @@ examples:
   vo data measure_results --jobs 2 --out notebooks/results.md
   vo data measure_results --sequences 00,01 --detector yolov8n.onnx --jobs 2
 
-Each system of Table 1 is run as published and the kit's way, with seeds 0-4. Called again with the same --runs, it does not do finished runs again.
+Each system of Table 1 is run as published and the kit's way, with seeds 0-4. Called again with the same
+--runs, it does not do finished runs again.
 """
 
 from __future__ import annotations

@@ -28,10 +28,8 @@ def tables(path: Path) -> list[dict[str, dict[str, str]]]:
     ]
 
 
-README, RESULTS = tables(ROOT / "README.md")[0], tables(ROOT / "notebooks" / "results.md")
-QUOTED = [
-    (row, column) for row, cells in README.items() for column in list(cells)[1:] if cells[column] != "–"
-]
+README, MEASURED = tables(ROOT / "README.md")[0], tables(ROOT / "notebooks" / "real_traffic.md")[0]
+ROWS = dict(zip(README, ("kitti/drive_0013, 50 m, axes removed", "synthetic/jam, 50 m"), strict=True))
 
 
 def require_rounded(quoted: Iterable[str], exact: Iterable[float | str]) -> None:
@@ -41,25 +39,30 @@ def require_rounded(quoted: Iterable[str], exact: Iterable[float | str]) -> None
         assert abs(float(text) - float(number)) <= 0.5 * 10**-decimals + 1e-9
 
 
-@pytest.mark.parametrize(("row", "column"), QUOTED)
-def test_the_readme_quotes_the_results(row: str, column: str) -> None:
-    name = re.sub("drawn `(.*)`", r"synthetic/\1", row.replace("KITTI ", "kitti/"))
-    variant, _, method = column.partition(", ")
-    if method:
-        measured = RESULTS[("published", "kit").index(variant)][name][method.strip("`")]
-    else:
-        measured = RESULTS[-1][f"{name}, solution_selection"][variant]
+@pytest.mark.parametrize("row", ROWS)
+@pytest.mark.parametrize(
+    "column", ["`solution_selection`: all features", "`feature_selection`: boxes removed"]
+)
+def test_the_readme_quotes_the_claim_as_measured(row: str, column: str) -> None:
+    measured = MEASURED[ROWS[row]][column.split("`")[1]]
     # TE and RE, each with its deviation behind it.
-    pair = [re.findall(NUMBER, part)[0] for part in measured.split("<br>")[0].split(" / ")]
-    require_rounded(README[row][column].split(" / "), pair)
+    require_rounded(
+        README[row][column].split(" / "), [re.findall(NUMBER, x)[0] for x in measured.split(" / ")]
+    )
 
 
-def test_the_readme_quotes_what_is_left_without_the_axes() -> None:
+def choices() -> list[dict[str, str]]:
+    with (ROOT / "notebooks" / "choices.csv").open(encoding="utf-8", newline="") as lines:
+        return [*csv.DictReader(lines)]
+
+
+def test_the_readme_quotes_the_worth_of_boxes_at_each_threshold() -> None:
+    re_of = {row["alternative"]: row["re"] for row in choices() if row["sequence"] == "kitti/drive_0013"}
     text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    quoted = re.search(f"the kit's TE is ({NUMBER}) on 00 and ({NUMBER}) on 01", text)
-    assert quoted is not None
-    rows = [RESULTS[-1][f"kitti/{clip}, solution_selection"] for clip in ("00, 100 m", "01, 20 m")]
-    require_rounded(quoted.groups(), [re.findall(NUMBER, row["learnt, axes"])[0] for row in rows])
+    quoted = re.findall(f"from ({NUMBER}) to ({NUMBER}) at ({NUMBER}) px", text)
+    assert [threshold for *_, threshold in quoted] == ["1", "0.5", "0.25"]
+    for *pair, threshold in quoted:
+        require_rounded(pair, [re_of[f"{threshold} px, {of}"] for of in ("all features", "boxes removed")])
 
 
 def pages(name: str) -> str:
@@ -67,8 +70,7 @@ def pages(name: str) -> str:
 
 
 def test_the_choice_of_rows_in_pixels_quotes_what_was_measured() -> None:
-    with (ROOT / "notebooks" / "choices.csv").open(encoding="utf-8", newline="") as lines:
-        rows = {(row["sequence"], row["alternative"]): row for row in csv.DictReader(lines)}
+    rows = {(row["sequence"], row["alternative"]): row for row in choices()}
 
     def number(sequence: str, column: str, alternative: str = "") -> float:
         return float(rows[sequence, alternative][column])
