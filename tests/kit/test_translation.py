@@ -16,8 +16,6 @@ from vo_lib.paper.translation import feature_rows
 
 R_CP = rotation_from_vector(np.array([0.002, 0.01, -0.001]))
 T_CP = np.array([0.01, 0.02, -1.0])
-# A translation that is off: residuals are large there.
-OFF = T_CP + np.array([0.1, -0.05, 0.3])
 
 
 def scene(n: int, noise: float = 0.0, seed: int = 0) -> tuple[StereoMatches, Array]:
