@@ -170,7 +170,7 @@ IDEAS = (
         {"selection.prior_rejection_ratio": 1000.0},
         stays="chapter 3 teaches it",
     ),
-    Idea("refinement of the winner", 110, {"selection.mode": "literal"}),
+    Idea("refinement of the winner", 100, {"selection.mode": "literal"}),
     Idea("translation (the paper's instead)", 190, {f"{ODO}.robust_translation": papers_translation}),
     Idea(
         "robust start of the translation",
@@ -179,7 +179,7 @@ IDEAS = (
         stays="with coarse matches steps of 01 are 12 % too short",
     ),
     Idea("more than one robust step", 8, {"translation.iterations": 1}),
-    Idea("calibration", 530, {"calibration.estimate": False}),
+    Idea("calibration", 460, {"calibration.estimate": False}),
     Idea("field", 70, without("disparity", "row")),
     Idea("field beyond its constant", 60, without("disparity x", "disparity y", "row x", "row y")),
     Idea(
@@ -201,7 +201,7 @@ IDEAS = (
         stays="a frame with a wrong zoom spoils the calibration: 3.9 m",
     ),
     Idea("boxes: rule all, not none", 80, {"filter.rule": "none"}),
-    Idea("boxes: rule moving, not all", 330, {"filter.rule": "all"}, MOVING),
+    Idea("boxes: rule moving, not all", 290, {"filter.rule": "all"}, MOVING),
     Idea("boxes: what disagrees is removed", 8, {"filter.moving.agreement": 1000.0}, MOVING),
     Idea(
         "boxes: two means",
