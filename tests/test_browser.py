@@ -30,8 +30,6 @@ SELDOM = 200.0  # milliseconds between looks at a page; by default it is looked 
 SETTINGS = {
     # The page draws every cell, not only those in view.
     "@jupyterlab/notebook-extension/tracker": {"windowingMode": "none"},
-    # Nothing is asked of the internet.
-    "@jupyterlab/apputils-extension/notification": {"fetchNews": "false", "checkForUpdates": False},
 }
 ALL_DONE = """() => {
     const prompts = [...document.querySelectorAll('.jp-Notebook .jp-CodeCell .jp-InputPrompt')];
@@ -138,4 +136,29 @@ def test_a_reader_runs_all_cells_and_moves_a_slider(path: Path, lab: str, browse
     assert judged >= 4 or path.name.startswith("appendix")
     assert page.locator(f".{ERROR_CLASS}, {WRONG_OUTPUT}").count() == 0
     assert complaints == []
+    page.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lab", [""], indirect=True)
+def test_the_course_opens_without_questions_in_a_workspace_of_its_own(
+    lab: str, browser: BrowserContext
+) -> None:
+    page = browser.new_page()
+    page.set_default_timeout(LONG)
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(f"{lab}/?token={TOKEN}")
+    page.get_by_text("| Idle").first.wait_for()
+    assert page.url.startswith(f"{lab}/lab/workspaces/stereo-vo-course/tree/00_start_here.ipynb")
+    tabs = page.locator(".lm-DockPanel-tabBar .lm-TabBar-tabLabel")
+    assert tabs.all_inner_texts() == ["00_start_here.ipynb"]
+    picture = page.locator(".jp-RenderedMarkdown img").first
+    picture.scroll_into_view_if_needed()
+    assert picture.evaluate("image => image.naturalWidth") > 0
+    page.locator(".jp-RenderedMarkdown a", has_text="glossary").first.click()
+    page.get_by_role("heading", name="Glossary").wait_for()
+    assert tabs.count() == 2
+    assert page.locator(".Toastify__toast, .jp-Dialog").count() == 0
+    assert [address for address in asked if not address.startswith((lab, "data:", "blob:"))] == []
     page.close()

@@ -1,7 +1,10 @@
-"""`vo lab` copies the notebooks on demand, whole or not at all."""
+"""`vo lab` works in a copy of the course, kept up to date around the reader's own changes."""
 
 from __future__ import annotations
 
+import json
+import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -9,18 +12,113 @@ import pytest
 from vo_lib.commands import lab
 from vo_lib.commands.cli import main
 
+LINK = re.compile(r"\]\((?!\w+://)([^)#\s]+)")
 
-def test_a_copy_keeps_the_students_files_and_heals_a_cut_one(tmp_path: Path) -> None:
-    mine, cut = tmp_path / lab.FIRST, tmp_path / "teaching.md"
-    mine.write_text("my own answers", encoding="utf-8")
-    cut.write_bytes((lab.NOTEBOOKS / cut.name).read_bytes()[:100])
-    assert lab.copy_notebooks(lab.NOTEBOOKS, tmp_path) == tmp_path.resolve()
-    assert mine.read_text(encoding="utf-8") == "my own answers"
-    assert cut.read_bytes() == (lab.NOTEBOOKS / cut.name).read_bytes()
-    copied = {path.relative_to(tmp_path) for path in tmp_path.rglob("*.ipynb")}
-    there = {path.relative_to(lab.NOTEBOOKS) for path in lab.NOTEBOOKS.rglob("*.ipynb")}
-    assert copied == {path for path in there if ".ipynb_checkpoints" not in path.parts}
-    assert len(copied) > 2
+
+def files(folder: Path) -> set[str]:
+    """Names of all files in a folder but the caches and the note of what was copied."""
+    paths = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
+    return {path.as_posix() for path in paths if not {"__pycache__", lab.COPIED} & {*path.parts}}
+
+
+def notebook(source: str, count: int | None = None) -> str:
+    """A notebook of one cell, run as often as `count` says."""
+    cell = {"cell_type": "code", "source": [source], "execution_count": count}
+    return json.dumps({"cells": [cell], "metadata": {}, "nbformat": 4, "nbformat_minor": 5})
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """A small course."""
+    folder = tmp_path / "source"
+    (folder / "course").mkdir(parents=True)
+    (folder / "01.ipynb").write_text(notebook("first"), encoding="utf-8")
+    (folder / "course" / "a.py").write_text("first = 1", encoding="utf-8")
+    return folder
+
+
+def test_the_course_is_copied_into_the_readers_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(name, str(tmp_path))
+    with pytest.raises(SystemExit):
+        main(["lab", "--", "--version"])
+    folder = tmp_path / "stereo-vo-course"
+    assert f"the course is in {folder.resolve()}" in capsys.readouterr().out
+    assert {lab.FIRST, "course/__init__.py", "images/frame.jpg", "choices.csv"} < files(folder)
+    assert [name for name in files(folder) if "solutions" in name or "teaching" in name] == []
+    for path in [*folder.glob("*.ipynb"), *folder.glob("*.md")]:
+        for link in LINK.findall(path.read_text(encoding="utf-8")):
+            assert (folder / link).exists(), (path, link)
+    assert "solutions (`vo lab --teacher`)" in (folder / lab.FIRST).read_text(encoding="utf-8")
+
+
+def test_a_teacher_gets_all_files_but_those_that_working_leaves_behind(tmp_path: Path, source: Path) -> None:
+    shutil.copytree(lab.NOTEBOOKS, source, dirs_exist_ok=True)
+    for name in ("my_vo.py", "solutions/my_vo.py"):
+        (source / name).touch()
+    lab.copy_course(source, tmp_path / "class", teacher=True)
+    assert files(source) - files(tmp_path / "class") == {"my_vo.py", "solutions/my_vo.py"}
+    for name in files(tmp_path / "class"):
+        assert (tmp_path / "class" / name).read_bytes() == (source / name).read_bytes()
+    # A student's copy becomes a teacher's, whose links lead to the answers.
+    assert lab.copy_course(source, tmp_path / "student", teacher=False) == {}
+    assert lab.copy_course(source, tmp_path / "student", teacher=True) == {}
+    assert "](solutions/" in (tmp_path / "student" / lab.FIRST).read_text(encoding="utf-8")
+
+
+def test_what_the_reader_changed_stays_and_a_new_version_comes_beside_it_once(
+    tmp_path: Path, source: Path
+) -> None:
+    mine = tmp_path / "mine"
+    assert lab.copy_course(source, mine, teacher=False) == {}
+    (mine / "course" / "a.py").write_text("first", encoding="utf-8")  # a beginning of its source
+    assert lab.copy_course(source, mine, teacher=False) == {}
+    for version in ("second = 2", "third = 3"):
+        (source / "course" / "a.py").write_text(version, encoding="utf-8")
+        assert lab.copy_course(source, mine, teacher=False) == {"course/a.py": "course/a.new.py"}
+        assert lab.copy_course(source, mine, teacher=False) == {}
+        assert (mine / "course" / "a.new.py").read_text(encoding="utf-8") == version
+        assert (mine / "course" / "a.py").read_text(encoding="utf-8") == "first"
+    # The new version is the reader's too, once it is changed or takes the place of the old one.
+    (mine / "course" / "a.new.py").write_text("mine", encoding="utf-8")
+    (source / "course" / "a.py").write_text("fourth = 4", encoding="utf-8")
+    assert lab.copy_course(source, mine, teacher=False) == {"course/a.py": "course/a.new.new.py"}
+    assert (mine / "course" / "a.new.py").read_text(encoding="utf-8") == "mine"
+    (mine / "course" / "a.new.new.py").replace(mine / "course" / "a.py")
+    (source / "course" / "a.py").write_text("fifth = 5", encoding="utf-8")
+    assert lab.copy_course(source, mine, teacher=False) == {}
+    assert (mine / "course" / "a.py").read_text(encoding="utf-8") == "fifth = 5"
+
+
+def test_a_notebook_that_was_only_run_is_brought_up_to_date_and_a_deleted_one_comes_back(
+    tmp_path: Path, source: Path
+) -> None:
+    mine = tmp_path / "mine"
+    lab.copy_course(source, mine, teacher=False)
+    run = notebook("first", count=3)
+    (mine / "01.ipynb").write_text(run, encoding="utf-8")
+    assert lab.copy_course(source, mine, teacher=False) == {}
+    assert (mine / "01.ipynb").read_text(encoding="utf-8") == run
+    (source / "01.ipynb").write_text(notebook("second"), encoding="utf-8")
+    assert lab.copy_course(source, mine, teacher=False) == {}
+    assert (mine / "01.ipynb").read_bytes() == (source / "01.ipynb").read_bytes()
+    (mine / "01.ipynb").unlink()
+    lab.copy_course(source, mine, teacher=False)
+    assert files(mine) == files(source)
+
+
+def test_a_file_of_an_unknown_origin_is_the_readers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(lab, "NOTEBOOKS", source)
+    monkeypatch.setattr(lab, "FIRST", "01.ipynb")
+    (tmp_path / "01.ipynb").write_text("no JSON", encoding="utf-8")
+    with pytest.raises(SystemExit):
+        main(["lab", "--copy", str(tmp_path), "--", "--version"])
+    assert "01.ipynb is kept as you changed it; its new version is 01.new.ipynb" in capsys.readouterr().out
+    assert (tmp_path / "01.ipynb").read_text(encoding="utf-8") == "no JSON"
 
 
 def test_a_full_disk_leaves_no_part_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

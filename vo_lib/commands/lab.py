@@ -3,23 +3,42 @@
 from __future__ import annotations
 
 import argparse
+import json
+import re
+from contextlib import suppress
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from ..errors import DataError
-from ..files import read_bytes, write_atomic
+from ..files import read_bytes, read_mapping, write_atomic
 from .console import say
 from .script import install
 
 FIRST = "00_start_here.ipynb"
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
-NOT_COPIED = {".ipynb_checkpoints", "__pycache__"}
+COURSE = "stereo-vo-course"  # the folder in the user's home, and JupyterLab's workspace
+COPIED = ".copied.json"  # in the folder of the course: digest of each file as it was copied, by name
+# Caches, and work of the person who installed the kit.
+NOT_COPIED = {".ipynb_checkpoints", "__pycache__", "my_vo.py", "my_poses.txt", "my_path.mp4"}
+FOR_TEACHERS = {"solutions", "teaching.md"}
+TEACHERS_LINK = re.compile(rb"\[([^][]+)\]\((?:solutions/[^)]+|teaching\.md)\)")
+NEWS = "@jupyterlab/apputils-extension:announcements"  # asks the reader about news, and PyPI about updates
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo lab`."""
+    parser.description = (
+        f"Open the course in JupyterLab. The first use makes the folder {COURSE} in your home; later uses "
+        "bring its files up to date. A file that you changed stays, and its new version comes beside it with "
+        ".new in the name. Running a notebook is no change. Delete a file to get it anew."
+    )
     parser.epilog = "example: vo lab -- --port 8889 --no-browser"
-    text = "work in a copy: notebooks missing in DIR are copied there first"
-    parser.add_argument("--copy", metavar="DIR", help=text)
+    place = parser.add_mutually_exclusive_group()
+    place.add_argument("--copy", metavar="DIR", help="the course in DIR instead")
+    place.add_argument("--here", action="store_true", help="no copy: the notebooks of the kit's own folder")
+    text = "with the worked answers (solutions) and the notes for teachers (teaching.md)"
+    parser.add_argument("--teacher", action="store_true", help=text)
     parser.add_argument("jupyter", nargs="*", metavar="-- …", help="options of JupyterLab's own")
     parser.set_defaults(command=_lab)
 
@@ -27,24 +46,67 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _lab(options: argparse.Namespace) -> int:
     if not (NOTEBOOKS / FIRST).is_file():
         raise DataError(f"{FIRST} is missing: install the kit from its folder, {install()}", NOTEBOOKS)
-    folder = NOTEBOOKS if options.copy is None else copy_notebooks(NOTEBOOKS, Path(options.copy))
+    folder = NOTEBOOKS
+    if not options.here:
+        folder = Path(options.copy or Path.home() / COURSE)
+        for name, new in copy_course(NOTEBOOKS, folder, options.teacher).items():
+            say(f"{name} is kept as you changed it; its new version is {new}")
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
-    say(f"JupyterLab opens {folder / FIRST}; Ctrl-C twice ends it")
-    LabApp.launch_instance([str(folder / FIRST), f"--ServerApp.root_dir={folder}", *options.jupyter])
+    folder = folder.resolve()
+    say(f"the course is in {folder}; JupyterLab opens {FIRST}; Ctrl-C twice ends it")
+    LabApp.serverapp_config = {"tornado_settings": {"page_config_hook": _without_news}}
+    # A workspace of its own: the tabs of the reader's other work stay away.
+    first = f"--LabApp.default_url=/lab/workspaces/{COURSE}/tree/{FIRST}"
+    LabApp.launch_instance([f"--ServerApp.root_dir={folder}", first, *options.jupyter])
     return 0
 
 
-def copy_notebooks(source: Path, target: Path) -> Path:
-    """Copy notebooks and pictures that `target` lacks, each whole; a file that the student changed stays.
+def _without_news(handler: object, page: dict[str, Any]) -> dict[str, Any]:
+    return {**page, "disabledExtensions": [*page["disabledExtensions"], NEWS]}
 
-    A file that is the beginning of its source was cut by a full disk or a kill, and is copied again.
+
+def copy_course(source: Path, target: Path, teacher: bool) -> dict[str, str]:
+    """Bring the course in `target` up to date with `source`; a file that the reader changed stays.
+
+    A file is the reader's if its digest is neither the one noted at copying nor that of its source. The names
+    of such files are returned with those of the new versions beside them; each version is put there once.
+    For students a link to a file for teachers becomes the command that copies the file. Raises `DataError`
+    where the note is damaged or a file cannot be read or written.
     """
+    note = target / COPIED
+    copied = read_mapping(note, "digests of the files copied, by name") if note.exists() else {}
+    left_out = NOT_COPIED if teacher else NOT_COPIED | FOR_TEACHERS
+    beside: dict[str, str] = {}
     for path in sorted(source.rglob("*")):
-        if not path.is_file() or NOT_COPIED & {*path.parts}:
+        name = place = path.relative_to(source).as_posix()
+        if not path.is_file() or left_out & {*path.relative_to(source).parts}:
             continue
-        place, content = target / path.relative_to(source), path.read_bytes()
-        if not place.exists() or (content.startswith(old := read_bytes(place)) and old != content):
-            place.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(place, content)
-    return target.resolve()
+        whole = path.read_bytes()
+        content = whole if teacher else TEACHERS_LINK.sub(rb"\1 (`vo lab --teacher`)", whole)
+        new, there = _digest(content, path.suffix), ""
+        versions = {new, _digest(whole, path.suffix)}
+        while (file := target / place).exists():
+            there = _digest(read_bytes(file), path.suffix)
+            if there in {copied.get(place), *versions}:
+                break
+            place = f"{place.removesuffix(path.suffix)}.new{path.suffix}"
+        if place != name and copied.get(name) in versions:
+            continue
+        if place != name:
+            beside[name] = place
+        if there != new:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(file, content)
+        copied[name] = copied[place] = new
+    write_atomic(note, json.dumps(copied, indent=1) + "\n")
+    return beside
+
+
+def _digest(content: bytes, suffix: str) -> str:
+    """SHA-256 of a file's content; of a notebook's cells alone, as JupyterLab changes the rest by itself."""
+    with suppress(ValueError, LookupError, TypeError):
+        if suffix == ".ipynb":
+            cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(content)["cells"]]
+            content = json.dumps(cells).encode()
+    return sha256(content).hexdigest()
