@@ -54,7 +54,9 @@ def test_the_course_is_copied_into_the_readers_home(
     assert "solutions (`vo lab --teacher`)" in (folder / lab.FIRST).read_text(encoding="utf-8")
 
 
-def test_a_teacher_gets_all_files_but_those_that_working_leaves_behind(tmp_path: Path, source: Path) -> None:
+def test_a_teacher_gets_all_files_but_those_that_working_leaves_behind(
+    tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     shutil.copytree(lab.NOTEBOOKS, source, dirs_exist_ok=True)
     for name in ("my_vo.py", "solutions/my_vo.py"):
         (source / name).touch()
@@ -63,62 +65,61 @@ def test_a_teacher_gets_all_files_but_those_that_working_leaves_behind(tmp_path:
     for name in files(tmp_path / "class"):
         assert (tmp_path / "class" / name).read_bytes() == (source / name).read_bytes()
     # A student's copy becomes a teacher's, whose links lead to the answers.
-    assert lab.copy_course(source, tmp_path / "student", teacher=False) == {}
-    assert lab.copy_course(source, tmp_path / "student", teacher=True) == {}
-    assert "](solutions/" in (tmp_path / "student" / lab.FIRST).read_text(encoding="utf-8")
+    for teacher in (False, True):
+        lab.copy_course(source, tmp_path / "student", teacher)
+    assert (tmp_path / "student" / lab.FIRST).read_bytes() == (source / lab.FIRST).read_bytes()
+    assert capsys.readouterr().out == ""
 
 
 def test_what_the_reader_changed_stays_and_a_new_version_comes_beside_it_once(
-    tmp_path: Path, source: Path
+    tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    mine = tmp_path / "mine"
-    assert lab.copy_course(source, mine, teacher=False) == {}
-    (mine / "course" / "a.py").write_text("first", encoding="utf-8")  # a beginning of its source
-    assert lab.copy_course(source, mine, teacher=False) == {}
+    theirs, mine = source / "course" / "a.py", tmp_path / "mine" / "course" / "a.py"
+    beside = mine.with_name("a.new.py")
+
+    def said() -> str:
+        lab.copy_course(source, tmp_path / "mine", teacher=False)
+        return capsys.readouterr().out
+
+    assert said() == ""
+    mine.write_text("first", encoding="utf-8")  # a beginning of its source
+    assert said() == ""
     for version in ("second = 2", "third = 3"):
-        (source / "course" / "a.py").write_text(version, encoding="utf-8")
-        assert lab.copy_course(source, mine, teacher=False) == {"course/a.py": "course/a.new.py"}
-        assert lab.copy_course(source, mine, teacher=False) == {}
-        assert (mine / "course" / "a.new.py").read_text(encoding="utf-8") == version
-        assert (mine / "course" / "a.py").read_text(encoding="utf-8") == "first"
+        theirs.write_text(version, encoding="utf-8")
+        assert said() == "course/a.py is kept as you changed it; its new version is course/a.new.py\n"
+        assert said() == ""
+        assert beside.read_text(encoding="utf-8") == version
+        assert mine.read_text(encoding="utf-8") == "first"
     # The new version is the reader's too, once it is changed or takes the place of the old one.
-    (mine / "course" / "a.new.py").write_text("mine", encoding="utf-8")
-    (source / "course" / "a.py").write_text("fourth = 4", encoding="utf-8")
-    assert lab.copy_course(source, mine, teacher=False) == {"course/a.py": "course/a.new.new.py"}
-    assert (mine / "course" / "a.new.py").read_text(encoding="utf-8") == "mine"
-    (mine / "course" / "a.new.new.py").replace(mine / "course" / "a.py")
-    (source / "course" / "a.py").write_text("fifth = 5", encoding="utf-8")
-    assert lab.copy_course(source, mine, teacher=False) == {}
-    assert (mine / "course" / "a.py").read_text(encoding="utf-8") == "fifth = 5"
+    beside.write_text("mine", encoding="utf-8")
+    theirs.write_text("fourth = 4", encoding="utf-8")
+    assert said().endswith("course/a.new.new.py\n")
+    assert beside.read_text(encoding="utf-8") == "mine"
+    mine.with_name("a.new.new.py").replace(mine)
+    theirs.write_text("fifth = 5", encoding="utf-8")
+    assert said() == ""
+    assert mine.read_text(encoding="utf-8") == "fifth = 5"
 
 
 def test_a_notebook_that_was_only_run_is_brought_up_to_date_and_a_deleted_one_comes_back(
-    tmp_path: Path, source: Path
+    tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    mine = tmp_path / "mine"
-    lab.copy_course(source, mine, teacher=False)
+    mine = tmp_path / "mine" / "01.ipynb"
     run = notebook("first", count=3)
-    (mine / "01.ipynb").write_text(run, encoding="utf-8")
-    assert lab.copy_course(source, mine, teacher=False) == {}
-    assert (mine / "01.ipynb").read_text(encoding="utf-8") == run
-    (source / "01.ipynb").write_text(notebook("second"), encoding="utf-8")
-    assert lab.copy_course(source, mine, teacher=False) == {}
-    assert (mine / "01.ipynb").read_bytes() == (source / "01.ipynb").read_bytes()
-    (mine / "01.ipynb").unlink()
-    lab.copy_course(source, mine, teacher=False)
-    assert files(mine) == files(source)
-
-
-def test_a_file_of_an_unknown_origin_is_the_readers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(lab, "NOTEBOOKS", source)
-    monkeypatch.setattr(lab, "FIRST", "01.ipynb")
-    (tmp_path / "01.ipynb").write_text("no JSON", encoding="utf-8")
-    with pytest.raises(SystemExit):
-        main(["lab", "--copy", str(tmp_path), "--", "--version"])
-    assert "01.ipynb is kept as you changed it; its new version is 01.new.ipynb" in capsys.readouterr().out
-    assert (tmp_path / "01.ipynb").read_text(encoding="utf-8") == "no JSON"
+    lab.copy_course(source, mine.parent, teacher=False)
+    for new, there in (("first", run), ("second", notebook("second"))):
+        mine.write_text(run, encoding="utf-8")
+        (source / mine.name).write_text(notebook(new), encoding="utf-8")
+        lab.copy_course(source, mine.parent, teacher=False)
+        assert mine.read_text(encoding="utf-8") == there
+    mine.unlink()
+    lab.copy_course(source, mine.parent, teacher=False)
+    assert mine.read_text(encoding="utf-8") == notebook("second")
+    mine.write_text("no JSON", encoding="utf-8")  # the reader's as well
+    (source / mine.name).write_text(notebook("third"), encoding="utf-8")
+    lab.copy_course(source, mine.parent, teacher=False)
+    assert mine.read_text(encoding="utf-8") == "no JSON"
+    assert capsys.readouterr().out.startswith("01.ipynb is kept")
 
 
 def test_a_full_disk_leaves_no_part_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
