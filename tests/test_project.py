@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import ast
 import importlib.metadata as metadata
+import json
 import re
+import shlex
 import tomllib
 from pathlib import Path
+
+from packaging.requirements import Requirement
+
+from vo_lib.commands.cli import make_parser
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -14,6 +20,24 @@ ROOT = Path(__file__).resolve().parents[1]
 def test_dependencies_are_declared_once() -> None:
     lines = (ROOT / "environment.txt").read_text(encoding="utf-8").splitlines()
     assert [line for line in lines if not line.startswith("#")] == ["-e ."]
+
+
+def test_the_versions_behind_the_results_are_those_of_every_dependency_in_its_range() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    lines = (ROOT / ".ci" / "versions.txt").read_text(encoding="utf-8").splitlines()[1:]
+    versions = dict(line.split("==") for line in lines)
+    for line in project["dependencies"]:
+        wanted = Requirement(line)
+        assert wanted.specifier.contains(versions[wanted.name]), line
+    measured = (ROOT / "notebooks" / "results.md").read_text(encoding="utf-8")
+    assert f"numpy {versions['numpy']}, OpenCV {versions['opencv-python-headless'][:5]}" in measured
+
+
+def test_the_container_ends_in_the_course() -> None:
+    container = json.loads((ROOT / ".devcontainer" / "devcontainer.json").read_text(encoding="utf-8"))
+    program, *words = shlex.split(container["postAttachCommand"])
+    options = make_parser(words).parse_args(words)
+    assert (program, options.command.__module__) == ("vo", "vo_lib.commands.lab")
 
 
 def test_only_the_library_and_the_street_renderer_are_installed() -> None:

@@ -64,6 +64,8 @@ def write_pages(source: Path, target: Path) -> int:
         place = (target / name).with_suffix(".html")
         place.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(place, page(notebook, path))
+    for path in source.glob("*.csv"):  # tables to which the pages link
+        write_atomic(target / path.name, path.read_bytes())
     print(f"open {target / '00_start_here.html'}")
     return failed
 

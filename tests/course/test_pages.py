@@ -37,7 +37,9 @@ def test_pages_need_no_network_and_failed_cells_and_damaged_notebooks_are_named(
     cells = [nbformat.v4.new_code_cell(lines) for lines in (PANEL, "1 / 0")]  # type: ignore[no-untyped-call]
     cells.append(nbformat.v4.new_markdown_cell("$x_c$ and [next](01_two.ipynb#part)"))  # type: ignore[no-untyped-call]
     nbformat.write(nbformat.v4.new_notebook(cells=cells), tmp_path / "00_one.ipynb")  # type: ignore[no-untyped-call]
+    (tmp_path / "table.csv").write_text("a,b\n", encoding="utf-8")
     assert pages.main() == 1
+    assert (tmp_path / "out" / "table.csv").read_text(encoding="utf-8") == "a,b\n"
     assert "00_one.ipynb: cell 1 failed" in capsys.readouterr().out
     written = (tmp_path / "out" / "00_one.html").read_text(encoding="utf-8")
     assert "<msub>" in written
