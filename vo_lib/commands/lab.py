@@ -29,12 +29,12 @@ NEWS = "@jupyterlab/apputils-extension:announcements"  # asks the reader about n
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo lab`."""
     parser.description = (
-        f"Open the course in JupyterLab. Your copy is the folder {COURSE} in your home; each use makes or "
-        "updates it. A file that you changed stays; its new version comes beside it, with .new in the name. "
-        "To run a notebook is no change. To get a file anew, delete it."
+        f"Open the course in JupyterLab, in a copy: the folder {COURSE} in your home. Each use updates the "
+        "copy. A file that you changed stays, and its new version comes beside it with .new in its name; "
+        "running a notebook is no change. A file that you deleted comes back."
     )
     parser.epilog = "example: vo lab -- --port 8889 --no-browser"
-    parser.add_argument("--copy", metavar="DIR", help="the copy in DIR instead")
+    parser.add_argument("--copy", metavar="DIR", help="the copy is DIR instead")
     parser.add_argument("--here", dest="copy", action="store_const", const=NOTEBOOKS, help="without a copy")
     parser.add_argument("--teacher", action="store_true", help="also worked answers and notes for teachers")
     parser.add_argument("jupyter", nargs="*", metavar="-- …", help="options of JupyterLab's own")
