@@ -46,7 +46,7 @@ def test_the_course_is_copied_into_the_readers_home(
         main(["lab", "--", "--version"])
     folder = tmp_path / "stereo-vo-course"
     assert f"the course is in {folder.resolve()}" in capsys.readouterr().out
-    assert {lab.FIRST, "course/__init__.py", "images/frame.jpg", "choices.csv"} < files(folder)
+    assert {lab.FIRST, "course/__init__.py", "images/jam.gif", "choices.csv"} < files(folder)
     assert [name for name in files(folder) if "solutions" in name or "teaching" in name] == []
     for path in [*folder.glob("*.ipynb"), *folder.glob("*.md")]:
         for link in LINK.findall(path.read_text(encoding="utf-8")):
