@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
             errors = found - base if idea.lines else found
             numbers = np.stack([errors.mean(axis=0), errors.std(axis=0)], axis=1).ravel()[:-1]
             key = idea.name, idea.method, sequence.name, str(idea.lines or ""), str(len(found))
-            rows.append([*key, *(f"{x:.4f}" for x in numbers)])
+            rows.append([*key, *(f"{x:.6f}" for x in numbers)])
             report(len(rows), len(tasks))
     new = {tuple(row[: len(KEY)]) for row in rows}
     old = [cells for _, cells in read_csv(out)[1:]] if out.exists() else []
