@@ -27,7 +27,7 @@ from vo_lib.report.entries import Entry, Group, group_entries
 from vo_lib.report.page import ReportTable, markdown, mean_and_spread, plus_minus, records_csv
 from vo_lib.report.printed import AVERAGE, PAPER_METHODS, PAPER_ROWS
 from vo_lib.report.reproduce import TABLE_FILES, plan_jobs
-from vo_lib.report.table1 import layout_table, table_records
+from vo_lib.report.table1 import layout_table, results, table_records
 
 
 def group_of(*entries: Entry) -> Group:
@@ -132,14 +132,20 @@ def test_parts_of_sequences_and_missing_boxes_are_said_first() -> None:
         assert [line.split(":")[0] for line in head[1:]] == ["No vehicle boxes on kitti/04, kitti/07"] * boxed
 
 
-def test_gains_are_relative_improvements_seed_by_seed() -> None:
-    pairs = {"solution_selection": [2.0, 4.0], "feature_selection": [1.0, 3.0]}
+def test_the_result_compares_the_means_of_the_proposal_with_and_without_the_removal() -> None:
+    pairs = {"solution_selection": [2.0, 4.0], "feature_selection": [1.0, 3.0], "mesvo_f": [1.0, 1.0]}
     entries = [entry_of("kitti/01", 500, [9.0, 9.0], method) for method in pairs]  # left out
     for name, n in (("kitti/00", 500), ("kitti/04", 150)):
         entries += [entry_of(name, n, percent, method) for method, percent in pairs.items()]
-    (said,) = [note for note in layout(group_of(*entries)).notes if note.startswith("Gain")]
-    # Halved in one seed, a quarter less in the other.
-    assert said.startswith("Gain of Feature selection over Solution selection: TE +37.5 %")
+    group = group_of(*entries)
+    (said,) = results([group])
+    assert said.startswith("mean of 2 sequences, the kit's way: feature_selection")
+    means = [f"{group.mean(method)[0].mean():.3f}" for method in pairs]
+    # From 3 to 2 %; the rotations have no errors.
+    assert said.endswith(f"lowers TE from {means[0]} to {means[1]} % (−33.3 %) against solution_selection.")
+    note = layout(group).notes[-1]
+    assert note.endswith(f"raises TE from {means[2]} to {means[1]} % (+100.0 %) against mesvo_f.")
+    assert results([group_of(*(e for e in entries if e.method == "mesvo_f"))]) == []
 
 
 def test_cells_of_a_table_its_markdown_and_its_csv() -> None:

@@ -13,7 +13,7 @@ from ..files import only_process
 from ..report.entries import group_entries
 from ..report.printed import read_paper_table
 from ..report.reproduce import collect, default_sequences, plan_jobs, split_missing, write_table_files
-from ..report.table1 import layout_table
+from ..report.table1 import layout_table, results
 from ..runs.folder import run_folder
 from ..runs.jobs import run_jobs
 from . import common
@@ -40,8 +40,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=reproduce)
 
 
-def reproduce(options: argparse.Namespace) -> int:
-    """Do the runs and write the table; the exit code, 1 where a run failed."""
+def reproduce(options: argparse.Namespace, before: str = "", after: str = "") -> int:
+    """Do the runs and write the table; the exit code, 1 where a run failed.
+
+    The last words are the result, between lines `before` and a sentence `after` it.
+    """
     config = None
     if options.config is not None:
         if options.methods is not None:
@@ -70,8 +73,10 @@ def reproduce(options: argparse.Namespace) -> int:
         if not result.paths:  # an earlier table stays
             raise DataError(" ".join(result.problems))
         write_table_files(folder, result, paper, options.line)
-    for group in group_entries(result.entries):
+    groups = group_entries(result.entries)
+    for group in groups:
         show_report_table(layout_table(group, paper))
     tell("", *result.problems)
-    say(f"Report with figures: {folder / 'report.html'}")
+    say(*filter(None, [before]), f"Report with figures: {folder / 'report.html'}")
+    tell(*filter(None, ["", *results(groups), after]))
     return 1 if result.failed else 0

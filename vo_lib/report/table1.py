@@ -86,7 +86,8 @@ def layout_table(group: Group, paper: PaperTable) -> ReportTable:
             removed = [NO_NUMBER if share is None else f"{100 * share:.1f}" for share in shares]
             rows.append([f"{label} removed %", *removed])
     names = [PRINTED_NAMES.get(method, method).replace(" ", "\n") for method in group.methods]
-    return ReportTable(title, ["sequence", *names], rows, [*notes, *_gains(group)], caveats(group))
+    notes += _comparison(group, "mesvo_f")
+    return ReportTable(title, ["sequence", *names], rows, notes, caveats(group))
 
 
 def _cell(record: dict[str, Any], kind: str, digits: int) -> str:
@@ -114,18 +115,26 @@ def caveats(group: Group) -> list[str]:
     return notes
 
 
-def _gains(group: Group) -> list[str]:
-    """By how much the means of Feature selection are smaller than those of two other systems."""
-    notes, after = [], group.mean(PROPOSAL)
-    for other, claims in CLAIMS.items():
-        before = group.mean(other)
-        gains = (
-            gain(before, after).mean(axis=1) if before.shape == after.shape and after.size else np.zeros(0)
-        )
-        if np.isfinite(gains).any():
-            te, re = (
-                NO_NUMBER if finite(each) is None else f"{each:+.1f} %".replace("-", "−") for each in gains
-            )
-            theirs = f"; the paper says {claims[0]:g} and {claims[1]:g} %" if group.is_papers else ""
-            notes.append(f"Gain of Feature selection over {PRINTED_NAMES[other]}: TE {te}, RE {re}{theirs}.")
-    return notes
+def results(groups: list[Group]) -> list[str]:
+    """A sentence for each group: the proposal against the same method without the removal."""
+    return [sentence for group in groups for sentence in _comparison(group, "solution_selection")]
+
+
+def _comparison(group: Group, other: str) -> list[str]:
+    """A sentence on the mean errors of the proposal and of another method; none where they are equal."""
+    parts = []
+    for (kind, _), claim, *errors in zip(
+        ERROR_KINDS.values(), CLAIMS[other], group.mean(other), group.mean(PROPOSAL), strict=True
+    ):
+        before, after = (mean_and_spread(values)[0] for values in errors)
+        less = float(gain(before, after))
+        if np.isfinite(less) and less != 0.0:
+            name, unit = kind.split(" ", 1)
+            theirs = f", in the paper −{claim:g} %" if group.is_papers else ""
+            change = f"{-less:+.1f} %".replace("-", "−") + theirs
+            verb = "lowers" if less > 0 else "raises"
+            parts.append(f"{verb} {name} from {number(before)} to {number(after)} {unit} ({change})")
+    rows = [name for name in group.sequences if name != f"{KITTI}{LEFT_OUT}"]
+    where = rows[0] if len(rows) == 1 else f"mean of {len(rows)} sequences"
+    said = f"{PROPOSAL}, which removes the features in vehicle boxes, {' and '.join(parts)} against {other}"
+    return [f"{where}, {VARIANT_WORDS[group.variant]}: {said}."] if parts else []
