@@ -32,7 +32,6 @@ from vo_lib.files import write_atomic
 from vo_lib.report.page import ReportTable, markdown, provenance
 from vo_lib.runs.drive import Run
 from vo_lib.runs.folder import read_run, run_folder
-from vo_lib.runs.identity import git_commit
 from vo_lib.runs.jobs import run_jobs
 
 
@@ -97,7 +96,7 @@ def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:
     """The page: how it was made, then the tables."""
     words = ["vo", "data", "measure_results", "--sequences", options.sequences]
     words += [] if options.detector is None else ["--detector", Path(options.detector).name]
-    made = [*provenance(), platform.processor() or platform.machine(), f"commit {git_commit() or 'unknown'}"]
+    made = [*provenance(), platform.processor() or platform.machine()]
     head = [
         "# Measured results",
         "Written by the command below, not by hand. TE in % / RE in deg/100 m, mean ± deviation over "

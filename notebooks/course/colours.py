@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-# Okabe and Ito's colours. The same thing has the same colour in every chapter.
-GOOD, BAD, THIRD, FOURTH, FIFTH = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"
-DARK, PALE = "#222222", "#B0B0B0"
-CYCLE = (GOOD, BAD, THIRD, FOURTH, FIFTH, "#56B4E9", "#F0E442")
+from vo_lib.report import plots
+
+CYCLE, DARK, PALE = plots.CYCLE, plots.TRUTH_COLOUR, "#B0B0B0"
+GOOD, BAD, THIRD, FOURTH, FIFTH = CYCLE[:5]
 
 
 def bgr(colour: str) -> tuple[int, int, int]:

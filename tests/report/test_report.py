@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from datetime import date
+
 import cv2
 import numpy as np
 
@@ -15,7 +18,8 @@ def page(problems: tuple[str, ...] = ()) -> str:
     table = ReportTable(
         "<b>", ["a & b", "solution_selection <TE>"], [["kitti/07, <script> a_b", "1"]], ["1 < 2"]
     )
-    return render_report([table], [Picture(PNG, "a <caption>")], ["x"], problems, ["<11>"])
+    pictures = [Picture(PNG, "a <caption>")] * 3
+    return render_report(["<said>"], [table], pictures, ["x"], problems, ["<11>"], printed=table)
 
 
 def test_text_is_escaped_and_a_long_name_may_break_at_its_underscores() -> None:
@@ -25,6 +29,17 @@ def test_text_is_escaped_and_a_long_name_may_break_at_its_underscores() -> None:
     assert "kitti/07, &lt;script&gt; a_<wbr>b</th>" in text
     # A box that scrolls is reached with the keyboard and has a name.
     assert '<div class="scroll" tabindex="0" role="region" aria-label="&lt;b&gt;"><table' in text
+
+
+def test_the_page_begins_with_the_result_and_two_pictures_and_its_links_lead_to_its_parts() -> None:
+    text = page()
+    first, second, third = (match.start() for match in re.finditer("<img", text))
+    assert text.index("&lt;said&gt;") < first < second < text.index("<table") < third
+    assert text.index('<details id="printed">') < text.rindex("<table")
+    links = set(re.findall('href="#([^"]*)"', text))
+    assert links == set(re.findall(' id="([^"]*)"', text)) == {"table1", "printed", "more", "methods", "made"}
+    assert 'width="4" height="4"' in text
+    assert date.today().isoformat() in text
 
 
 def test_problems_come_first_and_only_where_there_are_any() -> None:

@@ -25,9 +25,9 @@ from vo_lib.evaluation.kitti import (
 from vo_lib.files import only_process
 from vo_lib.report.entries import Entry, Group, group_entries
 from vo_lib.report.page import ReportTable, markdown, mean_and_spread, plus_minus, records_csv
-from vo_lib.report.printed import AVERAGE, PAPER_METHODS, PAPER_ROWS
+from vo_lib.report.printed import AVERAGE, PAPER_METHODS, PAPER_ROWS, read_paper_table
 from vo_lib.report.reproduce import TABLE_FILES, plan_jobs
-from vo_lib.report.table1 import layout_table, results, table_records
+from vo_lib.report.table1 import layout_tables, printed_table, results, table_records
 
 
 def group_of(*entries: Entry) -> Group:
@@ -35,8 +35,8 @@ def group_of(*entries: Entry) -> Group:
     return group
 
 
-def layout(group: Group) -> ReportTable:
-    return layout_table(group, table_of_twos())
+def layout(group: Group) -> list[ReportTable]:
+    return layout_tables(group, table_of_twos())
 
 
 def test_errors_of_a_method_are_those_of_its_runs_seed_by_seed() -> None:
@@ -74,25 +74,42 @@ def test_variants_measures_and_other_data_are_never_averaged_together() -> None:
     entries = [entry_of(name, n, [1.0]) for name, n in frames.items()]
     groups = group_entries([*entries, entry_of("kitti/00", 300, [1.0], variant="published")])
     assert [group.sequences for group in groups] == [["kitti/00"], ["kitti/07"], ["other"], ["kitti/00"]]
-    assert ["as published" in layout(group).title for group in groups] == [False, False, False, True]
+    assert ["as published" in layout(group)[0].title for group in groups] == [False, False, False, True]
 
 
-def test_the_layout_is_the_papers_ours_over_its_numbers() -> None:
+def test_our_numbers_the_papers_and_the_difference_stand_side_by_side() -> None:
     methods = (*PAPER_METHODS, "moving_selection")
     runs = [(name, method) for name in ("01", *PAPER_ROWS[1:]) for method in methods]
     group = group_of(*(entry_of(f"kitti/{n}", EXPECTED_FRAMES[n], [1.0, 1.2], m) for n, m in runs))
-    table = layout(group)
-    names = [row[0] for row in table.rows if "TE" in row[0]]
-    assert names == [f"{n} TE %" for n in (*PAPER_ROWS, "01", "pooled")]
-    paper = ["VISO2", "MESVO_F", "Solution\nselection", "Feature\nselection"]
-    assert table.columns == ["sequence", *paper, "moving_selection"]
-    rows = {row[0]: row[1:] for row in table.rows}
-    cells = [rows[f"{name} {unit}"] for name in PAPER_ROWS for unit in ("TE %", "RE deg/100 m")]
-    assert sum(cell.endswith(("\n2.00", "\n2.000")) for row in cells for cell in row) == 88
-    assert rows["04 TE %"][0].startswith("1.1")
-    assert "±" in rows["04 TE %"][0]
-    assert rows["04 removed %"] == ["25.0"] * 5
-    assert not any("\n" in cell for name in ("01", "pooled") for cell in rows[f"{name} TE %"])
+    te, re = layout(group)
+    assert te.columns == ["method", "TE %, ours", "paper", "difference", "removed %"]
+    assert re.columns[1] == "RE deg/100 m, ours"
+    rows = {row[0]: row[1:] for row in te.rows}
+    assert list(rows) == [f"{name} {m}" for name in (*PAPER_ROWS, "01", "pooled") for m in methods]
+    printed = [row[2] for table in (te, re) for row in table.rows if row[2]]
+    assert printed == ["2.00"] * 44 + ["2.000"] * 44
+    ours, _, difference, removed = rows["04 viso2"]
+    assert ours.startswith("1.1")
+    assert "±" in ours
+    assert (difference, removed) == (f"−{2 - float(ours.split()[0]):.2f}", "25.0")
+    assert rows["04 moving_selection"][1:3] == rows["01 viso2"][1:3] == ["", ""]
+    assert rows["pooled viso2"][1:] == ["", "", ""]
+
+
+def test_a_drawn_street_never_stands_beside_a_printed_number() -> None:
+    group = group_of(*(entry_of("synthetic/jam", 300, [1.0], m) for m in ("viso2", "mesvo_f")))
+    (table,) = layout(group)
+    assert table.title.startswith("synthetic/jam, the kit's way: sub-sequences of")
+    assert table.columns == ["method", "TE %", "RE deg/100 m", "removed %"]
+    assert [row[0] for row in table.rows] == ["viso2", "mesvo_f"]
+
+
+def test_the_papers_table_is_kept_in_its_layout() -> None:
+    table = printed_table(read_paper_table())
+    assert [row[0] for row in table.rows] == list(PAPER_ROWS)
+    assert table.columns[:3] == ["sequence", "VISO2 TE %", "VISO2 RE deg/100 m"]
+    assert table.rows[0][:3] == ["Avg", "2.43", "1.106"]
+    assert {len(row) for row in table.rows} == {len(table.columns)} == {9}
 
 
 @pytest.mark.parametrize(
@@ -127,7 +144,7 @@ def test_only_whole_sequences_as_the_benchmark_measures_them_stand_beside_the_pa
 def test_parts_of_sequences_and_missing_boxes_are_said_first() -> None:
     parts = {"kitti/04": 271, "kitti/07": 300}
     for method, boxed in (("feature_selection", True), ("solution_selection", False)):
-        head = layout(group_of(*(entry_of(name, n, [1.0], method) for name, n in parts.items()))).head
+        head = layout(group_of(*(entry_of(name, n, [1.0], method) for name, n in parts.items())))[0].head
         assert head[0].endswith("not comparable with whole ones: kitti/07 (300 of 1101 frames).")
         assert [line.split(":")[0] for line in head[1:]] == ["No vehicle boxes on kitti/04, kitti/07"] * boxed
 
@@ -139,11 +156,11 @@ def test_the_result_compares_the_means_of_the_proposal_with_and_without_the_remo
         entries += [entry_of(name, n, percent, method) for method, percent in pairs.items()]
     group = group_of(*entries)
     (said,) = results([group])
-    assert said.startswith("mean of 2 sequences, the kit's way: feature_selection")
+    assert said.startswith("Mean of 2 sequences, the kit's way: feature_selection")
     means = [f"{group.mean(method)[0].mean():.3f}" for method in pairs]
     # From 3 to 2 %; the rotations have no errors.
     assert said.endswith(f"lowers TE from {means[0]} to {means[1]} % (−33.3 %) against solution_selection.")
-    note = layout(group).notes[-1]
+    note = layout(group)[-1].notes[-1]
     assert note.endswith(f"raises TE from {means[2]} to {means[1]} % (+100.0 %) against mesvo_f.")
     assert results([group_of(*(e for e in entries if e.method == "mesvo_f"))]) == []
 
@@ -151,9 +168,10 @@ def test_the_result_compares_the_means_of_the_proposal_with_and_without_the_remo
 def test_cells_of_a_table_its_markdown_and_its_csv() -> None:
     entries = [entry_of("kitti/00", 300, [1.0, 1.1], m) for m in ("viso2", "mesvo_f")]
     group = group_of(*entries, entry_of("kitti/02", 300, [2.0, 2.1]))
-    table = layout(group)
-    assert {len(row) for row in table.rows} == {len(table.columns)} == {3}
-    assert next(row for row in table.rows if row[0] == "02 TE %")[2] == "–"
+    (table,) = layout(group)
+    assert {len(row) for row in table.rows} == {len(table.columns)} == {4}
+    assert "02 viso2" in (rows := [row[0] for row in table.rows])
+    assert "02 mesvo_f" not in rows  # no row of what did not run
     assert "over 2 seeds" in table.notes[0]
     text = markdown(ReportTable("t", ["a", "b"], [["1", "2\n3"]], ["n"], ["h"]))
     assert text == "## t\n\nh\n\n| a | b |\n| --- | ---: |\n| 1 | 2<br>3 |\n\nn\n"
@@ -210,7 +228,7 @@ def test_the_whole_table_is_made_and_names_what_is_missing(
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "No ground truth, so no errors: kitti/11." in page
     assert "kitti/08" in page
-    assert page.count("<img") == page.count("data:image/png;base64,") == len(figures)
+    assert page.count("<img") == page.count("data:image/png;base64,") == len(figures) + 2  # errors
 
 
 def test_the_report_shows_the_film_of_a_run_in_its_folder(tree: Path) -> None:

@@ -11,7 +11,7 @@ from .script import steps
 
 # Vehicles that move fill the images of this street: nothing else shows the gain so clearly.
 STREET = "synthetic/jam"
-OPTIONS = ["--sequences", STREET, "--variant", "published", "--lengths", "50", "--seeds", "3"]
+OPTIONS = ["--sequences", STREET, "--variant", "published", "--lengths", "50", "--seeds", "2"]
 NEXT_STEPS = {
     "vo lab": "the course: notebooks that build the method step by step",
     "vo reproduce --sequences synthetic/parked --seeds 1": "the table of a street with parked cars",

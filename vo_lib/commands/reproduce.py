@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 
 from ..data.catalogue import parse_sequences
 from ..detection.models import find_model
@@ -13,7 +14,7 @@ from ..files import only_process
 from ..report.entries import group_entries
 from ..report.printed import read_paper_table
 from ..report.reproduce import collect, default_sequences, plan_jobs, split_missing, write_table_files
-from ..report.table1 import layout_table, results
+from ..report.table1 import layout_tables, results
 from ..runs.folder import run_folder
 from ..runs.jobs import run_jobs
 from . import common
@@ -45,7 +46,7 @@ def reproduce(options: argparse.Namespace, before: str = "", after: str = "") ->
 
     The last words are the result, between lines `before` and a sentence `after` it.
     """
-    config = None
+    start, config = time.perf_counter(), None
     if options.config is not None:
         if options.methods is not None:
             raise DataError("--config and --methods: expected one of them, both name the method")
@@ -72,11 +73,13 @@ def reproduce(options: argparse.Namespace, before: str = "", after: str = "") ->
         result = collect(outcomes, missing, measure)
         if not result.paths:  # an earlier table stays
             raise DataError(" ".join(result.problems))
-        write_table_files(folder, result, paper, options.line)
-    groups = group_entries(result.entries)
-    for group in groups:
-        show_report_table(layout_table(group, paper))
+        groups = group_entries(result.entries)
+        said = [*results(groups), *filter(None, [after])]
+        made = [options.line, f"duration {time.perf_counter() - start:.0f} s, processes: {workers}"]
+        write_table_files(folder, result, paper, said, made)
+    for table in (table for group in groups for table in layout_tables(group, paper)):
+        show_report_table(table)
     tell("", *result.problems)
     say(*filter(None, [before]), f"Report with figures: {folder / 'report.html'}")
-    tell(*filter(None, ["", *results(groups), after]))
+    tell(*said)
     return 1 if result.failed else 0

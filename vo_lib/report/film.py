@@ -36,7 +36,7 @@ ENCODER_FPS = 5000
 MIN_PATH_SIDE_PX = 300  # of the square that the path is drawn in
 WORDS_HEIGHT_PX = 60  # of the lines of words below
 DARK, PALE, WHITE = (28, 28, 28), (110, 110, 110), (235, 235, 235)  # BGR
-TRUE_PATH_COLOUR, PATH_COLOUR = (60, 60, 240), (240, 190, 80)
+TRUE_PATH_COLOUR, PATH_COLOUR = WHITE, (240, 190, 80)
 
 
 @dataclass(frozen=True)
@@ -153,9 +153,10 @@ class Film:
         path, *truth = (scale * (each - (low + high) / 2) * [1.0, -1.0] + size / 2 for each in points)
         for line in truth:
             _draw_line(part, line, PALE, 1)
-            _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, 4)
-        _draw_line(part, path[: index + 1], PATH_COLOUR, 2)
-        cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, WHITE, -1, cv2.LINE_AA)
+        _draw_line(part, path[: index + 1], PATH_COLOUR, 3)
+        for line in truth:
+            _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, 1)
+        cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, PATH_COLOUR, -1, cv2.LINE_AA)
 
     def _write_words(self, part: Image, shown: Shown) -> None:
         index, motion = shown.index, shown.motion

@@ -6,6 +6,7 @@ import base64
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import date
 from typing import Any
 
 from ..files import csv_text
@@ -37,6 +38,11 @@ def finite(value: float | None) -> float | None:
 def number(value: float | None, digits: int = 3) -> str:
     """A number, or a dash where there is none."""
     return NO_NUMBER if finite(value) is None else f"{value:.{digits}f}"
+
+
+def signed(value: float, digits: int) -> str:
+    """A difference with its sign."""
+    return f"{value:+.{digits}f}".replace("-", "−")
 
 
 def mean_and_spread(values: Array) -> tuple[float, float]:
@@ -80,28 +86,42 @@ class Picture:
     caption: str
 
     @property
+    def width(self) -> int:
+        """Pixels, as the header of a PNG has them."""
+        return int.from_bytes(self.data[16:20], "big")
+
+    @property
+    def height(self) -> int:
+        """Pixels, as the header of a PNG has them."""
+        return int.from_bytes(self.data[20:24], "big")
+
+    @property
     def address(self) -> str:
         """The whole picture as an address of a page."""
         return f"data:image/png;base64,{base64.b64encode(self.data).decode('ascii')}"
 
 
 def provenance() -> list[str]:
-    """Kit, Python, libraries and machine that made a report."""
+    """Kit, its commit, Python, libraries and machine that made a report."""
     used, around = versions(), surroundings()
     libraries = f"numpy {used['numpy']}, OpenCV {used['opencv']}"
-    return [f"stereo-vo-kit {used['kit']}, Python {around['python']}, {libraries}", str(around["system"])]
+    kit = f"stereo-vo-kit {used['kit']}, commit {around['commit'] or 'unknown'}"
+    return [f"{kit}, Python {around['python']}, {libraries}", str(around["system"])]
 
 
 def render_report(
+    results: Sequence[str],
     tables: list[ReportTable],
     pictures: list[Picture],
     made: list[str],
     problems: Sequence[str] = (),
     without_truth: Sequence[str] = (),
     films: Sequence[tuple[str, str]] = (),
+    printed: ReportTable | None = None,
 ) -> str:
-    """The report of Table 1 as HTML, every text in it escaped; `problems` are shown first, in a box.
+    """The report of Table 1 as HTML, every text in it escaped.
 
+    The page begins with `results`, `problems` in a box and the first two pictures. `printed` is folded.
     `films` : relative addresses and captions; films stay beside the page.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -109,10 +129,12 @@ def render_report(
     loader = PackageLoader("vo_lib.report")
     pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     return pages.get_template("report.html").render(
+        results=results,
         problems=problems,
         tables=tables,
+        printed=printed,
         pictures=pictures,
-        made=made + provenance(),
+        made=[*made, *provenance(), date.today().isoformat()],
         without_truth=without_truth,
         films=films,
     )

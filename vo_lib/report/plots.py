@@ -20,6 +20,7 @@ from ..evaluation.kitti import trajectory_distances
 from ..geometry.boxes import MOVING, PARKED, Boxes
 from ..geometry.matches import StereoMatches
 from ..geometry.types import Array, BoolArray, Image, IntArray
+from .printed import PROPOSAL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,18 +31,14 @@ Values = TypeVar("Values")
 ErrorCurve = Sequence[tuple[float, float | None, float | None]]
 SMALL_PAGE = (4.8, 5.6)  # inches; the text is still read on a telephone
 TRUTH = "ground truth"
-# The colours of the paper's Figure 4; orange for the method that is not in it.
-TRUTH_COLOUR = "#e3000f"
-METHOD_COLOURS = {
-    "viso2": "#009a3d",
-    "mesvo_f": "#000000",
-    "solution_selection": "#0038c8",
-    "feature_selection": "#5cc3f2",
-    "moving_selection": "#e69f00",
-}
-METHOD_MARKERS = dict(zip(METHOD_COLOURS, "so^Dv", strict=True))
-# For other names: Okabe and Ito's colours, told apart by colour-blind readers too.
-ESTIMATE_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+# Okabe and Ito's colours, told apart by colour-blind readers too.
+CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
+METHOD_COLOURS = dict(
+    zip((PROPOSAL, "solution_selection", "viso2", "mesvo_f", "moving_selection"), CYCLE, strict=False)
+)
+METHOD_MARKERS = dict(zip(METHOD_COLOURS, "D^sov", strict=True))
+TRUTH_COLOUR = "#222222"
+TRUTH_WIDTH, PROPOSAL_WIDTH = 0.9, 4.0  # points
 
 
 def page(title: str = "", width: float = SMALL_PAGE[0], height: float = SMALL_PAGE[1]) -> Figure:
@@ -62,19 +59,20 @@ def page(title: str = "", width: float = SMALL_PAGE[0], height: float = SMALL_PA
 
 
 def method_colour(name: str, number: int) -> str:
-    """The colour of a method's line; a name that is no method takes the colour of its number."""
-    return METHOD_COLOURS.get(name, ESTIMATE_COLOURS[number % len(ESTIMATE_COLOURS)])
+    """The colour of the truth or a method; another name takes the colour of its number."""
+    return TRUTH_COLOUR if name == TRUTH else METHOD_COLOURS.get(name, CYCLE[number % len(CYCLE)])
 
 
 def styled(named: Mapping[str, Values]) -> Iterator[tuple[str, Values, dict[str, Any]]]:
-    """Names and values with Matplotlib's style of each line; the truth, if any, comes first.
+    """Names and values with Matplotlib's style of each line: the proposal first, the truth last.
 
     Lines get thinner from the first to the last: overlapping ones stay visible.
     """
-    for number, (name, values) in enumerate(named.items()):
-        colour = TRUTH_COLOUR if name == TRUTH else method_colour(name, number - (TRUTH in named))
-        width = 1.0 + 0.8 * (len(named) - 1 - number)
-        yield name, values, {"color": colour, "linewidth": width, "label": name}
+    ordered = sorted(named, key=lambda name: (name == TRUTH, name != PROPOSAL))
+    for number, name in enumerate(ordered):
+        colour, width = method_colour(name, number), 1.0 + 0.4 * (len(named) - 1 - number)
+        width = {TRUTH: TRUTH_WIDTH, PROPOSAL: PROPOSAL_WIDTH}.get(name, width)
+        yield name, named[name], {"color": colour, "linewidth": width, "label": name}
 
 
 def label_axis(axis: Axes, x: str, y: str) -> None:
@@ -128,6 +126,28 @@ def trajectories_figure(panels: Mapping[str, tuple[Array | None, dict[str, Array
         if truth is not None:
             draw_drift(figure.add_subplot(rows, columns, row * columns + 2), truth, estimates)
     figure.legend(labels.values(), labels, loc="outside lower center", ncols=2 * columns)
+    return figure
+
+
+def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure:
+    """TE and RE by (sequence, method), (2, S) of S seeds: a bar each, a line for one standard deviation."""
+    sequences, methods = (list(dict.fromkeys(names)) for names in zip(*errors, strict=True))
+    figure, share = page(title, max(SMALL_PAGE[0], 0.8 * len(sequences))), 0.85 / len(methods)
+    axes = figure.subplots(2, sharex=True)
+    for axis, kind, label in zip(axes, (0, 1), ("TE [%]", "RE [deg/100 m]"), strict=True):
+        for k, method in enumerate(methods):
+            values = {n: errors[s, method][kind] for n, s in enumerate(sequences) if (s, method) in errors}
+            at = [place + share * (k - (len(methods) - 1) / 2) for place in values]
+            means, spreads = ([function(each) for each in values.values()] for function in (np.mean, np.std))
+            style = {"color": method_colour(method, k), "label": method, "ecolor": TRUTH_COLOUR}
+            bars = axis.bar(at, means, share, yerr=spreads, **style)
+            if len(sequences) == 1:
+                axis.bar_label(bars, fmt="%#.3g")
+        label_axis(axis, "", label)
+        axis.set_axisbelow(True)
+        axis.margins(0.02, 0.12)
+    axes[0].set_xticks(range(len(sequences)), sequences)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 

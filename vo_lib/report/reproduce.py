@@ -5,9 +5,12 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping
+from collections.abc import Sequence as Items
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from urllib.parse import quote
+
+import numpy as np
 
 from ..config import preset
 from ..data.catalogue import KITTI, SYNTHETIC, available
@@ -20,12 +23,12 @@ from ..geometry.types import Array
 from ..paper.settings import MethodConfig
 from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
-from .entries import BENCHMARK_FRAMES, Entry, group_entries, measure_runs
+from .entries import BENCHMARK_FRAMES, Entry, Group, group_entries, measure_runs
 from .film import FILM_ENDING
 from .page import Picture, markdown, records_csv, render_report
-from .plots import png, trajectories_figure
-from .printed import REMARKS, PaperTable
-from .table1 import VARIANT_WORDS, layout_table, table_records
+from .plots import errors_figure, png, trajectories_figure
+from .printed import PaperTable
+from .table1 import VARIANT_WORDS, layout_tables, printed_table, table_records
 
 FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
 TABLE_FILES = ("table1.md", "table1.csv", "report.html")
@@ -125,35 +128,47 @@ def collect(outcomes: list[Outcome], missing: list[str], measure: Measure | None
     return table
 
 
-def write_table_files(folder: Path, result: Reproduction, paper: PaperTable, command: str) -> None:
-    """Write `TABLE_FILES` and figures of the runs that the command line made."""
+def write_table_files(
+    folder: Path, result: Reproduction, paper: PaperTable, said: Items[str], made: list[str]
+) -> None:
+    """Write `TABLE_FILES` and figures; `said` are the results in sentences, `made` command and duration."""
     groups = group_entries(result.entries)
-    records = table_records(groups, paper)
-    tables = [layout_table(group, paper) for group in groups]
-    if any(group.kitti for group in groups):
-        tables[-1].notes.extend(REMARKS)
+    tables = [table for group in groups for table in layout_tables(group, paper)]
+    printed = printed_table(paper) if any(group.kitti for group in groups) else None
     without_truth = sorted({name for (_, name), (truth, _) in result.paths.items() if truth is None})
-    pictures, films = _trajectories(folder, result), _films(folder, result)
+    pictures, films = _pictures(folder, result, groups), _films(folder, result)
     contents = (
-        "".join(f"{line}\n\n" for line in result.problems) + "\n".join(map(markdown, tables)),
-        records_csv(records),
-        render_report(tables, pictures, [command], result.problems, without_truth, films),
+        "".join(f"{line}\n\n" for line in [*said, *result.problems])
+        + "\n".join(map(markdown, [*tables, *filter(None, [printed])])),
+        records_csv(table_records(groups, paper)),
+        render_report(said, tables, pictures, made, result.problems, without_truth, films, printed),
     )
     for name, content in zip(TABLE_FILES, contents, strict=True):
         write_atomic(folder / name, content)
 
 
-def _trajectories(folder: Path, result: Reproduction) -> list[Picture]:
-    """Figure 4 of each variant that has one of its two sequences, and a figure of each sequence."""
+def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
+    """Of each variant the errors, Figure 4 where one of its sequences is there, and each sequence's paths."""
     pictures = []
     for variant in dict.fromkeys(variant for variant, _ in result.paths):
+        words = VARIANT_WORDS[variant]
+        for group in (group for group in groups if group.variant == variant):
+            errors = {
+                key: entry.errors for key, entry in group.entries.items() if np.isfinite(entry.te).all()
+            }
+            if errors:
+                figure = errors_figure(f"sub-sequences of {group.measure.words}", errors)
+                pictures.append(Picture(png(figure), f"Errors, a bar for each method; {words}."))
         panels = {name: panel for (each, name), panel in result.paths.items() if each == variant}
         figure_4 = {name: panels[name] for name in FIGURE_4_SEQUENCES if name in panels}
         figures = {f"figure4_{variant}": figure_4} if figure_4 else {}
         figures |= {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in panels.items()}
         for file, shown in figures.items():
-            caption = f"{'Figure 4: ' if shown is figure_4 else ''}{' and '.join(shown)} from above and, with"
-            caption += f" truth, the distance from it; {VARIANT_WORDS[variant]}, first seed."
+            caption = f"{'Figure 4: ' if shown is figure_4 else ''}{' and '.join(shown)}, paths from above"
+            caption += " and their distance from the truth" * any(
+                truth is not None for truth, _ in shown.values()
+            )
+            caption += f"; {words}, first seed."
             pictures.append(Picture(png(trajectories_figure(shown)), caption))
             write_atomic(folder / f"{file}.png", pictures[-1].data)
     return pictures

@@ -1,4 +1,4 @@
-"""Table 1: one list of records, and one layout of it with the paper's numbers below ours."""
+"""Table 1: one list of records, and one layout of it with the paper's numbers beside ours."""
 
 from __future__ import annotations
 
@@ -10,8 +10,19 @@ from ..data.catalogue import KITTI
 from ..evaluation.kitti import KITTI_MEASURE
 from ..geometry.types import Array
 from .entries import BENCHMARK_FRAMES, Entry, Group
-from .page import NO_NUMBER, ReportTable, finite, mean_and_spread, number, plus_minus, seeds_words
-from .printed import AVERAGE, CLAIMS, LEFT_OUT, PRINTED_NAMES, PROPOSAL, PaperTable, gain
+from .page import ReportTable, finite, mean_and_spread, number, plus_minus, seeds_words, signed
+from .printed import (
+    AVERAGE,
+    CLAIMS,
+    LEFT_OUT,
+    PAPER_METHODS,
+    PAPER_ROWS,
+    PRINTED_NAMES,
+    PROPOSAL,
+    REMARKS,
+    PaperTable,
+    gain,
+)
 
 VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
 # Names of TE and RE in records, in tables, and the digits that the paper prints.
@@ -59,41 +70,59 @@ def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]
     return fields
 
 
-def layout_table(group: Group, paper: PaperTable) -> ReportTable:
-    """The records of a group in the layout of Table 1.
-
-    A row for TE, RE and removed features of each sequence, a column for each method.
-    """
-    records, sequences = _records(group, paper), "KITTI" if group.kitti else "other sequences"
-    title = f"The systems of Table 1, {VARIANT_WORDS[group.variant]}: {sequences}, {group.measure.words}"
+def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
+    """The records of a group, a row each: one table or, with the paper's numbers, one of TE and one of RE."""
+    records = _records(group, paper)
+    printed = any(record["paper_te_percent"] is not None for record in records)
+    every = [[kind] for kind in ERROR_KINDS] if printed else [list(ERROR_KINDS)]
+    tables = [_layout(group, records, kinds, printed) for kinds in every]
+    tables[0].head.extend(caveats(group))
     notes = [f"{seeds_words(max(record['seeds'] for record in records)).capitalize()}."]
-    if any(record["paper_te_percent"] is not None for record in records):
-        notes[0] += " Below ours, the paper's number."
     if len(group.sequences) > 1:
         mean = "Avg and mean, without 01" if group.kitti else "mean"
         notes.append(
             f"{mean}: each sequence counts the same; pooled: each sub-sequence does, as on KITTI's server."
         )
-    cells = {(record["sequence"], record["method"]): record for record in records}
+    tables[-1].notes.extend([*notes, *_comparison(group, "mesvo_f")])
+    return tables
+
+
+def _layout(group: Group, records: list[dict[str, Any]], kinds: list[str], printed: bool) -> ReportTable:
+    """A table of some kinds of error, each with the paper's number and the difference where asked for."""
+    several, removed = len(group.sequences) > 1, any(record["removed_share"] for record in records)
+    columns = ["method"]
+    for unit, _ in map(ERROR_KINDS.__getitem__, kinds):
+        columns += [f"{unit}, ours", "paper", "difference"] if printed else [unit]
     rows = []
-    for name in dict.fromkeys(record["sequence"] for record in records):
-        of_row = [cells.get((name, method), {}) for method in group.methods]
-        label = name.removeprefix(KITTI)
-        for kind, (unit, digits) in ERROR_KINDS.items():
-            rows.append([f"{label} {unit}", *(_cell(record, kind, digits) for record in of_row)])
-        shares = [record.get("removed_share") for record in of_row]
-        if any(shares):
-            removed = [NO_NUMBER if share is None else f"{100 * share:.1f}" for share in shares]
-            rows.append([f"{label} removed %", *removed])
-    names = [PRINTED_NAMES.get(method, method).replace(" ", "\n") for method in group.methods]
-    notes += _comparison(group, "mesvo_f")
-    return ReportTable(title, ["sequence", *names], rows, notes, caveats(group))
+    for record in records:
+        row = [f"{record['sequence'].removeprefix(KITTI)} " * several + record["method"]]
+        for kind in kinds:
+            ours, theirs, digits = record[kind], record[f"paper_{kind}"], ERROR_KINDS[kind][1]
+            row.append(plus_minus(ours, record[f"{kind}_std"]))
+            if printed:
+                row += ["", ""] if theirs is None else [number(theirs, digits), signed(ours - theirs, digits)]
+        if removed:
+            share = record["removed_share"]
+            row.append("" if share is None else f"{100 * share:.1f}")
+        rows.append(row)
+    name = "KITTI" if group.kitti else f"{len(group.sequences)} sequences"
+    title = f"{name if several else group.sequences[0]}, {VARIANT_WORDS[group.variant]}"
+    title += f", {columns[1].split()[0]}" if printed else ""
+    return ReportTable(
+        f"{title}: sub-sequences of {group.measure.words}", [*columns, *["removed %"] * removed], rows, []
+    )
 
 
-def _cell(record: dict[str, Any], kind: str, digits: int) -> str:
-    """Our mean ± deviation over the seeds; the paper's number in a line of its own."""
-    ours, printed = plus_minus(record.get(kind), record.get(f"{kind}_std")), record.get(f"paper_{kind}")
-    return ours if printed is None else f"{ours}\n{number(printed, digits)}"
+def printed_table(paper: PaperTable) -> ReportTable:
+    """The paper's Table 1 in its layout, with remarks."""
+    columns = [
+        f"{PRINTED_NAMES[method]} {kind}" for method in PAPER_METHODS for kind, _ in ERROR_KINDS.values()
+    ]
+    rows = []
+    for row in PAPER_ROWS:
+        pairs = [zip(paper.value(row, method), ERROR_KINDS.values(), strict=True) for method in PAPER_METHODS]
+        rows.append([row, *(number(value, digits) for pair in pairs for value, (_, digits) in pair)])
+    return ReportTable("The paper's Table 1, as printed", ["sequence", *columns], rows, list(REMARKS))
 
 
 def caveats(group: Group) -> list[str]:
@@ -109,8 +138,8 @@ def caveats(group: Group) -> list[str]:
     without = list(dict.fromkeys(e.sequence for e in group.entries.values() if not e.labels))
     if without and any(method in group.methods for method in BOX_METHODS):
         notes.append(
-            f"No vehicle boxes on {', '.join(without)}: Feature selection removes nothing there and equals "
-            "Solution selection. `--detector MODEL` finds boxes."
+            f"No vehicle boxes on {', '.join(without)}: feature_selection removes nothing there and equals "
+            "solution_selection. `--detector MODEL` finds boxes."
         )
     return notes
 
@@ -131,10 +160,10 @@ def _comparison(group: Group, other: str) -> list[str]:
         if np.isfinite(less) and less != 0.0:
             name, unit = kind.split(" ", 1)
             theirs = f", in the paper −{claim:g} %" if group.is_papers else ""
-            change = f"{-less:+.1f} %".replace("-", "−") + theirs
+            change = f"{signed(-less, 1)} %{theirs}"
             verb = "lowers" if less > 0 else "raises"
             parts.append(f"{verb} {name} from {number(before)} to {number(after)} {unit} ({change})")
     rows = [name for name in group.sequences if name != f"{KITTI}{LEFT_OUT}"]
-    where = rows[0] if len(rows) == 1 else f"mean of {len(rows)} sequences"
+    where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
     said = f"{PROPOSAL}, which removes the features in vehicle boxes, {' and '.join(parts)} against {other}"
     return [f"{where}, {VARIANT_WORDS[group.variant]}: {said}."] if parts else []
