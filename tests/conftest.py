@@ -72,7 +72,7 @@ def clips() -> Path:
 
 @pytest.fixture(scope="session")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    """`synthetic/traffic` in the user's cache folder, as the demo and the notebooks use it.
+    """`synthetic/traffic` in the user's cache folder, as the notebooks use it.
 
     Drawing it takes most of a minute: the first test process that asks does it, the others wait.
     """

@@ -19,7 +19,7 @@ def page(problems: tuple[str, ...] = ()) -> str:
         "<b>", ["a & b", "solution_selection <TE>"], [["kitti/07, <script> a_b", "1"]], ["1 < 2"]
     )
     pictures = [Picture(PNG, "a <caption>")] * 3
-    return render_report(["<said>"], [table], pictures, ["x"], problems, ["<11>"], printed=table)
+    return render_report(["<said>"], [table], [table], pictures, ["x"], problems)
 
 
 def test_text_is_escaped_and_a_long_name_may_break_at_its_underscores() -> None:
@@ -35,10 +35,10 @@ def test_the_page_begins_with_the_result_and_two_pictures_and_its_links_lead_to_
     text = page()
     first, second, third = (match.start() for match in re.finditer("<img", text))
     assert text.index("&lt;said&gt;") < first < second < text.index("<table") < third
-    assert text.index('<details id="printed">') < text.rindex("<table")
+    assert text.index('<details id="table2">') < text.rindex("<table")
     links = set(re.findall('href="#([^"]*)"', text))
-    assert links == set(re.findall(' id="([^"]*)"', text)) == {"table1", "printed", "more", "methods", "made"}
-    assert 'width="4" height="4"' in text
+    assert links == set(re.findall(' id="([^"]*)"', text)) == {"table1", "table2", "more", "methods", "made"}
+    assert text.count("flex: 4 1 2px") == 3
     assert date.today().isoformat() in text
 
 

@@ -9,9 +9,8 @@ from ..data.catalogue import DRAWING_PROCESSES
 from . import common, reproduce
 from .script import steps
 
-# Vehicles that move fill the images of this street: nothing else shows the gain so clearly.
-STREET = "synthetic/jam"
-OPTIONS = ["--sequences", STREET, "--variant", "published", "--lengths", "50", "--seeds", "2"]
+# Vehicles that move fill the images of this street, so that it shows the gain.
+OPTIONS = ["--sequences", "synthetic/jam", "--variant", "published", "--lengths", "50", "--seeds", "2"]
 NEXT_STEPS = {
     "vo lab": "the course: notebooks that build the method step by step",
     "vo reproduce --sequences synthetic/parked --seeds 1": "the table of a street with parked cars",
@@ -34,6 +33,6 @@ def _demo(options: argparse.Namespace) -> int:
     parser = argparse.ArgumentParser()
     reproduce.add(parser)
     words = [*OPTIONS, "--jobs", str(DRAWING_PROCESSES), "--out", options.out, "--fresh"]
-    line = shlex.join(["vo", "reproduce", *words])
+    line = f"vo reproduce {shlex.join(words)}"
     chosen = parser.parse_args(words, argparse.Namespace(line=line, cache=options.cache))
     return reproduce.reproduce(chosen, before="What next:" + steps(NEXT_STEPS), after=LIMIT)

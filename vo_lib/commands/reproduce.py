@@ -42,10 +42,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def reproduce(options: argparse.Namespace, before: str = "", after: str = "") -> int:
-    """Do the runs and write the table; the exit code, 1 where a run failed.
-
-    The last words are the result, between lines `before` and a sentence `after` it.
-    """
+    """Do the runs, write the table, say the result between two texts; the exit code, 1 where a run failed."""
     start, config = time.perf_counter(), None
     if options.config is not None:
         if options.methods is not None:

@@ -151,10 +151,9 @@ class Film:
         size = np.array(part.shape[1::-1])
         scale = float(((size - 50.0) / np.maximum(high - low, 1.0)).min())
         path, *truth = (scale * (each - (low + high) / 2) * [1.0, -1.0] + size / 2 for each in points)
-        for line in truth:
-            _draw_line(part, line, PALE, 1)
         _draw_line(part, path[: index + 1], PATH_COLOUR, 3)
         for line in truth:
+            _draw_line(part, line, PALE, 1)
             _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, 1)
         cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, PATH_COLOUR, -1, cv2.LINE_AA)
 

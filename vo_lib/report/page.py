@@ -91,11 +91,6 @@ class Picture:
         return int.from_bytes(self.data[16:20], "big")
 
     @property
-    def height(self) -> int:
-        """Pixels, as the header of a PNG has them."""
-        return int.from_bytes(self.data[20:24], "big")
-
-    @property
     def address(self) -> str:
         """The whole picture as an address of a page."""
         return f"data:image/png;base64,{base64.b64encode(self.data).decode('ascii')}"
@@ -112,16 +107,14 @@ def provenance() -> list[str]:
 def render_report(
     results: Sequence[str],
     tables: list[ReportTable],
+    folded: list[ReportTable],
     pictures: list[Picture],
     made: list[str],
     problems: Sequence[str] = (),
-    without_truth: Sequence[str] = (),
     films: Sequence[tuple[str, str]] = (),
-    printed: ReportTable | None = None,
 ) -> str:
-    """The report of Table 1 as HTML, every text in it escaped.
+    """The report as HTML, every text in it escaped: results, problems in a box, two pictures, then the rest.
 
-    The page begins with `results`, `problems` in a box and the first two pictures. `printed` is folded.
     `films` : relative addresses and captions; films stay beside the page.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -132,9 +125,8 @@ def render_report(
         results=results,
         problems=problems,
         tables=tables,
-        printed=printed,
+        folded=folded,
         pictures=pictures,
         made=[*made, *provenance(), date.today().isoformat()],
-        without_truth=without_truth,
         films=films,
     )

@@ -33,12 +33,11 @@ SMALL_PAGE = (4.8, 5.6)  # inches; the text is still read on a telephone
 TRUTH = "ground truth"
 # Okabe and Ito's colours, told apart by colour-blind readers too.
 CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-METHOD_COLOURS = dict(
-    zip((PROPOSAL, "solution_selection", "viso2", "mesvo_f", "moving_selection"), CYCLE, strict=False)
-)
-METHOD_MARKERS = dict(zip(METHOD_COLOURS, "D^sov", strict=True))
+STYLED = PROPOSAL, "solution_selection", "viso2", "mesvo_f", "moving_selection"
+METHOD_COLOURS = dict(zip(STYLED, CYCLE, strict=False))
+METHOD_MARKERS = dict(zip(STYLED, "D^sov", strict=True))
 TRUTH_COLOUR = "#222222"
-TRUTH_WIDTH, PROPOSAL_WIDTH = 0.9, 4.0  # points
+LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; others between
 
 
 def page(title: str = "", width: float = SMALL_PAGE[0], height: float = SMALL_PAGE[1]) -> Figure:
@@ -68,11 +67,9 @@ def styled(named: Mapping[str, Values]) -> Iterator[tuple[str, Values, dict[str,
 
     Lines get thinner from the first to the last: overlapping ones stay visible.
     """
-    ordered = sorted(named, key=lambda name: (name == TRUTH, name != PROPOSAL))
-    for number, name in enumerate(ordered):
-        colour, width = method_colour(name, number), 1.0 + 0.4 * (len(named) - 1 - number)
-        width = {TRUTH: TRUTH_WIDTH, PROPOSAL: PROPOSAL_WIDTH}.get(name, width)
-        yield name, named[name], {"color": colour, "linewidth": width, "label": name}
+    for number, name in enumerate(sorted(named, key=lambda name: (name == TRUTH, name != PROPOSAL))):
+        width = LINE_WIDTHS.get(name, 1.0 + 0.4 * (len(named) - 1 - number))
+        yield name, named[name], {"color": method_colour(name, number), "linewidth": width, "label": name}
 
 
 def label_axis(axis: Axes, x: str, y: str) -> None:
@@ -139,13 +136,12 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
             values = {n: errors[s, method][kind] for n, s in enumerate(sequences) if (s, method) in errors}
             at = [place + share * (k - (len(methods) - 1) / 2) for place in values]
             means, spreads = ([function(each) for each in values.values()] for function in (np.mean, np.std))
-            style = {"color": method_colour(method, k), "label": method, "ecolor": TRUTH_COLOUR}
-            bars = axis.bar(at, means, share, yerr=spreads, **style)
+            bars = axis.bar(at, means, share, yerr=spreads, color=method_colour(method, k), label=method)
             if len(sequences) == 1:
                 axis.bar_label(bars, fmt="%#.3g")
         label_axis(axis, "", label)
-        axis.set_axisbelow(True)
-        axis.margins(0.02, 0.12)
+        axis.set(axisbelow=True)
+        axis.margins(0.02, 0.12)  # room for the labels
     axes[0].set_xticks(range(len(sequences)), sequences)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure

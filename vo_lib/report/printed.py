@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..files import read_csv
 from ..geometry.types import Array
+from .page import ReportTable
 
 PAPER_METHODS = ("viso2", "mesvo_f", "solution_selection", "feature_selection")
 PRINTED_NAMES = dict(
@@ -72,10 +73,21 @@ def printed_gains(table: PaperTable, other: str) -> list[tuple[float | None, flo
 
 def read_paper_table() -> PaperTable:
     """The paper's table, from the kit's copy of it."""
-    (_, _), *rows = read_csv(Path(__file__).with_name("paper_table1.csv"))
     table = PaperTable({}, {})
-    for _, (name, *cells) in rows:
+    for name, *cells in _cells():
         numbers = [None if cell == "-" else float(cell) for cell in cells]
         for method, te, re in zip(PAPER_METHODS, numbers[::2], numbers[1::2], strict=True):
             table.te[name, method], table.re[name, method] = te, re
     return table
+
+
+def printed_table() -> ReportTable:
+    """The paper's table as printed, with remarks."""
+    columns = [f"{name} {kind}" for name in PRINTED_NAMES.values() for kind in ("TE %", "RE deg/100 m")]
+    return ReportTable("The paper's Table 1, as printed", ["sequence", *columns], _cells(), list(REMARKS))
+
+
+def _cells() -> list[list[str]]:
+    """The cells of the kit's copy of the paper's table, a row a list."""
+    (_, _), *rows = read_csv(Path(__file__).with_name("paper_table1.csv"))
+    return [cells for _, cells in rows]

@@ -27,8 +27,8 @@ from .entries import BENCHMARK_FRAMES, Entry, Group, group_entries, measure_runs
 from .film import FILM_ENDING
 from .page import Picture, markdown, records_csv, render_report
 from .plots import errors_figure, png, trajectories_figure
-from .printed import PaperTable
-from .table1 import VARIANT_WORDS, layout_tables, printed_table, table_records
+from .printed import PaperTable, printed_table
+from .table1 import VARIANT_WORDS, layout_tables, table_records
 
 FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
 TABLE_FILES = ("table1.md", "table1.csv", "report.html")
@@ -53,8 +53,12 @@ class Reproduction:
 
     @property
     def problems(self) -> list[str]:
-        """A sentence for the missing sequences and for each cause of failed runs."""
+        """Sentences on missing sequences, on those without truth, and on each cause of failed runs."""
         sentences = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
+        if bare := sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None}):
+            sentences.append(
+                f"No ground truth, so poses in the folder runs, but no errors: {', '.join(bare)}."
+            )
         for cause, (job, *others) in self.failed.items():
             sentences.append(f"Failed: {job}{f' and {len(others)} more' if others else ''}: {cause}")
         return sentences
@@ -134,14 +138,13 @@ def write_table_files(
     """Write `TABLE_FILES` and figures; `said` are the results in sentences, `made` command and duration."""
     groups = group_entries(result.entries)
     tables = [table for group in groups for table in layout_tables(group, paper)]
-    printed = printed_table(paper) if any(group.kitti for group in groups) else None
-    without_truth = sorted({name for (_, name), (truth, _) in result.paths.items() if truth is None})
+    printed = [printed_table()] if any(group.kitti for group in groups) else []
     pictures, films = _pictures(folder, result, groups), _films(folder, result)
+    sentences = "".join(f"{line}\n\n" for line in [*said, *result.problems])
     contents = (
-        "".join(f"{line}\n\n" for line in [*said, *result.problems])
-        + "\n".join(map(markdown, [*tables, *filter(None, [printed])])),
+        sentences + "\n".join(map(markdown, [*tables, *printed])),
         records_csv(table_records(groups, paper)),
-        render_report(said, tables, pictures, made, result.problems, without_truth, films, printed),
+        render_report(said, tables, printed, pictures, made, result.problems, films),
     )
     for name, content in zip(TABLE_FILES, contents, strict=True):
         write_atomic(folder / name, content)
@@ -152,10 +155,8 @@ def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[P
     pictures = []
     for variant in dict.fromkeys(variant for variant, _ in result.paths):
         words = VARIANT_WORDS[variant]
-        for group in (group for group in groups if group.variant == variant):
-            errors = {
-                key: entry.errors for key, entry in group.entries.items() if np.isfinite(entry.te).all()
-            }
+        for group in (each for each in groups if each.variant == variant):
+            errors = {key: e.errors for key, e in group.entries.items() if np.isfinite(e.te).all()}
             if errors:
                 figure = errors_figure(f"sub-sequences of {group.measure.words}", errors)
                 pictures.append(Picture(png(figure), f"Errors, a bar for each method; {words}."))
@@ -164,11 +165,10 @@ def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[P
         figures = {f"figure4_{variant}": figure_4} if figure_4 else {}
         figures |= {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in panels.items()}
         for file, shown in figures.items():
-            caption = f"{'Figure 4: ' if shown is figure_4 else ''}{' and '.join(shown)}, paths from above"
-            caption += " and their distance from the truth" * any(
-                truth is not None for truth, _ in shown.values()
+            caption = (
+                f"{'Figure 4: ' if shown is figure_4 else ''}{' and '.join(shown)}, paths from above and, "
             )
-            caption += f"; {words}, first seed."
+            caption += f"with truth, their distance from it; {words}, first seed."
             pictures.append(Picture(png(trajectories_figure(shown)), caption))
             write_atomic(folder / f"{file}.png", pictures[-1].data)
     return pictures

@@ -11,18 +11,7 @@ from ..evaluation.kitti import KITTI_MEASURE
 from ..geometry.types import Array
 from .entries import BENCHMARK_FRAMES, Entry, Group
 from .page import ReportTable, finite, mean_and_spread, number, plus_minus, seeds_words, signed
-from .printed import (
-    AVERAGE,
-    CLAIMS,
-    LEFT_OUT,
-    PAPER_METHODS,
-    PAPER_ROWS,
-    PRINTED_NAMES,
-    PROPOSAL,
-    REMARKS,
-    PaperTable,
-    gain,
-)
+from .printed import AVERAGE, CLAIMS, LEFT_OUT, PROPOSAL, PaperTable, gain
 
 VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
 # Names of TE and RE in records, in tables, and the digits that the paper prints.
@@ -72,57 +61,41 @@ def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]
 
 def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
     """The records of a group, a row each: one table or, with the paper's numbers, one of TE and one of RE."""
-    records = _records(group, paper)
+    records, several = _records(group, paper), len(group.sequences) > 1
     printed = any(record["paper_te_percent"] is not None for record in records)
-    every = [[kind] for kind in ERROR_KINDS] if printed else [list(ERROR_KINDS)]
-    tables = [_layout(group, records, kinds, printed) for kinds in every]
+    name = "KITTI" if group.kitti else f"{len(group.sequences)} sequences"
+    title = f"{name if several else group.sequences[0]}, {VARIANT_WORDS[group.variant]}"
+    tables = []
+    for kinds in [[kind] for kind in ERROR_KINDS] if printed else [list(ERROR_KINDS)]:
+        units = [ERROR_KINDS[kind][0] for kind in kinds]
+        columns = [
+            "method",
+            *([f"{units[0]}, ours", "paper", "difference"] if printed else units),
+            "removed %",
+        ]
+        rows = [
+            [
+                f"{record['sequence'].removeprefix(KITTI)} " * several + record["method"],
+                *(cell for kind in kinds for cell in _cells(record, kind)[: 3 if printed else 1]),
+                "" if record["removed_share"] is None else f"{100 * record['removed_share']:.1f}",
+            ]
+            for record in records
+        ]
+        what = f"{title}, {units[0].split()[0]}" if printed else title
+        tables.append(ReportTable(f"{what}: sub-sequences of {group.measure.words}", columns, rows, []))
     tables[0].head.extend(caveats(group))
     notes = [f"{seeds_words(max(record['seeds'] for record in records)).capitalize()}."]
-    if len(group.sequences) > 1:
-        mean = "Avg and mean, without 01" if group.kitti else "mean"
-        notes.append(
-            f"{mean}: each sequence counts the same; pooled: each sub-sequence does, as on KITTI's server."
-        )
-    tables[-1].notes.extend([*notes, *_comparison(group, "mesvo_f")])
+    mean = "Avg and mean, without 01" if group.kitti else "mean"
+    weights = f"{mean}: each sequence counts the same; pooled: each sub-sequence does, as on KITTI's server."
+    tables[-1].notes.extend([*notes, *[weights] * several, *_comparison(group, "mesvo_f")])
     return tables
 
 
-def _layout(group: Group, records: list[dict[str, Any]], kinds: list[str], printed: bool) -> ReportTable:
-    """A table of some kinds of error, each with the paper's number and the difference where asked for."""
-    several, removed = len(group.sequences) > 1, any(record["removed_share"] for record in records)
-    columns = ["method"]
-    for unit, _ in map(ERROR_KINDS.__getitem__, kinds):
-        columns += [f"{unit}, ours", "paper", "difference"] if printed else [unit]
-    rows = []
-    for record in records:
-        row = [f"{record['sequence'].removeprefix(KITTI)} " * several + record["method"]]
-        for kind in kinds:
-            ours, theirs, digits = record[kind], record[f"paper_{kind}"], ERROR_KINDS[kind][1]
-            row.append(plus_minus(ours, record[f"{kind}_std"]))
-            if printed:
-                row += ["", ""] if theirs is None else [number(theirs, digits), signed(ours - theirs, digits)]
-        if removed:
-            share = record["removed_share"]
-            row.append("" if share is None else f"{100 * share:.1f}")
-        rows.append(row)
-    name = "KITTI" if group.kitti else f"{len(group.sequences)} sequences"
-    title = f"{name if several else group.sequences[0]}, {VARIANT_WORDS[group.variant]}"
-    title += f", {columns[1].split()[0]}" if printed else ""
-    return ReportTable(
-        f"{title}: sub-sequences of {group.measure.words}", [*columns, *["removed %"] * removed], rows, []
-    )
-
-
-def printed_table(paper: PaperTable) -> ReportTable:
-    """The paper's Table 1 in its layout, with remarks."""
-    columns = [
-        f"{PRINTED_NAMES[method]} {kind}" for method in PAPER_METHODS for kind, _ in ERROR_KINDS.values()
-    ]
-    rows = []
-    for row in PAPER_ROWS:
-        pairs = [zip(paper.value(row, method), ERROR_KINDS.values(), strict=True) for method in PAPER_METHODS]
-        rows.append([row, *(number(value, digits) for pair in pairs for value, (_, digits) in pair)])
-    return ReportTable("The paper's Table 1, as printed", ["sequence", *columns], rows, list(REMARKS))
+def _cells(record: dict[str, Any], kind: str) -> list[str]:
+    """Our mean ± deviation over the seeds, the paper's number, the difference."""
+    ours, printed, digits = record[kind], record[f"paper_{kind}"], ERROR_KINDS[kind][1]
+    theirs = ["", ""] if printed is None else [number(printed, digits), signed(ours - printed, digits)]
+    return [plus_minus(ours, record[f"{kind}_std"]), *theirs]
 
 
 def caveats(group: Group) -> list[str]:
@@ -151,16 +124,12 @@ def results(groups: list[Group]) -> list[str]:
 
 def _comparison(group: Group, other: str) -> list[str]:
     """A sentence on the mean errors of the proposal and of another method; none where they are equal."""
-    parts = []
-    for (kind, _), claim, *errors in zip(
-        ERROR_KINDS.values(), CLAIMS[other], group.mean(other), group.mean(PROPOSAL), strict=True
-    ):
+    parts, means = [], (group.mean(other), group.mean(PROPOSAL))
+    for (kind, _), claim, *errors in zip(ERROR_KINDS.values(), CLAIMS[other], *means, strict=True):
         before, after = (mean_and_spread(values)[0] for values in errors)
-        less = float(gain(before, after))
+        less, (name, unit) = float(gain(before, after)), kind.split(" ", 1)
         if np.isfinite(less) and less != 0.0:
-            name, unit = kind.split(" ", 1)
-            theirs = f", in the paper −{claim:g} %" if group.is_papers else ""
-            change = f"{signed(-less, 1)} %{theirs}"
+            change = f"{signed(-less, 1)} %" + (f", in the paper −{claim:g} %" if group.is_papers else "")
             verb = "lowers" if less > 0 else "raises"
             parts.append(f"{verb} {name} from {number(before)} to {number(after)} {unit} ({change})")
     rows = [name for name in group.sequences if name != f"{KITTI}{LEFT_OUT}"]
