@@ -77,9 +77,6 @@ class KitFilterConfig(FilterConfig):
 class KitSelectionConfig(SelectionConfig):
     """Refinement of the winner, and when the prior is dropped (chapter 3)."""
 
-    threshold: float = setting(
-        1.0, "a match is an inlier below this Sampson distance", unit="px", low=0.05, high=10
-    )
     mode: str = setting(
         "refined", "take the winner as it is, or refine it on its inliers", choices=("literal", "refined")
     )
