@@ -25,7 +25,7 @@ NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.i
 OPEN_KITTI = [path for path in NOTEBOOKS if re.search(r"available\(|clip\(|kitti/", path.read_text("utf-8"))]
 CASES = [("", path) for path in NOTEBOOKS] + [(str(CLIPS), path) for path in OPEN_KITTI if CLIPS.is_dir()]
 TOKEN = "notebooks-under-test"
-LONG = 180_000.0  # milliseconds that one step may take; a safeguard
+LONG = 600_000.0  # milliseconds that one step may take; a safeguard
 SELDOM = 200.0  # milliseconds between looks at a page; by default it is looked at, and drawn, at every tick
 SETTINGS = {
     # The page draws every cell, not only those in view.
