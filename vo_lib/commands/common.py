@@ -172,7 +172,7 @@ def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> None:
     if names := ", ".join(dict.fromkeys(without)):
         tell(
             f"warning: no vehicle boxes on {names}: no feature is removed there, so that the method is "
-            "Solution selection. `--detector street` finds boxes on drawn streets, a model of `vo data "
+            "solution_selection. `--detector street` finds boxes on drawn streets, a model of `vo data "
             "get_detector` on real images; label files are read from labels/ in the folder of the sequence."
         )
 

@@ -102,7 +102,7 @@ def comparable(entries: list[Entry]) -> bool:
 def without_boxes(entries: list[Entry]) -> list[str]:
     """What has to be said below errors of sequences that had no boxes."""
     bare = all(not entry.labels and entry.removed_share == 0 for entry in entries)
-    return ["No boxes: nothing was removed, so Feature selection is Solution selection here."] if bare else []
+    return ["No boxes: nothing was removed, so feature_selection is solution_selection here."] if bare else []
 
 
 def row_table(sequence: str, errors: Mapping[str, Sequence[float]], notes: list[str]) -> ReportTable:
