@@ -27,7 +27,7 @@ DEFAULT_RATIO = KitSelectionConfig().prior_rejection_ratio
 
 
 def test_rotation_noise_of_clean_tracks_is_as_small_as_promised() -> None:
-    """Over 300 frames: refined 0.011°, literal 0.036° ± 0.001°; noise of 0.3 px asks for a threshold of 1 px."""
+    """Over 300 frames: refined 0.011°, literal 0.036° ± 0.001°. Noise of 0.3 px asks for 1 px."""
     modes = {mode: KitSelectionConfig(mode=mode, threshold=1.0) for mode in ("literal", "refined")}
     found = medians(Scene(TRACKS), modes, 30, 3)
     assert found["refined"] <= 0.012
