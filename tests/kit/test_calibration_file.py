@@ -44,6 +44,14 @@ def test_a_file_gives_back_every_bit(learnt: Calibration, tmp_path: Path) -> Non
     assert again.to_json() == learnt.to_json()
 
 
+def test_rounding_of_a_tiny_covariance_is_no_asymmetry(learnt: Calibration, tmp_path: Path) -> None:
+    """A long drive leaves entries near zero, which differ from their mirror images by rounding."""
+    learnt.covariance[0, 1], learnt.covariance[1, 0] = 1e-15, -1e-15
+    path = tmp_path / "calibration.json"
+    path.write_text(learnt.to_json(), encoding="utf-8")
+    assert read_learnt_calibration(path).to_json() == learnt.to_json()
+
+
 DAMAGES: dict[str, Callable[[dict[str, Any]], object]] = {
     "a coefficient too few": lambda d: d["errors"].popitem(),
     "one that is not symmetric": lambda d: d["covariance"][0].__setitem__(1, 7.0),

@@ -89,7 +89,7 @@ def read_learnt_calibration(path: Path) -> Calibration:
         camera = StereoCamera(**data["camera"])
         estimate = np.array([data["errors"][name] for name in ERROR_NAMES], np.float64)
         covariance = np.array(data["covariance"], np.float64).reshape(ERROR_COUNT, ERROR_COUNT)
-        symmetric = np.allclose(covariance, covariance.T, rtol=1e-9, atol=0.0)
+        symmetric = np.allclose(covariance, covariance.T, rtol=1e-9, atol=1e-9 * np.abs(covariance).max())
         finite = np.isfinite(estimate).all() and np.isfinite(covariance).all()
         if min(camera.f, camera.baseline, *camera.size) <= 0 or not (symmetric and finite):
             raise ValueError
