@@ -28,7 +28,7 @@ def tables(path: Path) -> list[dict[str, dict[str, str]]]:
     ]
 
 
-README, MEASURED = tables(ROOT / "README.md")[0], tables(ROOT / "notebooks" / "real_traffic.md")[0]
+README, MEASURED = tables(ROOT / "README.md")[0], tables(ROOT / "notebooks" / "real_traffic.md")
 ROWS = dict(zip(README, ("kitti/drive_0013, 50 m, axes removed", "synthetic/jam, 50 m"), strict=True))
 
 
@@ -40,15 +40,13 @@ def require_rounded(quoted: Iterable[str], exact: Iterable[float | str]) -> None
 
 
 @pytest.mark.parametrize("row", ROWS)
-@pytest.mark.parametrize(
-    "column", ["`solution_selection`: all features", "`feature_selection`: boxes removed"]
-)
-def test_the_readme_quotes_the_claim_as_measured(row: str, column: str) -> None:
-    measured = MEASURED[ROWS[row]][column.split("`")[1]]
+@pytest.mark.parametrize("variant", ["published", "kit"])
+@pytest.mark.parametrize("method", ["solution_selection", "feature_selection"])
+def test_the_readme_quotes_the_claim_as_measured(row: str, variant: str, method: str) -> None:
+    measured = MEASURED[("published", "kit").index(variant)][ROWS[row]][method]
     # TE and RE, each with its deviation behind it.
-    require_rounded(
-        README[row][column].split(" / "), [re.findall(NUMBER, x)[0] for x in measured.split(" / ")]
-    )
+    exact = [re.findall(NUMBER, part)[0] for part in measured.split(" / ")]
+    require_rounded(README[row][f"{variant}, `{method}`"].split(" / "), exact)
 
 
 def choices() -> list[dict[str, str]]:
@@ -82,8 +80,9 @@ def test_the_choice_of_rows_in_pixels_quotes_what_was_measured() -> None:
     }
     says = f"the steps of the clip of 01 are {plain + longer:.1f} % too long and not {plain:.1f}, its TE is "
     says += f"{worse['kitti/01']:.0f} % larger, and that of the drawn `jam` {worse['synthetic/jam']:.0f} %"
-    assert f"{says}, with the same RE." in pages("paper_and_code.md")
-    assert {row["re"] for (_, alternative), row in rows.items() if alternative == "metres"} <= {"0.0000", ""}
+    assert f"{says}, with nearly the same RE." in pages("paper_and_code.md")
+    change = [row["re"] for (_, alternative), row in rows.items() if alternative == "metres"]
+    assert max(abs(float(number or 0.0)) for number in change) < 0.1
 
 
 def test_each_run_sheet_has_ninety_minutes_and_exercises_that_there_are() -> None:
