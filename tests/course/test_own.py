@@ -62,7 +62,7 @@ def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
         (hands_over, "hands the work to `run`"),
         (lambda sequence, *_, seed: sequence.truth[:, :3], "TypeError"),  # there is none to peek at
         (lambda *_, seed: published[str(seed)].poses[1:], "gave back no path"),
-        (lambda *_, seed: published[str(seed)].poses, "not yet a quarter"),
+        (lambda *_, seed: published[str(seed)].poses, "not yet half"),
     ):
         assert words in ch08.better(answer, part).message
 
