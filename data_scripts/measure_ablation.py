@@ -23,7 +23,7 @@ import loky
 import numpy as np
 
 from measure.ablation import COLUMNS, IDEAS, KEY, WHOLE, Idea, table
-from measure.axes import fit_axes
+from measure.axes import is_raw_drive, te_and_re
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
@@ -31,7 +31,7 @@ from vo_lib.commands.scripts import run_script
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors, trajectory_distances
+from vo_lib.evaluation.kitti import SHORT_MEASURE, trajectory_distances
 from vo_lib.files import csv_text, read_csv, write_atomic
 from vo_lib.geometry.types import Array
 from vo_lib.report.page import markdown
@@ -41,7 +41,6 @@ from vo_lib.runs.matches import CachedMatches
 
 SEEDS = range(5)
 DRAWN_FRAMES = 100  # of a drawn scene, the first ones; all would take a night
-TURNED = "drive_0013"  # its truth is turned by 0.64 degrees against the camera
 
 
 def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
@@ -72,13 +71,10 @@ def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
 
 def figures(run: Run) -> tuple[float, float, float]:
     """TE, RE and how much longer the path is than the truth's, %."""
-    truth, (lengths, step) = run.sequence.truth, vars(SHORT_MEASURE).values()
-    assert truth is not None
-    errors = kitti_errors(truth, run.poses, lengths, step)
-    turned = run.sequence.name.endswith(TURNED)
-    te = fit_axes(truth, run.poses, lengths, step).kitti.te if turned else errors.te
-    true, length = (trajectory_distances(T)[-1] for T in (truth, run.poses))
-    return te or np.nan, errors.re or np.nan, 100.0 * (length / true - 1.0)
+    assert run.sequence.truth is not None
+    te, re = te_and_re(run.sequence, run.poses, SHORT_MEASURE, is_raw_drive(run.sequence))
+    true, length = (trajectory_distances(T)[-1] for T in (run.sequence.truth, run.poses))
+    return te, re, 100.0 * (length / true - 1.0)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -20,7 +20,7 @@ from unittest.mock import patch
 import loky
 import numpy as np
 
-from measure.axes import fit_axes
+from measure.axes import te_and_re
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
@@ -28,13 +28,13 @@ from vo_lib.commands.scripts import run_script
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import Measure, kitti_errors, suitable_measure, trajectory_distances
+from vo_lib.evaluation.kitti import Measure, suitable_measure, trajectory_distances
 from vo_lib.files import csv_text, write_atomic
 from vo_lib.geometry.motion import essential_vector
 from vo_lib.geometry.types import Array
 from vo_lib.paper.boxes import in_boxes
 from vo_lib.paper.matching import finish
-from vo_lib.paper.selection import nearest_to_prior, truncated_errors
+from vo_lib.paper.selection import competing, truncated_errors
 from vo_lib.paper.translation import (
     SOLVING_ROUNDS,
     PairBefore,
@@ -87,11 +87,9 @@ def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
 
 def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> int:
     """As `Odometry.select`; the winner becomes the principal vector of the best tenth of all sets' best."""
-    config = odometry.config.selection
     errors = truncated_errors(E, x_p, x_c, odometry.threshold)
-    if odometry.e_prev is not None:
-        near = nearest_to_prior(E, set_index, odometry.e_prev, config.keep)
-        errors = np.where(near, errors, np.inf)
+    compete = competing(E, set_index, odometry.e_prev, odometry.config.selection)
+    errors = np.where(compete, errors, np.inf)
     order = np.argsort(errors, kind="stable")
     _, first = np.unique(set_index[order], return_index=True)
     best = order[np.sort(first)[: max(len(first) // 10, 1)]]
@@ -145,18 +143,9 @@ def measured(sequence: Sequence, name: str, value: Any, cache: Any) -> Array:
     errors = np.full((5, 2), np.nan)
     if sequence.truth is not None:
         measure = Measure((LENGTH_M,), 1) if name == ABSOLUTE else suitable_measure(sequence.truth)
-        errors = np.array([_errors(sequence, run.poses, measure) for run in runs])
+        turned = not sequence.name.startswith(SYNTHETIC)
+        errors = np.array([te_and_re(sequence, run.poses, measure, turned) for run in runs])
     return np.column_stack([errors, [trajectory_distances(run.poses)[-1] for run in runs]])
-
-
-def _errors(sequence: Sequence, poses: Array, measure: Measure) -> tuple[float, float]:
-    """TE and RE of a path; TE with the truth's axes turned where the truth is a real drive's."""
-    assert sequence.truth is not None
-    plain = kitti_errors(sequence.truth, poses, measure.lengths, measure.step)
-    if sequence.name.startswith(SYNTHETIC):
-        return plain.te or 0.0, plain.re or 0.0
-    turned = fit_axes(sequence.truth, poses, measure.lengths, measure.step).kitti
-    return turned.te or 0.0, plain.re or 0.0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence as Items
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, KittiErrors, kitti_errors
+from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, KittiErrors, Measure, kitti_errors
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
@@ -41,7 +42,7 @@ def turn_axes(poses: Array, C: Array) -> Array:
 
 
 def fit_axes(
-    truth: Array, estimate: Array, lengths: Sequence[float] = KITTI_LENGTHS, step: int = KITTI_STEP
+    truth: Array, estimate: Array, lengths: Items[float] = KITTI_LENGTHS, step: int = KITTI_STEP
 ) -> TurnedErrors:
     """Errors with the pitch and yaw, at most `MAX_ANGLE_DEG`, that make TE least; 0° without sub-sequences.
 
@@ -64,3 +65,17 @@ def fit_axes(
     turned = turn_axes(estimate, axes_rotation(best))
     pitch, yaw = best.tolist()
     return TurnedErrors(pitch, yaw, kitti_errors(truth, turned, lengths, step))
+
+
+def is_raw_drive(sequence: Sequence) -> bool:
+    """Whether the truth is that of KITTI's raw data, from the GPS/INS, whose axes are turned."""
+    return sequence.name.rpartition("/")[2].startswith("drive_")
+
+
+def te_and_re(sequence: Sequence, poses: Array, measure: Measure, turned: bool) -> tuple[float, float]:
+    """TE in % and RE in deg/100 m of a path; TE with the truth's axes `turned` to fit; NaN without either."""
+    assert sequence.truth is not None
+    errors = kitti_errors(sequence.truth, poses, measure.lengths, measure.step)
+    of_te = fit_axes(sequence.truth, poses, measure.lengths, measure.step).kitti if turned else errors
+    te, re = (np.nan if value is None else value for value in (of_te.te, errors.re))
+    return te, re

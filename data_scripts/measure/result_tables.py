@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from measure.axes import TurnedErrors, fit_axes
+from measure.axes import fit_axes, is_raw_drive, te_and_re
 from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -19,7 +19,6 @@ from vo_lib.evaluation.kitti import (
     suitable_measure,
     trajectory_distances,
 )
-from vo_lib.report.entries import measure_runs
 from vo_lib.report.page import ReportTable
 from vo_lib.report.reproduce import slug
 from vo_lib.report.table1 import VARIANT_WORDS
@@ -40,8 +39,6 @@ OTHERS: dict[tuple[str, tuple[float, ...]], tuple[str, str]] = {
     ("kitti/00", (100.0,)): ("1.44 / 1.17", "1.41 / 1.64"),
     ("kitti/01", (20.0,)): ("7.84 / 2.70", "5.47 / 2.54"),
 }
-# Drives of KITTI raw: their truth is that of the GPS/INS, turned against the camera.
-RAW_DRIVE = "/drive_"
 Key = tuple[str, str, str]  # sequence, variant, method or "method rule"
 
 
@@ -74,25 +71,17 @@ def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
     if whole:
         return [(sequence.name, KITTI_MEASURE)]
     lengths = [L for L in SHORT_LENGTHS if len(kitti_errors(sequence.truth, sequence.truth, [L], 1))]
-    axes = ", axes removed" if RAW_DRIVE in sequence.name else ""
+    axes = ", axes removed" if is_raw_drive(sequence) else ""
     return [(f"{sequence.name}, {length:g} m{axes}", Measure((length,), 1)) for length in lengths]
 
 
 def _cell(runs: list[Run], measure: Measure) -> str:
     """TE / RE, mean ± deviation over the seeds."""
-    entry = measure_runs("", runs, measure)
-    te = entry.te
-    if RAW_DRIVE in runs[0].sequence.name:
-        te = np.array([_fit_axes(run, measure).kitti.te or np.nan for run in runs])
-    if not np.isfinite(te).all():
+    turned = is_raw_drive(runs[0].sequence)
+    errors = np.array([te_and_re(run.sequence, run.poses, measure, turned) for run in runs])
+    if not np.isfinite(errors).all():
         return "–"
-    return " / ".join(f"{v.mean():.3f} ± {v.std():.3f}" for v in (te, entry.re))
-
-
-def _fit_axes(run: Run, measure: Measure) -> TurnedErrors:
-    """Errors of a run with the axes of the truth turned to fit."""
-    assert run.sequence.truth is not None
-    return fit_axes(run.sequence.truth, run.poses, measure.lengths, measure.step)
+    return " / ".join(f"{v.mean():.3f} ± {v.std():.3f}" for v in errors.T)
 
 
 def systems(sequences: list[Sequence], runs: dict[Key, list[Run]], variant: str) -> ReportTable:
@@ -158,7 +147,7 @@ def _turned(sequence: Sequence, runs: list[Run], measure: Measure) -> str:
     """TE of the first seed with the axes turned, and by how much; drawn scenes have the true axes."""
     if sequence.name.startswith(SYNTHETIC) or sequence.truth is None:
         return "–"
-    turned = _fit_axes(runs[0], measure)
+    turned = fit_axes(sequence.truth, runs[0].poses, measure.lengths, measure.step)
     return f"{turned.kitti.te:.3f}\n({turned.pitch:+.2f}°, {turned.yaw:+.2f}°)"
 
 

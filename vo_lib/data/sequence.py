@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 from ..errors import DataError
 from ..geometry.boxes import Boxes, no_boxes
 from ..geometry.camera import StereoCamera
-from ..geometry.types import Array, BoolArray, Image
+from ..geometry.types import Array, Image
 from .kitti import list_frames, read_calibration, read_image, read_times
 from .labels import read_labels
 from .poses import read_kitti_poses
@@ -68,12 +70,10 @@ class Sequence:
             return [] if self.masks is None else [self.masks]
         return [self.masks / f"{frame}.png" for frame in self.frames]
 
-    def masked(self, index: int, uv: Array) -> BoolArray:
-        """Which left pixels (N, 2) of a frame its mask covers; raises as `stereo`. (N,)"""
-        files = self.mask_files()
-        if not files:
-            return np.zeros(len(uv), np.bool_)
-        return np.asarray(at_pixels(self._image(files[min(index, len(files) - 1)]), uv) != 0)
+    def mask_images(self) -> Iterator[Image]:
+        """The mask of each frame, endless where one serves all; none without masks. Raises as `stereo`."""
+        images = map(self._image, self.mask_files())
+        return images if self.masks is None or self.masks.is_dir() else repeat(next(images))
 
     def boxes(self, index: int) -> Boxes:
         """Labelled boxes of a frame's left image; none where there is no label file."""

@@ -12,7 +12,7 @@ import numpy as np
 from ..geometry.motion import DEVIATION_OVER_MEDIAN, essential_from_motion
 from ..geometry.types import Array, BoolArray, Index
 from ..paper.sampson import MatchTerms, candidate_terms, match_terms, squared_distances
-from ..paper.selection import MEASURES, nearest_to_prior, resolve_by_depth
+from ..paper.selection import MEASURES, competing, resolve_by_depth
 from .refinement import refine
 from .settings import KitSelectionConfig
 
@@ -52,9 +52,7 @@ def choose(
     best of all by more than `config.prior_rejection_ratio`. So it is in a sharp turn, and after a wrong
     vector.
     """
-    kept = np.ones(len(E), np.bool_)
-    if config.prior and e_prev is not None:
-        kept = nearest_to_prior(E, set_index, e_prev, config.keep)
+    kept = competing(E, set_index, e_prev, config)
     errors = MEASURES[config.winner](E, x_p, x_c, config.threshold / focal)
     winner = int(np.argmin(errors))
     choice = int(np.argmin(np.where(kept, errors, np.inf)))

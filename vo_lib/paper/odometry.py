@@ -16,7 +16,7 @@ from ..geometry.types import Array, BoolArray, Index
 from .boxes import on_vehicles
 from .buckets import select_by_bucket
 from .five_point import five_point
-from .selection import MEASURES, draw_sets, nearest_to_prior, resolve_by_depth, sampson_inliers
+from .selection import MEASURES, competing, draw_sets, resolve_by_depth, sampson_inliers
 from .settings import MethodConfig, TranslationConfig
 from .translation import PairBefore, solve_translation
 
@@ -106,10 +106,8 @@ class Odometry:
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
         """Step 4 (section 2.2): the best of the candidates that are near the previous frame's E."""
         errors = MEASURES[self.config.selection.winner](E, x_p, x_c, self.threshold)
-        if self.config.selection.prior and self.e_prev is not None:
-            near = nearest_to_prior(E, set_index, self.e_prev, self.config.selection.keep)
-            errors = np.where(near, errors, np.inf)
-        return int(np.argmin(errors))
+        compete = competing(E, set_index, self.e_prev, self.config.selection)
+        return int(np.argmin(np.where(compete, errors, np.inf)))
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
         """Step 5 (section 2.1): of the four motions of the winner E the one that agrees with stereo depth."""

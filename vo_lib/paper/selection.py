@@ -12,6 +12,7 @@ import numpy as np
 from ..geometry.motion import decompose_essential, essential_angle, essential_vector
 from ..geometry.types import Array, BoolArray, Index
 from .sampson import candidate_terms, match_terms, sampson_distance, squared_distances
+from .settings import SelectionConfig
 
 
 def draw_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
@@ -74,6 +75,13 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Bo
     kept = np.zeros(len(order), np.bool_)
     kept[order[rank < keep]] = True
     return kept
+
+
+def competing(E: Array, set_index: Index, e_prev: Array | None, config: SelectionConfig) -> BoolArray:
+    """Which candidates (M,) may win: those near the previous vector; all of them without one, or no prior."""
+    if not config.prior or e_prev is None:
+        return np.ones(len(E), np.bool_)
+    return nearest_to_prior(E, set_index, e_prev, config.keep)
 
 
 def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:

@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..data.sequence import Sequence
+from ..data.sequence import Sequence, at_pixels
 from ..geometry.boxes import Boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.motion import inverse, nearest_rotation
 from ..geometry.result import FrameResult
-from ..geometry.types import Array, BoolArray, Progress
+from ..geometry.types import Array, BoolArray, Image, Progress
 from ..paper.odometry import Odometry
 from ..paper.settings import MethodConfig
 from ..paper.viso2 import Viso2
@@ -124,10 +124,15 @@ def make_odometry(
 
 def unmasked(sequence: Sequence, frames: Iterable[TimedMatches]) -> Iterator[TimedMatches]:
     """The matches of each frame that the sequence's masks leave, those of the frame before and of its own."""
-    for index, (matches, ms) in enumerate(frames):
-        if index and sequence.masks is not None:
-            covered = sequence.masked(index - 1, matches.prev_left) | sequence.masked(index, matches.cur_left)
-            matches = matches[~covered]
+    if sequence.masks is None:
+        yield from frames
+        return
+    before: Image | None = None
+    for (matches, ms), mask in zip(frames, sequence.mask_images(), strict=False):
+        if before is not None:
+            covered = at_pixels(before, matches.prev_left) | at_pixels(mask, matches.cur_left)
+            matches = matches[covered == 0]
+        before = mask
         yield matches, ms
 
 

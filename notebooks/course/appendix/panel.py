@@ -113,8 +113,9 @@ def third_frame(
     """
     shares: dict[str, list[float]] = {"two frames": [], "three frames": []}
     before: dict[str, PairBefore | None] = dict.fromkeys(shares)
+    known = Rig(camera, CalibrationConfig())
     for frame in tracks:
-        matches, R_cp = Rig(camera, CalibrationConfig()).correct(frame.matches, -true), frame.T_cp[:3, :3]
+        matches, R_cp = known.correct(frame.matches, -true), frame.T_cp[:3, :3]
         for name in shares:
             solved = solve_translation(camera, matches, R_cp, config, before[name])
             assert solved is not None
