@@ -55,6 +55,7 @@ def test_rounding_of_a_tiny_covariance_is_no_asymmetry(learnt: Calibration, tmp_
 DAMAGES: dict[str, Callable[[dict[str, Any]], object]] = {
     "a coefficient too few": lambda d: d["errors"].popitem(),
     "one that is not symmetric": lambda d: d["covariance"][0].__setitem__(1, 7.0),
+    "one that is infinite": lambda d: d["covariance"][0].__setitem__(0, float("inf")),
     "one that is not positive": lambda d: d["covariance"].__setitem__(
         slice(None), [[0.0] * ERROR_COUNT] * ERROR_COUNT
     ),

@@ -89,9 +89,11 @@ def read_learnt_calibration(path: Path) -> Calibration:
         camera = StereoCamera(**data["camera"])
         estimate = np.array([data["errors"][name] for name in ERROR_NAMES], np.float64)
         covariance = np.array(data["covariance"], np.float64).reshape(ERROR_COUNT, ERROR_COUNT)
-        symmetric = np.allclose(covariance, covariance.T, rtol=1e-9, atol=1e-9 * np.abs(covariance).max())
-        finite = np.isfinite(estimate).all() and np.isfinite(covariance).all()
-        if min(camera.f, camera.baseline, *camera.size) <= 0 or not (symmetric and finite):
+        scale = np.abs(covariance).max()
+        if not np.isfinite([*estimate, scale]).all():
+            raise ValueError
+        positive = min(camera.f, camera.baseline, *camera.size, scale) > 0
+        if not positive or not np.allclose(covariance / scale, covariance.T / scale, rtol=0.0, atol=1e-9):
             raise ValueError
         np.linalg.cholesky(covariance)  # raises unless it is positive definite
         corners = camera.normalise(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) * camera.size).T
