@@ -86,7 +86,7 @@ def test_a_run_writes_its_files(bands: Path, done: Callable[..., str], variant: 
     assert str(out) in printed
     if variant == "kit":
         learnt = read_learnt_calibration(out / "calibration.json").in_words(config.calibration)
-        assert f"errors of the calibration {learnt}" in re.sub(r"[│\s]+", " ", printed)
+        assert f"errors of the calibration (± one σ) {learnt}" in re.sub(r"[│\s]+", " ", printed)
 
 
 def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path, done: Callable[..., str]) -> None:

@@ -96,13 +96,18 @@ def test_on_another_drive_the_shift_alone_is_less_certain(learnt: Calibration) -
     ("wrong", "words"),
     [
         (errors(d_1=0.04, r_1=-0.04), "none that needs correction"),
-        (errors(**{"d_x²": -1.0, "d_y²": 1.0}), "disparities are off by -0.5 to +0.0 px"),
-        (errors(r_xy=-5.0), "rows are off by -0.8 to +0.8 px"),
-        (errors(p1=1.2, k1=-12.0), "lens: p1 +1.2 px; lens: k1 -12.0 px"),
+        (errors(**{"d_x²": -1.0, "d_y²": 1.0}), "disparities are off by -0.5 to +0.0 ±0.01 px"),
+        (errors(r_xy=-5.0), "rows are off by -0.8 to +0.8 ±0.01 px"),
+        (errors(p1=1.2, k1=-12.0), "lens: p1 +1.2 ±0.0 px; lens: k1 -12.0 ±0.0 px"),
     ],
 )
 def test_errors_as_a_sentence(wrong: Array, words: str) -> None:
-    assert describe_errors(wrong, CAMERA) == words
+    assert describe_errors(wrong, 1e-4 * np.eye(ERROR_COUNT), CAMERA) == words
+
+
+def test_an_error_below_two_standard_deviations_is_not_said() -> None:
+    assert "p1" in describe_errors(errors(p1=1.2), 0.3 * np.eye(ERROR_COUNT), CAMERA)
+    assert "p1" not in describe_errors(errors(p1=1.0), 0.3 * np.eye(ERROR_COUNT), CAMERA)
 
 
 def test_what_is_too_uncertain_is_neither_said_nor_used(learnt: Calibration) -> None:

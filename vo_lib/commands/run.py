@@ -113,7 +113,7 @@ def _show(result: Run, method: str) -> None:
         rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
     if isinstance(result.config, KitConfig) and result.calibration is not None:
         learnt = result.calibration.in_words(result.config.calibration)
-        rows.append(["errors of the calibration", learnt.replace("; ", "\n")])
+        rows.append(["errors of the calibration (± one σ)", learnt.replace("; ", "\n")])
     rows.append(["time a frame", f"{result.ms_per_frame:.1f} ms"])
     show_table("", ["quantity", "value"], rows)
     if path_lost(result):

@@ -14,7 +14,7 @@ from ..files import read_mapping
 from ..geometry.camera import StereoCamera
 from ..geometry.types import Array
 from ..settings import to_dict
-from .rig import ERROR_COUNT, ERROR_NAMES, FIELD, RIG_FAULTS, Rig, field_at
+from .rig import ERROR_COUNT, ERROR_NAMES, FIELD, RIG_FAULTS, N, Rig, field_at, powers
 from .settings import CalibrationConfig
 
 MAX_LENGTH_DIFFERENCE = 0.01  # of the focal lengths and baselines of one camera, as a share
@@ -67,8 +67,8 @@ class Calibration:
         return rig.errors
 
     def in_words(self, config: CalibrationConfig) -> str:
-        """The errors in use as a sentence; errors too uncertain to be corrected are left out."""
-        return describe_errors(self.in_use(config), self.camera)
+        """The errors in use as a sentence, with standard deviations; uncertain errors are left out."""
+        return describe_errors(self.in_use(config), self.covariance, self.camera)
 
     def to_json(self) -> str:
         """The file's text; numbers are exact."""
@@ -107,15 +107,24 @@ def read_learnt_calibration(path: Path) -> Calibration:
     return Calibration(camera, estimate, covariance)
 
 
-def describe_errors(errors: Array, camera: StereoCamera) -> str:
-    """The effects of a rig's errors (19,), pixels, in the image, as a sentence."""
+def describe_errors(errors: Array, covariance: Array, camera: StereoCamera) -> str:
+    """The effects of a rig's errors (19,), pixels, in the image, with standard deviations, as a sentence.
+
+    An effect is left out where its largest value is below two standard deviations, or too small to matter.
+    """
     u, v = (np.linspace(UNREPORTED_EDGE, 1.0 - UNREPORTED_EDGE, 9) * size for size in camera.size)
-    grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    x, y = camera.normalise(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)).T
+    terms, deviations = powers(x, y), np.sqrt(np.diag(covariance))
     parts = []
-    for name, field in zip(("disparities", "rows"), field_at(errors, *camera.normalise(grid).T), strict=True):
-        if np.abs(field).max() >= MIN_REPORTED_ERROR_PX:
-            parts.append(f"{name} are off by {field.min():+.1f} to {field.max():+.1f} px")
-    for name, size in zip(ERROR_NAMES[FIELD:], errors[FIELD:], strict=True):
-        if abs(size) >= MIN_REPORTED_ERROR_PX:
-            parts.append(f"lens: {name} {size:+.1f} px")
+    for name, field, used in zip(
+        ("disparities", "rows"), field_at(errors, x, y), (slice(0, N), slice(N, FIELD)), strict=True
+    ):
+        largest = int(np.argmax(np.abs(field)))
+        term = terms[: used.stop - used.start, largest]
+        deviation = float(np.sqrt(term @ covariance[used, used] @ term))
+        if abs(field[largest]) >= max(MIN_REPORTED_ERROR_PX, 2.0 * deviation):
+            parts.append(f"{name} are off by {field.min():+.1f} to {field.max():+.1f} ±{deviation:.2f} px")
+    for name, size, deviation in zip(ERROR_NAMES[FIELD:], errors[FIELD:], deviations[FIELD:], strict=True):
+        if abs(size) >= max(MIN_REPORTED_ERROR_PX, 2.0 * deviation):
+            parts.append(f"lens: {name} {size:+.1f} ±{deviation:.1f} px")
     return "; ".join(parts) or "none that needs correction"

@@ -229,7 +229,7 @@ class CalibrationPanel(Panel):
             Fact("disparities still wrong by up to", float(left[0]), "px", 2),
             Fact("rows still wrong by up to", float(left[1]), "px", 2),
         )
-        sentence = f"Learnt in {len(lengths['corrected'])} frames: {describe_errors(found, camera)}."
+        sentence = f"Learnt in {len(lengths['corrected'])} frames: {describe_errors(found, known.covariance, camera)}."
         return Drawing(stack([maps, lengths_figure(lengths, CHART_HEIGHT)], self.height), sentence, facts)
 
 
