@@ -23,7 +23,7 @@ from vo_lib.commands.console import reporting, say
 from vo_lib.commands.scripts import run_script
 from vo_lib.config import VARIANTS
 from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
-from vo_lib.data.scenes import SCENES
+from vo_lib.data.scenes import TABLE_SCENES
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.labels import labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
@@ -37,7 +37,7 @@ from vo_lib.runs.jobs import run_jobs
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:
     """The options that say what is measured, and in how many processes."""
-    scenes = ",".join(f"{SYNTHETIC}{name}" for name in SCENES)
+    scenes = ",".join(f"{SYNTHETIC}{name}" for name in TABLE_SCENES)
     parser.add_argument("--sequences", default=scenes, metavar="S,S,…", help="default: the drawn scenes")
     parser.add_argument("--detector", metavar="MODEL", help="finds the vehicles where there are no labels")
     parser.add_argument("--jobs", default="1", metavar="N", help="processes; default 1")

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vo_lib.data.scenes import KITTI_F, SCENES, SceneConfig, scene_config
+from vo_lib.data.scenes import KITTI_F, SCENES, TABLE_SCENES, SceneConfig, scene_config
 from vo_lib.files import write_atomic
 from vo_lib.geometry.types import Progress
 from vo_lib.parallel import local_pool
@@ -100,7 +100,7 @@ def streets(config: DetectionSetConfig) -> list[Street]:
         ]
     number = 0
     for seed in range(TEST_SEEDS):
-        for name in SCENES:
+        for name in TABLE_SCENES:
             scene = SCENES[name] if seed == 0 else scene_config(name, seed=config.seed + TEST_SEED + number)
             found.append(Street("test", number, scene, frames))
             number += 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from vo_lib.geometry.types import Array
@@ -16,17 +18,22 @@ BRICKS = np.array([[0.0, 0.2], [0.0, 0.0], [0.1, 0.0], [0.1, 0.2]])  # of a wall
 
 
 def build_city(site: Site) -> None:
-    """Both sides of the street."""
+    """Both sides of the street; round a block the outer houses of the first half come again in the second."""
+    halves = 1 if site.route.lap is None else 2
     for side in (-1.0, 1.0):
-        build_houses(site, side)
+        state = site.rng.bit_generator.state
+        for first, last in pairwise(np.linspace(site.first, site.last, halves + 1)):
+            if side < 0:
+                site.rng.bit_generator.state = state
+            build_houses(site, side, float(first), float(last))
         build_pavement(site, side)
 
 
-def build_houses(site: Site, side: float) -> None:
+def build_houses(site: Site, side: float, first: float, last: float) -> None:
     """Houses along one side: terraces, and single houses with gardens between."""
     rng, line = site.rng, site.profile.pavement
-    s, terrace, back = site.first + 10.0, True, 1.0
-    while s < site.last - 20.0:
+    s, terrace, back = first + 10.0, True, 1.0
+    while s < last - 20.0:
         width = float(rng.uniform(9.0, 14.0))
         if rng.random() < 0.22:
             terrace = not terrace

@@ -17,6 +17,8 @@ from vo_lib.geometry.types import Array
 LANE_WIDTH = 3.3
 STEP = 0.25  # metres between samples of the centre line
 BEHIND, BEYOND = 60.0, 320.0  # metres of street before the start and after the end of the drive
+# A block: one round of the street, the starts of the corners of its first half, and their length, metres.
+LAP, CORNERS, CORNER = 324.0, (63.0, 129.0), 30.0
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class Route:
     x, z : (M,) position in the street frame, metres.
     heading : (M,) angle from the z axis towards x, radians.
     curvature : (M,) change of heading per metre.
+    lap : metres after which the street meets itself; None where it has two ends.
     """
 
     s: Array
@@ -36,6 +39,7 @@ class Route:
     z: Array
     heading: Array
     curvature: Array
+    lap: float | None = None
 
     def point(self, s: Array | float, offset: Array | float = 0.0, up: Array | float = 0.0) -> Array:
         """Points (..., 3) at arc length s, `offset` metres to the right and `up` metres above the road."""
@@ -73,7 +77,15 @@ def yaw_rotation(psi: Array | float) -> Array:
 
 
 def make_route(config: SceneConfig) -> Route:
-    """A street of gentle bends, straight at its start; with a right-angled turn half way if asked."""
+    """A street of gentle bends, straight at its start; with a right-angled turn half way if asked.
+
+    A block's street turns right four times and meets itself.
+    """
+    if config.layout == "block":
+        # Oncoming vehicles drive round the other way: they need two rounds behind the start.
+        s = np.arange(-BEHIND - 2 * LAP, config.length + BEYOND, STEP)
+        curvature = sum(bump(np.mod(s, LAP / 2), start, CORNER, np.pi / 2) for start in CORNERS)
+        return _integrated(s, np.asarray(curvature), LAP)
     rng = np.random.default_rng([config.seed, 1])
     s = np.arange(-BEHIND, config.length + BEYOND, STEP)
     curvature = np.zeros_like(s)
@@ -92,11 +104,16 @@ def make_route(config: SceneConfig) -> Route:
         at += size + rng.uniform(5.0, 30.0)
     if config.sharp_turn:
         curvature += bump(s, corner - 15.0, 30.0, np.pi / 2)
+    return _integrated(s, curvature)
+
+
+def _integrated(s: Array, curvature: Array, lap: float | None = None) -> Route:
+    """The street with this curvature that starts at the origin along the z axis."""
     psi = np.concatenate([[0.0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * STEP)])
     psi -= np.interp(0.0, s, psi)
     x = np.concatenate([[0.0], np.cumsum(np.sin(0.5 * (psi[1:] + psi[:-1])) * STEP)])
     z = np.concatenate([[0.0], np.cumsum(np.cos(0.5 * (psi[1:] + psi[:-1])) * STEP)])
-    return Route(s, x - np.interp(0.0, s, x), z - np.interp(0.0, s, z), psi, curvature)
+    return Route(s, x - np.interp(0.0, s, x), z - np.interp(0.0, s, z), psi, curvature, lap)
 
 
 def bump(s: Array, start: float, size: float, turn: float) -> Array:

@@ -52,11 +52,14 @@ class Site:
         self.mesh, self.names, self.route, self.config = mesh, names, route, config
         self.profile = Profile.of(config)
         self.first, self.last = -BEHIND + 5.0, float(route.s[-1]) - 5.0
+        if route.lap is not None:
+            self.first, self.last = 0.0, route.lap
         self.rng = np.random.default_rng([config.seed, 4])
 
     def samples(self) -> Array:
-        """Arc lengths at which ribbons along the whole street bend."""
-        return np.arange(self.first, self.last, SEGMENT)
+        """Arc lengths at which ribbons along the whole street bend; those along a closed street close."""
+        closing = 0.0 if self.route.lap is None else SEGMENT
+        return np.arange(self.first, self.last + closing, SEGMENT)
 
     def add(self, name: str, corners: Array, uv: Array | None = None, gain: float | Array = 1.0) -> None:
         """Add faces (n, 4, 3) in the street frame; `uv` and `gain` as `MeshBuilder.add` takes them."""

@@ -95,7 +95,10 @@ class Traffic:
         median = 1.0 if config.layout == "highway" else 0.0
         for lane in range(config.lanes):
             s0 = self.drive.s[0] + float(rng.uniform(15.0, 35.0))
-            while s0 < self.drive.s[-1] + speed * times[-1] + 120.0:
+            last = self.drive.s[-1] + speed * times[-1] + 120.0
+            if self.route.lap is not None:  # the last one drives ahead of the first
+                last = s0 + self.route.lap - 25.0
+            while s0 < last:
                 model = self.pick(0.2)
                 offset = -(lane + 0.5) * LANE_WIDTH - median + float(rng.uniform(-0.2, 0.2))
                 self.add(model, s0 - speed * times, offset, np.pi)
@@ -105,12 +108,15 @@ class Traffic:
     def parked(self) -> None:
         """Cars at both kerbs; a few face the wrong way."""
         config, rng = self.config, self.rng
-        if not config.parked or config.layout != "city":
+        if not config.parked or config.layout == "highway":
             return
+        first, last = -25.0, self.drive.s[-1] + 110.0
+        if self.route.lap is not None:
+            first, last = 0.0, self.route.lap - 6.0
         middle = Profile.of(config).lanes + PARKING / 2
         for side in (-1.0, 1.0):
-            s = -25.0
-            while s < self.drive.s[-1] + 110.0:
+            s = first
+            while s < last:
                 model = self.pick()
                 s += model.shape.length / 2 + float(rng.uniform(0.5, 1.4))
                 offset = side * (middle + float(rng.uniform(-0.1, 0.15)))

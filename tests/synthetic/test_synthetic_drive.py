@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import Any
 
 import numpy as np
 import pytest
 
 from vo_lib.data.scenes import SCENES, SceneConfig
-from vo_lib.geometry.motion import inverse, rotation_angle
+from vo_lib.geometry.motion import inverse, rotation_angle, transform
+from vo_lib.geometry.types import Array
+from vo_street.city import FRONTS, build_city
 from vo_street.drive import Drive, Route, make_drive, make_route
 from vo_street.shapes import SHAPES
+from vo_street.site import Site
 from vo_street.traffic import Vehicle, make_traffic
 from vo_street.vehicles import Model
 
@@ -23,6 +27,7 @@ DRIVES = {
     "jam": -101.319658,
     "highway": 789.204498,
     "hard": 316.692195,
+    "block": -45.708762,
 }
 
 
@@ -52,6 +57,44 @@ def test_the_drive_of_a_scene_is_smooth_and_stays_as_it_was_measured(name: str, 
     poses = drive.poses[:, :3]
     weights = np.cos(np.arange(poses.size)).reshape(poses.shape)
     assert float(np.sum(poses * weights)) == pytest.approx(expected)
+
+
+def test_a_block_is_driven_round_once_and_then_along_its_first_street_again() -> None:
+    _, route, drive = course("block")
+    assert route.lap is not None
+    assert route.pose(route.lap + 30.0) == pytest.approx(route.pose(30.0), abs=1e-9)
+    assert route.pose(route.lap / 2)[:3, :3] == pytest.approx(np.diag([-1.0, 1.0, -1.0]))
+    assert drive.s[-1] == pytest.approx(route.lap + 30.0, abs=1.0)
+    again = drive.s > route.lap + 1.0
+    first = drive.poses[~again & (drive.s < 40.0), :3, 3]
+    nearest = np.linalg.norm(drive.poses[again, None, :3, 3] - first, axis=2).min(axis=1)
+    assert nearest.max() < 1.0
+
+
+def test_the_outer_houses_of_a_block_come_twice() -> None:
+    config, route, _ = course("block")
+    mesh: Any = Fronts()
+    names = defaultdict(int, {f"house {k}": k + 1 for k in range(FRONTS)})
+    build_city(Site(mesh, names, route, config))
+    assert route.lap is not None
+    opposite = route.pose(route.lap / 2)
+    twins = [
+        number == other and np.allclose(transform(opposite, place), again, atol=1e-6)
+        for number, place in mesh.fronts
+        for other, again in mesh.fronts
+    ]
+    assert sum(twins) >= 20
+
+
+class Fronts:
+    """In place of a mesh: keeps the texture numbers and corners of house fronts alone."""
+
+    def __init__(self) -> None:
+        self.fronts: list[tuple[int, Array]] = []
+
+    def add(self, corners: Array, texture: int, uv: Array | None, gain: float | Array) -> None:
+        if texture:
+            self.fronts.append((texture, corners))
 
 
 @pytest.mark.parametrize("name", list(SCENES))

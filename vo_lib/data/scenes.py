@@ -20,7 +20,7 @@ class SceneConfig(Checked):
     """Everything a scene depends on: the same settings give the same bytes."""
 
     seed: int = setting(1, "Number from which all of the scene's chance follows.", low=0)
-    layout: str = setting("city", "Kind of street.", choices=("city", "highway"))
+    layout: str = setting("city", "Kind of street.", choices=("city", "highway", "block"))
     length: float = setting(260.0, "Length of the camera's path.", unit="m", low=2, high=20000)
     speed: float = setting(10.0, "Usual speed of the camera.", unit="m/s", low=0.5, high=40)
     speed_change: float = setting(0.15, "Share by which the speed swings up and down.", low=0, high=0.95)
@@ -112,7 +112,17 @@ SCENES: dict[str, SceneConfig] = {
         noise=2.5,
         shake=2.0,
     ),
+    "block": SceneConfig(
+        seed=17,
+        layout="block",
+        length=354.0,
+        parked=0.5,
+        ahead=1,
+        oncoming=1.5,
+    ),
 }
+# The scenes of tables and of training: streets with two ends.
+TABLE_SCENES = tuple(name for name, scene in SCENES.items() if scene.layout != "block")
 
 
 def scene_config(name: str, **changes: Any) -> SceneConfig:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..config import preset
 from ..data.catalogue import KITTI, SYNTHETIC, available
-from ..data.scenes import SCENES
+from ..data.scenes import TABLE_SCENES
 from ..data.sequence import Sequence
 from ..errors import DataError
 from ..evaluation.kitti import Measure
@@ -67,7 +67,9 @@ class Reproduction:
 def default_sequences() -> list[str]:
     """The benchmark's sequences that are here or, without any, the synthetic scenes."""
     names = available()
-    return [name for name in BENCHMARK_FRAMES if name in names] or [f"{SYNTHETIC}{name}" for name in SCENES]
+    return [name for name in BENCHMARK_FRAMES if name in names] or [
+        f"{SYNTHETIC}{name}" for name in TABLE_SCENES
+    ]
 
 
 def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
