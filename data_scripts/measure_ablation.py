@@ -22,7 +22,7 @@ from unittest.mock import patch
 import loky
 import numpy as np
 
-from measure.ablation import COLUMNS, IDEAS, KEY, WHOLE, Idea, table
+from measure.ablation import COLUMNS, IDEAS, KEY, WHOLE, Idea, tables
 from measure.axes import is_raw_drive, te_and_re
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_whole
@@ -106,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
     old = [cells for _, cells in read_csv(out)[1:]] if out.exists() else []
     rows += [cells for cells in old if tuple(cells[: len(KEY)]) not in new]
     write_atomic(out, csv_text([COLUMNS, *rows]))
-    say(markdown(table(rows)))
+    say("\n\n".join(map(markdown, tables(rows))))
     say(f"written to {out}")
     return 0
 

@@ -17,6 +17,7 @@ import sys
 from datetime import date
 from pathlib import Path
 
+from measure import ablation
 from measure.result_tables import Key, box_rules, calibrations, jobs_of, systems
 from vo_lib.commands.common import add_cache, open_with_bar, parse_whole
 from vo_lib.commands.console import reporting, say
@@ -28,11 +29,13 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.detection.labels import labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.errors import DataError
-from vo_lib.files import write_atomic
+from vo_lib.files import read_csv, write_atomic
 from vo_lib.report.page import ReportTable, markdown, provenance
 from vo_lib.runs.drive import Run
 from vo_lib.runs.folder import read_run, run_folder
 from vo_lib.runs.jobs import run_jobs
+
+ABLATION = Path(__file__).parents[1] / "notebooks" / "ablation.csv"  # its tables are the last of the page
 
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:
@@ -73,6 +76,8 @@ def run(options: argparse.Namespace) -> int:
         box_rules(sequences, runs),
         calibrations(sequences, runs),
     ]
+    if ABLATION.exists():
+        tables += ablation.tables([cells for _, cells in read_csv(ABLATION)[1:]])
     write_atomic(options.out, _page(tables, options))
     say(f"written to {options.out}")
     return 0
