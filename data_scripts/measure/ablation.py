@@ -246,8 +246,8 @@ def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
     head = (
         "An idea is turned off in the whole kit; a positive change is an increase. Mean ± standard deviation "
         "over five seeds. Sub-sequences of 20, 50 and 100 m from every frame; TE of drive_0013 with the axes "
-        "of its truth fitted; the first 100 frames of drawn scenes. Ideas of the rule `moving` are turned off "
-        "in `moving_selection`, all others in `feature_selection`. Lines: of code and settings, about. ms: "
+        "of its truth fitted; the first 100 frames of drawn scenes. Ideas of the rule `moving` are turned "
+        "off in `moving_selection`, all others in `feature_selection`. Lines: of code, about. ms: "
         "processor time of a frame, mean over the sequences. A dash: not measured."
     )
     reasons = "; ".join(f"{name}: {stays[name]}" for name in names if stays.get(name))
