@@ -77,7 +77,7 @@ SLIPS: dict[str, tuple[str, Callable[[Any], Any]]] = {
 
 def any_order(indices: Array) -> Array:
     """The form of a result whose order is free."""
-    return np.sort(indices, axis=None)
+    return np.sort(indices, axis=None) if indices.ndim < 2 else indices
 
 
 @dataclass(eq=False, repr=False)

@@ -20,6 +20,10 @@ from .drawing import WIDTH
 RIGHT, NOT_YET = "#009E73", "#D55E00"
 RIGHT_CLASS, NOT_YET_CLASS = "vo-right", "vo-not-yet"  # tests look for them
 SHORT = 6  # so many numbers are shown whole
+COMPLEX = (
+    "drop what has an imaginary part and take `.real` of the rest; `np.linalg.eigh` and `svd` stay real."
+)
+MASKS = "masks are joined by `&` and `|`, not by `and` and `or`; each comparison needs brackets: `(a < b) & (c < d)`."
 NOT_OWN = str(Path(__file__).parent), str(Path(vo_lib.__path__[0])), "site-packages"
 
 
@@ -68,7 +72,8 @@ def outcome(answer: Any, inputs: tuple[Any, ...]) -> Any:
         frames = traceback.extract_tb(error.__traceback__)
         own = [f.line for f in frames if not any(place in f.filename for place in NOT_OWN)]
         where = f" in the line `{own[-1]}`" if own else ""
-        return Unusable(False, f"the code stopped with {type(error).__name__}: {error}{where}.")
+        hint = MASKS if any(words in str(error) for words in ("truth value of an array", "'bitwise_")) else ""
+        return Unusable(False, f"the code stopped with {type(error).__name__}: {error}{where}.", hint)
 
 
 def result(outcome: Any) -> Any:
@@ -76,10 +81,14 @@ def result(outcome: Any) -> Any:
     if outcome is None or isinstance(outcome, Unusable):
         return outcome
     try:
-        value = np.asarray(outcome)
+        value = np.asarray(sorted(outcome) if isinstance(outcome, (set, frozenset)) else outcome)
+        if value.dtype.kind in "SU":
+            raise TypeError
         if value.dtype.kind not in "iu":
             value = value.astype(np.float64, casting="same_kind" if value.dtype.kind == "c" else "unsafe")
     except (TypeError, ValueError):
+        if isinstance(outcome, np.ndarray) and outcome.dtype.kind == "c":
+            return Unusable(False, "expected real numbers, got complex ones.", COMPLEX)
         return Unusable(False, f"expected numbers, got {type(outcome).__name__}.")
     return value.reshape(()) if value.size == 1 else value
 
@@ -95,6 +104,10 @@ def not_indices(got: Any, expected: Any) -> str:
         return ""
     if got.size > 2 and np.isin(got, (0, 1)).all():
         return "this looks like a mask; indices are wanted."
+    if got.ndim == 2 and got.shape[1] == 1:
+        return (
+            "each index is in a row of its own: `np.flatnonzero` gives a plain list, `np.argwhere` does not."
+        )
     return "indices are asked for, not values." if got.ndim > 1 or np.mod(got, 1).any() else ""
 
 

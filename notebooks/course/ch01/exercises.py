@@ -1,4 +1,4 @@
-"""Exercises of chapter 1: corner strength, stereo checks, the loop, a peak between pixels, buckets."""
+"""Exercises of chapter 1: corner strength, the stereo check, the loop, a peak between pixels, buckets."""
 
 from __future__ import annotations
 
@@ -33,6 +33,12 @@ def eigenvalues(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Arr
 def strength(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Any:
     """The root of the smaller eigenvalue."""
     return np.sqrt(max(eigenvalues(gx, gy, total)[0], 0.0))
+
+
+def unsorted(gx: Array, gy: Array) -> Any:
+    """The root of the eigenvalue that `np.linalg.eig` happens to give first."""
+    M = [[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]]
+    return np.sqrt(max(np.linalg.eig(M)[0][0], 0.0))
 
 
 def stereo_pairs() -> list[Case]:
@@ -122,6 +128,12 @@ def chosen(by_age: int = 1, by_strength: int = 1) -> Callable[..., Index]:
 kept = chosen()
 
 
+def in_sorted_list(uv: Array, age: Array, strength: Array, *more: int) -> Index:
+    """The places of the features kept in the list that is sorted by age and strength."""
+    order = np.lexsort((-strength, -age))
+    return np.flatnonzero(np.isin(order, kept(uv, age, strength, *more)))
+
+
 def overfull(kept: Array, uv: Array, age: Array, strength: Array, size: int, count: int) -> bool:
     """Whether a bucket keeps more features than it may."""
     return bool(np.unique(uv[kept.astype(int)] // size, axis=0, return_counts=True)[1].max() > count)
@@ -133,22 +145,26 @@ corner_strength = Exercise(
     atol=1e-6,
     task="A function (gx, gy): gradients of a window, (n, n) each -> root of M's smaller eigenvalue.",
     praise="0 on an edge, large on a corner. The library has it for every pixel at once.",
-    hint="M is 2×2: three sums over the window. What do its two eigenvalues say?",
+    hint="M is 2×2: sum gx², gx gy and gy² over the window. The root is taken of its smaller eigenvalue.",
     line="M = [[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]]; np.linalg.eigvalsh(M)",
     library=("corner_strength",),
     slips={"square": "right, except for the root."},
     mistakes={
-        "an edge has the larger eigenvalue, too.": lambda gx, gy: np.sqrt(eigenvalues(gx, gy)[1]),
-        "both eigenvalues are given back; which one is small on an edge?": eigenvalues,
+        "this is the root of the larger eigenvalue, which is large on an edge, too.": lambda gx, gy: np.sqrt(
+            eigenvalues(gx, gy)[1]
+        ),
+        "`np.linalg.eig` gives the eigenvalues in no order, and the first is not always the smaller; "
+        "`np.linalg.eigvalsh` sorts them.": unsorted,
+        "both eigenvalues are given back; the smaller one is asked for.": eigenvalues,
         "this takes means over the window; M is a sum.": lambda gx, gy: strength(gx, gy, np.mean),
-        "without Σ gx gy an edge at a slant looks like a corner.": lambda gx, gy: np.sqrt(
+        "without Σ gx gy, a slanting edge looks like a corner.": lambda gx, gy: np.sqrt(
             min(np.sum(gx * gx), np.sum(gy * gy))
         ),
-        "a matrix product of the windows: here each pixel's gx is multiplied with its own gy.": (
+        "this is a matrix product of the windows; multiply each pixel's gx by its own gy: `gx * gy`.": (
             lambda gx, gy: np.sqrt(max(np.linalg.eigvalsh(gx @ gy.T)[0], 0.0)),
             lambda gx, gy: strength(gx, gy, lambda products: products),
         ),
-        "NaN on an edge: rounding may make an eigenvalue -1e-17, and its root is no number.": When(
+        "NaN on an edge: rounding can make an eigenvalue -1e-17, and the root of a negative number is NaN.": When(
             lambda got, *case: np.isnan(got)
         ),
     },
@@ -158,24 +174,28 @@ is_stereo = Exercise(
     good,
     stereo_pairs,
     task="A function (left (N, 2), right (N, 2), row_tolerance, min_disparity) -> (N,) bool.",
-    praise="rows agree, and the point lies further left in the right image, by enough.",
-    hint="two conditions on each match: one on its rows, one on its columns; a mask has True where both hold.",
+    praise="the rows agree, and the disparity is large enough.",
+    hint="each match has two conditions, one on its rows and one on its columns; the mask is True where both hold.",
     line="(np.abs(left[:, 1] - right[:, 1]) <= row_tolerance) & (left[:, 0] - right[:, 0] >= min_disparity)",
     mistakes={
         "rows and columns are exchanged: a point is (u, v), its column first.": turned,
         "the two limits are exchanged.": judged(limits=lambda most, least: (least, most)),
         "1 and 0.5 are hard-coded: use the limits given.": judged(limits=lambda *_: (1.0, 0.5)),
-        "a match exactly at a limit is still good: within, at least.": (
+        "a match exactly at a limit is still good: use <= and >=.": (
             *(judged(limits=lambda m, n, a=a, b=b: (m - a, n + b)) for a, b in ((E, E), (E, 0), (0, E))),
         ),
-        "the match that is two rows lower is judged good.": judged(row=np.zeros_like),
-        "the match with 0.2 px of disparity is judged good: its depth is hardly known.": judged(
+        "the match whose rows differ by two is judged good.": judged(row=np.zeros_like),
+        "the match with 0.2 px of disparity is judged good: its depth is very uncertain.": judged(
             limits=lambda most, least: (most, -99.0)
         ),
-        "the match further right in the right image is judged good.": judged(disparity=np.abs),
-        "a match two rows off to one side is good.": (*map(judged, (np.positive, np.negative)),),
-        "the disparity is the other way round: left minus right.": judged(disparity=np.negative),
-        "matches with too small a disparity are judged good, and those with enough bad.": judged(
+        "the match with a negative disparity is judged good.": judged(disparity=np.abs),
+        "a match two rows off in one direction is judged good: take the absolute value.": (
+            *map(judged, (np.positive, np.negative)),
+        ),
+        "the disparity has the wrong sign: it is left column minus right column.": judged(
+            disparity=np.negative
+        ),
+        "matches with too small a disparity are judged good, and those with a sufficient one bad.": judged(
             disparity=np.negative, limits=lambda most, least: (most, -least)
         ),
     },
@@ -186,22 +206,24 @@ loop_closes = Exercise(
     chains,
     form=any_order,
     task="A function (pl_pr, pr_cr, cr_cl, cl_pl): best matches as indices, -1 for none -> indices that close.",
-    praise="four matches, one condition, and hardly a mismatch gets through.",
-    hint="follow feature i: pl_pr[i] is its number in the next image, and that is where the next step begins.",
+    praise="four matches and one condition, and few wrong matches pass.",
+    hint="follow feature i: pl_pr[i] is its number in the next image, and the index for the next list.",
     line="at = step[at]; alive &= at >= 0",
     mistakes={
-        "a match of -1 was followed: numpy takes index -1 for the last one.": When(
+        "a match of -1 was followed: to numpy, index -1 is the last element.": When(
             lambda got, *chain: set(which(*chain)) < set(got) and len(got) < len(chain[0])
         ),
-        "these reach the current left image; the way back has to end where it began.": lambda *chain: (
+        "these reach the current left image; the loop has to end at the feature where it began.": lambda *chain: (
             np.flatnonzero(follow(*chain[:3])[1])
         ),
-        "-1 is looked for at i in each list: along the loop the number changes with every step.": (
+        "-1 is looked for at i in each list, but the feature's number changes with every step.": (
             lambda *chain: [i for i in which(*chain) if min(step[i] for step in chain) >= 0],
             lambda *chain: np.flatnonzero(np.min(chain, axis=0) >= 0),
         ),
-        "the loop is run the other way round.": lambda *chain: which(*chain[::-1]),
-        "these are places in the next image; i is wanted.": lambda *chain: chain[0][which(*chain)],
+        "the four lists are applied in the reverse order.": lambda *chain: which(*chain[::-1]),
+        "these are indices into the previous right image; those into the previous left one are wanted.": (
+            lambda *chain: chain[0][which(*chain)]
+        ),
     },
 )
 
@@ -211,18 +233,18 @@ peak = Exercise(
         tuple(height + curve * (x - top) ** 2 for x in (-1.0, 0.0, 1.0))
         for top, height, curve in ((0.3, 5.0, -2.0), (-0.45, 1.0, -0.5), (0.0, 2.0, -1.0))
     ],
-    task="A function (left, middle, right) -> place of a parabola's top, in pixels from the middle one.",
-    praise="three values fix a parabola, and its top lies between the pixels.",
-    hint="f(x) = middle + b x + a x² at x = -1 and 1 gives b and a. Where is its slope 0?",
+    task="A function (left, middle, right) -> position of a parabola's top, in pixels from the middle one.",
+    praise="three values determine a parabola; its top is between the pixels.",
+    hint="put x = -1 and x = 1 into f(x) = middle + b x + a x² and solve for a and b; the slope is 0 at x = -b / (2a).",
     line="(left - right) / 2 / (left - 2 * middle + right)",
     mistakes={
-        "this is the height of the top; its place is wanted.": lambda a, b, c: (
+        "this is the height of the top; its position is wanted.": lambda a, b, c: (
             b - (a - c) ** 2 / (8 * (a - 2 * b + c))
         )
     },
     slips={
-        "sign": "the sign is wrong: the top lies on the side of the larger neighbour.",
-        "one more": "counted from the left one, not from the middle.",
+        "sign": "the sign is wrong: the top is on the side of the larger neighbour.",
+        "one more": "this is counted from the left value; count from the middle one.",
     },
 )
 
@@ -231,40 +253,52 @@ buckets = Exercise(
     crowd,
     form=any_order,
     task="A function (uv (N, 2), age (N,), strength (N,), size, count) -> indices of the features kept.",
-    praise="spread over the image, and the tried ones first.",
-    hint="sort all features, the best first; then take each whose square still has room.",
+    praise="the features are spread over the image, and the oldest come first.",
+    hint="sort all features, the best first; go through them, and keep each one whose square is not yet full.",
     line="for i in np.lexsort((-strength, -age)): square = tuple(uv[i] // size)",
     library=("select_by_bucket",),
     mistakes={
-        "age was not asked; strength decides among equally old ones.": chosen(by_age=0),
-        "the youngest come first; the oldest have proved themselves.": chosen(by_age=-1),
-        "of equally old features the weakest are kept.": chosen(by_strength=-1),
-        "the ages are right, but among equally old features strength was not asked.": When(
+        "age is not used: it comes first, and strength decides among features of the same age.": chosen(
+            by_age=0
+        ),
+        "the youngest and weakest are kept: `np.lexsort` sorts in ascending order, so both keys need a minus.": (
+            chosen(-1, -1)
+        ),
+        "the youngest are kept; the oldest come first.": chosen(by_age=-1),
+        "of features of the same age the weakest are kept.": chosen(by_strength=-1),
+        "`size` is hard-coded: use the one given.": lambda *case: kept(*case[:3], 50, case[4]),
+        "`count` is hard-coded: use the one given.": lambda *case: kept(*case[:4], 3),
+        "these are ranks in the sorted list; give back the features' own indices, `order[rank]`.": in_sorted_list,
+        "the ages are right, but among features of the same age strength is not used.": When(
             lambda got, uv, age, *more: (
                 sorted(age[got]) == sorted(age[kept(uv, age, *more)]) and not overfull(got, uv, age, *more)
             )
         ),
-        "neither age nor strength was asked.": chosen(0, 0),
-        "only `count` in all; so many in each square.": When(lambda got, *case: len(got) == case[4]),
-        "a square has one more than `count`.": lambda *case: kept(*case[:4], case[4] + 1),
-        "strips, not squares: a square is a column and a row of the grid.": (
+        "neither age nor strength is used.": chosen(0, 0),
+        "only `count` features in all are kept; `count` in each square are asked for.": (
+            lambda uv, age, strength, size, count: np.lexsort((-strength, -age))[:count],
+        ),
+        "a square keeps one more than `count`.": lambda *case: kept(*case[:4], case[4] + 1),
+        "the image is cut into strips, not squares: a square is a column and a row of the grid.": (
             lambda uv, *case: kept(uv * [1, 0], *case),
             lambda uv, *case: kept(uv * [0, 1], *case),
         ),
-        "a square keeps more than `count`; which square does a feature lie in?": When(overfull),
+        "a square keeps more than `count`; the square of a feature is `uv // size`, column and row.": When(
+            overfull
+        ),
     },
 )
 
 too_strict = Exercise(
     {"right ones dropped": 140.0, "wrong among the kept": 9.0},
     task="The panel shows checks that drop more than 100 matches which are right.",
-    praise="{right ones dropped:.0f} right ones are gone, and {wrong among the kept:.0f} wrong ones are still "
-    "there. Strict is not the same as safe.",
+    praise="{right ones dropped:.0f} right matches are dropped, and {wrong among the kept:.0f} wrong ones are "
+    "still kept. A strict check is not a safe one.",
     mistakes={
-        "here nobody knows what is right: choose a synthetic sequence.": lambda now: np.isnan(
+        "this sequence has no truth for single matches: choose a drawn one.": lambda now: np.isnan(
             now["right ones dropped"]
         ),
-        "only {right ones dropped:.0f} right matches are dropped. Make one tolerance smaller than matches are "
-        "exact.": lambda now: not now["right ones dropped"] > 100,
+        "only {right ones dropped:.0f} right matches are dropped. Set one tolerance below the accuracy of the "
+        "matches.": lambda now: not now["right ones dropped"] > 100,
     },
 )

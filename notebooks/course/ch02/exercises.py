@@ -56,9 +56,10 @@ def five_matches(seed: int) -> tuple[Array, Array]:
 
 
 def essentials() -> list[Case]:
-    """Five essential matrices, and one that is none."""
+    """Five essential matrices and two others, the first of rank 2."""
     rng = np.random.default_rng(10)
-    return [(E,) for E in (*random_problems(rng, 5).E, rng.normal(size=(3, 3)))]
+    E = random_problems(rng, 5).E
+    return [(each,) for each in (*E, np.diag([1.0, 0.5, 1.0]) @ E[0], rng.normal(size=(3, 3)))]
 
 
 def ten(E: Array, times: float = 1.0, half: float = 0.5) -> Array:
@@ -67,9 +68,17 @@ def ten(E: Array, times: float = 1.0, half: float = 0.5) -> Array:
     return np.append(times * M.ravel(), np.linalg.det(E))
 
 
-def singular(E: Array) -> bool:
-    """Whether E is one of the essential matrices of the cases."""
-    return abs(float(np.linalg.det(E))) < 1e-9
+def up_to_scale(values: Array) -> Array:
+    """Ones where nine values are those of the matrix at one of the cases, in any order and times any number."""
+    nine = [np.sort(np.abs(each)) for each in (values[:9], values[1:])]  # the determinant is last, or first
+    right = [np.sort(np.abs(ten(E)[:9])) for (E,) in essentials()[5:]]
+    alike = [np.allclose(a / a[-1], b / b[-1]) for a in nine for b in right if a[-1] > 1e-9]
+    return np.ones(10) if any(alike) else np.asarray(values)
+
+
+def is_essential(E: Array) -> bool:
+    """Whether all ten constraints hold."""
+    return bool(np.abs(ten(E)).max() < 1e-9)
 
 
 def solutions(x_p: Array, x_c: Array) -> Array:
@@ -130,21 +139,21 @@ epipolar_distance = Exercise(
     matches,
     atol=1e-12,
     task="A function (E, x_p, x_c) -> distance of x_c from the line E x_p, normalised units, for one match.",
-    praise="this is the distance that the panel shows, there times f in pixels.",
-    hint="put x_c into the equation of the line; what must it be divided by to be a length?",
-    line="abs(a * x_c[0] + b * x_c[1] + c) / np.hypot(a, b)",
+    praise="times f, this is the distance in pixels that the panel shows.",
+    hint="a, b and c are the three entries of E x_p, with x_p as (x, y, 1).",
+    line="a, b, c = E @ [*x_p, 1]; abs(a * x_c[0] + b * x_c[1] + c) / np.hypot(a, b)",
     library=("sampson_distance", "epipolar_line"),
     mistakes={
         "a distance is not negative.": from_line(lambda value, line: value / np.hypot(*line[:2])),
-        "this is x_cᵀ E x_p, not yet a distance: the line may be stretched by any factor.": (
+        "this is x_cᵀ E x_p, not yet a distance: divide it by the length of (a, b).": (
             *map(from_line, (lambda value, line: abs(value), lambda value, line: value)),
         ),
         "the points are exchanged: x_p gives the line.": lambda E, x_p, x_c: distance(E, x_c, x_p),
         "this is the line of the transposed E.": lambda E, x_p, x_c: distance(E.T, x_p, x_c),
-        "c is left out: the line need not go through the middle.": from_line(
+        "c is left out: the line need not pass through the origin.": from_line(
             lambda value, line: abs(value - line[2]) / np.hypot(*line[:2])
         ),
-        "divided by the length of (a, b, c); c says where the line is, not which way it runs.": from_line(
+        "this is divided by the length of (a, b, c); the normal of the line is (a, b) alone.": from_line(
             lambda value, line: abs(value) / np.linalg.norm(line)
         ),
     },
@@ -155,14 +164,16 @@ epipolar_rows = Exercise(
     lambda: [five_matches(8)],
     atol=1e-12,
     task="A function (x_p, x_c), (5, 2) each -> A (5, 9) with A vec(E) = the five x_cᵀ E x_p.",
-    praise="the same as the library's rows; with the true E, A vec(E) is 0.",
-    hint="x_cᵀ E x_p = Σ c_i E_ij p_j with c = (x_c, 1), p = (x_p, 1): what stands before E_ij?",
+    praise="these are the library's rows; with the true E, A vec(E) is 0.",
+    hint="x_cᵀ E x_p = Σ c_i E_ij p_j with c = (x_c, 1) and p = (x_p, 1): the factor of E_ij is c_i p_j.",
     line="np.outer(np.append(x_c[k], 1), np.append(x_p[k], 1)).ravel()",
     library=("epipolar_rows",),
     mistakes={
         "previous and current points have changed places.": lambda x_p, x_c: rows(x_c, x_p),
-        "x and y are exchanged, in both images.": lambda x_p, x_c: rows(x_p[:, ::-1], x_c[:, ::-1]),
-        "each match has a 3×3 matrix; make it a row of nine.": lambda *x: rows(*x).reshape(5, 3, 3),
+        "x and y are exchanged in both images.": lambda x_p, x_c: rows(x_p[:, ::-1], x_c[:, ::-1]),
+        "each match gives a 3×3 matrix; `ravel` makes a row of nine numbers of it.": lambda *x: rows(
+            *x
+        ).reshape(5, 3, 3),
         "the last column is right, others are not: look at the order of E's nine entries.": When(
             lambda A, *case: np.allclose(A[:, 8], 1.0, atol=1e-12)
         ),
@@ -174,15 +185,17 @@ null_basis = Exercise(
     lambda: [(rows(*five_matches(9)),)],
     form=lambda basis: basis.T @ basis,
     task="A function A (5, 9) -> basis (4, 9) of its null space, orthonormal.",
-    praise="and the true E lies in its span.",
-    hint="A = U S Vᵀ with nine rows in Vᵀ, but only five singular values: which rows does A take to 0?",
+    praise="the true E is a combination of the four.",
+    hint="A = U S Vᵀ has nine rows in Vᵀ but only five singular values; A maps the other four rows to 0.",
     line="np.linalg.svd(A)[2][5:]",
     library=("null_space",),
     mistakes={
         "these are columns of Vᵀ; its rows are the vectors.": lambda A: np.linalg.svd(A)[2][:, 5:],
-        "A times the basis is not 0; full_matrices=True, the default, gives all nine rows of Vᵀ.": When(
-            lambda basis, A: np.abs(A @ basis.T).max() > 1e-9
-        ),
+        "these are the first four rows of Vᵀ, with the largest singular values; the null space is spanned by the "
+        "last four.": lambda A: np.linalg.svd(A)[2][:4],
+        "A times the basis is not 0: with `full_matrices=False`, Vᵀ has five rows, and none of them is in the null "
+        "space.": lambda A: np.linalg.svd(A, full_matrices=False)[2][1:],
+        "A times the basis is not 0.": When(lambda basis, A: np.abs(A @ basis.T).max() > 1e-9),
         "the four vectors are not orthonormal.": When(
             lambda basis, A: np.abs(basis @ basis.T - np.eye(4)).max() > 1e-9
         ),
@@ -192,23 +205,24 @@ null_basis = Exercise(
 essential_constraints = Exercise(
     ten,
     essentials,
-    also=(lambda E: ten(E, times=2.0),),
-    form=lambda values: np.sort(np.abs(values)),
+    also=(lambda E: ten(E, times=-3.0),),
+    form=up_to_scale,
     task="A function E (3, 3) -> ten numbers that are all zero if and only if E is an essential matrix.",
     praise="ten cubics in the entries of E; `cubic_constraints` writes them in x, y, z, w.",
-    hint="a matrix equation has nine entries, and the determinant is the tenth.",
+    hint="the matrix equation gives nine numbers, one for each entry; the determinant is the tenth.",
     line="np.append((E @ E.T @ E - 0.5 * np.trace(E @ E.T) * E).ravel(), np.linalg.det(E))",
     mistakes={
-        "the factor before the trace is not right: put E with the singular values (1, 1, 0) in.": (
+        "the factor of the trace is not ½: the singular values (1, 1, 0) should give 0.": (
             *(lambda E, half=half: ten(E, half=half) for half in (0.25, 1.0, 2.0, -0.5)),
         ),
-        "for a true E the first nine numbers are not all 0: look at the transposes, and at the trace.": When(
-            lambda got, E: singular(E) and np.abs(got[:9]).max() > 1e-9
+        "for an essential matrix the first nine numbers are not all 0: check the transposes and the trace.": When(
+            lambda got, E: is_essential(E) and np.abs(got[:9]).max() > 1e-9
         ),
-        "for a true E the tenth number is {got[9]:.3g}, not 0; which number of a matrix of rank 2 is 0?": When(
-            lambda got, E: singular(E) and abs(got[9]) > 1e-9
+        "for an essential matrix the tenth number is {got[9]:.3g}, not 0: the determinant of a matrix of rank 2 "
+        "is 0.": When(lambda got, E: is_essential(E) and abs(got[9]) > 1e-9),
+        "these ten numbers are 0 for every essential matrix, but for other matrices of rank 2, too.": When(
+            lambda got, E: not is_essential(E) and np.abs(got).max() < 1e-9
         ),
-        "they vanish for true E, but not only for them.": When(lambda got, E: not singular(E)),
     },
 )
 
@@ -218,67 +232,77 @@ solve_five = Exercise(
     form=in_line,
     atol=1e-4,
     task="A function (x_p, x_c), (5, 2) each -> all essential matrices through the five matches, (M, 3, 3).",
-    praise="the same solutions as the library's, in any order, of any length and sign. Yours solves one set "
-    "at a time, the library's hundreds at once.",
-    hint="as many as the polynomial has real roots. Go through the steps above one by one: print C(z) at a root.",
+    praise="these are the library's solutions. Your function solves one set at a time, the library's hundreds "
+    "at once.",
+    hint="there is one solution for each real root z: take it from the null vector of C(z).",
     line="v = np.linalg.svd(C(z))[2][-1]; E = np.tensordot([v[3] / v[5], v[4] / v[5], z, 1], basis, axes=1)",
     library=("five_point", "findEssentialMat", "real_roots", "eliminate", "determinant", "back_substitute"),
     slips={"transposed": "these are the transposes: vec(E) runs row by row, and a row of A has x_c first."},
     mistakes={
-        "this is one of several solutions; give back all real ones, chapter 3 chooses.": (
+        "this is one of several solutions; give back all real ones: chapter 3 chooses.": (
             *(lambda *x, some=some: solutions(*x)[some] for some in (slice(1), slice(-1, None), 0)),
         ),
-        "x and y are exchanged; C's columns are those of x², y², xy, x, y, 1.": swapped,
-        "every z is right, x and y are not: the null vector is in proportion to (x², y², xy, x, y, 1), so "
-        "that its last entry has to become 1.": When(only_z_is_right),
+        "x and y are exchanged; the columns of C are those of x², y², xy, x, y, 1.": swapped,
+        "every z is right, x and y are not: divide the null vector of C(z) by its last entry, then its fourth and "
+        "fifth are x and y.": When(only_z_is_right),
+        "these matrices do not fit the five matches: x_cᵀ E x_p is not 0. Is vec(E) read row by row, and are x_p and "
+        "x_c in their places?": When(
+            lambda E, x_p, x_c: np.abs(rows(x_p, x_c) @ in_line(E).T).max() > 1e-4,
+        ),
+        "these matrices fit the five matches, but some are not essential: the ten constraints do not hold.": When(
+            lambda E, x_p, x_c: max(np.abs(ten(each.reshape(3, 3))).max() for each in in_line(E)) > 1e-4
+        ),
     },
 )
 
 most_frequent_count = Exercise(
     lambda: np.argmax(np.bincount(counts())),
     task="The number of real solutions that sets of general motion have most often.",
-    praise="{right} real solutions are the most frequent of 0, 2, 4, 6, 8 and 10.",
-    hint="first count the solutions of each set, then how many sets have 0, 1, 2 … of them.",
+    praise="{right} real solutions are the most frequent number of 0, 2, 4, 6, 8 and 10.",
+    hint="first count the solutions of each set, then the sets that have 0, 1, 2 … of them.",
     line="np.argmax(np.bincount(np.bincount(found.set_index)))",
     mistakes={
-        "this is the mean number; the most frequent is wanted.": lambda: counts().mean(),
-        "this is the number of a set, the one with most solutions.": lambda: np.argmax(counts()),
-        "this is how many sets have it.": lambda: np.bincount(counts()).max(),
-        "odd numbers hardly ever occur: complex roots come in pairs.": When(lambda got: got % 2 != 0),
+        "this is the mean number; the most frequent one is wanted.": lambda: counts().mean(),
+        "this is the index of a set, that of the set with most solutions.": lambda: np.argmax(counts()),
+        "this is how many sets have the most frequent number of solutions.": lambda: np.bincount(
+            counts()
+        ).max(),
+        "this is a share of the sets; the number of solutions is wanted.": When(lambda got: 0 < got < 1),
+        "odd numbers hardly ever occur: complex roots come in pairs.": When(lambda got: got % 2 == 1),
     },
 )
 
 noise_factor = Exercise(
     growth,
-    rtol=0.25,
+    rtol=0.02,
     task="By what factor the median error of a set grows when the noise grows from 0.1 to 0.4 px.",
-    praise="{right:.1f}: the error grows with the noise, nearly in proportion. Sub-pixel matches pay.",
-    hint="ask for the median error at both noises, and compare.",
+    praise="{right:.2f}: the rotation error grows nearly in proportion to the noise.",
+    hint="compute the median error at both noises and divide.",
     line="ch02.median_error(0.4) / ch02.median_error(0.1)",
     mistakes={
         "a factor is the larger error divided by the smaller, not the inverse and not the difference.": (
-            lambda: 1.0 / growth(),
+            When(lambda got: 0 < got < 1),
             lambda: median_error(0.4) - median_error(0.1),
         ),
         "this is the error at one noise.": (lambda: median_error(0.4), lambda: median_error(0.1)),
+        "this is the factor of the noise, or a guess; measure the factor of the error.": When(
+            lambda got: got in (3, 4)
+        ),
     },
 )
 
 far_off = Exercise(
     {FIRST: 2.5, "solution": 1.0, "noise added": 0.0},
     task="The panel shows five noise-free matches whose best solution, number 1, is more than 2° wrong.",
-    praise="{rotation error of solution 1:.1f}° from five real matches. Only the vote of all other matches "
-    "unmasks such a set.",
+    praise="{rotation error of solution 1:.1f}° from five matches of this frame. Such a set shows only when its "
+    "solutions are compared with all other matches.",
     mistakes={
-        "there are {noise added:.2f} px of noise; the five themselves should be to blame.": lambda now: (
-            now["noise added"] != 0
-        ),
+        "{noise added:.2f} px of noise are added: set the noise to 0.": lambda now: now["noise added"] != 0,
         "solution {solution:.0f} is {rotation error of this solution:.1f}° wrong, but solution 1 of the same five "
-        "only {rotation error of solution 1:.2f}°. Moving `solution` shows worse answers of the same five. Look "
-        "for other five matches.": lambda now: now["solution"] != 1 and not now[FIRST] > 2.0,
-        "the best solution of these five is {rotation error of solution 1:.2f}° wrong; wanted: more than 2°. Draw "
-        "other sets, or type numbers: points close together, or on a moving car, tell little.": lambda now: (
-            not now[FIRST] > 2.0
-        ),
+        "matches only {rotation error of solution 1:.2f}°. `solution` only moves between the solutions of one set: "
+        "choose five other matches.": lambda now: now["solution"] != 1 and not now[FIRST] > 2.0,
+        "the best solution of these five matches is {rotation error of solution 1:.2f}° wrong; more than 2° is "
+        "wanted. Draw other sets, or type numbers: matches close together, or on a moving car, determine the "
+        "rotation badly.": lambda now: not now[FIRST] > 2.0,
     },
 )
