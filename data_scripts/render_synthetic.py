@@ -13,7 +13,7 @@ import sys
 from vo_lib.commands.common import add_cache, parse_frames, parse_whole
 from vo_lib.commands.console import reporting
 from vo_lib.commands.scripts import run_script
-from vo_lib.commands.setting_options import add_settings, given
+from vo_lib.commands.setting_options import add_settings, option_values
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.scenes import SCENES, SceneConfig, scene_config
 from vo_lib.settings import declared
@@ -31,7 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Draw a scene."""
-    config = scene_config(options.scene, **given(options, declared(SceneConfig)))
+    config = scene_config(options.scene, **option_values(options, declared(SceneConfig)))
     frames = None if options.frames is None else range(*parse_frames(options.frames, 1_000_000))
     with reporting(f"drawing {options.scene}") as report:
         print(ensure_scene(config, options.cache, report, parse_whole("--jobs", options.jobs), frames))

@@ -9,7 +9,7 @@ import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-# ONNX Runtime reports its use to its maker unless this is set before it is imported.
+# This variable disables ONNX Runtime's telemetry, if set before the import.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .runs.drive import Run as Run
     from .runs.drive import run as run
 
-# The module of each public name, imported when it is first used: `vo --help` needs none of them.
+# The module of each public name, imported on first use: `vo --help` needs none of them.
 _MODULES = {
     "METHODS": "config",
     "preset": "config",

@@ -1,9 +1,9 @@
-"""`vo`, also as `python -m vo_lib`."""
+"""Entry point of the `vo` command, also as `python -m vo_lib`."""
 
 import os
 import sys
 
-# Messages of OpenCV and its FFmpeg would stand beside the one line of an error.
+# Log messages of OpenCV and FFmpeg would appear next to the one-line errors of `vo`.
 os.environ |= {"OPENCV_LOG_LEVEL": "FATAL", "OPENCV_FFMPEG_LOGLEVEL": "-8"} | os.environ
 
 from .commands.cli import main

@@ -1,4 +1,4 @@
-"""The systems of Table 1 by name, as published and the kit's way."""
+"""The systems of Table 1 by name, in the variants `published` and `kit`."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .paper.settings import BucketConfig, FilterConfig, MethodConfig, PublishedC
 
 AnyConfig = TypeVar("AnyConfig", bound=MethodConfig)
 
-# StereoScan keeps two features a bucket.
+# StereoScan keeps two features per bucket.
 VISO2_BUCKETS = BucketConfig(features=2)
-# RANSAC takes the candidate with the most inliers and knows no prior.
+# RANSAC takes the candidate with the most inliers; no prior limits the candidates.
 RANSAC: dict[str, Any] = {"prior": False, "winner": "inliers"}
 
 
@@ -44,7 +44,7 @@ KIT: dict[str, KitConfig] = {
 }
 VARIANTS: dict[str, Mapping[str, MethodConfig]] = {"published": PUBLISHED, "kit": KIT}
 CONFIG_CLASSES: dict[str, type[MethodConfig]] = {"published": PublishedConfig, "kit": KitConfig}
-METHODS = tuple(KIT)  # the paper's four, and the kit's own
+METHODS = tuple(KIT)  # the paper's four and moving_selection, which only `kit` has
 
 
 @overload
@@ -60,7 +60,7 @@ def preset(method: str, *, variant: str, seed: int = 0) -> MethodConfig: ...
 
 
 def preset(method: str, *, variant: str = "published", seed: int = 0) -> MethodConfig:
-    """The configuration of a method of Table 1 with a seed: the paper's (`published`) or the `kit`'s way.
+    """The configuration of a method of Table 1 in a variant, `published` (the paper) or `kit`, with a seed.
 
     Raises `DataError` for an unknown name, with the nearest valid one.
     """
@@ -84,13 +84,13 @@ def config_class(variant: str) -> type[MethodConfig]:
 def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
     """A copy of a configuration with one setting changed by its dotted name, checked.
 
-    Raises `DataError` for an unknown name or a value out of range; a setting or value of the other variant
-    is reported as such.
+    Raises `DataError` for an unknown name or a value out of range. The error for a setting or value of the
+    other variant names that variant.
     """
     try:
         changed: AnyConfig = settings.replace(config, name, value)
     except DataError:
         other = "published" if isinstance(config, KitConfig) else "kit"
-        settings.replace(VARIANTS[other]["viso2"], name, value)  # raises where that variant has none either
+        settings.replace(VARIANTS[other]["viso2"], name, value)  # raises if that variant lacks it too
         raise DataError(f"{name} {value}: a setting of the other variant: add --variant {other}") from None
     return changed

@@ -1,4 +1,4 @@
-"""The one exception that means "the input is wrong", with the place where it is wrong."""
+"""The exception for bad input, which names the file and line at fault."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pathlib import Path
 class DataError(Exception):
     """Bad input: a file, a folder or an option that cannot be used as it is.
 
-    The text is one line a person can act on: the file and line (or image) if there is one,
-    then what was found and what was expected. The `vo` command prints it and exits with code 2.
+    The text is one line: the file and line (or image), if any, then the fault and the expected content.
+    The `vo` command prints this line and exits with code 2.
     """
 
     def __init__(self, message: str, path: str | Path | None = None, line: int | None = None):
@@ -20,6 +20,6 @@ class DataError(Exception):
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """A question that names the nearest of the valid names, with a blank behind it; "" where none is near."""
+    """The question "did you mean NAME? ", with the nearest valid name; "" if no name is near."""
     near = difflib.get_close_matches(name, list(names), n=1)
     return f"did you mean {near[0]}? " if near else ""

@@ -1,4 +1,4 @@
-"""Reading files with clear errors; writing them so that a reader never meets a half-written one."""
+"""Reading of files with clear errors, and atomic writing: a reader never sees a partly written file."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from .errors import DataError
 
 LOCK = ".lock"
-DRAFT = ".tmp"  # how the name of a half-written file ends
+DRAFT = ".tmp"  # ending of the name of a partly written file
 
 
 @contextmanager
-def opened(path: str | Path) -> Iterator[BinaryIO]:
-    """A file opened to be read; `DataError` where it is missing, a folder, or unreadable."""
+def open_binary(path: str | Path) -> Iterator[BinaryIO]:
+    """A file open for reading; `DataError` if it is missing, a folder, or unreadable."""
     try:
         with open(path, "rb") as file:
             yield file
@@ -38,13 +38,13 @@ def opened(path: str | Path) -> Iterator[BinaryIO]:
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """Content of a file; raises as `opened`."""
-    with opened(path) as file:
+    """Content of a file; raises like `open_binary`."""
+    with open_binary(path) as file:
         return file.read()
 
 
 def read_text(path: str | Path) -> str:
-    """Text of a UTF-8 file, line ends as \\n; `DataError` where it is missing, unreadable or not text."""
+    """Text of a UTF-8 file, line ends as \\n; `DataError` if it is missing, unreadable or not text."""
     data = read_bytes(path)
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
@@ -53,7 +53,7 @@ def read_text(path: str | Path) -> str:
 
 
 def read_mapping(path: str | Path, expected: str) -> dict[str, Any]:
-    """The object in a JSON file; `DataError` saying what was `expected` where there is anything else."""
+    """The object in a JSON file; `DataError` with the text `expected` for any other content."""
     try:
         data = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
@@ -64,9 +64,9 @@ def read_mapping(path: str | Path, expected: str) -> dict[str, Any]:
 
 
 def read_csv(path: str | Path) -> list[tuple[int, list[str]]]:
-    """Rows of cells of a CSV file, each with the line it ends in; empty ones and those with # are left out.
+    """Rows of a CSV file, each with the number of its last line; empty rows and comments (#) are skipped.
 
-    Raises `DataError` with file and line where it is no CSV.
+    Raises `DataError` with file and line if the file is not CSV.
     """
     reader = csv.reader(io.StringIO(read_text(path)))
     rows = []
@@ -75,24 +75,24 @@ def read_csv(path: str | Path) -> list[tuple[int, list[str]]]:
             if any(cell.strip() for cell in cells) and not cells[0].startswith("#"):
                 rows.append((reader.line_num, cells))
     except csv.Error as error:
-        raise DataError(f"is no CSV: {error}", path, reader.line_num) from None
+        raise DataError(f"is not CSV: {error}", path, reader.line_num) from None
     return rows
 
 
 def read_arrays(data: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays of an npz file's bytes; `ValueError` where they are no such file."""
+    """The arrays in the bytes of an npz file; `ValueError` for other bytes."""
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as found:
-            return {name: found[name] for name in found.files}
-    except Exception as error:  # those of zip files, of their compressions and of numpy share no other base
-        raise ValueError(f"no arrays: {error}") from None
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except Exception as error:  # errors of zipfile, its compressions and NumPy share no other base class
+        raise ValueError(f"not a valid npz file: {error}") from None
 
 
 @contextmanager
 def only_process(folder: Path) -> Iterator[None]:
-    """A context in which no other process works in the folder; the lock ends with the process.
+    """A lock on a folder for this process, released at the process's end at the latest.
 
-    Half-written files of processes that were killed are removed.
+    Partly written files of killed processes are removed.
     """
     lock = FileLock(folder / LOCK, timeout=0)
     try:
@@ -104,7 +104,7 @@ def only_process(folder: Path) -> Iterator[None]:
             draft.unlink(missing_ok=True)
         yield
     finally:
-        # Removed while it is held: whoever waits for it sees that the name is gone, and starts over.
+        # The file is removed before the release: a waiting process then finds no file and tries again.
         with suppress(OSError):
             (folder / LOCK).unlink()
         lock.release()
@@ -112,10 +112,10 @@ def only_process(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[BinaryIO]:
-    """A binary file to be written under a temporary name beside `path`, which it takes at the end.
+    """A binary file open for writing under a temporary name in the folder of `path`, renamed at the end.
 
-    `path` is the old file or the new one, whole. Raises `DataError` where the folder is missing, not writable
-    or full.
+    `path` is at all times the complete old or new file. Raises `DataError` if the folder is missing, not
+    writable or full.
     """
     path = Path(path)
     draft = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{DRAFT}")
@@ -133,25 +133,25 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
 
 
 def write_atomic(path: str | Path, data: bytes | str) -> None:
-    """Write bytes or UTF-8 text to `path`, whole or not at all, as `writing` does; line ends are kept.
+    """Write bytes or UTF-8 text to `path`, completely or not at all; line ends are kept.
 
-    A character without UTF-8 form, such as a byte of a file's name, becomes a question mark.
+    A character without a UTF-8 form, such as an undecodable byte of a file name, becomes a question mark.
     """
     with writing(path) as file:
         file.write(data.encode("utf-8", "replace") if isinstance(data, str) else data)
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:
-    """Rows of cells, the heading first, as CSV with one kind of line end."""
+    """Rows, the heading first, as CSV text with \\n as line end."""
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="\n").writerows(rows)
     return buffer.getvalue()
 
 
 def file_sha256(path: str | Path) -> str:
-    """SHA-256 of a file, 64 hexadecimal digits; raises as `opened`."""
+    """SHA-256 of a file, 64 hexadecimal digits; raises like `open_binary`."""
     digest = hashlib.sha256()
-    with opened(path) as file:
+    with open_binary(path) as file:
         while data := file.read(1 << 18):
             digest.update(data)
     return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Processes that share work, through the interface of `concurrent.futures`."""
+"""Worker processes with the interface of `concurrent.futures`."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typing import Any
 
 import loky
 
-PARENT_CHECK_S = 0.5  # between two looks of a worker at whether the first process is there
+PARENT_CHECK_S = 0.5  # interval at which a worker checks that its parent process exists
 
 
 class ThisProcess(Executor):
-    """An executor without processes of its own: a call is done when it is submitted."""
+    """An executor without worker processes: `submit` makes the call at once."""
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """A finished future; exceptions of the call are raised here."""
+        """The completed future; an exception of the call is raised here."""
         future: Future[Any] = Future()
         future.set_result(function(*args, **kwargs))
         return future
@@ -28,9 +28,9 @@ class ThisProcess(Executor):
 
 @contextmanager
 def local_pool(workers: int) -> Iterator[Executor]:
-    """Processes of this machine, which end with the context; 1 worker is this process.
+    """Worker processes on this machine, ended with the context; with 1 worker, calls run in this process.
 
-    loky's processes, unlike the standard library's, start from scripts without a guarded main part too.
+    Unlike the standard library's processes, loky's also start from scripts without a `__main__` guard.
     """
     if workers == 1:
         yield ThisProcess()
@@ -45,7 +45,7 @@ def local_pool(workers: int) -> Iterator[Executor]:
 
 
 def _set_up_worker(parent: int) -> None:
-    """Ctrl-C reaches every process of a terminal: workers leave it to the first, and end when it does."""
+    """Make a worker ignore Ctrl-C, which the parent process handles, and end when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 

@@ -1,7 +1,7 @@
-"""Settings declared once: default, unit, range and meaning of every threshold.
+"""Declarations of settings: default, unit, range and meaning of every threshold.
 
-A settings class is a frozen dataclass whose fields are made by `setting`. Command-line options, widgets,
-the JSON in a run folder and the reference page are all derived from these declarations.
+A settings class is a frozen dataclass with fields made by `setting`. Command-line options, widgets and the
+JSON in a run folder are derived from these declarations.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def setting(
     high: float | None = None,
     choices: tuple[str, ...] = (),
 ) -> Any:
-    """A dataclass field with its unit, closed range (low, high) or choices, and one sentence of meaning."""
+    """A dataclass field with unit, closed range (low, high) or choices, and one sentence of meaning."""
     meta = {"text": text, "unit": unit, "low": low, "high": high, "choices": choices}
     return dataclasses.field(default=default, metadata=meta)
 
@@ -38,9 +38,9 @@ def section(cls: type) -> Any:
 
 @dataclass(frozen=True)
 class Setting:
-    """One declared setting: `name` is the dotted path such as "selection.sets", `kind` its Python type.
+    """One declared setting: `name` is a dotted path such as "selection.sets", `kind` a Python type.
 
-    A setting whose default is None may be None; one whose default is a tuple holds several values.
+    If the default is None, None is a valid value. If the default is a tuple, the setting has several values.
     """
 
     name: str
@@ -54,11 +54,11 @@ class Setting:
 
     @property
     def _item_kind(self) -> Any:
-        """The type of the value, or of each item of a tuple."""
+        """The type of the value, or of an item if the value is a tuple."""
         return (typing.get_args(self.kind) or (self.kind,))[0]
 
     def parse(self, raw: str) -> Any:
-        """The value of a command-line word; `DataError` says what was expected."""
+        """The value of a command-line argument; `DataError` names the values allowed."""
         kind = self._item_kind
         try:
             if kind is bool:
@@ -71,8 +71,9 @@ class Setting:
 
     def check(self, value: Any) -> None:
         """Raise `DataError` unless the value has the declared type, range and choices."""
-        one = not isinstance(value, tuple)
-        if one == isinstance(self.default, tuple) or not all(map(self._allows, (value,) if one else value)):
+        single = not isinstance(value, tuple)
+        items = (value,) if single else value
+        if single == isinstance(self.default, tuple) or not all(map(self._allows, items)):
             raise DataError(f"{self.name}: {value!r} is not {self.describe()}")
 
     def _allows(self, item: Any) -> bool:
@@ -82,11 +83,11 @@ class Setting:
             return False
         if self.choices:
             return item in self.choices
-        # NaN compares false.
+        # NaN fails every comparison.
         return (self.low is None or item >= self.low) and (self.high is None or item <= self.high)
 
     def describe(self) -> str:
-        """The values allowed, in words: "a number from 0 to 5 px"."""
+        """The values allowed, as text: "a number from 0 to 5 px"."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
         if self._item_kind is bool:
@@ -101,15 +102,15 @@ class Setting:
 
 
 class Checked:
-    """Base of settings classes: every instance is checked against its declarations when made."""
+    """Base of settings classes: the constructor checks every value against its declaration."""
 
     def __post_init__(self) -> None:
         for item in declared(type(self)):
-            if "." not in item.name:  # nested settings have checked themselves
+            if "." not in item.name:  # the constructor of a nested class has checked its values
                 item.check(getattr(self, item.name))
 
 
-_hints = functools.cache(typing.get_type_hints)  # asked for every widget and option; takes a millisecond
+_hints = functools.cache(typing.get_type_hints)  # a millisecond per call, one call per widget and option
 
 
 def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
@@ -125,7 +126,7 @@ def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
 
 
 def replace(config: Any, name: str, value: Any) -> Any:
-    """A copy of nested settings with one changed by its dotted name, checked."""
+    """A copy of nested settings with a new value, checked, for the setting of a dotted name."""
     item = next((item for item in declared(type(config)) if item.name == name), None)
     if item is None:
         raise DataError(f"{name}: there is no such setting")
@@ -136,12 +137,12 @@ def replace(config: Any, name: str, value: Any) -> Any:
 
 
 def to_dict(config: Any) -> dict[str, Any]:
-    """Nested plain dict, ready for JSON."""
+    """The settings as nested dicts for JSON."""
     return dataclasses.asdict(config)
 
 
 def from_dict(cls: Any, data: dict[str, Any]) -> Any:
-    """Settings from a nested dict as `to_dict` gives it; absent fields keep their defaults."""
+    """Settings from nested dicts as returned by `to_dict`; absent fields keep their defaults."""
     if not isinstance(data, dict):
         raise DataError(f"expected the settings of {cls.__name__} by name")
     hints, values = _hints(cls), dict[str, Any]()

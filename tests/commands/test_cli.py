@@ -86,7 +86,7 @@ def test_a_run_writes_its_files(bands: Path, done: Callable[..., str], variant: 
     assert str(out) in printed
     if variant == "kit":
         learnt = read_learnt_calibration(out / "calibration.json").in_words(config.calibration)
-        assert f"errors of the calibration (± one σ) {learnt}" in re.sub(r"[│\s]+", " ", printed)
+        assert f"calibration errors (± one σ) {learnt}" in re.sub(r"[│\s]+", " ", printed)
 
 
 def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path, done: Callable[..., str]) -> None:
@@ -115,15 +115,15 @@ def test_matches_are_kept_on_demand_and_used_again(
 def test_missing_boxes_are_told_at_the_start(
     bands: Path, done: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = "warning: no vehicle boxes on bands: no feature is removed there, so that"
-    assert " ".join(done("a").split()).startswith(told)
-    assert "boxes on" not in done("b", "--method", "solution_selection")
+    warning = "warning: no vehicle boxes for bands: no features are removed, so the method"
+    assert " ".join(done("a").split()).startswith(warning)
+    assert "no vehicle boxes" not in done("b", "--method", "solution_selection")
     words = ["--sequences", str(bands), "--seeds", "1", "--variant", "published"]
     words += ["--out", str(bands.parent / "c")]
     assert main(["reproduce", *words, "--cache", str(bands.parent / "cache")]) == 0
-    assert " ".join(capsys.readouterr().out.split()).startswith(told)
+    assert " ".join(capsys.readouterr().out.split()).startswith(warning)
     (bands / "labels").mkdir()
-    assert "boxes on" not in done("d")
+    assert "no vehicle boxes" not in done("d")
 
 
 def test_a_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) -> None:

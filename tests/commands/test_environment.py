@@ -34,7 +34,7 @@ def test_a_user_without_data_is_told_the_steps_and_the_size_of_the_caches(
     printed = capsys.readouterr().out
     assert f"opencv {cv2.__version__}" in printed
     assert np.__version__ in printed
-    assert "matches of other code: 2.0 MB" in printed
+    assert "matches of other versions: 2.0 MB" in printed
     assert "vo data clean_cache" in printed
     steps = {line.split()[2] for line in printed.splitlines() if line.startswith("  vo data ")}
     assert {"get_kitti", "get_detector", "clean_cache"} < steps < scripts().keys()
@@ -71,7 +71,7 @@ def test_the_list_says_what_each_sequence_has_in_80_columns(
     facts = {name: cells for name, *cells in rows}
     assert facts["kitti/04"] == ["6", "2", "yes", "no", "480×240", "1"]
     assert facts["kitti/05"] == ["–"] * 6
-    assert "kitti/05 cannot be used" in said[0]
+    assert "kitti/05 is not usable" in said[0]
     assert facts["synthetic/jam"] == ["–", "100", "yes", "yes", "1241×376", "–"]
     assert {f"synthetic/{name}" for name in SCENES} < facts.keys()
 

@@ -18,7 +18,7 @@ LINK = re.compile(r"\]\((?!\w+://)([^)#\s]+)")
 def files(folder: Path) -> set[str]:
     """Names of all files in a folder but the caches and the note of what was copied."""
     paths = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
-    return {path.as_posix() for path in paths if not {"__pycache__", lab.COPIED} & {*path.parts}}
+    return {path.as_posix() for path in paths if not {"__pycache__", lab.DIGESTS_FILE} & {*path.parts}}
 
 
 def notebook(source: str, count: int | None = None) -> str:
@@ -45,13 +45,13 @@ def test_the_course_is_copied_into_the_readers_home(
     with pytest.raises(SystemExit):
         main(["lab", "--", "--version"])
     folder = tmp_path / "stereo-vo-course"
-    assert f"the course is in {folder.resolve()}" in capsys.readouterr().out
-    assert {lab.FIRST, "course/__init__.py", "images/jam.gif", "choices.csv"} < files(folder)
+    assert f"The course is in {folder.resolve()}" in capsys.readouterr().out
+    assert {lab.FIRST_NOTEBOOK, "course/__init__.py", "images/jam.gif", "choices.csv"} < files(folder)
     assert [name for name in files(folder) if "solutions" in name or "teaching" in name] == []
     for path in [*folder.glob("*.ipynb"), *folder.glob("*.md")]:
         for link in LINK.findall(path.read_text(encoding="utf-8")):
             assert (folder / link).exists(), (path, link)
-    assert "solutions (`vo lab --teacher`)" in (folder / lab.FIRST).read_text(encoding="utf-8")
+    assert "solutions (`vo lab --teacher`)" in (folder / lab.FIRST_NOTEBOOK).read_text(encoding="utf-8")
 
 
 def test_a_teacher_gets_all_files_but_those_that_working_leaves_behind(
@@ -67,7 +67,9 @@ def test_a_teacher_gets_all_files_but_those_that_working_leaves_behind(
     # A student's copy becomes a teacher's, whose links lead to the answers.
     for teacher in (False, True):
         lab.copy_course(source, tmp_path / "student", teacher)
-    assert (tmp_path / "student" / lab.FIRST).read_bytes() == (source / lab.FIRST).read_bytes()
+    assert (tmp_path / "student" / lab.FIRST_NOTEBOOK).read_bytes() == (
+        source / lab.FIRST_NOTEBOOK
+    ).read_bytes()
     assert capsys.readouterr().out == ""
 
 
@@ -86,7 +88,7 @@ def test_what_the_reader_changed_stays_and_a_new_version_comes_beside_it_once(
     assert said() == ""
     for version in ("second = 2", "third = 3"):
         theirs.write_text(version, encoding="utf-8")
-        assert said() == "course/a.py is kept as you changed it; its new version is course/a.new.py\n"
+        assert said() == "You changed course/a.py, so it is kept; the new version is course/a.new.py\n"
         assert said() == ""
         assert beside.read_text(encoding="utf-8") == version
         assert mine.read_text(encoding="utf-8") == "first"
@@ -119,7 +121,7 @@ def test_a_notebook_that_was_only_run_is_brought_up_to_date_and_a_deleted_one_co
     (source / mine.name).write_text(notebook("third"), encoding="utf-8")
     lab.copy_course(source, mine.parent, teacher=False)
     assert mine.read_text(encoding="utf-8") == "no JSON"
-    assert capsys.readouterr().out.startswith("01.ipynb is kept")
+    assert capsys.readouterr().out.startswith("You changed 01.ipynb")
 
 
 def test_a_full_disk_leaves_no_part_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,1 +1,1 @@
-"""The `vo` command's commands, one module each: `add(parser)` declares the options and what runs."""
+"""The commands of `vo`, one module each: `add(parser)` declares the options and the function to call."""

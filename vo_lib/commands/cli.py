@@ -1,4 +1,4 @@
-"""The `vo` command."""
+"""The `vo` command: its list of commands, and the call of one of them."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from typing import Any
 from ..errors import DataError
 from .script import ENDINGS, OneLineParser, exit_code
 
-# Of each command its module and its line in the help. A module is imported when its command is asked for: the
-# libraries behind them take two seconds.
+# Module and help line of each command. Only the module of the command in use is imported: all imports
+# together take two seconds.
 COMMANDS = {
     "demo": ("demo", "all methods on a drawn street; nothing is downloaded"),
     "run": ("run", "one run over one sequence"),
     "reproduce": ("reproduce", "Table 1 and Figure 4: methods over sequences and seeds"),
     "sweep": ("sweep", "a grid over settings on cached matches: table, CSV, heat map"),
-    "evaluate": ("evaluate", "KITTI errors, ATE and RPE of runs and trajectories"),
-    "list": ("sequences", "sequences: frames, length, truth, boxes, size"),
-    "check": ("environment", "packages, data and caches; the remedy for each problem"),
-    "data": ("scripts", "fetch, check, draw, import, label data; train a detector; no name: the list"),
+    "evaluate": ("evaluate", "KITTI errors, ATE and RPE of runs and trajectory files"),
+    "list": ("sequences", "available sequences: frames, length, truth, boxes, size"),
+    "check": ("environment", "state of packages, data and caches, with a remedy for each problem"),
+    "data": ("scripts", "scripts that download, check, draw, import or label data, or train a detector"),
     "lab": ("lab", "open the notebooks in JupyterLab"),
 }
-# Commands and options of earlier versions, with their successors.
-GONE = {
+# Commands and options of earlier versions, with their replacements.
+REPLACED = {
     "compare": "vo evaluate RUN RUN",
     "calibrate": "vo run B --variant kit --calibration A/calibration.json, where A is the folder of a run",
     "boxes": "vo run SEQUENCE --variant kit --method moving_selection --video FILE",
@@ -45,22 +45,22 @@ GONE = {
 
 
 def main(words: Items[str] | None = None) -> int:
-    """Run the command that the words name, by default the program's; returns the exit code.
+    """Run the command in `words`, by default the program's arguments, and return the exit code.
 
-    Bad input ends with one line and code 2, see `script.exit_code`. Warnings of libraries are printed at the
-    end of a command that succeeds.
+    Bad input ends with one line and code 2 (`script.exit_code`). Warnings of libraries are printed at the end
+    of a successful command.
     """
     words = (sys.argv[1:] if words is None else words) or ["--help"]
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a terminal that lacks a letter shows "?"
+        sys.stdout.reconfigure(errors="replace")  # "?" for letters that the terminal lacks
     with warnings.catch_warnings(record=True) as raised:
         try:
-            refuse_gone(words)
+            refuse_replaced(words)
             options = make_parser(words).parse_args(
                 words, argparse.Namespace(line=shlex.join(["vo", *words]))
             )
             code = int(options.command(options))
-            print(end="", flush=True)  # fails here if nobody reads the output
+            print(end="", flush=True)  # a closed output pipe raises its error here
         except ENDINGS as error:
             return exit_code("vo", error)
     for warning in raised:
@@ -68,17 +68,17 @@ def main(words: Items[str] | None = None) -> int:
     return code
 
 
-def refuse_gone(words: Items[str]) -> None:
-    """`DataError` naming the successor of a command or an option that is gone."""
-    given = {word.partition("=")[0] for word in words}
-    for name, successor in GONE.items():
+def refuse_replaced(words: Items[str]) -> None:
+    """`DataError` with the replacement of a command or an option of an earlier version."""
+    options = {word.partition("=")[0] for word in words}
+    for name, replacement in REPLACED.items():
         command, *option = name.split()
-        if words[:1] == [command] and given.issuperset(option):
-            raise DataError(f"`vo {name}` is gone; its successor: {successor}")
+        if words[:1] == [command] and options.issuperset(option):
+            raise DataError(f"`vo {name}` no longer exists; use: {replacement}")
 
 
 def make_parser(words: Items[str]) -> argparse.ArgumentParser:
-    """The parser of all commands, with the options of the command that the words name."""
+    """The parser of all commands, with the options of the command in `words`."""
     parser = OneLineParser(prog="vo", description="Stereo visual odometry without features on vehicles.")
     parser.add_argument("--version", action="version", version=f"vo {metadata.version('stereo-vo-kit')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")

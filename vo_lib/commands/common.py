@@ -1,4 +1,4 @@
-"""Options that several commands share, and what is made of them."""
+"""Options that several commands share, and the parsing of their values."""
 
 from __future__ import annotations
 
@@ -28,56 +28,58 @@ DEFAULT_METHOD, DEFAULT_VARIANT = "feature_selection", "published"
 
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
-    """The option that chooses the cache folder."""
-    text = f"folder that keeps synthetic scenes; default {cache_folder()}"
+    """Add the option for the cache folder."""
+    text = f"folder of the drawn scenes; default {cache_folder()}"
     parser.add_argument("--cache", type=Path, metavar="DIR", help=text.replace("%", "%%"))
 
 
 def add_method(parser: argparse.ArgumentParser) -> None:
-    """The options that choose a method, its variant and its settings."""
+    """Add the options for a method, its variant and its settings."""
     parser.add_argument("--method", help=f"one of {', '.join(METHODS)}; default {DEFAULT_METHOD}")
     add_variant(parser)
     add_config(parser)
 
 
 def add_variant(parser: argparse.ArgumentParser, both: bool = False) -> None:
-    """The option that chooses the paper as published or the kit's way, or takes both."""
+    """Add the option for the variant; `both` allows both variants."""
     default = BOTH if both else DEFAULT_VARIANT
-    text = f"the paper as published, or the kit's way with its additions; default {default}"
+    text = f"published: the method of the paper; kit: with additions; default {default}"
     parser.add_argument("--variant", choices=[*VARIANTS, *([BOTH] if both else [])], help=text)
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
-    """The options that choose frames and labels of the sequence."""
+    """Add the options for frames, labels and masks of the sequence."""
     parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
-    parser.add_argument("--labels", metavar="DIR", help="YOLO label files; default: labels/ in the sequence")
-    text = "PNG image of pixels (not 0) whose features are left out, or folder with one a frame, named as it"
+    text = "folder of YOLO label files; default: labels/ in the sequence's folder"
+    parser.add_argument("--labels", metavar="DIR", help=text)
+    text = "PNG mask: no features where its pixels are not 0; or a folder with one mask per image, same names"
     parser.add_argument("--masks", type=Path, metavar="PATH", help=text)
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
-    """The option that takes a run's settings."""
-    text = "config.json of a run: its method, variant and thresholds; options for thresholds go before them"
+    """Add the option for a run's settings."""
+    text = "config.json of a run: method, variant and thresholds; threshold options override the file"
     parser.add_argument("--config", type=Path, metavar="FILE", help=text)
 
 
 def add_detector(parser: argparse.ArgumentParser, where: str = "") -> None:
-    """The options that choose a detector and its processor."""
-    text = "find the vehicles{}: `street` (shipped, for drawn streets), a fetched model or an ONNX file"
+    """Add the options for a detector and its processor."""
+    text = "detect vehicles{} with `street` (included, for drawn streets), a downloaded model or an ONNX file"
     parser.add_argument("--detector", metavar="MODEL", help=text.format(where))
-    parser.add_argument("--provider", default="cpu", metavar="P", help="cpu or cuda; default cpu")
+    parser.add_argument("--provider", default="cpu", metavar="P", help="detector on cpu or cuda; default cpu")
 
 
 def add_many(parser: argparse.ArgumentParser, jobs: Any) -> None:
-    """The options of commands that do many runs: `jobs` is the group that --jobs goes to."""
-    parser.add_argument("--seeds", metavar="N", default="5", help="seeds 0 … N-1; default %(default)s")
-    jobs.add_argument("--jobs", metavar="N", default="1", help="processes; default %(default)s")
-    parser.add_argument("--fresh", action="store_true", help="do finished runs again")
+    """Add the options of commands with many runs; `jobs` is the option group of --jobs."""
+    text = "number of random seeds, 0 … N-1; default %(default)s"
+    parser.add_argument("--seeds", metavar="N", default="5", help=text)
+    jobs.add_argument("--jobs", metavar="N", default="1", help="parallel processes; default %(default)s")
+    parser.add_argument("--fresh", action="store_true", help="repeat finished runs")
     add_cache(parser)
 
 
 def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None = None) -> Sequence:
-    """A sequence, with the options of `add_part`; a bar is shown while a synthetic scene is drawn."""
+    """A sequence with the options of `add_part`; a progress bar appears while a scene is drawn."""
     with reporting(f"drawing {name}") as report:
         sequence = open_sequence(name, part.labels if part else None, cache, report)
     if part is None:
@@ -87,22 +89,22 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
 
 
 def read_settings(options: argparse.Namespace) -> MethodConfig:
-    """The settings of --method and --variant or of --config; names of both are set in the options.
+    """The settings of --method and --variant, or of --config; sets `options.method` and `options.variant`.
 
-    Raises `DataError` where --config is of another method or variant than the options.
+    Raises `DataError` if --config has another method or variant than the options.
     """
     if options.config is None:
         options.method = options.method or DEFAULT_METHOD
         options.variant = options.variant or DEFAULT_VARIANT
         config: MethodConfig = preset(options.method, variant=options.variant)
         return config
-    expected = "the settings of a run, as `vo run` writes them"
+    expected = "the settings of a run, as written by `vo run`"
     data = read_mapping(options.config, expected)
     for name in ("method", "variant"):
-        given, stored = getattr(options, name, None), data.get(name)
-        if given not in (None, stored):
-            raise DataError(f"is a run of {name} {stored}, not {given}: leave --{name} out", options.config)
-        setattr(options, name, stored)
+        option, value = getattr(options, name, None), data.get(name)
+        if option not in (None, value):
+            raise DataError(f"is a run of {name} {value}, not {option}: omit --{name}", options.config)
+        setattr(options, name, value)
     try:
         config = settings.from_dict(config_class(data["variant"]), data["settings"])
     except (DataError, KeyError, TypeError) as error:
@@ -111,9 +113,9 @@ def read_settings(options: argparse.Namespace) -> MethodConfig:
 
 
 def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]:
-    """Method names of a comma-separated list by variant, each once; none given: all that a variant has.
+    """Method names of a comma-separated list by variant, without repetition; without a list, all methods.
 
-    Raises `DataError` for a name that no variant asked for has.
+    Raises `DataError` for a name that is in none of the variants.
     """
     variants = list(VARIANTS) if variant in (None, BOTH) else [str(variant)]
     if text is None:
@@ -125,18 +127,18 @@ def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]
 
 
 def parse_whole(name: str, text: str, least: int = 1, most: int = 1_000_000) -> int:
-    """A whole number from `least` to `most`; `DataError` names the option."""
+    """A whole number from `least` to `most`; a `DataError` names the option."""
     try:
         number = int(text)
     except ValueError:
         number = least - 1
     if not least <= number <= most:
-        raise DataError(f"{name} {text!r}: expected a whole number of {least} or more, {most} at most")
+        raise DataError(f"{name} {text!r}: expected a whole number from {least} to {most}")
     return number
 
 
 def parse_frames(text: str, number: int) -> tuple[int, int]:
-    """Start and stop of "A:B"; either may be left out."""
+    """Start and stop of "A:B"; either may be missing."""
     start, colon, stop = text.partition(":")
     try:
         if not colon:
@@ -158,7 +160,7 @@ def parse_lengths(text: str) -> tuple[float, ...]:
 
 
 def parse_delta(text: str) -> Delta:
-    """Frames of "10f", metres of "5m"."""
+    """The interval of "10f" (frames) or "5m" (metres)."""
     match = re.fullmatch(r"(\d+)f|(\d+\.?\d*|\.\d+)m", text, re.ASCII)
     delta = Delta() if match is None else Delta(int(match[1])) if match[1] else Delta(float(match[2]), "m")
     if match is None or not 0 < delta.size <= MAX_COORDINATE_M:
@@ -167,25 +169,25 @@ def parse_delta(text: str) -> Delta:
 
 
 def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> None:
-    """Tell on which sequences a box rule finds no boxes, the consequence, and where boxes come from."""
+    """Warn of sequences without boxes for a box rule: the consequence, and the sources of boxes."""
     without = (s.name for s, config in runs if s.labels is None and config.filter.rule in ("all", "moving"))
     if names := ", ".join(dict.fromkeys(without)):
         tell(
-            f"warning: no vehicle boxes on {names}: no feature is removed there, so that the method is "
-            "solution_selection. `--detector street` finds boxes on drawn streets, a model of `vo data "
-            "get_detector` on real images; label files are read from labels/ in the folder of the sequence."
+            f"warning: no vehicle boxes for {names}: no features are removed, so the method is equal to "
+            "solution_selection. Use `--detector street` for drawn streets, a model of `vo data "
+            "get_detector` for real images, or put label files into labels/ in the sequence's folder."
         )
 
 
 def labelled(
     sequence: Sequence, options: argparse.Namespace, config: DetectorConfig, cache: Path | None
 ) -> Sequence:
-    """The sequence with the boxes of --detector, if that was given; the boxes are kept in the cache."""
+    """The sequence with the boxes of --detector, if that option is present; the cache stores the boxes."""
     if options.detector is None:
         return sequence
     if options.detector == "street" and not sequence.name.startswith(SYNTHETIC):
         tell(f"warning: `street` was trained on drawn streets; its boxes on {sequence.name} may be wrong")
-    with reporting(f"vehicles of {sequence.name}") as report:
+    with reporting(f"detecting vehicles in {sequence.name}") as report:
         return labelled_sequence(
             sequence, options.detector, config, provider=options.provider, cache=cache, progress=report
         )

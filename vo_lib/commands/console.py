@@ -1,4 +1,4 @@
-"""Output of the `vo` command and the data scripts in a terminal: progress bars, tables, sentences."""
+"""Terminal output of the `vo` command and the data scripts: progress bars, tables, sentences."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ..report.page import ReportTable
 if TYPE_CHECKING:
     from ..geometry.types import Progress
 
-SPEED_PERIOD_S = 180.0  # a bar's speed is a mean over this time
+SPEED_PERIOD_S = 180.0  # time over which a progress bar averages the speed
 
 
 @contextmanager
 def reporting(label: str, in_bytes: bool = False) -> Iterator[Progress]:
-    """A progress function with a bar in a terminal, which disappears at the end."""
+    """A progress function; in a terminal, with a bar that disappears at the end."""
     console = Console(stderr=True)
     if not console.is_interactive:
         yield lambda done, total: None
         return
-    from rich import progress as rich  # a tenth of a second, which --help need not wait for
+    from rich import progress as rich  # this import takes 0.1 s, which --help does not need
 
     count = (rich.DownloadColumn(), rich.TransferSpeedColumn()) if in_bytes else (rich.MofNCompleteColumn(),)
     label_column = rich.TextColumn("{task.description}", markup=False)
@@ -38,31 +38,31 @@ def reporting(label: str, in_bytes: bool = False) -> Iterator[Progress]:
 
 
 def say(*lines: str) -> None:
-    """Print lines as they are: no colours, no markup, no wrapping in the middle of a path."""
+    """Print lines unchanged: without colours and markup, and without breaks inside a path."""
     Console().print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
 
 
 def tell(*sentences: str) -> None:
-    """Print sentences, each wrapped between words at the terminal's width."""
+    """Print sentences, each wrapped at the terminal's width."""
     for sentence in sentences:
         Console().print(sentence, highlight=False, markup=False)
 
 
 def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: bool = True) -> None:
-    """A table: the first column names the row; numbers stand to the right."""
+    """Print a table; the first column has the rows' names, numbers are aligned to the right."""
     if title:
-        say(title)  # above the table, not within: a narrow one would break it
+        say(title)  # not as the table's own title, which a narrow table wraps
     table = Table()
     for place, name in enumerate(columns):
         justify: JustifyMethod = "right" if numbers and place else "left"
         table.add_column(Text(name), justify=justify, overflow="fold")
     for row in rows:
-        table.add_row(*map(Text, row))  # no markup: a name may have brackets
+        table.add_row(*map(Text, row))  # `Text` has no markup: a name may contain brackets
     Console().print(table)
 
 
 def show_report_table(table: ReportTable) -> None:
-    """A report's table, below a blank line, with the sentences above and below it."""
+    """Print a table of a report with its title, introduction and notes, after a blank line."""
     tell("", table.title, *table.head)
     show_table("", table.columns, table.rows)
     tell(*table.notes)

@@ -1,4 +1,4 @@
-"""`vo demo`: `vo reproduce` on the drawn street that shows the paper's claim."""
+"""`vo demo`: a short `vo reproduce` on a drawn street, as evidence for the paper's claim."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from ..data.catalogue import DRAWING_PROCESSES
 from . import common, reproduce
 from .script import steps
 
-# Vehicles that move fill the images of this street, so that it shows the gain.
+# Moving vehicles fill the images of this street, so the removal has a clear effect.
 OPTIONS = ["--sequences", "synthetic/jam", "--variant", "published", "--lengths", "50", "--seeds", "2"]
 NEXT_STEPS = {
     "vo lab": "the course: notebooks that build the method step by step",
     "vo reproduce --sequences synthetic/parked --seeds 1": "the table of a street with parked cars",
     "vo list": "the other streets, and any KITTI sequences found",
     "vo run PATH --out runs/mine": "a folder of your own in KITTI's layout",
-    "vo check": "missing data and packages, and the command that gets them",
+    "vo check": "missing data and packages, with the commands that install them",
 }
-LIMIT = "Where all vehicles are parked, the removal takes away good features and gains nothing."
+LIMIT = "In streets where all vehicles are parked, the removal costs good features and gains nothing."
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo demo`."""
-    parser.epilog = f"The same as: vo reproduce {shlex.join(OPTIONS)}"
+    parser.epilog = f"equivalent to: vo reproduce {shlex.join(OPTIONS)}"
     parser.add_argument("--out", default="runs/demo", metavar="DIR", help="folder; default %(default)s")
     common.add_cache(parser)
     parser.set_defaults(command=_demo)

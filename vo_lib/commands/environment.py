@@ -1,4 +1,4 @@
-"""`vo check`: packages, data and caches; the remedy for each problem."""
+"""`vo check`: the state of packages, data and caches, with a remedy for each problem."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..runs.matches import code_folder, folder_size, match_folder
 from .console import say, show_table
 from .script import install, steps
 
-# Subject, state, facts and remedy; the state is "ok", "note" (an optional thing is missing) or "problem".
+# Subject, state, facts and remedy; the state is "ok", "note" (an optional part is missing) or "problem".
 Finding = tuple[str, str, str, str]
 
 
@@ -33,15 +33,14 @@ def _check(options: argparse.Namespace) -> int:
 
 def _packages() -> Finding:
     names = {str(package.metadata["Name"]) for package in metadata.distributions()}
-    several = sorted(name for name in names if name.startswith("opencv-"))
+    opencv_packages = sorted(name for name in names if name.startswith("opencv-"))
     python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
     facts = "\n".join([python, *(f"{name} {version}" for name, version in versions().items())])
-    if len(several) < 2:
+    if len(opencv_packages) < 2:
         return "packages", "ok", facts, ""
-    remedy = (
-        f"{' and '.join(several)} share one folder: pip uninstall -y {' '.join(several)}, then {install()}"
-    )
-    return "packages", "problem", facts, remedy
+    conflict = f"{' and '.join(opencv_packages)} are installed in one folder"
+    remedy = f"pip uninstall -y {' '.join(opencv_packages)}, then {install()}"
+    return "packages", "problem", facts, f"{conflict}: {remedy}"
 
 
 def _kitti() -> Finding:
@@ -49,14 +48,14 @@ def _kitti() -> Finding:
     if not folders:
         ways = {
             "vo data get_kitti --help": f"KITTI's sequences from the web or archives, into {kitti_root()}",
-            "vo data from_folder --help": "stereo images or a video of your own",
+            "vo data from_folder --help": "your own stereo images or video",
         }
-        return "KITTI odometry", "note", "no sequences", "optional; ways to data" + steps(ways)
+        return "KITTI odometry", "note", "no sequences", "optional; commands that add data" + steps(ways)
     facts = f"{len(folders)} sequences in {', '.join(map(str, kitti_roots()))}"
     short = [path.name for path in folders if count_pairs(path) < len(wanted_frames(path) or ())]
     if not short:
         return "KITTI odometry", "ok", facts, ""
-    remedy = "incomplete" + steps({"vo data check_kitti": "names the missing parts"})
+    remedy = "incomplete" + steps({"vo data check_kitti": "lists the missing parts"})
     return "KITTI odometry", "note", f"{facts}; incomplete: {', '.join(short)}", remedy
 
 
@@ -65,7 +64,7 @@ def _detectors() -> Finding:
     remedy = (
         "" if names else "optional" + steps({"vo data get_detector yolox-tiny": "for real images, 20 MB"})
     )
-    return "fetched detectors", "ok", ", ".join(names) or f"none in {detector_folder()}", remedy
+    return "downloaded detectors", "ok", ", ".join(names) or f"none in {detector_folder()}", remedy
 
 
 def _caches() -> Finding:
@@ -73,10 +72,10 @@ def _caches() -> Finding:
     sizes = {
         "scenes": folder_size(cache_folder()),
         "matches": current,
-        "matches of other code": folder_size(match_folder(None)) - current,
+        "matches of other versions": folder_size(match_folder(None)) - current,
         "labels": folder_size(cache_folder().parent / "labels"),
         "hashes of images": folder_size(hash_folder()),
     }
     facts = [str(cache_folder().parent), *(f"{name}: {size / 1e6:.1f} MB" for name, size in sizes.items())]
-    remedy = "to free space" + steps({"vo data clean_cache": "removes the matches of other code"})
+    remedy = "to free space" + steps({"vo data clean_cache": "deletes the matches of other versions"})
     return "caches", "ok", "\n".join(facts), remedy

@@ -1,4 +1,4 @@
-"""`vo evaluate`."""
+"""`vo evaluate`: errors of runs and of trajectory files."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo evaluate`."""
     parser.epilog = "example: vo evaluate runs/07 orb/07.txt --out figures"
     option = parser.add_argument
-    text = "runs' folders, and pose files of other systems as KITTI, TUM or EuRoC have them"
+    text = "folders of runs, and pose files of other systems in the format of KITTI, TUM or EuRoC"
     option("paths", nargs="+", type=Path, metavar="RUN_OR_FILE", help=text)
-    text = "true poses of all paths, in one of these formats; default: the truth of the runs' sequences"
+    text = "ground truth of all paths, in one of these formats; default: the truth of the runs' sequences"
     option("--truth", type=Path, metavar="FILE", help=text)
-    text = "sub-sequence lengths, metres; default 100,…,800, on short paths 20,50,100"
+    text = "sub-sequence lengths in metres; default 100,…,800, for short paths 20,50,100"
     option("--lengths", metavar="L,L,…", help=text)
-    option("--step", metavar="N", help="frames from one start to the next; default 10, on short paths 1")
-    text = "what may be moved before ATE is taken; default %(default)s"
+    text = "frames from one sub-sequence start to the next; default 10, for short paths 1"
+    option("--step", metavar="N", help=text)
+    text = "transformation of the path before the ATE is computed; default %(default)s"
     option("--alignment", default="se3", choices=[each.value for each in Alignment], help=text)
-    text = "RPE between poses so far apart: frames, 10f, or metres along the true path, 5m; default 1f"
+    text = "interval of the RPE, in frames (10f) or in metres along the true path (5m); default 1f"
     option("--delta", default="1f", metavar="D", help=text)
-    text = "seconds from a pose to the true one at most, where both have times; default %(default)s"
+    text = "largest difference between the times of a pose and its true pose, in seconds; default %(default)s"
     option("--t-max-diff", type=float, default=TOLERANCE, metavar="S", help=text)
-    text = "write evaluation.json, and pictures of paths and of errors by length and speed"
+    text = "folder for evaluation.json and for figures of paths and of errors by length and speed"
     option("--out", metavar="DIR", help=text)
-    option("--json", action="store_true", help="print JSON")
+    option("--json", action="store_true", help="print the results as JSON")
     parser.set_defaults(command=_evaluate)
 
 

@@ -1,4 +1,4 @@
-"""`vo reproduce`."""
+"""`vo reproduce`: Table 1 and Figure 4 from runs of several methods, sequences and seeds."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo reproduce`."""
     parser.epilog = (
         "example: vo reproduce --sequences 00,02-10 --methods mesvo_f,feature_selection --jobs 2. "
-        "Started again with the same folder, it does not do finished runs again. Exit code 1: a run failed."
+        "A second call with the same folder repeats no finished run. Exit code 1: a run failed."
     )
     option = parser.add_argument
-    text = "KITTI numbers and ranges, names from `vo list`, paths; default: all of KITTI that is found, else "
-    option("--sequences", metavar="S,S,…", help=text + "the synthetic scenes")
+    text = "KITTI numbers or ranges, names from `vo list`, or paths; default: all KITTI sequences found, or "
+    option("--sequences", metavar="S,S,…", help=text + "else the drawn scenes")
     common.add_variant(parser, both=True)
-    option("--methods", metavar="M,M,…", help="default: all that a variant has")
+    option("--methods", metavar="M,M,…", help="methods; default: all methods of the variant")
     common.add_config(parser)
-    text = "sub-sequence lengths, metres, from every frame; default: as KITTI, on short paths 20,50,100"
+    text = "sub-sequence lengths in metres, from every frame; default: as KITTI, for short paths 20,50,100"
     option("--lengths", metavar="L,L,…", help=text)
     option("--out", default="runs/table1", metavar="DIR", help="folder; default %(default)s")
-    common.add_detector(parser, " of sequences without labels")
+    common.add_detector(parser, " in sequences without labels")
     common.add_many(parser, parser)
     parser.set_defaults(command=reproduce)
 
 
 def reproduce(options: argparse.Namespace, before: str = "", after: str = "") -> int:
-    """Do the runs, write the table, say the result between two texts; the exit code, 1 where a run failed."""
+    """Do the runs, write the table and print the result between two texts; exit code 1 if a run failed."""
     start, config = time.perf_counter(), None
     if options.config is not None:
         if options.methods is not None:
-            raise DataError("--config and --methods: expected one of them, both name the method")
+            raise DataError("--config and --methods: use only one of them, both set the method")
         config = common.read_settings(options)
         options.methods = options.method
     methods = common.parse_methods(options.methods, options.variant)
@@ -58,25 +58,26 @@ def reproduce(options: argparse.Namespace, before: str = "", after: str = "") ->
     candidates = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
     names, missing = split_missing(candidates)
     with run_folder(options.out) as folder, only_process(folder):
-        opened = [common.open_with_bar(name, options.cache) for name in names]
         sequences = [
-            each if each.labels else common.labelled(each, options, DetectorConfig(), options.cache)
-            for each in opened
+            sequence
+            if sequence.labels
+            else common.labelled(sequence, options, DetectorConfig(), options.cache)
+            for sequence in [common.open_with_bar(name, options.cache) for name in names]
         ]
         jobs = plan_jobs(sequences, methods, seeds, folder, config)
         common.warn_without_boxes((job.sequence, job.config) for job in jobs)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)
         result = collect(outcomes, missing, measure)
-        if not result.paths:  # an earlier table stays
+        if not result.paths:  # an earlier table is kept
             raise DataError(" ".join(result.problems))
         groups = group_entries(result.entries)
-        said = [*results(groups), *filter(None, [after])]
-        made = [options.line, f"duration {time.perf_counter() - start:.0f} s, processes: {workers}"]
-        write_table_files(folder, result, paper, said, made)
+        conclusions = [*results(groups), *filter(None, [after])]
+        origin = [options.line, f"duration {time.perf_counter() - start:.0f} s, processes: {workers}"]
+        write_table_files(folder, result, paper, conclusions, origin)
     for table in (table for group in groups for table in layout_tables(group, paper)):
         show_report_table(table)
     tell("", *result.problems)
     say(*filter(None, [before]), f"Report with figures: {folder / 'report.html'}")
-    tell(*said)
+    tell(*conclusions)
     return 1 if result.failed else 0

@@ -1,4 +1,4 @@
-"""`vo run`."""
+"""`vo run`: one run over one sequence."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..runs.matches import CachedMatches, match_folder
 from . import common
 from .console import reporting, say, show_report_table, show_table, tell
 from .script import SETTINGS_PAGE
-from .setting_options import add_option, given
+from .setting_options import add_option, option_values
 
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
@@ -38,19 +38,25 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo run`."""
     parser.epilog = "example: vo run kitti/07 --out runs/07 --selection.sets 100"
     option = parser.add_argument
-    option("sequence", nargs="?", help="a KITTI-layout folder, or a name from `vo list`: kitti/07")
+    option(
+        "sequence", nargs="?", help="a name from `vo list`, such as kitti/07, or a folder in KITTI's layout"
+    )
     common.add_method(parser)
     common.add_part(parser)
     common.add_detector(parser)
-    option("--out", metavar="DIR", help="folder for the results; a run finished there is read back")
-    option("--fresh", action="store_true", help="start anew whatever the folder holds")
-    text = "start from another run's calibration.json (kit); --calibration.estimate off holds it"
+    option(
+        "--out", metavar="DIR", help="folder for the results; a finished run in the folder is not repeated"
+    )
+    option("--fresh", action="store_true", help="ignore a finished run in the folder")
+    text = (
+        "calibration.json of another run to start from (kit); --calibration.estimate off keeps it unchanged"
+    )
     option("--calibration", type=Path, metavar="FILE", help=text)
-    text = f"keep matches and use those kept in DIR (default {match_folder(None).parent}), with drawn scenes"
+    text = f"store and reuse matches and drawn scenes in DIR, by default {match_folder(None).parent}"
     option("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
-    text = f"film ({FILM_ENDING}) of features, boxes and path; a report shows the films in its run folders"
+    text = f"film ({FILM_ENDING}) of features, boxes and path; a report includes the films in its run folders"
     option("--video", type=Path, metavar="FILE", help=text)
-    option(SETTINGS_PAGE, action="store_true", help="the thresholds of the variant, which are options")
+    option(SETTINGS_PAGE, action="store_true", help="list the options for the variant's thresholds")
     for item in [*SETTINGS.values(), *DETECTOR_SETTINGS]:
         add_option(parser, item, item.name, shown=False)  # not in the short help
     parser.set_defaults(command=_run)
@@ -62,7 +68,10 @@ def _run(options: argparse.Namespace) -> int:
         return _help_settings(config)
     config = changed_by_options(options, config)
     calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
-    values = {name.removeprefix(DETECTOR): value for name, value in given(options, DETECTOR_SETTINGS).items()}
+    values = {
+        name.removeprefix(DETECTOR): value
+        for name, value in option_values(options, DETECTOR_SETTINGS).items()
+    }
     sequence = common.open_with_bar(options.sequence, cache, options)
     label = f"{sequence.name}, {options.method}, {config.variant}"
     with run_folder(options.out) as folder:
@@ -70,7 +79,7 @@ def _run(options: argparse.Namespace) -> int:
         common.warn_without_boxes([(sequence, config)])
         matches = None if options.cache is None else CachedMatches(sequence, config, cache)
         with reporting(label) as report:
-            result, done_before = run_once(
+            result, read_back = run_once(
                 folder,
                 sequence,
                 config,
@@ -86,35 +95,35 @@ def _run(options: argparse.Namespace) -> int:
     say(f"written to {folder}")
     if options.video is not None:
         with reporting("drawing frames") as report, Film(options.video, result, label) as film:
-            for shown in shown_frames(result, matches, calibration):
-                film.add(shown)
-                report(shown.index + 1, len(sequence))
+            for frame in shown_frames(result, matches, calibration):
+                film.add(frame)
+                report(frame.index + 1, len(sequence))
         say(f"film: {options.video}")
-    if done_before:
-        say("this run was finished before; --fresh does it again")
+    if read_back:
+        say("The folder has this run already, finished; --fresh repeats the run.")
     return 0
 
 
 def _show(result: Run, method: str) -> None:
-    """Print errors, removals, flags and time of a run, and doubts about it."""
+    """Print errors, removals, flags, time and warnings of a run."""
     sequence, motions = result.sequence, result.motions
     title = f"{sequence.name}, {method}, {result.config.variant}, {len(result.poses)} frames"
     if sequence.truth is None:
-        say(f"{title}: no ground truth, so no errors")
+        say(f"{title}: no errors, since the sequence has no ground truth")
     else:
         paths = ComparedPaths(title, sequence.truth, sequence.times, {method: result.poses})
         for table in evaluation_tables(title, evaluate_paths(paths)):
             show_report_table(table)
-    rows = [["matches a frame, median", number(result.matches_per_frame, 0)]]
+    rows = [["matches per frame, median", number(result.matches_per_frame, 0)]]
     if result.config.filter.rule != "none":
         share = f"{100 * result.removed_share:.1f} %"
-        rows.append(["features removed by boxes", share if sequence.labels else "no labels"])
+        rows.append(["features removed in boxes", share if sequence.labels else "no labels"])
     for flag in sorted({flag for motion in motions for flag in motion.flags}):
         rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
     if isinstance(result.config, KitConfig) and result.calibration is not None:
-        learnt = result.calibration.in_words(result.config.calibration)
-        rows.append(["errors of the calibration (± one σ)", learnt.replace("; ", "\n")])
-    rows.append(["time a frame", f"{result.ms_per_frame:.1f} ms"])
+        errors = result.calibration.in_words(result.config.calibration)
+        rows.append(["calibration errors (± one σ)", errors.replace("; ", "\n")])
+    rows.append(["time per frame", f"{result.ms_per_frame:.1f} ms"])
     show_table("", ["quantity", "value"], rows)
     if path_lost(result):
         missing = [motion.measured for motion in motions].count(False)
@@ -133,27 +142,27 @@ def _help_settings(config: MethodConfig) -> int:
 
 
 def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | None:
-    """The calibration that was given; `DataError` for options that do not go together."""
+    """The calibration of --calibration, if any; `DataError` for options that contradict each other."""
     if options.sequence is None or options.out is None:
         raise DataError("expected a sequence and --out DIR")
     if options.detector is not None and options.labels is not None:
-        raise DataError("--labels and --detector: expected one of them, both give the boxes")
+        raise DataError("--labels and --detector: use only one of them, both give the boxes")
     if (film := options.video) is not None:
-        place = film.absolute().parent
-        exists = place.is_dir() or place == Path(options.out).absolute()
+        folder = film.absolute().parent
+        exists = folder.is_dir() or folder == Path(options.out).absolute()
         if film.suffix.lower() != FILM_ENDING or not exists:
             raise DataError(f"expected an existing folder and a name ending in {FILM_ENDING}", film)
     if options.calibration is None:
         return None
     if config.variant == "published":
-        raise DataError("--calibration: the paper takes calib.txt as it is; add --variant kit")
+        raise DataError("--calibration: the paper uses calib.txt unchanged; add --variant kit")
     from ..kit.calibration import read_learnt_calibration
 
     return read_learnt_calibration(options.calibration)
 
 
 def changed_by_options(options: argparse.Namespace, config: MethodConfig) -> MethodConfig:
-    """The configuration with the thresholds given as options; `DataError` for one of the other variant."""
+    """The configuration with the thresholds in the options; `DataError` for one of the other variant."""
     for item in (SETTINGS | {item.name: item for item in settings.declared(type(config))}).values():
         if (text := getattr(options, item.name)) is not None:
             config = change(config, item.name, item.parse(text))

@@ -1,4 +1,4 @@
-"""How `vo` and the data scripts take their options and end, and how they print commands."""
+"""Option parsing, exit codes and printed commands of `vo` and the data scripts."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from typing import Any, NoReturn
 
 from ..errors import DataError, did_you_mean
 
-SETTINGS_PAGE = "--help-settings"  # the option of a command whose other page lists its settings
+SETTINGS_PAGE = "--help-settings"  # the option that lists a command's settings
 ENDINGS = (DataError, OSError, KeyboardInterrupt)  # exceptions that end a command without a traceback
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Wrong options get one line, with the nearest option, and exit code 2; the list of options is a page."""
+    """A parser that answers wrong options with one line, the nearest option, and exit code 2."""
 
     _words: Sequence[str] = ()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As every parser, but with an error for an option that is unknown."""
+        """Options and unknown arguments as in the base class; an unknown argument is an error."""
         self._words = sys.argv[1:] if args is None else list(args)
         options, unknown = super().parse_known_args(args, namespace)
         if unknown:
@@ -32,7 +32,7 @@ class OneLineParser(argparse.ArgumentParser):
         return options, unknown
 
     def error(self, message: str) -> NoReturn:
-        """Print the line and end."""
+        """Print the message in one line, with the nearest option, and exit."""
         options, page, hint = self._option_string_actions, "--help", ""
         for word in itertools.takewhile("--".__ne__, self._words):
             name = word.partition("=")[0]
@@ -45,12 +45,12 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 def exit_code(program: str, error: BaseException) -> int:
-    """The exit code of a program that one of `ENDINGS` ended; all but the last are said in one line.
+    """The exit code for one of `ENDINGS`, after a line about it on stderr.
 
-    2 for bad input and for what the system refuses, 130 after Ctrl-C, 1 where nobody reads the output.
+    2 for bad input and errors of the system, 130 for Ctrl-C, 1 (without a line) for a closed output pipe.
     """
     if isinstance(error, BrokenPipeError):
-        # Python writes the rest of its buffer when it ends: to nowhere.
+        # At its end, Python writes the rest of its buffer, here to the null device.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     if isinstance(error, KeyboardInterrupt):
@@ -64,7 +64,7 @@ def exit_code(program: str, error: BaseException) -> int:
 
 
 def typed(command: str) -> str:
-    """A command `vo …` for this shell: with the program's path where the shell would not find `vo`."""
+    """A command `vo …` for this shell, with the program's path if `vo` is not on the search path."""
     program = Path(sys.argv[0])
     if program.stem != "vo" or shutil.which("vo"):
         return command
@@ -72,10 +72,10 @@ def typed(command: str) -> str:
 
 
 def steps(commands: Mapping[str, str]) -> str:
-    """Commands for this shell, each above its purpose."""
+    """Commands for this shell, each followed by a line with its purpose."""
     return "".join(f"\n  {typed(command)}\n      {text}" for command, text in commands.items())
 
 
 def install(extra: str = "") -> str:
-    """The command that installs the kit's requirements, or an extra too, in the kit's folder."""
+    """The command that installs the kit's requirements, or an extra, from the kit's folder."""
     return f'pip install -e ".[{extra}]"' if extra else "pip install -r environment.txt"

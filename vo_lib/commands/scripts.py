@@ -1,4 +1,4 @@
-"""`vo data`: the scripts of the folder data_scripts, which is not read before one of them is wanted."""
+"""`vo data`: the scripts of the folder data_scripts, imported on use."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "data_scripts"
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo data`."""
     parser.epilog = "example: vo data get_kitti --sequences 07"
-    parser.add_argument("name", nargs="?", metavar="NAME", help="a script of the list")
-    parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="its options; try --help")
+    parser.add_argument("name", nargs="?", metavar="NAME", help="script; without a name, `vo data` lists all")
+    parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="options of the script")
     parser.set_defaults(command=_data)
 
 
@@ -30,26 +30,28 @@ def _data(options: argparse.Namespace) -> int:
     purposes = scripts()
     if options.name is None:
         show_table("", ["script", "purpose"], [[*row] for row in purposes.items()], numbers=False)
-        say("vo data NAME --help: options, examples")
+        say("vo data NAME --help: options and examples of a script")
         return 0
     if options.name not in purposes:
         near = did_you_mean(options.name, purposes)
-        raise DataError(f"no data script is called {options.name!r}; {near}`vo data` lists them")
+        raise DataError(f"unknown data script {options.name!r}; {near}`vo data` lists the scripts")
     if str(SCRIPTS) not in sys.path:
-        sys.path.insert(0, str(SCRIPTS))  # scripts import each other as programs of one folder do
+        sys.path.insert(0, str(SCRIPTS))  # the scripts import each other as modules of one folder
     return run_script(importlib.import_module(options.name), options.words)
 
 
 def scripts() -> dict[str, str]:
-    """The first line of each script's docstring by the script's name."""
+    """The first line of each script's docstring, by script name."""
     if not SCRIPTS.is_dir():
-        raise DataError("the data scripts lie in the kit's folder: install it from there with -e .", SCRIPTS)
+        raise DataError(
+            "the folder of data scripts is missing: install the kit from its folder, -e .", SCRIPTS
+        )
     docs = {path.stem: ast.get_docstring(ast.parse(read_text(path))) for path in SCRIPTS.glob("[!_]*.py")}
     return {name: (docs[name] or "").partition("\n")[0] for name in sorted(docs)}
 
 
 def run_script(script: ModuleType, words: Sequence[str] | None = None) -> int:
-    """The exit code of a script: `add_options(parser)` declares its options, `run(options)` does the work."""
+    """Run a script, with its `add_options(parser)` and `run(options)`, and return the exit code."""
     parser = OneLineParser(
         prog=f"vo data {Path(str(script.__file__)).stem}",
         description=script.__doc__,

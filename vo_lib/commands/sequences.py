@@ -1,4 +1,4 @@
-"""`vo list`."""
+"""`vo list`: the sequences that are available."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ def _list(options: argparse.Namespace) -> int:
             rows.append([name, *_facts(name, folder)])
         except DataError as error:
             rows.append([name, *[NO_NUMBER] * (len(COLUMNS) - 1)])
-            problems.append(f"{name} cannot be used: {error}")
+            problems.append(f"{name} is not usable: {error}")
     show_table("", COLUMNS, rows)
-    say(f"drawn scenes: {cache_folder()}; a scene without frames is drawn on first use")
+    say(f"drawn scenes: {cache_folder()}; a scene without a number of frames is drawn on first use")
     say(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
     if not any(name.startswith(KITTI) for name, *_ in rows):
-        say("no KITTI sequences found; `vo check` says how to get them")
+        say("no KITTI sequences found; `vo check` lists the commands that download them")
     return 0
 
 
 def _facts(name: str, folder: Path | None) -> list[str]:
-    """Cells of a sequence: of a scene that is not drawn, those that its settings tell."""
+    """Cells of a sequence's row; for a scene not drawn yet, those known from its settings."""
     if folder is None:
         scene = SCENES[name.removeprefix(SYNTHETIC)]
         size = f"{scene.width}×{scene.height}"
@@ -48,6 +48,6 @@ def _facts(name: str, folder: Path | None) -> list[str]:
     sequence = open_folder(folder, name)
     camera, truth = sequence.camera, sequence.truth
     length = NO_NUMBER if truth is None else f"{trajectory_distances(truth)[-1]:.0f}"
-    has = ["no" if part is None else "yes" for part in (truth, sequence.labels)]
+    parts = ["no" if part is None else "yes" for part in (truth, sequence.labels)]
     megabytes = sum(folder_size(folder / side) for side in ("image_0", "image_1")) / 1e6
-    return [str(len(sequence)), length, *has, f"{camera.width}×{camera.height}", f"{megabytes:.0f}"]
+    return [str(len(sequence)), length, *parts, f"{camera.width}×{camera.height}", f"{megabytes:.0f}"]

@@ -1,4 +1,4 @@
-"""Command-line options made from declared settings, for the `vo` command and the data scripts."""
+"""Command-line options from declared settings, for the `vo` command and the data scripts."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ OptionGroup = argparse._ActionsContainer  # a parser, or a group of its options
 def add_option(
     group: OptionGroup, item: Setting, name: str, default: bool = True, shown: bool = True
 ) -> None:
-    """The option `--name` for a setting; its help, if shown, has meaning, range and, if wanted, default."""
+    """Add the option `--name` for a setting; its help text, if shown, has meaning, range and default."""
     text = f"{item.text.removesuffix('.')}; {item.describe()}"
     if default:
         value = ",".join(map(str, item.default)) if isinstance(item.default, tuple) else item.default
         text += f"; default {value}"
-    about = text.replace("%", "%%") if shown else argparse.SUPPRESS
-    group.add_argument(f"--{name}", metavar="X", dest=item.name, help=about)
+    text = text.replace("%", "%%") if shown else argparse.SUPPRESS
+    group.add_argument(f"--{name}", metavar="X", dest=item.name, help=text)
 
 
-def given(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:
-    """Values of the settings that were given, by name; `DataError` says what was expected."""
+def option_values(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:
+    """Values of the settings present in the options, by name; `DataError` names the values allowed."""
     values: dict[str, Any] = {}
     for item in items:
         if (text := getattr(options, item.name)) is not None:
@@ -35,11 +35,11 @@ def given(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, An
 
 
 def add_settings(group: OptionGroup, cls: type, defaults: bool = True) -> None:
-    """An option for every setting of a class: `--min-height` for min_height."""
+    """Add an option for every setting of a class: `--min-height` for min_height."""
     for item in declared(cls):
         add_option(group, item, item.name.replace("_", "-"), defaults)
 
 
 def from_options(options: argparse.Namespace, cls: type[Config]) -> Config:
-    """The settings with what was given; `DataError` says which value is wrong and what was expected."""
-    return cls(**given(options, declared(cls)))
+    """The settings with the values in the options; `DataError` names a wrong value and the values allowed."""
+    return cls(**option_values(options, declared(cls)))

@@ -1,4 +1,4 @@
-"""`vo sweep`."""
+"""`vo sweep`: runs over a grid of settings."""
 
 from __future__ import annotations
 
@@ -19,19 +19,23 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo sweep`."""
     parser.epilog = (
         "example: vo sweep --sequence synthetic/traffic --variant published --jobs 2 "
-        "--set selection.sets=50,200 --set filter.margin=0,0.1. Started again it does not do "
-        "finished runs again; with more values or seeds it adds them. Exit code 1: a run failed."
+        "--set selection.sets=50,200 --set filter.margin=0,0.1. A second call with the same folder does only "
+        "the missing runs, such as those of new values or seeds. Exit code 1: a run failed."
     )
     option = parser.add_argument
-    option("--sequence", required=True, metavar="S", help="a name from `vo list`, or a path")
+    option("--sequence", required=True, metavar="S", help="a name from `vo list`, or a folder")
     common.add_method(parser)
-    text = "values of a setting that `vo run --help-settings` lists; once for each setting. Values that are "
-    text += "lists are parted by semicolons: filter.classes='2;2,5,7'"
+    text = (
+        "values of a setting (see `vo run --help-settings`); repeat for more settings. Separate values that "
+    )
+    text += "are lists by semicolons: filter.classes='2;2,5,7'"
     option("--set", dest="axes", action="append", required=True, metavar="SETTING=V,V,…", help=text)
     common.add_part(parser)
     where = parser.add_mutually_exclusive_group()
     common.add_many(parser, where)
-    text = "scheduler of a Dask cluster, tcp://host:port, whose workers see the same files; extra [cluster]"
+    text = (
+        "scheduler of a Dask cluster, tcp://host:port; its workers need the same file paths (extra [cluster])"
+    )
     where.add_argument("--dask", metavar="ADDRESS", help=text)
     option("--out", default="runs/sweep", metavar="DIR", help="folder; default %(default)s")
     parser.set_defaults(command=_sweep)
@@ -54,7 +58,7 @@ def _sweep(options: argparse.Namespace) -> int:
                 fresh=options.fresh,
             )
             sweep = run_sweep(sequence, options.method, base, axes, seeds, folder, run)
-        if not any(record["seeds"] for record in sweep.records):  # an earlier table stays
+        if not any(record["seeds"] for record in sweep.records):  # an earlier table is kept
             raise DataError(sweep.records[0]["failed"])
         write_atomic(folder / "sweep.csv", records_csv(sweep.records))
         write_atomic(folder / "sweep.png", heat_map(sweep))

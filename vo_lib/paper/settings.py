@@ -1,8 +1,8 @@
-"""Thresholds of the systems of Table 1, each declared once: default, unit, range and one sentence.
+"""Thresholds of the systems of Table 1, with default, unit, range and one sentence each.
 
-The paper gives two of these numbers: buckets of 50×50 px, two solutions kept of a set. The rest is ours.
-The bases `ImageBorder`, `StereoLimits`, `TranslationLimits` and `MethodConfig` hold the settings that both
-variants share.
+The paper gives two of these numbers: buckets of 50×50 px, and two solutions kept per set. The rest is ours.
+The base classes `ImageBorder`, `StereoLimits`, `TranslationLimits` and `MethodConfig` declare the settings
+that both variants share.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..settings import Checked, section, setting
 class ImageBorder(Checked):
     """The part of an image without features (chapter 1)."""
 
-    border: int = setting(8, "no features this close to the image border", unit="px", low=2, high=100)
+    border: int = setting(8, "width of the image border without features", unit="px", low=2, high=100)
 
 
 @dataclass(frozen=True)
@@ -25,62 +25,64 @@ class FeatureConfig(ImageBorder):
     """Blobs and corners of an image (chapter 1)."""
 
     blob_cell: int = setting(
-        19, "a blob or corner is the extremum of a square with this side", unit="px", low=3, high=101
+        19, "side of the square in which a blob or corner is the extremum", unit="px", low=3, high=101
     )
     blob_quality: float = setting(
-        50.0, "smallest response of the 5×5 masks to a blob or corner", unit="grey levels", low=0, high=2000
+        50.0, "smallest response of the 5×5 masks at a blob or corner", unit="grey levels", low=0, high=2000
     )
 
 
 @dataclass(frozen=True)
 class StereoLimits(Checked):
-    """Conditions that a match in four images meets (chapter 1)."""
+    """Conditions for a match in four images (chapter 1)."""
 
     max_disparity: int = setting(
         160, "largest disparity searched in a stereo pair", unit="px", low=16, high=512
     )
     finish_window: int = setting(
-        11, "side of the window of the sub-pixel finish, odd", unit="px", low=5, high=41
+        11, "side of the window of the sub-pixel refinement, odd", unit="px", low=5, high=41
     )
     loop_tolerance: float = setting(
-        0.35, "largest distance between the two ways round the loop", unit="px", low=0.05, high=10
+        0.35, "largest distance between start and end of the matching loop", unit="px", low=0.05, high=10
     )
     row_tolerance: float = setting(
         1.0, "largest row difference in a stereo pair", unit="px", low=0.05, high=10
     )
     min_disparity: float = setting(
-        0.5, "smallest disparity; far points say little", unit="px", low=0.05, high=50
+        0.5, "smallest disparity; the depth of far points is uncertain", unit="px", low=0.05, high=50
     )
 
 
 @dataclass(frozen=True)
 class MatchingConfig(StereoLimits):
-    """Matching round the loop of four images (chapter 1)."""
+    """Matching in a loop through four images (chapter 1)."""
 
     search_radius: int = setting(
-        120, "how far from its last place a feature is looked for", unit="px", low=5, high=1000
+        120, "radius of the search around a feature's previous position", unit="px", low=5, high=1000
     )
 
 
 @dataclass(frozen=True)
 class BucketConfig(Checked):
-    """Feature selection: equal squares, older features first, then stronger ones (chapter 1)."""
+    """Bucketing: equal squares, each with its oldest features, then its strongest (chapter 1)."""
 
     size: int = setting(50, "side of a bucket", unit="px", low=10, high=500)
-    features: int = setting(3, "features kept in a bucket", low=1, high=100)
+    features: int = setting(3, "features kept per bucket", low=1, high=100)
 
 
 @dataclass(frozen=True)
 class FilterConfig(Checked):
     """Removal of features in vehicle boxes (chapter 5)."""
 
-    rule: str = setting("all", "which boxes remove their features", choices=("none", "all"))
-    margin: float = setting(0.0, "a box grows by this share of its size on every side", low=-0.4, high=1.0)
+    rule: str = setting("all", "boxes whose features are removed", choices=("none", "all"))
+    margin: float = setting(
+        0.0, "margin added to a box on every side, as a share of its size", low=-0.4, high=1.0
+    )
     classes: tuple[int, ...] = setting(
         (2, 5, 7), "class ids of vehicles (COCO: car 2, bus 5, truck 7)", low=0
     )
     score: float = setting(
-        0.25, "boxes scored lower are ignored; a label without score counts as 1", low=0, high=1
+        0.25, "boxes with a lower score are ignored; a label without a score counts as 1", low=0, high=1
     )
 
 
@@ -88,21 +90,27 @@ class FilterConfig(Checked):
 class SelectionConfig(Checked):
     """The rotation: five-point sets and solution selection (chapters 2 and 3)."""
 
-    sets: int = setting(200, "five-point sets drawn in a frame (n of the paper)", low=1, high=5000)
+    sets: int = setting(200, "five-point sets drawn per frame (n of the paper)", low=1, high=5000)
     winner: str = setting(
         "error",
-        "measure of a candidate: truncated Sampson error, or number of inliers as in RANSAC",
+        "criterion of the best candidate: truncated Sampson error, or number of inliers as in RANSAC",
         choices=("error", "inliers"),
     )
-    prior: bool = setting(True, "only solutions near the previous essential vector compete; off: all of them")
+    prior: bool = setting(
+        True, "only the solutions nearest to the previous essential vector compete; off: all compete"
+    )
     keep: int = setting(
-        2, "solutions of a set kept by nearness to the previous one (k of the paper)", low=1, high=10
+        2, "solutions kept per set, nearest to the previous one first (k of the paper)", low=1, high=10
     )
     threshold: float = setting(
-        0.5, "a match is an inlier below this Sampson distance", unit="px", low=0.05, high=10
+        0.5, "a match is an inlier if its Sampson distance is smaller", unit="px", low=0.05, high=10
     )
     standstill_flow: float = setting(
-        0.5, "below this median flow the camera stands still: no essential matrix", unit="px", low=0, high=5
+        0.5,
+        "no essential matrix is estimated if the median optical flow is smaller: the camera is still",
+        unit="px",
+        low=0,
+        high=5,
     )
 
 
@@ -110,9 +118,13 @@ class SelectionConfig(Checked):
 class TranslationLimits(Checked):
     """Features that the translation uses (chapter 4)."""
 
-    max_depth: float = setting(100.0, "features farther away are not used", unit="m", low=5, high=1000)
+    max_depth: float = setting(100.0, "largest depth of a feature that is used", unit="m", low=5, high=1000)
     agreement: float = setting(
-        1.0, "a feature agrees with the motion where its eight rows leave less", unit="px", low=0.1, high=50
+        1.0,
+        "a feature is an inlier if the residual of its eight equations is smaller",
+        unit="px",
+        low=0.1,
+        high=50,
     )
 
 
@@ -122,7 +134,7 @@ class TranslationConfig(TranslationLimits):
 
     pairs: int = setting(
         3,
-        "stereo pairs whose rows a feature has: the two of (3), or three where the feature was seen",
+        "stereo pairs that give equations for a feature: two, as in (3), or three for tracked features",
         low=2,
         high=3,
     )
@@ -130,12 +142,12 @@ class TranslationConfig(TranslationLimits):
 
 @dataclass(frozen=True)
 class ReprojectionConfig(Checked):
-    """The VISO2 estimator: three matches a trial, Gauss-Newton on the reprojection error (StereoScan)."""
+    """The VISO2 estimator: three matches per trial, Gauss-Newton on the reprojection error (StereoScan)."""
 
-    trials: int = setting(200, "motions from three random matches in a frame", low=1, high=5000)
+    trials: int = setting(200, "motions from three random matches per frame", low=1, high=5000)
     threshold: float = setting(
         2.0,
-        "a match is an inlier below this residual norm over its four current coordinates",
+        "a match is an inlier if the residual norm over its four current coordinates is smaller",
         unit="px",
         low=0.05,
         high=20,
@@ -143,7 +155,7 @@ class ReprojectionConfig(Checked):
     iterations: int = setting(20, "largest number of Gauss-Newton steps", low=1, high=100)
     centre: float = setting(
         0.05,
-        "a residual weighs 1 / (|u - cu| / |cu| + this): smaller, the middle counts more",
+        "a residual's weight is 1 / (|u - cu| / |cu| + this); a smaller value favours the image centre",
         low=1e-3,
         high=100,
     )
@@ -151,13 +163,13 @@ class ReprojectionConfig(Checked):
 
 @dataclass(frozen=True)
 class MethodConfig(Checked):
-    """Settings of a run of a system of Table 1, in the sections that both variants have."""
+    """Settings of a system of Table 1, in the sections that both variants have."""
 
     variant: ClassVar[str]
 
     seed: int = setting(0, "seed of the random five-point sets", low=0)
     min_matches: int = setting(
-        12, "with fewer matches the frame goes on with the last motion", low=5, high=1000
+        12, "with fewer matches, the previous motion is used for the frame", low=5, high=1000
     )
     features: ImageBorder = section(ImageBorder)
     matching: StereoLimits = section(StereoLimits)
@@ -167,7 +179,7 @@ class MethodConfig(Checked):
     translation: TranslationLimits = section(TranslationLimits)
     estimator: str = setting(
         "essential",
-        "rotation from the essential matrix, then the translation; or both from the reprojection error",
+        "rotation from the essential matrix, then translation; or both from the reprojection error",
         choices=("essential", "reprojection"),
     )
     reprojection: ReprojectionConfig = section(ReprojectionConfig)
@@ -175,7 +187,7 @@ class MethodConfig(Checked):
 
 @dataclass(frozen=True)
 class PublishedConfig(MethodConfig):
-    """Everything that decides a run of a system of Table 1 as published, with the images."""
+    """Settings that, with the images, determine a run of the variant `published`."""
 
     variant: ClassVar[str] = "published"
 
