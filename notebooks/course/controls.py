@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,12 +9,7 @@ import ipywidgets as widgets
 
 from vo_lib.settings import Setting
 
-CELL_WIDTH = 320  # pixels; three stand side by side
-# A little narrower where the window is; below each other where it is much narrower.
-CELL = {"flex": "1 1 290px", "max_width": f"{CELL_WIDTH}px"}
-INSIDE = {"width": "auto", "max_width": f"{CELL_WIDTH - 12}px"}  # of a cell
-PLAIN = {"style": {"description_width": "initial"}, "layout": INSIDE}
-HINT = '<div style="font-size:11px;line-height:1.2;opacity:.7">{}</div>'
+COLUMN = {"flex": "0 1 300px", "min_width": "260px", "margin": "0 12px 0 0"}  # of controls
 STEPS = 100  # of a slider for numbers, where no step is given
 
 
@@ -41,18 +35,20 @@ class Control:
 
 
 class Knob:
-    """A control on the screen: its `widget`, and the `cell` that shows it above the declared sentence."""
+    """A control: its `widget`, and what is `shown` of it; the declared sentence is its tooltip."""
 
     def __init__(self, control: Control, setting: Setting, value: Any):
         self.setting = setting
         unit = f" [{setting.unit}]" if setting.unit else ""
         label = (control.label or setting.name.split(".")[-1].replace("_", " ")) + unit
-        self.widget = shown = _make(control, setting, value, label)
+        self.widget = self.shown = _make(control, setting, value, label)
         if control.button:
-            shown = widgets.Button(description=label, layout=INSIDE)
-            shown.on_click(self._press)
-        hint = widgets.HTML(HINT.format(html.escape(setting.text)), layout={"margin": "0 8px 4px 2px"})
-        self.cell = widgets.VBox([shown, hint], layout=CELL)
+            self.shown = widgets.Button(description=label, tooltip=setting.text, layout={"width": "auto"})
+            self.shown.on_click(self._press)
+
+    def enable(self, on: bool) -> None:
+        """Make the control answer, or grey."""
+        self.shown.disabled = not on
 
     def _press(self, _: Any) -> None:
         self.widget.value = self.widget.min if self.widget.value >= self.widget.max else self.widget.value + 1
@@ -64,10 +60,16 @@ class Knob:
         return self.setting.parse(raw) if isinstance(self.widget, widgets.Text) else raw
 
 
+def labelled(words: str) -> dict[str, Any]:
+    """Words before a widget, and a width that follows its column."""
+    style, layout = {"description_width": "initial"}, {"width": "auto"}
+    return {"description": words, "style": style, "layout": layout}
+
+
 def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
-    common = {"description": label, "tooltip": setting.text, **PLAIN}
+    common = {"tooltip": setting.text, **labelled(label)}
     if setting.kind is bool:
-        return widgets.Checkbox(value=value, indent=False, description=label, layout=INSIDE)
+        return widgets.Checkbox(value=value, indent=False, **common)
     if setting.choices:
         return widgets.Dropdown(value=value, options=list(setting.choices), **common)
     if setting.kind not in (int, float):

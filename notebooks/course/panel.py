@@ -1,8 +1,20 @@
-"""The pattern of every panel: controls above, one picture of fixed size, a sentence and numbers below.
+"""The pattern of every panel: a column of controls, beside it a sentence, numbers and one picture of fixed size.
 
 A panel gives `title`, `controls` and `draw(state)`; this class does the rest. `draw` is pure: the same state gives
 the same picture. Callbacks run on another thread than cells, so nothing here uses pyplot, and pictures are bytes in
 one `Image`: no flicker, no jumping, no leaked figures.
+
+A panel begins with the paper's method. Where the kit's way is of interest too, the panel gives its configuration
+as `kit`; a switch then chooses between both, and controls of settings that the chosen one lacks are grey:
+
+    class TranslationPanel(Panel):
+        kit = preset("solution_selection", variant="kit")
+        controls = (Control("translation.max_depth"), Control("translation.scale"))
+
+        def idle(self, state: State) -> set[str]:
+            return set() if state.view.weighting == "robust" else {"translation.scale"}
+
+`state.config` is a `PublishedConfig` or a `KitConfig`; `isinstance(state.config, KitConfig)` tells which.
 """
 
 from __future__ import annotations
@@ -23,17 +35,27 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Progress
 from vo_lib.kit.settings import KitConfig
+from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import single_threaded
 from vo_lib.settings import declared, replace
 
 from .colours import BAD
-from .controls import CELL, CELL_WIDTH, PLAIN, Control, Knob
+from .controls import COLUMN, Control, Knob, labelled
 from .drawing import WIDTH, stack
 from .frames import DEFAULT, is_open, keep, opened
 from .progress import Job, Stopped
 from .results import Fact, facts_html, marked
 
 ERROR_CLASS = "vo-panel-error"  # tests look for it in saved widget state
+VARIANTS = "published", "kit"
+SWITCH = "the paper's method as published, or the kit's way; grey controls are settings of the other one"
+RESET = "all controls as at the start; the sequence stays"
+WORKING = '<i style="opacity:.7">working …</i>'
+FRAME_MS = 700  # between frames that play; where drawing takes longer, frames are left out
+# The picture is scaled down to fit a laptop's window with the sentence and the numbers below it.
+SCALED = {"max_width": "100%", "max_height": "max(240px, 100vh - 340px)", "align_self": "flex-start"}
+PICTURE = {"width": "auto", "height": "auto", **SCALED}
+BESIDE = {"flex": "1 1 480px", "min_width": "0", "max_width": f"{WIDTH}px"}
 ERROR_STYLE = f"max-width:{WIDTH - 20}px;padding:4px 8px;border-left:4px solid {BAD}"
 
 
@@ -41,10 +63,17 @@ ERROR_STYLE = f"max-width:{WIDTH - 20}px;padding:4px 8px;border-left:4px solid {
 class State:
     """What a panel's controls say: all settings, the sequence, and the current frame >= 1."""
 
-    config: KitConfig
+    config: MethodConfig
     view: Any
     sequence: Sequence
     frame: int
+
+    @property
+    def kit(self) -> KitConfig:
+        """The configuration of a panel that knows the kit's way only."""
+        if not isinstance(self.config, KitConfig):
+            raise TypeError(f"{type(self.config).__name__} is not the kit's way")
+        return self.config
 
 
 @dataclass(frozen=True)
@@ -63,22 +92,25 @@ class Panel:
     Class attributes
     ----------------
     title : a line above the controls.
-    controls : in the order shown; settings of `KitConfig`, or of `view` with the prefix "view.".
-    view : class of the panel's own settings, made with `setting` like those of `KitConfig`.
+    controls : in the order shown; settings of `start` or `kit`, or of `view` with the prefix "view.".
+    view : class of the panel's own settings, made with `setting` like those of the configurations.
     start : configuration that the controls begin with.
+    kit : configuration that the switch "published | kit" changes to; no switch without.
     height : rows of the picture.
     long_job : words on the Run button of a panel whose `work` takes more than a second; empty without.
 
     Attributes
     ----------
     error : what went wrong with the last change, as a sentence; empty when all is well.
-    picture : the Image widget; knobs : controls by the setting's name; facts : the numbers shown, by name.
+    picture : the Image widget; knobs : controls by the setting's name; variant : the switch, or None.
+    facts : the numbers shown, by name; none while there is an error.
     """
 
     title: ClassVar[str] = ""
     controls: ClassVar[tuple[Control, ...]] = ()
     view: ClassVar[type | None] = None
-    start: ClassVar[KitConfig] = preset("solution_selection", variant="kit")
+    start: ClassVar[MethodConfig] = preset("solution_selection")
+    kit: ClassVar[KitConfig | None] = None
     height: ClassVar[int] = 600
     long_job: ClassVar[str] = ""
 
@@ -87,19 +119,24 @@ class Panel:
         self._lock = threading.RLock()
         self._quiet = True
         self._sequence: Sequence | None = None
+        self._home: Sequence | None = None  # the first one
+        self._frames: dict[str, int] = {}  # last frame of each sequence
         self.facts: dict[str, float] = {}
         self.error = ""
         self.job = Job()
-        white = stack([np.full((2, WIDTH, 3), 255, np.uint8)], self.height)
-        # In a narrow window smaller, never cut off.
-        fixed = {"width": f"{WIDTH}px", "max_width": "100%", "height": "auto"}
-        self.picture = widgets.Image(value=white, format="jpeg", layout=fixed)
+        self.picture = widgets.Image(value=self._white(), format="jpeg", layout=PICTURE)
         self._message, self._text, self.tables = (widgets.HTML(layout={"width": "100%"}) for _ in range(3))
+        self._sign = widgets.HTML(layout={"margin": "0 0 0 12px"})
+        self.variant = None
+        if self.kit is not None:
+            self.variant = widgets.Dropdown(options=VARIANTS, tooltip=SWITCH, **labelled("method"))
+            self.variant.observe(self.redraw, "value")
         self.knobs = self._make_knobs({key.replace("__", "."): value for key, value in values.items()})
-        self.chooser = widgets.Dropdown(options=[*available()], value=None, description="sequence", **PLAIN)
-        self.folder = widgets.Text(placeholder="or the path of a folder of your own", continuous_update=False)
+        self._first = {"frame": frame, **{name: knob.widget.value for name, knob in self.knobs.items()}}
+        self.chooser = widgets.Dropdown(options=[*available()], value=None, **labelled("sequence"))
+        self.folder = widgets.Text(placeholder="path of a folder", continuous_update=False, **labelled("or"))
         self.frame = widgets.IntSlider(
-            value=frame, min=1, max=max(frame, 2), continuous_update=False, description="frame", **PLAIN
+            value=frame, min=1, max=max(frame, 2), continuous_update=False, **labelled("frame")
         )
         self.chooser.observe(self._chosen, "value")
         self.folder.observe(self._typed, "value")
@@ -114,16 +151,22 @@ class Panel:
         """What the panel shows for a state; anything it raises becomes the panel's error."""
         raise NotImplementedError
 
+    def idle(self, state: State) -> set[str]:
+        """Names of the controls that change nothing in a state; they become grey."""
+        return set()
+
     def work(self, state: State, progress: Progress) -> Drawing:
         """The long job behind the Run button; it calls progress(done, total) several times a second."""
         raise NotImplementedError
 
     def set(self, **values: Any) -> None:
-        """Set controls from code, `frame` and `sequence` among them, and draw once.
+        """Set controls from code, `frame`, `sequence` and `variant` among them, and draw once.
 
         A dot of a setting's name is written as two underscores: panel.set(selection__keep=3, frame=20).
         """
         sequence = values.pop("sequence", None)
+        if self._sequence is None:
+            self.job.wait()
         self._quiet = True
         try:
             if sequence is not None:
@@ -133,8 +176,9 @@ class Panel:
                 self.job.wait()
                 if self.error:
                     return
+            others = {"frame": self.frame, "variant": self.variant}
             for name, value in values.items():
-                widget = self.frame if name == "frame" else self.knobs[name.replace("__", ".")].widget
+                widget = others.get(name) or self.knobs[name.replace("__", ".")].widget
                 widget.value = value
         finally:
             self._quiet = False
@@ -149,20 +193,29 @@ class Panel:
         if self._quiet or self._sequence is None:
             return
         with self._lock, single_threaded():
+            self._sign.value = WORKING
             try:
-                self._show(self.draw(self.state()))
+                state = self.state()
+                idle = self.idle(state)
+                for name, knob in self.knobs.items():
+                    knob.enable(name not in idle and not self._lacks(state.config, name))
+                self._show(self.draw(state))
             except Exception as error:
                 self._fail(error)
+            finally:
+                self._sign.value = ""
 
     def state(self) -> State:
         """What the controls say now; `DataError` where a typed value is none."""
         if self._sequence is None:
             raise DataError("choose a sequence first")
         config, view = self.start, None if self.view is None else self.view()
+        if self.kit is not None and self.variant is not None and self.variant.value == "kit":
+            config = self.kit
         for name, knob in self.knobs.items():
             if name.startswith("view."):
                 view = replace(view, name.removeprefix("view."), knob.value)
-            else:
+            elif not self._lacks(config, name):
                 config = replace(config, name, knob.value)
         return State(config, view, self._sequence, int(self.frame.value))
 
@@ -174,15 +227,27 @@ class Panel:
         except DataError as error:
             self._fail(error)
 
+    def reset(self, _: Any = None) -> None:
+        """Every control as at the start; the sequence stays."""
+        variant = {} if self.variant is None else {"variant": VARIANTS[0]}
+        self.set(**{**self._first, **variant, "frame": min(self._first["frame"], self.frame.max)})
+
     def _repr_mimebundle_(self, **options: Any) -> Any:
         return self.box._repr_mimebundle_(**options)
 
     def _show(self, drawing: Drawing) -> None:
         with self._lock:
-            self._text.value = facts_html(drawing.sentence, drawing.facts, self.facts)
+            self._text.value = facts_html(drawing.sentence + self._elsewhere(), drawing.facts, self.facts)
             self.facts = {fact.name: fact.value for fact in drawing.facts}
             self.picture.value, self.tables.value = drawing.picture, drawing.tables
             self.error = self._message.value = ""
+
+    def _elsewhere(self) -> str:
+        """What a sequence chosen in the panel does not change, in a sentence; "" at the first one."""
+        here, home = self._sequence, self._home
+        if here is None or home is None or here.folder == home.folder:
+            return ""
+        return f" (Only the panel shows {here.name}; the cells keep {home.name}.)"
 
     def _fail(self, error: Exception) -> None:
         if isinstance(error, Stopped):
@@ -192,16 +257,31 @@ class Panel:
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
         words = f'role="alert" style="{ERROR_STYLE}">{marked(self.error)}'
         self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'
+        self._text.value, self.facts = "", {}
+
+    def _not_opened(self, error: Exception) -> None:
+        self._sequence, self.facts = None, {}
+        self.picture.value, self._text.value, self.tables.value = self._white(), "", ""
+        self._fail(error)
+
+    def _white(self) -> bytes:
+        return stack([np.full((2, WIDTH, 3), 255, np.uint8)], self.height)
+
+    @staticmethod
+    def _lacks(config: MethodConfig, name: str) -> bool:
+        """Whether a configuration has no such setting."""
+        return not name.startswith("view.") and name not in {item.name for item in declared(type(config))}
 
     def _make_knobs(self, first: dict[str, Any]) -> dict[str, Knob]:
-        items = [*declared(type(self.start)), *(declared(self.view, "view.") if self.view else ())]
-        settings = {item.name: item for item in items}
+        configs = [config for config in (self.start, self.kit) if config is not None]
+        settings = {item.name: item for config in configs for item in declared(type(config))}
+        settings |= {item.name: item for item in (declared(self.view, "view.") if self.view else ())}
         knobs = {}
         for control in self.controls:
-            setting = settings[control.name]
-            value = (
-                setting.default if setting.name.startswith("view.") else attrgetter(setting.name)(self.start)
-            )
+            setting, value = settings[control.name], settings[control.name].default
+            for config in reversed(configs):
+                if not control.name.startswith("view.") and not self._lacks(config, control.name):
+                    value = attrgetter(control.name)(config)
             knobs[control.name] = Knob(control, setting, first.pop(control.name, value))
             knobs[control.name].widget.observe(self.redraw, "value")
         if first:
@@ -209,18 +289,22 @@ class Panel:
         return knobs
 
     def _layout(self) -> Any:
-        cells = [widgets.VBox([each], layout=CELL) for each in (self.chooser, self.frame, self.folder)]
-        cells += [knob.cell for knob in self.knobs.values()]
-        rows = [widgets.HTML(f"<b>{html.escape(self.title)}</b>")]
-        wrapped = {"flex_flow": "row wrap"}
-        rows += [widgets.HBox(cells[i : i + 3], layout=wrapped) for i in range(0, len(cells), 3)]
+        reset = widgets.Button(description="reset", icon="undo", tooltip=RESET, layout={"width": "80px"})
+        reset.on_click(self.reset)
+        play = widgets.Play(min=1, interval=FRAME_MS, show_repeat=False)
+        for name in ("max", "value"):  # an earlier value is cut off at the maximum
+            widgets.jslink((self.frame, name), (play, name))
+        switch = [] if self.variant is None else [self.variant]
+        controls = [self.chooser, self.folder, self.frame, widgets.HBox([play, reset]), *switch]
+        controls += [knob.shown for knob in self.knobs.values()]
         if self.long_job:
-            wide = {"width": f"{CELL_WIDTH - 12}px"}
-            rows.append(widgets.Button(description=self.long_job, icon="play", layout=wide))
-            rows[-1].on_click(self.run)
-        rows += [self.job.box, self._message, self.picture, self._text, self.tables]
-        width = {"width": f"{WIDTH + 24}px", "max_width": "100%"}
-        return widgets.VBox(rows, layout={**width, "padding": "8px", "border": "1px solid #BBB"})
+            controls.append(widgets.Button(description=self.long_job, icon="play", layout={"width": "auto"}))
+            controls[-1].on_click(self.run)
+        shown = [self.job.box, self._message, self.picture, self._text]
+        columns = [widgets.VBox(controls, layout=COLUMN), widgets.VBox(shown, layout=BESIDE)]
+        title = widgets.HTML(f"<b>{html.escape(self.title)}</b>")
+        rows = [widgets.HBox([title, self._sign]), widgets.HBox(columns, layout={"flex_flow": "row wrap"})]
+        return widgets.VBox([*rows, self.tables], layout={"padding": "4px 8px", "border": "1px solid #BBB"})
 
     def _offer(self, name: str) -> None:
         """Make a sequence the chosen one, also one that the list does not have yet."""
@@ -241,12 +325,16 @@ class Panel:
         if is_open(name):
             self._use(opened(name))
         else:
-            self.job.start(f"opening {name}", lambda report: opened(name, report), self._use, self._fail)
+            job = f"opening {name}", lambda report: opened(name, report), self._use, self._not_opened
+            self.job.start(*job)
 
     def _use(self, sequence: Sequence) -> None:
         with self._lock:
             quiet, self._quiet = self._quiet, True
-            self._sequence, self.facts = sequence, {}
+            if self._sequence is not None:
+                self._frames[self._sequence.name] = self.frame.value
+            self._sequence, self._home, self.facts = sequence, self._home or sequence, {}
             self.frame.max = len(sequence) - 1
+            self.frame.value = min(self._frames.get(sequence.name, self.frame.value), self.frame.max)
             self._quiet = quiet
         self.redraw()

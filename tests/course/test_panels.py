@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,8 +18,10 @@ from course.controls import Control, Knob
 from course.drawing import WIDTH
 from course.panel import Drawing, Panel, State
 from course.results import Fact
+from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.types import Progress
+from vo_lib.paper.settings import FilterConfig, PublishedConfig
 
 CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, appendix)
 PANELS = [kind for chapter in CHAPTERS for kind in vars(chapter).values() if isinstance(kind, type)]
@@ -55,25 +58,36 @@ def stops(knob: Knob) -> list[Any]:
     return [widget.min, widget.max]
 
 
+# Settings under which a control works that is grey at the start; by default the kit's way.
+AWAKE: dict[str, dict[str, Any]] = {}
+
+
 def test_every_control_changes_the_picture_and_the_same_state_gives_the_same_one(panel: Panel) -> None:
     assert panel.facts
     first = panel.picture.value
-    driven = {key: (knob.widget, stops(knob)) for key, knob in panel.knobs.items()}
-    driven = {key: each for key, each in driven.items() if each[1]}  # paths have tests of their own
-    driven["frame"] = panel.frame, [1, panel.frame.max]
+    widget_of = {key: knob.widget for key, knob in panel.knobs.items()} | {"frame": panel.frame}
+    driven = {key: stops(knob) for key, knob in panel.knobs.items()} | {"frame": [1, panel.frame.max]}
+    if panel.variant is not None:
+        widget_of["variant"], driven["variant"] = panel.variant, [*panel.variant.options]
+    grey = {key for key, knob in panel.knobs.items() if knob.shown.disabled}
     back: dict[str, Any] = {}
-    for key, (widget, values) in driven.items():
-        begun, seen = widget.value, {first}
-        for value in values:
-            panel.set(**back, **{key: value})
+    for key, values in driven.items():
+        awake = AWAKE.get(key, {"variant": "kit"}) if key in grey else {}
+        begun, seen = {name: widget_of[name].value for name in (key, *awake)}, {first}
+        if awake:
+            panel.set(**{**back, **awake})
+            assert not panel.knobs[key].shown.disabled, f"{key} is grey under {awake}"
+            back, seen = {}, {panel.picture.value}
+        for value in values:  # none for paths, which have tests of their own
+            panel.set(**{**back, key: value})
             assert panel.error == "", (key, value)
             seen.add(panel.picture.value)
             picture = cv2.imdecode(np.frombuffer(panel.picture.value, np.uint8), cv2.IMREAD_COLOR)
             assert picture is not None
             assert picture.shape == (panel.height, WIDTH, 3), (key, value)
             back = {}
-        assert len(seen) > 1, f"{key} changes nothing"
-        back = {key: begun}
+        assert len(seen) > 1 or not values, f"{key} changes nothing"
+        back |= begun
     panel.set(**back)
     assert panel.picture.value == first
 
@@ -95,7 +109,8 @@ class Example(Panel):
 
     title = "an example"
     height = 40
-    controls = (Control("filter.classes"), Control("selection.keep"))
+    kit = preset("solution_selection", variant="kit")
+    controls = (Control("filter.classes"), Control("selection.keep"), Control("selection.mode"))
     long_job = "count"
     started = threading.Event()
 
@@ -104,6 +119,9 @@ class Example(Panel):
             raise ValueError("no second frame")
         shade = np.full((40, WIDTH, 3), 10 * state.config.selection.keep, np.uint8)
         return Drawing(stack([shade], 40), "a shade", (Fact("keep", state.config.selection.keep),))
+
+    def idle(self, state: State) -> set[str]:
+        return {"selection.keep"} if state.frame == 4 else set()
 
     def work(self, state: State, progress: Progress) -> Drawing:
         self.started.set()
@@ -130,6 +148,7 @@ def test_what_is_wrong_is_shown_and_the_panel_goes_on(example: Example) -> None:
     assert example.state().config.filter.classes == (2, 7)
     example.frame.value = 2
     assert example.error == "ValueError: no second frame"
+    assert example.facts == {}
     example.frame.value = 3
     assert example.error == ""
     assert example.picture.value == good
@@ -137,14 +156,47 @@ def test_what_is_wrong_is_shown_and_the_panel_goes_on(example: Example) -> None:
     assert "(+3)" in example._text.value
 
 
-def test_after_a_missing_folder_the_panel_goes_on(example: Example, bands: Path, tmp_path: Path) -> None:
+def test_after_a_missing_folder_the_panel_shows_nothing_and_goes_on(
+    example: Example, bands: Path, tmp_path: Path
+) -> None:
+    white, good = example._white(), example.picture.value
     example.folder.value = str(tmp_path / "<nowhere>")
     example.wait(LONG)
     assert "the folder is missing" in example.error
     assert "&lt;nowhere&gt;" in example._message.value
+    assert (example.facts, example.picture.value) == ({}, white)
     example.chooser.value = str(bands)
     example.wait(LONG)
     assert example.error == example._message.value == ""
+    assert example.picture.value == good
+
+
+def test_the_switch_changes_the_method_and_greys_what_the_other_one_lacks(example: Example) -> None:
+    mode = example.knobs["selection.mode"].widget
+    assert mode.disabled
+    assert example.state().config == PublishedConfig(filter=FilterConfig(rule="none"))
+    example.set(variant="kit", selection__mode="literal", frame=4)
+    assert not mode.disabled
+    assert example.knobs["selection.keep"].widget.disabled
+    assert example.state().kit.selection.mode == "literal"
+    example.reset()
+    assert example.state() == State(preset("solution_selection"), None, example.state().sequence, 1)
+
+
+def test_each_sequence_has_its_own_frame_and_only_the_panel_changes(
+    example: Example, bands: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "shorter"
+    shutil.copytree(bands, other)
+    for side in ("image_0", "image_1"):
+        (other / side / "000005.png").unlink()
+    example.frame.value = 5
+    example.set(sequence=str(other))
+    assert example.frame.value == example.frame.max == 4
+    assert "Only the panel shows shorter" in example._text.value
+    example.set(sequence=str(bands))
+    assert example.frame.value == 5
+    assert "Only the panel" not in example._text.value
 
 
 def test_a_long_job_can_be_stopped(example: Example) -> None:

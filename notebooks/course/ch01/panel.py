@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from vo_lib.config import VARIANTS
+from vo_lib.config import VARIANTS, preset
 from vo_lib.errors import DataError
 from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.buckets import select_by_bucket
@@ -54,6 +54,7 @@ def with_view(config: KitConfig, view: MatchingView) -> MethodConfig:
 class MatchingPanel(Panel):
     """One step of a front end: every feature of the previous pair and what became of it."""
 
+    start = preset("solution_selection", variant="kit")
     title = "Found again or not: the loop, its checks and the buckets"
     view = MatchingView
     height = PHOTO_HEIGHT + CHART_HEIGHT
@@ -72,7 +73,7 @@ class MatchingPanel(Panel):
     def draw(self, state: State) -> Drawing:
         sequence, frame = state.sequence, state.frame
         known = truth(sequence)
-        traced = trace(sequence, frame, with_view(state.config, state.view))
+        traced = trace(sequence, frame, with_view(state.kit, state.view))
         if len(traced.id) == 0:
             raise DataError(f"frame {frame - 1} has no features: lower the threshold")
         kept = traced.kept

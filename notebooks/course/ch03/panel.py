@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
@@ -161,6 +162,7 @@ def judged(
 class SelectionPanel(Panel):
     """All candidates of a frame, the prior's choice among them, and the winners."""
 
+    start = preset("solution_selection", variant="kit")
     title = "A thousand solutions, one winner"
     view = SelectionView
     height = PHOTO_HEIGHT + CHART_HEIGHT
@@ -178,11 +180,11 @@ class SelectionPanel(Panel):
     )
 
     def draw(self, state: State) -> Drawing:
-        selection, view, focal = state.config.selection, state.view, state.sequence.camera.f
-        points, touched, R_true = disturbed_frame(state.sequence, state.frame, state.config, view)
+        selection, view, focal = state.kit.selection, state.view, state.sequence.camera.f
+        points, touched, R_true = disturbed_frame(state.sequence, state.frame, state.kit, view)
         key = (*key_of(state.sequence, state.frame), selection.sets, view)
         found = _candidates.get(key, lambda: _solve(points, selection.sets, view.draw))
-        e_prev = previous_vector(state.sequence, state.frame, state.config)
+        e_prev = previous_vector(state.sequence, state.frame, state.kit)
         field = field_of(found, points, e_prev, R_true, selection, focal)
         by_consensus, _, _ = judged(found.E[field.consensus], points, R_true, selection, focal)
         error, _, inliers = judged(found.E[field.selected], points, R_true, selection, focal)
@@ -208,7 +210,7 @@ class SelectionPanel(Panel):
 
     def work(self, state: State, progress: Progress) -> Drawing:
         """Both ways over the next frames, each with its own previous vector."""
-        selection, frames = state.config.selection, range(state.frame, len(state.sequence))[:FRAMES]
+        selection, frames = state.kit.selection, range(state.frame, len(state.sequence))[:FRAMES]
         prior, focal = replace(selection, prior=True), state.sequence.camera.f
         ways = {
             "consensus": replace(selection, prior=False),
@@ -220,7 +222,7 @@ class SelectionPanel(Panel):
         for done, frame in enumerate(frames):
             progress(done, len(frames))
             view = replace(state.view, draw=(state.view.draw + frame) % 1000)
-            points, _, R_true = disturbed_frame(state.sequence, frame, state.config, view)
+            points, _, R_true = disturbed_frame(state.sequence, frame, state.kit, view)
             found = _solve(points, selection.sets, view.draw)
             for name, way in ways.items():
                 winner, _ = choose(*found, points.x_p, points.x_c, e_prev[name], way, focal)

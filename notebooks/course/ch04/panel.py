@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
@@ -83,6 +84,7 @@ def covariance(
 class TranslationPanel(Panel):
     """One frame's translation: residuals by depth, and the error with its ellipse from above."""
 
+    start = preset("solution_selection", variant="kit")
     title = "From a rotation and stereo matches to a translation"
     view = TranslationView
     height = PHOTO_HEIGHT + CHART_HEIGHT
@@ -98,8 +100,8 @@ class TranslationPanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         sequence, frame, camera = state.sequence, state.frame, state.sequence.camera
-        config = state.config.translation
-        points = frame_points(sequence, frame, state.config)
+        config = state.kit.translation
+        points = frame_points(sequence, frame, state.kit)
         R_usual = usual_rotation(sequence, frame, points)
         reference, words = _reference(camera, points, R_usual, truth(sequence) is not None)
         R = rotation_from_vector(np.radians([0.0, state.view.turn, 0.0])) @ R_usual

@@ -175,9 +175,9 @@ class FilteringPanel(Panel):
     )
 
     def draw(self, state: State) -> Drawing:
-        sequence, frame, rule = state.sequence, state.frame, state.config.filter
-        matches = frame_matches(sequence, frame, state.config)
-        result, boxes = filtered_frame(sequence, frame, state.config, state.view)
+        sequence, frame, rule = state.sequence, state.frame, state.kit.filter
+        matches = frame_matches(sequence, frame, state.kit)
+        result, boxes = filtered_frame(sequence, frame, state.kit, state.view)
         judged = result.judgement
         shown = vehicles(boxes, rule) if judged is None else judged.boxes
         removed = int(np.sum(~result.keep))
@@ -191,8 +191,8 @@ class FilteringPanel(Panel):
             PHOTO_HEIGHT,
         )
         T_true = true_motion(sequence, frame)
-        every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
-        kept = motion_from(sequence, frame, result.keep, state.config).T_cp
+        every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.kit).T_cp
+        kept = motion_from(sequence, frame, result.keep, state.kit).T_cp
         reference, words = (every, "all features") if T_true is None else (T_true, "the truth")
         title = f"{'change' if T_true is None else 'error'} of the translation, from above"
         errors = {name: MILLI * (T[:3, 3] - reference[:3, 3]) for name, T in (("all", every), ("kept", kept))}
@@ -239,7 +239,7 @@ class FilteringPanel(Panel):
         rules = (*RULES, "truth") if truth(state.sequence) is not None else RULES
         frames = range(state.frame, len(state.sequence))[:FRAMES]
         progress(0, len(frames))
-        errors = compare_rules(state.sequence, frames, rules, state.config, state.view, progress)
+        errors = compare_rules(state.sequence, frames, rules, state.kit, state.view, progress)
         chart = errors_figure(errors, frames, "error of the translation", unit="mm", height=self.height)
         sentence = (
             f"Error of the translation in frames {frames[0]} to {frames[-1]}, each from its two pairs alone; "
@@ -250,7 +250,7 @@ class FilteringPanel(Panel):
 
     def _network(self, state: State, boxes: Boxes) -> tuple[Image, int]:
         """The picture of the candidates, and their number; of labels the image alone."""
-        image, rule = stereo(state.sequence, state.frame)[0], state.config.filter
+        image, rule = stereo(state.sequence, state.frame)[0], state.kit.filter
         if state.view.model.strip() == LABELS:
             plain = photo(image, NET_WIDTH, CHART_HEIGHT)
             return caption(plain, f"{len(boxes)} boxes of the label folder, no network"), len(boxes)
