@@ -6,14 +6,16 @@ matches come from `frames`, the look of pictures from `drawing`, threads for wor
 """
 
 from .drawing import figure, finish, show, show_source, stack
-from .frames import frame_matches, frame_points, load, stereo, truth
+from .frames import frame_matches, frame_points, has_truth, load, real_pair, stereo, truth
 
 __all__ = [
     "figure",
     "finish",
     "frame_matches",
     "frame_points",
+    "has_truth",
     "load",
+    "real_pair",
     "show",
     "show_source",
     "stack",

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from IPython.display import Image as Shown
 
-from vo_lib.data.catalogue import DRAWING_PROCESSES, SYNTHETIC, open_sequence
+from vo_lib.data.catalogue import DRAWING_PROCESSES, KITTI, SYNTHETIC, available, open_sequence
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import Truth, open_truth
@@ -29,6 +30,7 @@ from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import single_threaded
 from vo_lib.runs.front_end import make_front_end
 
+from .drawing import beside, show
 from .progress import with_bar
 
 DEFAULT = "synthetic/traffic"
@@ -212,3 +214,55 @@ def truth(sequence: Sequence) -> Truth | None:
     if not (sequence.folder / "truth" / "scene.json").exists():
         return None
     return _truths.get(sequence.folder, lambda: open_truth(sequence.folder))
+
+
+# What a sequence may lack, and what cannot be said then.
+LACKING = {
+    "poses": "has no ground truth: no error can be stated",
+    "depth": "has no true depth of its pixels, as a drawn scene has",
+    "labels": "has no labelled boxes",
+}
+
+
+def lacks(sequence: Sequence, what: str = "poses") -> str:
+    """A sentence where a sequence has none of "poses", "depth" (of each pixel) or "labels"; else ""."""
+    there = {
+        "poses": lambda: sequence.truth is not None,
+        "depth": lambda: truth(sequence) is not None,
+        "labels": lambda: sequence.labels is not None,
+    }
+    return "" if there[what]() else f"{sequence.name} {LACKING[what]}."
+
+
+def has_truth(sequence: Sequence, what: str = "poses") -> bool:
+    """Whether a sequence has what a cell needs; where not, that is printed in a sentence.
+
+    if has_truth(sequence, "depth"):
+        show(draw.depth_figure(...))
+    """
+    missing = lacks(sequence, what)
+    if missing:
+        print(f"{missing} This cell is skipped.")
+    return not missing
+
+
+def real_frame(name: str = "", frame: int = 40) -> tuple[Sequence, int] | None:
+    """A sequence of KITTI that was found, and a frame of it; else None, and a sentence is printed.
+
+    `name` is preferred where it is there ("kitti/drive_0013"), else the first of all.
+    """
+    found = [each for each in available() if each.startswith(KITTI)]
+    if not found:
+        print("KITTI was not found: set KITTI_ROOT, and this cell shows a real frame beside the drawn one.")
+        return None
+    sequence = opened(name if name in found else found[0])
+    return sequence, min(frame, len(sequence) - 1)
+
+
+def real_pair(drawn: Sequence, frame: int, name: str = "") -> Shown | None:
+    """A drawn left image beside a real one, where KITTI was found; else None, and a sentence is printed."""
+    real = real_frame(name)
+    if real is None:
+        return None
+    words = f"{drawn.name}, frame {frame}", f"{real[0].name}, frame {real[1]}"
+    return show(beside(stereo(drawn, frame)[0], stereo(*real)[0], *words))

@@ -1,0 +1,43 @@
+"""What a sequence lacks is told in a sentence; a real frame is shown where one is found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from course import frames
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.sequence import Sequence
+
+
+def test_what_a_sequence_lacks_is_printed(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sequence = replace(open_sequence(bands), truth=None, labels=None)
+    assert not any(frames.has_truth(sequence, what) for what in frames.LACKING)
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "bands has no ground truth: no error can be stated. This cell is skipped."
+    assert len(said) == len(frames.LACKING)
+
+
+def test_a_drawn_scene_lacks_nothing(street: Sequence, capsys: pytest.CaptureFixture[str]) -> None:
+    assert all(frames.has_truth(street, what) for what in frames.LACKING)
+    assert capsys.readouterr().out == ""
+
+
+def test_without_kitti_a_sentence_says_how_to_see_a_real_frame(
+    street: Sequence, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(frames, "available", lambda: {street.name: street.folder})
+    assert frames.real_pair(street, 60) is None
+    assert "set KITTI_ROOT" in capsys.readouterr().out
+
+
+def test_a_real_frame_is_shown_beside_the_drawn_one(
+    street: Sequence, clips: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("KITTI_ROOT", str(clips))
+    assert frames.real_pair(street, 60, "kitti/drive_0013") is not None
+    found = frames.real_frame("kitti/drive_0013")
+    assert found is not None
+    assert found[0].name == "kitti/drive_0013"
