@@ -78,3 +78,13 @@ def test_the_command_writes_table_and_heat_map(
     picture = cv2.imread(str(out / "sweep.png"))
     assert picture is not None
     assert picture.std() > 20
+
+
+def test_a_path_too_short_for_errors_draws_nothing_and_says_why(
+    sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["sweep", "--sequence", str(sequence.folder), "--frames", "0:5", "--seeds", "1", "--set"]
+    places = ["--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out")]
+    assert main([*words, "selection.sets=10,20", *places]) == 0
+    assert "No errors and no heat map" in capsys.readouterr().out
+    assert not (tmp_path / "out" / "sweep.png").exists()

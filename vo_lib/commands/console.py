@@ -55,7 +55,8 @@ def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: b
     table = Table()
     for place, name in enumerate(columns):
         justify: JustifyMethod = "right" if numbers and place else "left"
-        table.add_column(Text(name), justify=justify, overflow="fold")
+        words = name.replace(".", ".\n")  # "selection.sets" is not broken within a word
+        table.add_column(Text(words), justify=justify, overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))  # `Text` has no markup: a name may contain brackets
     Console().print(table)

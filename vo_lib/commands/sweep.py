@@ -61,7 +61,8 @@ def _sweep(options: argparse.Namespace) -> int:
         if not any(record["seeds"] for record in sweep.records):  # an earlier table is kept
             raise DataError(sweep.records[0]["failed"])
         write_atomic(folder / "sweep.csv", records_csv(sweep.records))
-        write_atomic(folder / "sweep.png", heat_map(sweep))
+        if sweep.has_errors:
+            write_atomic(folder / "sweep.png", heat_map(sweep))
     show_report_table(sweep_table(sweep))
-    say(f"written to {folder}: sweep.csv, sweep.png")
+    say(f"written to {folder}: sweep.csv{', sweep.png' if sweep.has_errors else ''}")
     return int(any(record["failed"] for record in sweep.records))

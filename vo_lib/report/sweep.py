@@ -45,6 +45,11 @@ class Sweep:
     axes: tuple[Axis, ...]
     records: list[dict[str, Any]]
 
+    @property
+    def has_errors(self) -> bool:
+        """Whether a sub-sequence fits into the path of a run."""
+        return any(record["te_percent"] is not None for record in self.records)
+
 
 def parse_axis(text: str, config: MethodConfig) -> Axis:
     """The axis of "selection.sets=50,100,200"; values that are lists themselves are parted by semicolons.
@@ -130,6 +135,8 @@ def sweep_table(sweep: Sweep) -> ReportTable:
         if record["failed"]:
             place = ", ".join(f"{axis}={record[axis]}" for axis in axes)
             notes.append(f"Failed: {place}, {record['failed']}")
+    if not sweep.has_errors:
+        notes.append("No errors and no heat map: the path is shorter than every sub-sequence.")
     return ReportTable(sweep.title, columns, rows, notes)
 
 
