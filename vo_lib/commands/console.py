@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -15,15 +16,24 @@ from ..report.page import ReportTable
 if TYPE_CHECKING:
     from ..geometry.types import Progress
 
+LOG_PERIOD_S = 60.0  # between two lines of progress where there is no terminal
 SPEED_PERIOD_S = 180.0  # time over which a progress bar averages the speed
 
 
 @contextmanager
 def reporting(label: str, in_bytes: bool = False) -> Iterator[Progress]:
-    """A progress function; in a terminal, with a bar that disappears at the end."""
+    """A progress function: in a terminal a bar that disappears at the end, else a line a minute."""
     console = Console(stderr=True)
     if not console.is_interactive:
-        yield lambda done, total: None
+        printed = time.monotonic()
+
+        def log(done: int, total: int) -> None:
+            nonlocal printed
+            if time.monotonic() - printed >= LOG_PERIOD_S:
+                printed = time.monotonic()
+                console.print(f"{label}: {done} of {total}", soft_wrap=True, highlight=False, markup=False)
+
+        yield log
         return
     from rich import progress as rich  # this import takes 0.1 s, which --help does not need
 
