@@ -17,8 +17,10 @@ from vo_lib.geometry.types import Array
 from .keep import handed_back, is_stub, keep
 from .results import (
     SHORT,
+    Unanswered,
     Unusable,
     Verdict,
+    compared,
     differ,
     holds,
     is_list,
@@ -31,6 +33,8 @@ from .results import (
 
 Case = tuple[Any, ...]  # the inputs of a call
 LONGEST = 80  # characters of an input that a message tells
+TRIES = 3  # different wrong answers before the line of code is told
+FLOAT32 = 1e-5  # share by which results of single precision may differ
 
 
 @dataclass(frozen=True)
@@ -86,8 +90,8 @@ class Exercise:
 
     An answer is right when its results are those of `right` in every case. If not, it is compared with the
     known mistakes: the one that gives the same results beyond the first wrong one, and for longest, is named;
-    else a slip, and else a mistake whose test holds. A first failure is told the idea (the mistake or the
-    `hint`), a second one in a row the `line` of code.
+    else a slip, and else a mistake whose test holds. A failure is told the idea (the mistake or the `hint`); the
+    third different wrong answer in a row also the `line` of code.
 
     Parameters
     ----------
@@ -96,7 +100,7 @@ class Exercise:
     also : other answers that are right.
     task, praise, hint : what is to be done; what is said of a right answer, and of one that is wrong in a way
         not known. Of `got` and `right`, results of the first case, or of facts, by their names.
-    line : what is to be written, told from the second failure on; the hint where there is none.
+    line : what is to be written, told from the third different failure on; the hint where there is none.
     library : the library's functions that an answer must not call.
     mistakes : by the words they are told in, of `got` and `right` or of facts: answers that make the mistake,
         functions of a case's inputs or values, one or several, and `When`. Of facts, a test each.
@@ -125,7 +129,8 @@ class Exercise:
     def __post_init__(self) -> None:
         self.__doc__ = self.task
         self.more = f"In code: `{self.line}`." if self.line else self.hint
-        self.failures = 0  # in a row
+        self.failures = set[str]()  # the different ones in a row
+        self._given = ""  # results of the last answer, as text
         usual = {name: says for name, (says, _) in SLIPS.items()} if self.cases else {}
         self.slips = {**usual, **self.slips}
         self.answers: dict[str, list[Any]] = {}
@@ -139,12 +144,15 @@ class Exercise:
 
     def __call__(self, answer: Any, *given: Any) -> Verdict:
         if any(each is None or each is ... for each in (answer, *given)) or is_stub(answer):
-            return Verdict(False, "there is no answer, replace the dots.")
+            return Unanswered(False, "there is no answer, replace the dots.")
+        self._given = ""
         verdict = self.judge(answer, *given)
-        self.failures = 0 if verdict.passed else self.failures + 1
         if verdict.passed:
+            self.failures.clear()
             return Verdict(True, verdict.message + keep(answer, self.judge)) if self.cases else verdict
-        told_again = self.failures > 1 and self.more != verdict.hint
+        # Answers that cannot be compared are of one kind.
+        self.failures.add("" if isinstance(verdict, Unusable) else self._given)
+        told_again = len(self.failures) >= TRIES and self.more != verdict.hint
         return replace(verdict, hint=f"{verdict.hint} {self.more}".strip()) if told_again else verdict
 
     def judge(self, answer: Any, *given: Any) -> Verdict:
@@ -169,6 +177,9 @@ class Exercise:
         """The first mistake that the facts of a panel show; an unknown fact is NaN."""
         if not isinstance(answer, Mapping):
             return Verdict(False, f"expected the facts of a panel, got {type(answer).__name__}.")
+        if not answer:
+            return Verdict(False, "the panel shows no numbers: choose a sequence that opens.")
+        self._given = str(answer)
         facts = defaultdict(lambda: float("nan"), answer)
         for says, test in self.tests.items():
             if test(facts):
@@ -178,6 +189,7 @@ class Exercise:
     def _judge(self, answer: Callable[..., Any], cases: list[Case]) -> Verdict:
         changed: list[int] = []
         got = self._results(answer, cases, changed)
+        self._given = str([each.tolist() if isinstance(each, np.ndarray) else each for each in got])
         tables = [self._results(right, cases) for right in (self.right, *self.also)]
         right = max(tables, key=lambda table: self._agreed(got, table))
         first = self._agreed(got, right)
@@ -269,14 +281,16 @@ class Exercise:
             return type(got) is type(expected) and bool(got == expected)
         if got.shape == expected.shape or is_list(expected):
             got, expected = self.form(got), self.form(expected)
-        return got.shape == expected.shape and np.allclose(
-            got, expected, self.rtol, self.atol, equal_nan=True
-        )
+        rtol, atol = self.rtol, self.atol
+        if got.dtype == np.float32:
+            rtol = max(rtol, FLOAT32)
+            atol = max(atol, FLOAT32 * float(np.abs(expected).max(initial=0.0, where=np.isfinite(expected))))
+        return got.shape == expected.shape and np.allclose(got, expected, rtol, atol, equal_nan=True)
 
     def _difference(self, got: Any, expected: Any, what: str, inputs: Case) -> str:
         """What was got and what was expected, for the inputs of a case as far as they are short."""
         if self.cases is None:
-            return f"{shown(got)} is not it."
+            return f"{shown(got)} is not it."  # the right value stays unsaid
         if is_list(expected) and (expected.size > SHORT or not shown(got)):
             others = np.setdiff1d(got, expected)
             named = f" ({others[0]:g} for one)" if len(others) else ""
@@ -285,8 +299,8 @@ class Exercise:
         if not (shown(got) and shown(expected)):
             wrong = ~np.isclose(got, expected, self.rtol, self.atol)
             place = tuple(np.argwhere(wrong)[0].tolist())
-            numbers = f"it is {got[place]:.4g}, expected {expected[place]:.4g}"
-            return f"{what} has {wrong.sum()} of {wrong.size} numbers wrong: at {list(place)} {numbers}."
+            numbers = compared(got[place], expected[place])
+            return f"{what} has {wrong.sum()} of {wrong.size} numbers wrong: at {list(place)} it {numbers}."
         named_inputs = zip(inspect.signature(self.right).parameters, map(shown, inputs), strict=False)
         told = ", ".join(f"{name} = {value}" for name, value in named_inputs if 0 < len(value) < LONGEST)
-        return f"{what} is {shown(got)}, expected {shown(expected)}{told and f' for {told}'}."
+        return f"{what} {compared(got, expected)}{told and f' for {told}'}."

@@ -17,9 +17,10 @@ import vo_lib
 from .colours import DARK
 from .drawing import WIDTH
 
-RIGHT, NOT_YET = "#009E73", "#D55E00"
+RIGHT, NOT_YET, UNANSWERED = "#009E73", "#D55E00", "#999999"
 RIGHT_CLASS, NOT_YET_CLASS = "vo-right", "vo-not-yet"  # tests look for them
 SHORT = 6  # so many numbers are shown whole
+DIGITS = 5, 7, 9  # of two numbers: as many as tell them apart
 COMPLEX = (
     "drop what has an imaginary part and take `.real` of the rest; `np.linalg.eigh` and `svd` stay real."
 )
@@ -40,16 +41,26 @@ class Verdict:
         return f"{word}: {self.message}" + (f" Hint: {self.hint}" if self.hint else "")
 
     def _repr_html_(self) -> str:
-        colour, word = (RIGHT, "✓ Right:") if self.passed else (NOT_YET, "✗ Not yet:")
+        colour, word = (RIGHT, "✓ Right:") if self.passed else self._not_yet()
         name = RIGHT_CLASS if self.passed else NOT_YET_CLASS
         hint = f"<br><i>Hint: {marked(self.hint)}</i>" if self.hint else ""
         style = f"border-left:4px solid {colour};padding:4px 10px;max-width:940px"
         return f'<div class="{name}" style="{style}"><b>{word}</b> {marked(self.message)}{hint}</div>'
 
+    def _not_yet(self) -> tuple[str, str]:
+        return NOT_YET, "✗ Not yet:"
+
 
 def marked(text: str) -> str:
     """Text as HTML; what stands between backticks is code."""
     return re.sub("`([^`]+)`", r"<code>\1</code>", html.escape(text))
+
+
+class Unanswered(Verdict):
+    """The verdict before the first try."""
+
+    def _not_yet(self) -> tuple[str, str]:
+        return UNANSWERED, "Not yet:"
 
 
 class Unusable(Verdict):
@@ -84,7 +95,7 @@ def result(outcome: Any) -> Any:
         value = np.asarray(sorted(outcome) if isinstance(outcome, (set, frozenset)) else outcome)
         if value.dtype.kind in "SU":
             raise TypeError
-        if value.dtype.kind not in "iu":
+        if value.dtype.kind not in "iu" and value.dtype != np.float32:
             value = value.astype(np.float64, casting="same_kind" if value.dtype.kind == "c" else "unsafe")
     except (TypeError, ValueError):
         if isinstance(outcome, np.ndarray) and outcome.dtype.kind == "c":
@@ -142,15 +153,24 @@ def differ(one: Any, other: Any) -> bool:
     return isinstance(one, dict) and bool(one != other)
 
 
-def shown(value: Any) -> str:
+def shown(value: Any, digits: int = DIGITS[0]) -> str:
     """A number, a short array or a list of indices as text; else nothing."""
     if isinstance(value, np.ndarray) and value.ndim:
         short = value.size <= SHORT or is_list(value)
-        text = np.array2string(value, separator=", ", formatter={"all": "{:.4g}".format})
+        text = np.array2string(value, separator=", ", formatter={"all": f"{{:.{digits - 1}g}}".format})
         return " ".join(text.split()) if short else ""
     if isinstance(value, (int, float, np.number, np.ndarray)):
-        return f"{value:.5g}"
+        return f"{value:.{digits}g}"
     return str(value) if value is None or isinstance(value, dict) else ""
+
+
+def compared(got: Any, expected: Any) -> str:
+    """What was got and what was expected, in as many digits as tell them apart; else by how much they differ."""
+    for digits in DIGITS:
+        if shown(got, digits) != shown(expected, digits):
+            return f"is {shown(got, digits)}, expected {shown(expected, digits)}"
+    apart = float(np.abs(np.subtract(got, expected)).max())
+    return f"differs by {apart:.1g} from {shown(expected)}: is something rounded on the way?"
 
 
 @dataclass(frozen=True)

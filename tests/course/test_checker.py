@@ -12,6 +12,7 @@ import pytest
 from course.ch02 import exercises as ch02
 from course.checker import SLIPS, Exercise, When, any_order
 from course.keep import HEAD, handed_back, keep
+from course.results import NOT_YET, NOT_YET_CLASS
 from vo_lib.paper.five_point import null_space as other_name
 
 
@@ -68,6 +69,7 @@ VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
     (VALUE, (15, 10), "not yet: 15 is not it. Hint: try."),
     (FACTS, ({"got": 3.0},), "right: "),
     (FACTS, ({"got": 2.0},), "twice: 2."),
+    (FACTS, ({},), "the panel shows no numbers"),
     (MINUS, (lambda x: (y for y in both(x)),), "right: "),
     (MINUS, (lambda x: (2 * x + 2.0, 77.0),), "twice: 2."),
     (MINUS, (lambda x: (x + 1.0, 9.0),), "b is 9, expected -1 for x = 0"),
@@ -96,19 +98,56 @@ VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
 
 @pytest.mark.parametrize(("exercise", "answer", "words"), VERDICTS)
 def test_each_verdict(exercise: Exercise, answer: tuple[Any, ...], words: str) -> None:
-    exercise.failures = 0
+    exercise.failures.clear()
     assert words in repr(exercise(*answer))
 
 
-def test_a_second_failure_in_a_row_is_told_the_line() -> None:
-    SQUARE.failures = 0
-    for hint in ("", "In code: `x**2`."):
+def test_the_third_different_failure_in_a_row_is_told_the_line() -> None:
+    line = "try. In code: `x**2`."
+    SQUARE.failures.clear()
+    for answer in (lambda x: x + 2.0, lambda x: x + 2.0, lambda x: x + 3.0):
         assert SQUARE(...).hint == ""  # no answer is no failure
-        assert SQUARE.judge(lambda x: 2.0 * x).hint == ""  # nor is one that only the file asks about
-        assert SQUARE(lambda x: 2.0 * x).hint == hint
-    assert SQUARE(lambda x: 1.0).hint == "try. In code: `x**2`."
+        assert SQUARE.judge(lambda x: x + 9.0).hint == "try."  # nor is one that only the file asks about
+        assert SQUARE(answer).hint == "try."  # the same answer twice is one
+    assert SQUARE(lambda x: x + 4.0).hint == line
     assert SQUARE(square).passed
-    assert SQUARE(lambda x: 2.0 * x).hint == ""
+    assert SQUARE(lambda x: x + 4.0).hint == "try."
+    for broken in (lambda x: 1 / 0, lambda x: "4", lambda x: [1.0, x], lambda x: None):
+        assert "In code" not in SQUARE(broken).hint  # all of these are of one kind
+    assert SQUARE(lambda x: x + 5.0).hint == line
+
+
+def begun_with_a_line(x: float) -> None:
+    _ = x + 1.0
+    ...
+
+
+def test_an_untouched_function_is_no_try_and_no_alarm() -> None:
+    for untouched in (begun, begun_with_a_line):
+        verdict = SQUARE(untouched)
+        assert "there is no answer" in verdict.message
+        assert NOT_YET_CLASS in verdict._repr_html_()
+        assert NOT_YET not in verdict._repr_html_()
+    assert NOT_YET in SQUARE(lambda x: x + 5.0)._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("off", "words"),
+    [
+        (1e-3, "the result is 175.001, expected 175 for x = 175."),
+        (2e-8, "the result differs by 2e-08 from 175: is something rounded on the way?"),
+    ],
+)
+def test_numbers_that_differ_never_read_alike(off: float, words: str) -> None:
+    exercise = table(lambda x: x, lambda: [(175.0,)], rtol=1e-12)
+    assert exercise(lambda x: x + off).message.startswith(words)
+
+
+def test_single_precision_is_enough_where_the_answer_is_right() -> None:
+    exercise = table(lambda A: A / 3.0, lambda: [(np.array([3e4, 0.1, np.nan]),)])
+    assert exercise(lambda A: (A / 3.0).astype(np.float32)).passed
+    assert not exercise(lambda A: (A / 3.01).astype(np.float32)).passed
+    assert not exercise(lambda A: A / 3.0 + 1e-6).passed
 
 
 MATRICES = [(np.array([[1.0, 2.0, 3.0], [5.0, 4.0, 7.0]]),), (np.array([[4.0, 2.0], [8.0, 3.0]]),)]
