@@ -93,7 +93,7 @@ def _timestamps(path: Path) -> Array:
         except ValueError:
             raise DataError("expected a time such as 2011-09-26 13:02:25.964389445", path, number) from None
         if moments[-1:] < moments[-2:-1]:
-            raise DataError("time goes back", path, number)
+            raise DataError("the time decreases", path, number)
     stamps = np.array(moments, "datetime64[ns]")
     return np.asarray((stamps - stamps[:1]) / np.timedelta64(1, "s"), np.float64)
 

@@ -116,7 +116,7 @@ def test_wrong_frames_and_foreign_folders_are_one_line(
     folder = tmp_path / "sequences" / "drive_0005"
     for frames in ("2:9", "8:12", "-2:3", "3:4"):
         assert get(raw, tmp_path, "--raw", NAME, f"--frames={frames}") == 2
-        expected = f"frames {frames}: expected two frames or more of 0:8, which {NAME} has\n"
+        expected = f"frames {frames}: expected two or more frames of 0:8, those of {NAME}\n"
         assert capsys.readouterr().err.endswith(expected)
     assert not folder.exists()
     assert get(raw, tmp_path, "--raw", NAME, "--frames", "0:3") == 0

@@ -137,7 +137,7 @@ def test_a_lost_worker_ends_the_batch_with_one_line_and_the_same_call_goes_on(
     jobs = all_jobs(two[:1], tmp_path / "runs")
     with monkeypatch.context() as patch:
         patch.setattr("vo_lib.runs.jobs._fill", _killed)
-        with pytest.raises(DataError, match=r"a worker process was killed.*the same command goes on"):
+        with pytest.raises(DataError, match=r"a worker process was killed.*repeat the command"):
             run_jobs(jobs, 2, cache=tmp_path / "cache")
     assert [outcome.error for outcome in run_jobs(jobs, 2, cache=tmp_path / "cache")] == [None] * 4
 

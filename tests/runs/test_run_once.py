@@ -119,22 +119,25 @@ def test_other_settings_method_sequence_label_or_code_are_refused_by_name(
             run_once(folder, other, boxed(**changes), method)
         return str(error.value)
 
-    assert "another run, with other settings.selection.sets;" in refused(selection__sets=50)
+    assert "another run, which differs in settings.selection.sets;" in refused(selection__sets=50)
     assert "and 1 more" in refused(seed=4, filter__classes=(2,), min_matches=13, buckets__size=40)
-    assert "other method;" in refused(method="n")
-    assert "other frames, images, times" in refused(sequence.part(0, 7))
+    assert "differs in method;" in refused(method="n")
+    assert "differs in frames, images, times" in refused(sequence.part(0, 7))
     camera = dataclasses.replace(sequence.camera, f=301.0)
-    assert "other camera.f;" in refused(dataclasses.replace(sequence, camera=camera))
-    for name, words in (("labels/000012.txt", "other labels"), ("image_0/000012.png", "other images")):
+    assert "differs in camera.f;" in refused(dataclasses.replace(sequence, camera=camera))
+    for name, words in (
+        ("labels/000012.txt", "differs in labels"),
+        ("image_0/000012.png", "differs in images"),
+    ):
         path = sequence.folder / name
         data = path.read_bytes()
         path.write_bytes(path.with_stem("000011").read_bytes() + b"\n")
         assert words in refused()
         path.write_bytes(data)
-    assert "other times;" in refused(dataclasses.replace(sequence, times=2 * sequence.times))
+    assert "differs in times;" in refused(dataclasses.replace(sequence, times=2 * sequence.times))
     with monkeypatch.context() as patch:
         patch.setattr("vo_lib.runs.identity.code_digest", lambda modules: "changed")
-        assert "other made_with.code;" in refused()
+        assert "differs in made_with.code;" in refused()
     # A name of the same data is no other run.
     assert run_once(folder, dataclasses.replace(sequence, name="x"), boxed(), "m")[1]
 
@@ -168,7 +171,7 @@ def test_a_run_is_read_back_to_the_digits_written(sequence: Sequence, folder: Pa
 def test_a_sequence_keeps_its_truth_and_a_folder_for_work_that_fails_is_removed(
     bands: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(DataError, match="holds a sequence's images"), run_folder(bands):
+    with pytest.raises(DataError, match="contains images of a sequence"), run_folder(bands):
         pass
     with pytest.raises(DataError, match="empty"), run_folder(""):
         pass

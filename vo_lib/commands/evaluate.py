@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from ..data.poses import TOLERANCE
+from ..data.poses import TIME_TOLERANCE_S
 from ..evaluation.ate_rpe import Alignment
 from ..files import write_atomic
 from ..report.paths import evaluate_paths, evaluation_tables, read_paths, write_pictures
@@ -32,7 +32,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     text = "interval of the RPE, in frames (10f) or in metres along the true path (5m); default 1f"
     option("--delta", default="1f", metavar="D", help=text)
     text = "largest difference between the times of a pose and its true pose, in seconds; default %(default)s"
-    option("--t-max-diff", type=float, default=TOLERANCE, metavar="S", help=text)
+    option("--t-max-diff", type=float, default=TIME_TOLERANCE_S, metavar="S", help=text)
     text = "folder for evaluation.json and for figures of paths and of errors by length and speed"
     option("--out", metavar="DIR", help=text)
     option("--json", action="store_true", help="print the results as JSON")

@@ -1,4 +1,4 @@
-"""Sequences by name: KITTI's where they are found, synthetic scenes, and folders by their path."""
+"""Sequences by name: KITTI sequences on this machine, drawn scenes, and folders by path."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 
 
 def kitti_roots() -> list[Path]:
-    """Where KITTI is looked for: KITTI_ROOT, then data/kitti here and beside the package."""
+    """Existing KITTI folders: KITTI_ROOT, then data/kitti in the working folder and in the kit's folder."""
     places = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
     # The archives unpack to a folder `dataset`; both it and its parent are accepted.
     roots = [Path(place, inner).resolve() for place in places if place for inner in ("", "dataset")]
@@ -27,12 +27,12 @@ def kitti_roots() -> list[Path]:
 
 
 def kitti_root() -> Path:
-    """The KITTI folder that the kit uses: the first one found, else where one would be made."""
+    """The KITTI folder that the kit uses: the first existing one, or the place for a new one."""
     return next(iter(kitti_roots()), Path(os.environ.get("KITTI_ROOT") or PROJECT / "data" / "kitti"))
 
 
 def available() -> dict[str, Path | None]:
-    """Sequences by name with their folders; None for a synthetic scene that is not drawn yet."""
+    """Folders of sequences by name; None for a scene that is not drawn yet."""
     folders: dict[str, Path | None] = {}
     for name, config in SCENES.items():
         folder = scene_folder(config)
@@ -54,7 +54,7 @@ def parse_sequences(text: str) -> list[str]:
             continue
         first, last = int(numbers[1]), int(numbers[2] or numbers[1])
         if last < first:
-            raise DataError(f"--sequences {item}: expected a range that rises")
+            raise DataError(f"--sequences {item}: expected an increasing range, such as 02-10")
         names += [f"{KITTI}{number:02d}" for number in range(first, last + 1)]
     if not all(names):
         raise DataError(f"--sequences {text!r}: expected names separated by commas")
@@ -62,16 +62,16 @@ def parse_sequences(text: str) -> list[str]:
 
 
 def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Path:
-    """Folder of a sequence by its name; a synthetic scene is drawn where it is not in the cache."""
+    """Folder of a sequence by name; a scene that is not in the cache is drawn."""
     if name.startswith(SYNTHETIC):
         return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=DRAWING_PROCESSES)
-    found = available().get(name)
-    if found is None and name.startswith(KITTI):
+    folder = available().get(name)
+    if folder is None and name.startswith(KITTI):
         roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
         raise DataError(f"the sequence {name} was not found; looked in {roots}")
-    if found is None:
+    if folder is None:
         raise DataError("the folder is missing: expected a KITTI folder or a name from `vo list`", name)
-    return found
+    return folder
 
 
 def open_sequence(
@@ -80,15 +80,15 @@ def open_sequence(
     cache: Path | None = None,
     progress: Progress | None = None,
 ) -> Sequence:
-    """A sequence by name ("kitti/07", "synthetic/traffic") or by the path of a KITTI-layout folder.
+    """A sequence by name ("kitti/07", "synthetic/traffic") or by the path of a folder in KITTI's layout.
 
-    A synthetic scene that is missing is drawn. Raises `DataError` as `open_folder`, and for an unknown name.
+    A missing scene is drawn. Raises `DataError` like `open_folder`, and for an unknown name.
 
     Parameters
     ----------
-    labels : folder of YOLO label files; by default `labels` in the sequence's folder, if there.
-    cache : folder that keeps synthetic scenes; by default the user's cache folder.
-    progress : called while a synthetic scene is drawn.
+    labels : folder of YOLO label files; by default `labels` in the sequence's folder, if it exists.
+    cache : folder of drawn scenes; by default the user's cache folder.
+    progress : called while a scene is drawn.
     """
     folder, name = Path(where), str(where)
     if folder.is_dir():

@@ -1,4 +1,4 @@
-"""Drawn scenes in the user's cache, folders in KITTI's layout; a missing scene is drawn by `vo_street`.
+"""Drawn scenes in the user's cache, folders in KITTI's layout; `vo_street` draws a missing scene.
 
 image_0/000000.png image_1/000000.png calib.txt times.txt poses.txt labels/000000.txt truth/
 """
@@ -18,30 +18,30 @@ from ..geometry.types import Progress
 from ..settings import to_dict
 from .scenes import SCENES, SceneConfig, scene_config
 
-# Raised with every change that alters a picture: old cached scenes are then drawn anew.
+# Increase with every change of the images: scenes in the cache are then drawn again.
 RENDERER_VERSION = 2
 
 
 def cache_folder() -> Path:
-    """Where scenes are kept unless told otherwise."""
+    """The default folder of drawn scenes."""
     return platformdirs.user_cache_path("stereo-vo-kit", appauthor=False) / "synthetic"
 
 
 def scene_key(config: SceneConfig) -> str:
-    """A name for the bytes that these settings give with this renderer and these libraries."""
-    everything = {
+    """A folder name for a scene, from its settings, the renderer's version and the library versions."""
+    inputs = {
         "config": to_dict(config),
         "renderer": RENDERER_VERSION,
         "numpy": np.__version__,
         "opencv": cv2.__version__,
     }
-    digest = hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()[:12]
+    digest = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:12]
     name = next((name for name, scene in SCENES.items() if scene == config), "street")
     return f"{name}-{digest}"
 
 
 def scene_folder(config: SceneConfig, cache: Path | None = None) -> Path:
-    """Where a scene is kept in the cache, by default the user's; it is there only when it is complete."""
+    """The folder of a scene in the cache, by default the user's; only a complete scene has its folder."""
     return (cache_folder() if cache is None else Path(cache)).absolute() / scene_key(config)
 
 
@@ -52,15 +52,16 @@ def ensure_scene(
     jobs: int = 2,
     frames: range | None = None,
 ) -> Path:
-    """The folder of a scene, named or by its settings; drawn unless it is in the cache.
+    """The folder of a scene, by name or by settings; the scene is drawn unless it is in the cache.
 
     Parameters
     ----------
-    cache : folder that holds the scenes; default the user's cache folder.
-    jobs : processes that draw. The pictures do not depend on it.
-    frames : draw no others where the whole scene is not there: a part in a folder of its own.
+    cache : folder of drawn scenes; default the user's cache folder.
+    jobs : number of processes that draw; the images do not depend on this number.
+    frames : if the complete scene is not in the cache, draw only these frames, in a separate folder.
 
-    Raises `DataError`: no such scene, the cache cannot be written, or the kit is not used from its folder.
+    Raises `DataError` if the scene is unknown, the cache not writable, or the kit not installed from its
+    folder.
     """
     config = name_or_config if isinstance(name_or_config, SceneConfig) else scene_config(name_or_config)
     folder = scene_folder(config, cache)
@@ -71,6 +72,6 @@ def ensure_scene(
     try:
         from vo_street.cache import draw_scene
     except ImportError:
-        raise DataError("drawing a street needs the kit's folder: install it from there with -e .") from None
+        raise DataError("drawing a street needs the kit's folder: install the kit from it, -e .") from None
     draw_scene(config, folder, progress, jobs, frames)
     return folder

@@ -21,18 +21,18 @@ _FRAMES = [4541, 1101, 4661, 801, 271, 2761, 1101, 1101, 4071, 1591, 1201]  # 00
 _FRAMES += [921, 1061, 3281, 631, 1901, 1731, 491, 1801, 4981, 831, 2721]
 EXPECTED_FRAMES = {f"{number:02d}": frames for number, frames in enumerate(_FRAMES)}
 
-PART = "part.txt"  # marks a folder that has a part of a sequence: the options of `vo data get_kitti` for it
+PART = "part.txt"  # in a folder with part of a sequence: the options of `vo data get_kitti` for this part
 _MARK = re.compile(r"(?:--sequences \d\d|--raw [0-9_]+_drive_\d{4}) --frames (\d{1,6}):(\d{1,6})", re.ASCII)
 
-MAX_FOCAL_PX = 1e6  # also of the principal point; larger numbers overflow later on
-MIN_BASELINE_M, MAX_BASELINE_M = 1e-5, 10.0  # a longer baseline was given in millimetres
+MAX_FOCAL_PX = 1e6  # also for the principal point; larger numbers overflow in later computations
+MIN_BASELINE_M, MAX_BASELINE_M = 1e-5, 10.0  # a longer baseline is probably in millimetres
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def read_calibration(path: Path, width: int = 0, height: int = 0) -> StereoCamera:
     """Camera from calib.txt: f, cx, cy from P0, baseline b = (P0[0,3] - P1[0,3]) / f; KITTI's P0[0,3] is 0.
 
-    width, height : of the images, pixels; 0 if unknown.
+    width, height : image size, pixels; 0 if unknown.
 
     Raises `DataError` with the line for a missing matrix, wrong numbers, cameras that are not rectified, a
     principal point outside the images, or a baseline that is not positive or longer than 10 m.
@@ -40,25 +40,25 @@ def read_calibration(path: Path, width: int = 0, height: int = 0) -> StereoCamer
     (P0, line0), (P1, line1) = _read_projections(path)
     f, cx, cy = float(P0[0, 0]), float(P0[0, 2]), float(P0[1, 2])
     if not 1.0 <= f <= MAX_FOCAL_PX or max(abs(cx), abs(cy)) > MAX_FOCAL_PX:
-        found = f"f {f:g}, centre {cx:g},{cy:g}"
+        values = f"f {f:g}, centre {cx:g},{cy:g}"
         expected = f"expected pixels, a focal length of 1 to {MAX_FOCAL_PX:g}"
-        raise DataError(f"P0: {found}: {expected}", path, line0)
+        raise DataError(f"P0: {values}: {expected}", path, line0)
     if np.abs(P0[:, :3] - [[f, 0, cx], [0, f, cy], [0, 0, 1]]).max() > 1e-6 * f:
         raise DataError("P0: expected f 0 cx in row 1, 0 f cy in row 2, 0 0 1 in row 3", path, line0)
     if np.abs(P0[:, :3] - P1[:, :3]).max() > 1e-6 * f:
         raise DataError("P0 and P1 differ in their first three columns: not a rectified pair", path, line1)
     if width and not (0 <= cx < width and 0 <= cy < height):
-        expected = f"expected one inside the {width}×{height} px images"
+        expected = f"expected a point inside the images of {width}×{height} px"
         raise DataError(f"P0: principal point {cx:g},{cy:g}: {expected}", path, line0)
     baseline = float(P0[0, 3] - P1[0, 3]) / f
     if not MIN_BASELINE_M <= baseline <= MAX_BASELINE_M:
-        found = f"the baseline (P0[0,3] - P1[0,3]) / f is {baseline:g} m"
-        raise DataError(f"P1: {found}, expected more than 0 and up to {MAX_BASELINE_M:g} m", path, line1)
+        value = f"the baseline (P0[0,3] - P1[0,3]) / f is {baseline:g} m"
+        raise DataError(f"P1: {value}, expected more than 0 and at most {MAX_BASELINE_M:g} m", path, line1)
     return StereoCamera(f, cx, cy, baseline, width, height)
 
 
 def _read_projections(path: Path) -> list[tuple[Array, int]]:
-    """The matrices P0 and P1 (3, 4) of calib.txt, each with its line."""
+    """The matrices P0 and P1 (3, 4) of calib.txt, each with its line number."""
     matrices: dict[str, tuple[Array, int]] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         name, _, rest = line.partition(":")
@@ -79,18 +79,18 @@ def _read_projections(path: Path) -> list[tuple[Array, int]]:
 
 
 def read_times(path: Path) -> Array:
-    """Seconds of each frame, one number a line, never falling. (N,)"""
-    rows, lines = read_rows(path, "one number, the seconds of a frame", 1)
-    falls = rows[1:, 0] < rows[:-1, 0]
-    if falls.any():
-        raise DataError("time goes back", path, lines[int(np.argmax(falls)) + 1])
+    """Times (N,) of the frames, seconds, not decreasing, from a file with one number per line."""
+    rows, lines = read_rows(path, "one number, the time of a frame in seconds", 1)
+    decreases = rows[1:, 0] < rows[:-1, 0]
+    if decreases.any():
+        raise DataError("the time decreases", path, lines[int(np.argmax(decreases)) + 1])
     return rows[:, 0]
 
 
 def list_frames(folder: Path) -> list[str]:
-    """Names without ending of the stereo pairs in image_0 and image_1, in the order of their numbers.
+    """File stems of the stereo pairs in image_0 and image_1, in the order of their numbers.
 
-    Raises `DataError` for a missing folder, an image without its partner, or numbers that do not rise by one.
+    Raises `DataError` for a missing folder, an image without its partner, or a gap in the numbers.
     """
     sides = []
     for side in ("image_0", "image_1"):
@@ -103,20 +103,20 @@ def list_frames(folder: Path) -> list[str]:
     for stem in sorted(sides[0] ^ sides[1], key=int):
         present, missing = ("image_0", "image_1") if stem in sides[0] else ("image_1", "image_0")
         path = folder / missing / f"{stem}.png"
-        raise DataError(f"the image is missing; {present} has its partner", path)
+        raise DataError(f"the image is missing, but its partner is in {present}", path)
     names = sorted(sides[0], key=lambda stem: (int(stem), stem))
     for before, after in itertools.pairwise(names):
         if int(after) != int(before) + 1:
             path = folder / "image_0" / f"{int(before) + 1:0{len(before)}d}.png"
-            raise DataError(f"the image is missing: {after}.png comes after {before}.png", path)
+            raise DataError(f"the image is missing between {before}.png and {after}.png", path)
     return names
 
 
 def read_part(folder: Path) -> tuple[str, range] | None:
-    """Mark of a folder that has a part of a sequence, and numbers of the part's frames; None without a mark.
+    """The text and the frame numbers of part.txt, in a folder with part of a sequence; None without the file.
 
-    A mark is such as "--sequences 00 --frames 0:201" or "--raw 2011_09_26_drive_0013 --frames 0:80". Raises
-    `DataError` for any other text.
+    Examples: "--sequences 00 --frames 0:201", "--raw 2011_09_26_drive_0013 --frames 0:80". Raises `DataError`
+    for any other text.
     """
     path = folder / PART
     if not path.exists():
@@ -128,9 +128,9 @@ def read_part(folder: Path) -> tuple[str, range] | None:
 
 
 def wanted_frames(folder: Path) -> range | None:
-    """Numbers of the frames of a complete folder: those of a part, or of the benchmark's whole sequence.
+    """Frame numbers that a complete folder has: those of part.txt, or of the benchmark's sequence.
 
-    None for any other folder.
+    None for a folder that is neither.
     """
     if (part := read_part(folder)) is not None:
         return part[1]
@@ -138,7 +138,7 @@ def wanted_frames(folder: Path) -> range | None:
 
 
 def count_pairs(folder: Path) -> int:
-    """Stereo pairs of a sequence's folder, by their file names only."""
+    """Number of stereo pairs in a sequence's folder, from the file names only."""
     left, right = ({p.name for p in (folder / side).glob("*.png")} for side in ("image_0", "image_1"))
     return len(left & right)
 
@@ -146,24 +146,24 @@ def count_pairs(folder: Path) -> int:
 def read_image(path: Path) -> Image:
     """A grey image, (H, W) uint8, as stored: an orientation in EXIF is ignored.
 
-    A truncated or damaged file raises `DataError`, never a half image.
+    Raises `DataError` for a truncated or damaged file; part of an image is never returned.
     """
     data, kind = read_bytes(path), path.suffix[1:].upper()
     image = None
-    # OpenCV refuses a damaged PNG too, but only after libpng has written its own line to standard error.
-    if data and (kind != "PNG" or _has_whole_chunks(data)):
+    # OpenCV refuses a damaged PNG too, but libpng then writes a line of its own to standard error.
+    if data and (kind != "PNG" or _has_valid_chunks(data)):
         try:
             flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
             image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-        except cv2.error:  # such as more pixels than OpenCV takes
+        except cv2.error:  # for example too many pixels for OpenCV
             pass
     if image is None:
-        raise DataError(f"the image is truncated or damaged: expected a whole {kind} file", path)
+        raise DataError(f"the image is truncated or damaged: expected a complete {kind} file", path)
     return np.asarray(image, np.uint8)
 
 
-def _has_whole_chunks(png: bytes) -> bool:
-    """Whether all chunks of a PNG file up to IEND are present with their checksums."""
+def _has_valid_chunks(png: bytes) -> bool:
+    """Whether all chunks of a PNG file up to IEND are present and pass their checksums."""
     if not png.startswith(PNG_SIGNATURE):
         return False
     start = len(PNG_SIGNATURE)

@@ -1,4 +1,4 @@
-"""Chapter 5: vehicle boxes, read from and written to label folders in YOLO's text form."""
+"""Label files in YOLO's text format: reading and writing of vehicle boxes (chapter 5)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ..errors import DataError
 from ..files import read_text, write_atomic
 from ..geometry.boxes import Boxes, no_boxes
 
-MAX_CLASS_ID = 10**6  # far above any data set's; a larger number is another column
+MAX_CLASS_ID = 10**6  # no data set has more classes; a larger number belongs to another column
 
 
 def read_labels(path: str | Path, width: int, height: int) -> Boxes:
-    """Boxes of a YOLO label file: `class cx cy w h [score]` a line, shares of the image size.
+    """Boxes of a YOLO label file, lines `class cx cy w h [score]` in shares of the image size.
 
-    Raises `DataError` with file and line for a wrong number of fields, a value outside 0..1 or something that
-    is no class number.
+    Raises `DataError` with file and line for a wrong number of fields, a value outside 0..1 or an invalid
+    class number.
     """
     rows = []
     for number, line in enumerate(read_text(path).splitlines(), start=1):
@@ -31,20 +31,20 @@ def read_labels(path: str | Path, width: int, height: int) -> Boxes:
         except ValueError:
             class_id, values = -1, []
         if not 0 <= class_id <= MAX_CLASS_ID or not all(0.0 <= value <= 1.0 for value in values):
-            found = line.strip()[:60]
-            raise DataError(f"expected a class number and values in 0..1, found {found!r}", path, number)
+            start = line.strip()[:60]
+            raise DataError(f"expected a class number and values in 0..1, found {start!r}", path, number)
         rows.append([float(class_id), *values, *([1.0] if len(values) == 4 else [])])
     if not rows:
         return no_boxes()
     data = np.array(rows)
     centre, size = data[:, 1:3] * (width, height), data[:, 3:5] * (width, height)
-    # YOLO measures from the outer edge of the first pixel, the kit from its centre.
+    # YOLO's origin is the outer corner of the first pixel, the kit's origin the pixel's centre.
     xyxy = np.concatenate([centre - size / 2, centre + size / 2], axis=1) - 0.5
     return Boxes(xyxy, data[:, 0].astype(np.int64), data[:, 5])
 
 
 def write_labels(path: str | Path, boxes: Boxes, width: int, height: int, scores: bool = True) -> None:
-    """Write a YOLO label file: `class cx cy w h [score]` a line; boxes are cut at the image border."""
+    """Write a YOLO label file, lines `class cx cy w h [score]`; boxes are clipped at the image border."""
     corners = np.clip((boxes.xyxy + 0.5) / (width, height, width, height), 0.0, 1.0)
     centre, size = (corners[:, :2] + corners[:, 2:]) / 2, corners[:, 2:] - corners[:, :2]
     values = np.hstack([centre, size, boxes.score[:, None]])[:, : 5 if scores else 4]

@@ -1,7 +1,7 @@
-"""Trajectory files: KITTI (12 numbers a row), TUM (t x y z qx qy qz qw) and EuRoC's truth.
+"""Trajectory files in the formats of KITTI (12 numbers per row), TUM (t x y z qx qy qz qw) and EuRoC.
 
-A trajectory is an array (N, 4, 4) of poses `T_w_c`: each takes a point from camera c into the world
-(for KITTI, the first left camera). Metres; times in seconds.
+A trajectory is an array (N, 4, 4) of poses `T_w_c`, which transform points from camera c to the world (for
+KITTI, the first left camera). Metres; times in seconds.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from ..geometry.types import Array
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
 EUROC_ROW = "8 numbers or more between commas, t in ns, x y z, qw qx qy qz"
-# Wide enough for files printed with three digits, narrow enough to catch rows in another format.
+# Large enough for files with three digits, small enough to detect rows in another format.
 ROTATION_TOLERANCE = 1e-2
-TOLERANCE = 0.01  # seconds between poses that go together
-MAX_COORDINATE_M = 1e9  # a larger coordinate is no position on Earth and would overflow later on
+TIME_TOLERANCE_S = 0.01  # largest time difference between corresponding poses
+MAX_COORDINATE_M = 1e9  # a larger coordinate is not a position on Earth and overflows in later computations
 TOO_FAR = f"a position beyond {MAX_COORDINATE_M:g} m"
 
 
 def from_first(T: Array) -> Array:
-    """The same path (N, 4, 4) in the axes of its first pose, which becomes the identity."""
+    """The trajectory (N, 4, 4) in the axes of its first pose, which becomes the identity."""
     return np.asarray(np.linalg.inv(T[0]) @ T)
 
 
 def is_rotation(R: Array) -> NDArray[np.bool_]:
-    """Whether matrices (..., 3, 3) are rotations, to the digits that files print, (...)."""
+    """Whether matrices (..., 3, 3) are rotations within `ROTATION_TOLERANCE`, (...)."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         deviation = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-2, -1))
         return np.asarray((deviation < ROTATION_TOLERANCE) & (np.linalg.det(R) > 0))
 
 
 def read_kitti_poses(path: str | Path) -> Array:
-    """Poses T_w_c (N, 4, 4), metres, N >= 1, of a file in KITTI's format, one row a frame.
+    """Poses T_w_c (N, 4, 4), metres, N >= 1, of a file in KITTI's format, one row per frame.
 
-    Rotations are returned as printed, not made orthonormal: KITTI's own files carry 7 digits. Raises
-    `DataError` with file and line, when a row is not a pose.
+    Rotations are returned as written, not made orthonormal: KITTI's files have 7 digits. Raises `DataError`
+    with file and line if a row is not a pose.
     """
     rows, lines = read_rows(path, KITTI_ROW, 12)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
@@ -56,14 +56,14 @@ def read_kitti_poses(path: str | Path) -> Array:
 def read_tum(path: str | Path) -> tuple[Array, Array]:
     """Times (N,), seconds, increasing, and poses T_w_c (N, 4, 4), metres, N >= 1, of a file in TUM's format.
 
-    Lines that start with # are comments. Raises `DataError` with file and line, when a row is not a time and
-    a pose, or time does not increase.
+    Lines that start with # are comments. Raises `DataError` with file and line if a row is not a time and a
+    pose, or if the time does not increase.
     """
     return _timed_poses(*read_rows(path, TUM_ROW, 8, comment="#"), path, TUM_ROW)
 
 
 def read_euroc(path: str | Path) -> tuple[Array, Array]:
-    """Times (N,), seconds, and poses (N, 4, 4) of the body in a EuRoC truth file; raises as `read_tum`."""
+    """Times (N,), seconds, and poses (N, 4, 4) of the body in a EuRoC truth file; raises like `read_tum`."""
     rows, lines = read_rows(path, EUROC_ROW, 8, comment="#", separator=",")
     rows[:, 0] *= 1e-9
     return _timed_poses(rows[:, [0, 1, 2, 3, 5, 6, 7, 4]], lines, path, EUROC_ROW)
@@ -72,10 +72,10 @@ def read_euroc(path: str | Path) -> tuple[Array, Array]:
 def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str) -> tuple[Array, Array]:
     """Times and poses of rows (N, 8) in TUM's order, checked."""
     times = rows[:, 0]
-    _refuse(times[1:] <= times[:-1], "time does not increase", path, lines[1:])
+    _refuse(times[1:] <= times[:-1], "the time does not increase", path, lines[1:])
     with np.errstate(over="ignore"):
-        wrong = ~(np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1.0) < ROTATION_TOLERANCE)
-    _refuse(wrong, f"the quaternion is not of length 1; expected {expected}", path, lines)
+        invalid = ~(np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1.0) < ROTATION_TOLERANCE)
+    _refuse(invalid, f"the quaternion does not have length 1; expected {expected}", path, lines)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, :3, :3] = [rotation_from_quaternion(q) for q in rows[:, 4:]]
     T[:, :3, 3] = rows[:, 1:4]
@@ -84,30 +84,30 @@ def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str)
 
 
 def match_times(
-    times_a: Array, times_b: Array, tolerance: float = TOLERANCE
+    times_a: Array, times_b: Array, tolerance: float = TIME_TOLERANCE_S
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices of the times, seconds, of two increasing lists that go together: each with the nearest."""
+    """Indices of corresponding times of two increasing lists, seconds: pairs of nearest times."""
     few, many = (times_a, times_b) if len(times_a) <= len(times_b) else (times_b, times_a)
     after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
     nearest = after - (np.abs(few - many[after - 1]) <= np.abs(few - many[np.minimum(after, len(many) - 1)]))
     close = np.flatnonzero(np.abs(few - many[nearest]) <= tolerance)
-    # A pose goes with one other only: the nearest.
+    # A pose has one partner at most: the nearest.
     nearest_first = close[np.argsort(np.abs(few - many[nearest])[close], kind="stable")]
-    chosen, first = np.unique(nearest[nearest_first], return_index=True)
-    partners = nearest_first[first]
-    return (partners, chosen) if few is times_a else (chosen, partners)
+    in_many, first = np.unique(nearest[nearest_first], return_index=True)
+    in_few = nearest_first[first]
+    return (in_few, in_many) if few is times_a else (in_many, in_few)
 
 
 def format_kitti_poses(T: Array) -> str:
     """Text of poses (N, 4, 4) in KITTI's format, ten significant digits."""
     _check_poses(T)
     row = " ".join(["%.9e"] * 12) + "\n"
-    # Adding zero turns -0 into 0: equal poses give equal text.
+    # Adding zero turns -0 into 0, so that equal poses give equal text.
     return "".join(row % tuple(values) for values in T[:, :3].reshape(-1, 12) + 0.0)
 
 
 def write_kitti_poses(path: str | Path, T: Array) -> None:
-    """Write poses (N, 4, 4) in KITTI's format; the file appears whole or not at all."""
+    """Write poses (N, 4, 4) in KITTI's format, atomically."""
     write_atomic(path, format_kitti_poses(T))
 
 
@@ -115,7 +115,7 @@ def format_tum(times: Array, T: Array) -> str:
     """Text of times (N,), seconds, and poses (N, 4, 4) in TUM's format: t x y z qx qy qz qw."""
     _check_poses(T)
     if np.shape(times) != (len(T),) or not np.isfinite(times).all():
-        raise ValueError(f"expected {len(T)} finite times, one a pose; got shape {np.shape(times)}")
+        raise ValueError(f"expected {len(T)} finite times, one per pose; got shape {np.shape(times)}")
     row = "%.9f" + " %.9e" * 7 + "\n"
     quaternions = [quaternion_from_rotation(R) for R in T[:, :3, :3]]
     return "".join(
@@ -128,18 +128,18 @@ def _check_poses(T: Array) -> None:
         raise ValueError(f"expected finite poses of shape (N, 4, 4), got shape {np.shape(T)}")
 
 
-def _refuse(wrong: NDArray[np.bool_], message: str, path: str | Path, lines: list[int]) -> None:
-    """`DataError` with the line of the first wrong row, if there is one."""
-    if wrong.any():
-        raise DataError(message, path, lines[int(np.argmax(wrong))])
+def _refuse(invalid: NDArray[np.bool_], message: str, path: str | Path, lines: list[int]) -> None:
+    """`DataError` with the line of the first invalid row, if any."""
+    if invalid.any():
+        raise DataError(message, path, lines[int(np.argmax(invalid))])
 
 
 def read_rows(
     path: str | Path, expected: str, columns: int, comment: str | None = None, separator: str | None = None
 ) -> tuple[Array, list[int]]:
-    """Finite numbers of a text table, (N, columns), and the line each row stands in, from 1.
+    """Finite numbers of a text table, (N, columns), and the line number of each row, from 1.
 
-    With a `separator` a row may have more columns, which are not read; without, blanks stand between numbers.
+    Without a `separator`, numbers are separated by blanks. With one, a row may have further columns.
     """
     text = read_text(path)
     rows: list[list[float]] = []
@@ -149,9 +149,9 @@ def read_rows(
         if comment is not None and line.lstrip().startswith(comment):
             continue
         if len(words) < columns or (separator is None and len(words) > columns):
-            blank = "blank" if text.strip() else "nothing in the file"
-            found = f"{len(words)} columns" if any(words) else blank
-            raise DataError(f"{found}; expected {expected}", path, number)
+            blank = "an empty line" if text.strip() else "an empty file"
+            content = f"{len(words)} columns" if any(words) else blank
+            raise DataError(f"{content}; expected {expected}", path, number)
         try:
             rows.append([_number(word) for word in words[:columns]])
         except ValueError as error:
@@ -164,7 +164,7 @@ def read_rows(
 
 def _number(word: str) -> float:
     try:
-        value = math.nan if "_" in word else float(word)  # Python alone reads 1_0 as 10
+        value = math.nan if "_" in word else float(word)  # Python reads 1_0 as 10, other programs do not
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

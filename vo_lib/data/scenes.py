@@ -1,4 +1,4 @@
-"""The named scenes: every number that shapes a synthetic street, declared once."""
+"""The named scenes, and the settings of a drawn street."""
 
 from __future__ import annotations
 
@@ -17,47 +17,43 @@ KITTI_F, KITTI_CX, KITTI_CY = 718.856, 607.1928, 185.2157
 
 @dataclass(frozen=True)
 class SceneConfig(Checked):
-    """Everything a scene depends on: the same settings give the same bytes."""
+    """Settings of a drawn street; equal settings give equal bytes."""
 
-    seed: int = setting(1, "Number from which all of the scene's chance follows.", low=0)
+    seed: int = setting(1, "Seed of the scene's random numbers.", low=0)
     layout: str = setting("city", "Kind of street.", choices=("city", "highway", "block"))
     length: float = setting(260.0, "Length of the camera's path.", unit="m", low=2, high=20000)
-    speed: float = setting(10.0, "Usual speed of the camera.", unit="m/s", low=0.5, high=40)
-    speed_change: float = setting(0.15, "Share by which the speed swings up and down.", low=0, high=0.95)
-    rate: float = setting(10.0, "Stereo pairs a second.", unit="Hz", low=1, high=100)
+    speed: float = setting(10.0, "Mean speed of the camera.", unit="m/s", low=0.5, high=40)
+    speed_change: float = setting(0.15, "Amplitude of the speed, as a share of the mean.", low=0, high=0.95)
+    rate: float = setting(10.0, "Frame rate of the stereo pairs.", unit="Hz", low=1, high=100)
     bends: float = setting(35.0, "Largest change of heading in one bend.", unit="deg", low=0, high=60)
-    sharp_turn: bool = setting(False, "A right-angled turn half way.")
-    standstill: float = setting(0.0, "Time the car stands at one third of the way.", unit="s", low=0, high=60)
+    sharp_turn: bool = setting(False, "A right-angled turn half-way.")
+    standstill: float = setting(0.0, "Duration of a stop at one third of the way.", unit="s", low=0, high=60)
     shake: float = setting(1.0, "Suspension: 1 is up to 1 cm of bounce and 0.2° of pitch.", low=0, high=10)
 
     lanes: int = setting(1, "Lanes in each direction.", low=1, high=3)
-    parked: float = setting(0.0, "Share of the places at the kerb taken by parked cars.", low=0, high=1)
+    parked: float = setting(0.0, "Share of the kerbside places with a parked car.", low=0, high=1)
     ahead: int = setting(0, "Vehicles ahead in the same lane.", low=0, high=20)
     truck_ahead: bool = setting(False, "The nearest vehicle ahead is a truck.")
     gap: float = setting(14.0, "Distance to the vehicle ahead at standstill.", unit="m", low=7, high=100)
-    oncoming: float = setting(0.0, "Oncoming vehicles a lane.", unit="per 100 m", low=0, high=7)
+    oncoming: float = setting(0.0, "Oncoming vehicles per lane.", unit="per 100 m", low=0, high=7)
     overtaking: float = setting(0.0, "Vehicles that overtake.", unit="per minute", low=0, high=30)
 
     noise: float = setting(1.6, "Standard deviation of the sensor noise.", unit="grey levels", low=0, high=30)
     optics: float = setting(0.45, "Standard deviation of the lens blur.", unit="px", low=0, high=5)
-    exposure_change: float = setting(0.06, "Share by which the exposure wanders.", low=0, high=0.9)
-    gain_difference: float = setting(
-        0.03, "Right image brighter than the left by this share.", low=-0.5, high=0.5
-    )
+    exposure_change: float = setting(0.06, "Relative variation of the exposure.", low=0, high=0.9)
+    gain_difference: float = setting(0.03, "Relative gain of the right image.", low=-0.5, high=0.5)
     dark_stretches: float = setting(0.0, "Share of the street in deep shade.", low=0, high=0.9)
-    shutter: float = setting(0.0, "Exposure time; it sets the motion blur.", unit="ms", low=0, high=50)
+    shutter: float = setting(0.0, "Exposure time, the cause of motion blur.", unit="ms", low=0, high=50)
 
     width: int = setting(KITTI_WIDTH, "Image width.", unit="px", low=64, high=4096)
     height: int = setting(KITTI_HEIGHT, "Image height.", unit="px", low=48, high=3072)
-    focal: float | None = setting(
-        None, "Focal length; none: KITTI's field of view.", unit="px", low=20, high=8000
-    )
+    focal: float | None = setting(None, "Focal length; none: that of KITTI.", unit="px", low=20, high=8000)
     baseline: float = setting(0.5372, "Distance between the two cameras.", unit="m", low=0.01, high=5)
     camera_height: float = setting(1.65, "Height of the cameras above the road.", unit="m", low=0.5, high=5)
 
     @property
     def camera(self) -> StereoCamera:
-        """The stereo camera; the principal point keeps KITTI's place relative to the image centre."""
+        """The stereo camera; the principal point has KITTI's position relative to the image size."""
         return StereoCamera(
             f=KITTI_F * self.width / KITTI_WIDTH if self.focal is None else self.focal,
             cx=KITTI_CX / (KITTI_WIDTH - 1) * (self.width - 1),
@@ -126,7 +122,7 @@ TABLE_SCENES = tuple(name for name, scene in SCENES.items() if scene.layout != "
 
 
 def scene_config(name: str, **changes: Any) -> SceneConfig:
-    """The settings of a named scene with some of them changed; `DataError` for an unknown name."""
+    """The settings of a named scene, with changes; `DataError` for an unknown name."""
     if name not in SCENES:
-        raise DataError(f"{name!r} is no synthetic scene; there are {', '.join(SCENES)}")
+        raise DataError(f"unknown synthetic scene {name!r}; the scenes are {', '.join(SCENES)}")
     return dataclasses.replace(SCENES[name], **changes)

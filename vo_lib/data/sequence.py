@@ -1,4 +1,4 @@
-"""A stereo sequence: a KITTI-layout folder, read a stereo pair at a time."""
+"""A stereo sequence in a folder of KITTI's layout; images are read one stereo pair at a time."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from .kitti import list_frames, read_calibration, read_image, read_times
 from .labels import read_labels
 from .poses import read_kitti_poses
 
-MIN_IMAGE_SIDE_PX = 32  # OpenCV's windows need some
+MIN_IMAGE_SIDE_PX = 32  # OpenCV's windows need this much
 
 
 @dataclass(frozen=True)
 class Sequence:
-    """A stereo sequence of N frames in a KITTI-layout folder. Images are read when asked for.
+    """A stereo sequence of N frames in a folder of KITTI's layout; images are read on use.
 
     Attributes
     ----------
-    name : as a person would call it, "kitti/07" or the folder's name.
-    folder : where image_0, image_1 and calib.txt are.
-    frames : (N) file names without ending, in order.
-    camera : with the image size.
+    name : name for the reader, "kitti/07" or the folder's name.
+    folder : folder with image_0, image_1 and calib.txt.
+    frames : (N) file stems, in order.
+    camera : intrinsics, baseline and image size.
     times : (N,) seconds.
     truth : (N, 4, 4) ground-truth poses T_w_c, or None.
     labels : folder of YOLO label files, or None.
-    masks : PNG image of the pixels whose features are left out, those that are not 0, of all left images; or
-        folder of such images, one for each frame; or None.
+    masks : PNG image for all left images, with no features where it is not 0; or folder of such images, one
+        per frame; or None.
     """
 
     name: str
@@ -53,37 +53,37 @@ class Sequence:
         return len(self.frames)
 
     def stereo(self, index: int) -> tuple[Image, Image]:
-        """Left and right image of a frame, (H, W) uint8; `DataError` names an image that cannot be used."""
+        """Left and right image of a frame, (H, W) uint8; a `DataError` names an unusable image."""
         name = f"{self.frames[index]}.png"
         return self._image(self.folder / "image_0" / name), self._image(self.folder / "image_1" / name)
 
     def _image(self, path: Path) -> Image:
         image, size = read_image(path), (self.camera.height, self.camera.width)
         if image.shape != size:
-            found, expected = f"{image.shape[1]}×{image.shape[0]}", f"{size[1]}×{size[0]}"
-            raise DataError(f"the image is {found}, expected {expected} as the first left image", path)
+            actual, expected = f"{image.shape[1]}×{image.shape[0]}", f"{size[1]}×{size[0]}"
+            raise DataError(f"the image is {actual}, expected {expected} as in the first left image", path)
         return image
 
     def mask_files(self) -> list[Path]:
-        """The mask of each frame, or one for all; none without masks."""
+        """The mask of each frame, or one mask for all; empty without masks."""
         if self.masks is None or self.masks.is_file():
             return [] if self.masks is None else [self.masks]
         return [self.masks / f"{frame}.png" for frame in self.frames]
 
     def mask_images(self) -> Iterator[Image]:
-        """The mask of each frame, endless where one serves all; none without masks. Raises as `stereo`."""
+        """The mask of each frame, endless for one common mask; empty without masks. Raises like `stereo`."""
         images = map(self._image, self.mask_files())
         return images if self.masks is None or self.masks.is_dir() else repeat(next(images))
 
     def boxes(self, index: int) -> Boxes:
-        """Labelled boxes of a frame's left image; none where there is no label file."""
+        """Labelled boxes of a frame's left image; none if the label file is missing."""
         if self.labels is None:
             return no_boxes()
         path = self.labels / f"{self.frames[index]}.txt"
         return read_labels(path, self.camera.width, self.camera.height) if path.exists() else no_boxes()
 
     def part(self, start: int, stop: int) -> Sequence:
-        """The frames start … stop - 1; `DataError` unless these are two frames or more of the sequence."""
+        """The frames start … stop - 1; `DataError` unless these are two or more frames of the sequence."""
         require_frames(start, stop, len(self), self.name)
         return dataclasses.replace(
             self,
@@ -94,9 +94,9 @@ class Sequence:
 
 
 def require_frames(start: int, stop: int, count: int, name: str) -> None:
-    """`DataError` unless start … stop - 1 are two frames or more of the `count` frames of a sequence."""
+    """`DataError` unless start … stop - 1 are two or more of the `count` frames of a sequence."""
     if not 0 <= start < stop - 1 < count:
-        raise DataError(f"frames {start}:{stop}: expected two frames or more of 0:{count}, which {name} has")
+        raise DataError(f"frames {start}:{stop}: expected two or more frames of 0:{count}, those of {name}")
 
 
 def at_pixels(picture: NDArray[Any], uv: Array) -> NDArray[Any]:
@@ -107,20 +107,20 @@ def at_pixels(picture: NDArray[Any], uv: Array) -> NDArray[Any]:
 
 
 def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Sequence:
-    """The sequence of a KITTI-layout folder; everything that needs no decoding of all images is checked.
+    """The sequence of a folder in KITTI's layout, checked except for the content of the images.
 
-    labels : folder of YOLO label files; by default `labels` in the sequence's folder, if there.
+    labels : folder of YOLO label files; by default `labels` in the sequence's folder, if it exists.
 
-    Raises `DataError` with the file and what was expected.
+    Raises `DataError` with the file at fault and the expected content.
     """
     frames = list_frames(folder)
     if len(frames) < 2:
-        raise DataError(f"expected two stereo pairs or more, found {len(frames)}", folder / "image_0")
+        raise DataError(f"expected two or more stereo pairs, found {len(frames)}", folder / "image_0")
     path = folder / "image_0" / f"{frames[0]}.png"
     first = read_image(path)
     if min(first.shape) < MIN_IMAGE_SIDE_PX:
         raise DataError(
-            f"the image is {first.shape[1]}×{first.shape[0]}, expected {MIN_IMAGE_SIDE_PX} px or more a side",
+            f"the image is {first.shape[1]}×{first.shape[0]} px, expected {MIN_IMAGE_SIDE_PX} px or more",
             path,
         )
     camera = read_calibration(folder / "calib.txt", first.shape[1], first.shape[0])
@@ -137,17 +137,17 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
 
 
 def _rows_of_frames(rows: Array, frames: list[str], path: Path) -> Array:
-    """A row for each frame: all rows in order, or, where the images are a part, the rows of their numbers."""
+    """One row per frame: all rows, or, for part of a sequence, the rows of the frame numbers."""
     if len(rows) == len(frames):
         return rows
     if len(rows) > int(frames[-1]):
         return rows[[int(frame) for frame in frames]]
-    raise DataError(f"{len(rows)} rows for {len(frames)} frames: expected one row a frame", path)
+    raise DataError(f"{len(rows)} rows for {len(frames)} frames: expected one row per frame", path)
 
 
 def _find_truth(folder: Path, frames: list[str]) -> Array | None:
-    beside = folder.resolve().parent.parent / "poses" / f"{folder.resolve().name}.txt"
-    for path in (folder / "poses.txt", beside):
+    kitti_poses = folder.resolve().parent.parent / "poses" / f"{folder.resolve().name}.txt"
+    for path in (folder / "poses.txt", kitti_poses):
         if path.exists():
             return _rows_of_frames(read_kitti_poses(path), frames, path)
     return None

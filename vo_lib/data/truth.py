@@ -1,4 +1,4 @@
-"""Ground truth of a drawn scene: its vehicles, and the matches that lie on moving ones."""
+"""Ground truth of a drawn scene: vehicles, and matches on moving vehicles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .poses import read_kitti_poses
 from .scenes import SceneConfig
 from .sequence import Sequence, at_pixels
 
-STANDING_STEP_M = 0.01  # a vehicle that moves less between two frames stands
+MAX_STANDING_STEP_M = 0.01  # largest displacement of a standing vehicle between two frames
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Truth:
 
     Attributes
     ----------
-    folder : the sequence.
+    folder : the sequence's folder.
     config : the scene's settings.
     poses : (N, 4, 4) T_w_c of the left camera; the world is the first left camera.
     objects : (N, K, 4, 4) T_w_o. Vehicle axes: x right, y down, z forward, origin on the ground.
@@ -42,32 +42,32 @@ class Truth:
     def instances(self, frame: int) -> NDArray[np.uint16]:
         """Instance numbers (H, W) of the left image: 0 street or sky, k + 1 vehicle k, K + k + 1 its shadow.
 
-        Raises `DataError` where the picture is missing or damaged.
+        Raises `DataError` if the instance image is missing or damaged.
         """
         return read_picture(self.folder / "truth" / "instance" / f"{frame:06d}.png").astype(np.uint16)
 
     def vehicle_at(self, frame: int, uv: Array) -> IntArray:
-        """The vehicle under left pixels (N, 2): k + 1 for vehicle k or its shadow, else 0. (N,)"""
+        """Vehicle numbers (N,) at left pixels (N, 2): k + 1 for vehicle k or its shadow, else 0."""
         number = at_pixels(self.instances(frame), uv).astype(np.int64)
         return np.where(number > 0, (number - 1) % max(self.objects.shape[1], 1) + 1, 0)
 
     def is_moving(self, frame: int, uv: Array, other: int) -> BoolArray:
-        """Whether left pixels (N, 2) of a frame show a vehicle, or its shadow, that moves until `other`."""
+        """Whether left pixels (N, 2) show a vehicle, or its shadow, that moves between frame and `other`."""
         step = self.objects[other, :, :3, 3] - self.objects[frame, :, :3, 3]
-        moves = np.append(False, np.linalg.norm(step, axis=1) > STANDING_STEP_M)
+        moves = np.append(False, np.linalg.norm(step, axis=1) > MAX_STANDING_STEP_M)
         return np.asarray(moves[self.vehicle_at(frame, uv)])
 
 
 def matches_on_moving(sequence: Sequence, index: int, matches: StereoMatches) -> BoolArray:
-    """Which matches (N,) of a drawn frame with the frame before lie on moving vehicles or their shadows.
+    """Mask (N,) of the matches of a drawn frame with the previous frame on moving vehicles or their shadows.
 
-    Raises `DataError` where the sequence is not drawn.
+    Raises `DataError` if the sequence is not drawn.
     """
     try:
         truth = _cached_truth(sequence.folder)
     except DataError:
         raise DataError(
-            f"{sequence.name} has no truth of moving vehicles: the box rule `truth` is for drawn scenes",
+            f"{sequence.name} has no truth about moving vehicles: the box rule `truth` is for drawn scenes",
             sequence.folder,
         ) from None
     before, now = int(sequence.frames[index - 1]), int(sequence.frames[index])
@@ -87,7 +87,7 @@ def open_truth(folder: Path | str) -> Truth:
             objects=read_arrays(read_bytes(folder / "truth" / "objects.npz"))["poses"],
         )
     except (DataError, ValueError, KeyError) as error:
-        raise DataError(f"no truth of a drawn scene: {error}", folder) from None
+        raise DataError(f"the truth of a drawn scene is missing or invalid: {error}", folder) from None
 
 
 _cached_truth = functools.lru_cache(maxsize=4)(open_truth)
@@ -95,9 +95,9 @@ _cached_truth = functools.lru_cache(maxsize=4)(open_truth)
 
 @functools.lru_cache(maxsize=8)
 def read_picture(path: Path) -> NDArray[np.uint16]:
-    """Codes (H, W) of a picture of the truth, read-only; `DataError` where it is missing or damaged."""
+    """Values (H, W) of an image of the truth, read-only; `DataError` if it is missing or damaged."""
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.exists() else None
     if image is None or image.ndim != 2:
-        raise DataError("this picture of the truth is missing or damaged", path)
+        raise DataError("the image of the truth is missing or damaged", path)
     image.flags.writeable = False
     return np.asarray(image)

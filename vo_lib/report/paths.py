@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..data.catalogue import open_sequence
-from ..data.poses import TOLERANCE, match_times, read_euroc, read_kitti_poses, read_tum
+from ..data.poses import TIME_TOLERANCE_S, match_times, read_euroc, read_kitti_poses, read_tum
 from ..errors import DataError
 from ..evaluation.ate_rpe import Alignment, Delta, align, rmse
 from ..evaluation.evaluate import ONE_FRAME, Evaluation, evaluate
@@ -52,7 +52,7 @@ def read_path(path: Path) -> tuple[Array | None, Array]:
 
 
 def read_paths(
-    places: list[Path], truth_file: Path | None = None, tolerance: float = TOLERANCE
+    places: list[Path], truth_file: Path | None = None, tolerance: float = TIME_TOLERANCE_S
 ) -> list[ComparedPaths]:
     """Run folders and pose files by their truth, which is that of the runs' sequences without a truth file.
 

@@ -1,4 +1,4 @@
-"""The loop over frames: a sequence in, poses out, several methods on the same matches."""
+"""The loop over frames, from a sequence to poses, for several methods on the same matches."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from ..paper.settings import MethodConfig
 from ..paper.viso2 import Viso2
 from .front_end import TimedMatches, find_matches
 
-# A published run imports nothing of the kit.
+# A published run imports nothing from vo_lib.kit.
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
-# For speed alone: until a block of 16 MB (never touched) was freed, glibc gives freed memory back to the
-# system and fetches it again page by page, which is a third of the five-point solver's time.
+# For speed only: after one block of 16 MB has been freed, glibc stops returning freed memory to the system
+# and fetching it again page by page, which takes a third of the five-point solver's time.
 np.empty(1 << 21)
 
 
@@ -41,10 +41,10 @@ class Run:
 
     Attributes
     ----------
-    sequence : its input; config : its settings.
-    poses : (N, 4, 4) T_w_c of the left camera, first one the identity, metres.
-    motions : (N - 1) motions, from each frame to the next.
-    calibration : errors of the cameras, as learnt by the last frame; None as published.
+    sequence : the input; config : the settings.
+    poses : (N, 4, 4) T_w_c of the left camera, the first the identity, metres.
+    motions : (N - 1) motions from each frame to the next.
+    calibration : calibration errors estimated up to the last frame; None for `published`.
     """
 
     sequence: Sequence
@@ -55,22 +55,22 @@ class Run:
 
     @property
     def ms_per_frame(self) -> float:
-        """Mean time of all stages of this method, milliseconds."""
+        """Mean time per frame of all stages together, milliseconds."""
         return float(np.mean([sum(motion.ms.values()) for motion in self.motions]))
 
     @property
     def removed_share(self) -> float:
-        """Share of the matches that boxes removed, over all frames, in [0, 1]."""
+        """Share of matches removed in boxes, over all frames, in [0, 1]."""
         return sum(m.removed for m in self.motions) / max(sum(m.matches for m in self.motions), 1)
 
     @property
     def matches_per_frame(self) -> float:
-        """Median number of matches of a frame."""
+        """Median number of matches per frame."""
         return float(np.median([motion.matches for motion in self.motions]))
 
 
 class MethodRun:
-    """One method along a sequence: its odometry and its motions so far."""
+    """The odometry of one method on a sequence, and its motions so far."""
 
     def __init__(self, sequence: Sequence, config: MethodConfig, calibration: Calibration | None = None):
         self.sequence = sequence
@@ -84,7 +84,7 @@ class MethodRun:
         self.motions: list[FrameResult] = []
 
     def step(self, index: int, frame: TimedMatches, boxes: Boxes) -> None:
-        """Take in a frame; the first one, 0, gives no motion."""
+        """Process a frame; frame 0 gives no motion."""
         if index == 0:
             self.odometry.start(boxes)
             return
@@ -93,14 +93,14 @@ class MethodRun:
         self.motions.append(dataclasses.replace(motion, ms={**ms, **motion.ms}))
 
     def result(self) -> Run:
-        """The run, once all frames were taken in."""
+        """The run, after all frames."""
         poses = [np.eye(4)]
         for motion in self.motions:
             T_w_c = poses[-1] @ inverse(motion.T_cp)
             T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
             poses.append(T_w_c)
-        learnt = getattr(self.odometry, "calibration", None)  # the kit's alone learns
-        return Run(self.sequence, self.config, np.array(poses), self.motions, learnt)
+        calibration = getattr(self.odometry, "calibration", None)  # only variant `kit` has one
+        return Run(self.sequence, self.config, np.array(poses), self.motions, calibration)
 
 
 def make_odometry(
@@ -110,10 +110,10 @@ def make_odometry(
     times: Array | None = None,
     on_moving: Callable[[int, StereoMatches], BoolArray] | None = None,
 ) -> Odometry:
-    """The odometry of a configuration: the paper's, VISO2, or the kit's.
+    """The odometry of a configuration: the paper's, VISO2, or that of variant `kit`.
 
-    The kit's takes errors of the cameras to start from, the frames' times for its vehicle check, and the
-    truth of what moves for the box rule `truth`, see `kit.odometry`.
+    Variant `kit` uses initial calibration errors, the frames' times for the vehicle check, and the truth
+    about moving vehicles for the box rule `truth`; see `kit.odometry`.
     """
     if config.variant == "published":
         return Viso2(camera, config) if config.estimator == "reprojection" else Odometry(camera, config)
@@ -123,7 +123,7 @@ def make_odometry(
 
 
 def unmasked(sequence: Sequence, frames: Iterable[TimedMatches]) -> Iterator[TimedMatches]:
-    """The matches of each frame that the sequence's masks leave, those of the frame before and of its own."""
+    """The matches of each frame outside the masks of that frame and of the previous one."""
     if sequence.masks is None:
         yield from frames
         return
@@ -154,19 +154,19 @@ def run_methods(
     matches: Iterable[TimedMatches] | None = None,
     calibration: Calibration | None = None,
 ) -> dict[str, Run]:
-    """Several methods over one sequence, all on the same matches, which are found once.
+    """Runs of several methods over one sequence; the matches are computed once for all of them.
 
     Parameters
     ----------
     configs : name and configuration of each method; variant, feature and matching settings must be equal.
-    progress : called with (frames done, frames in all) after each frame.
-    matches : of every frame, found with these settings, such as `matches.CachedMatches`; default: found here.
-    calibration : errors of the cameras that the kit starts from, see `kit.calibration`.
+    progress : called with (frames done, total frames) after each frame.
+    matches : matches of every frame with these settings, such as `matches.CachedMatches`; default: computed.
+    calibration : initial calibration errors of variant `kit`, see `kit.calibration`.
 
     Raises
     ------
-    DataError : an image or a label file is not as it should be.
-    ValueError : the methods do not share one front end.
+    DataError : an image or a label file is invalid.
+    ValueError : the methods have different front ends.
     """
     front_ends = {(config.variant, config.features, config.matching) for config in configs.values()}
     if len(front_ends) != 1:
@@ -184,7 +184,7 @@ def run_methods(
 
 
 class _ThreadLimit:
-    """Number of contexts of `single_threaded` that are open in this process, and what the last one undoes."""
+    """The number of open `single_threaded` contexts in this process, and the callbacks that end the limit."""
 
     lock = threading.Lock()
     contexts = 0
@@ -193,10 +193,10 @@ class _ThreadLimit:
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """A context without threads of BLAS and OpenCV: matrices and images are small, and frames are prepared in
-    threads of ours; more threads only wait for each other.
+    """A context without threads of BLAS and OpenCV, which slow down work on small matrices and images here,
+    since the kit prepares frames in threads of its own.
 
-    Threads of one process may enter and leave in any order: the first sets the limit, the last undoes it.
+    Threads of a process may enter and leave in any order: the first one sets the limit, the last one ends it.
     """
     with _ThreadLimit.lock:
         _ThreadLimit.contexts += 1

@@ -1,4 +1,4 @@
-"""Run folders: everything a run leaves behind, each file whole or not there."""
+"""Run folders: the files of a run, written atomically, and their reading."""
 
 from __future__ import annotations
 
@@ -34,51 +34,51 @@ POSES_TUM = "poses_tum.txt"
 CALIBRATION = "calibration.json"
 PICTURE = "trajectory.png"
 RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE)
-FRAME_INTERVALS_S = 1e-3, 10.0  # between the frames of a camera; nanoseconds in place of seconds are beyond
+FRAME_INTERVALS_S = 1e-3, 10.0  # plausible range; nanoseconds or milliseconds in times.txt are outside
 COUNTS = {"matches": "matches", "removed": "removed_by_boxes", "used": "used", "inliers": "inliers"}
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
 
 @contextmanager
 def run_folder(folder: str | Path) -> Iterator[Path]:
-    """A folder for results, made where it is missing.
+    """A folder for results, created if it is missing.
 
-    Folders made for it are removed if they are still empty at the end. A sequence's own folder is refused: a
-    run's poses.txt would replace the truth.
+    Created folders that are still empty at the end are removed. The folder of a sequence is refused, since a
+    run's poses.txt would replace the ground truth.
     """
     if not str(folder):
-        raise DataError("the folder's name is empty: expected the folder for results")
+        raise DataError("the folder's name is empty: give a folder for the results")
     path = Path(folder)
     try:
         if (path / "image_0").is_dir():
-            raise DataError("holds a sequence's images: name another folder for results", path)
-        made = [p for p in (path, *path.parents) if not p.exists()]
+            raise DataError("contains images of a sequence: choose another folder for the results", path)
+        new_folders = [p for p in (path, *path.parents) if not p.exists()]
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DataError(f"the folder cannot be made: {error.strerror}", path) from None
+        raise DataError(f"the folder cannot be created: {error.strerror}", path) from None
     try:
         yield path
     finally:
         with suppress(OSError):
-            for new in made:
-                new.rmdir()
+            for new_folder in new_folders:
+                new_folder.rmdir()
 
 
 def refuse_foreign_files(folder: Path) -> None:
-    """`DataError` where a folder without a run holds files that no run writes."""
+    """`DataError` if a folder without a finished run contains files other than those of a run."""
     if is_finished(folder):
         return
     for path in sorted(folder.iterdir()):
         if path.name not in RUN_FILES and path.name != LOCK and not path.name.endswith(DRAFT):
             raise DataError(
-                f"the folder holds other files, such as {path.name}: choose another, or add --fresh", folder
+                f"the folder contains other files, such as {path.name}: choose another or add --fresh", folder
             )
 
 
 def evaluate_run(result: Run) -> dict[str, Evaluation]:
-    """Errors of a run by kind; none without truth.
+    """Errors of a run by kind, with speeds from the sequence's times; empty without ground truth.
 
-    "kitti" as the benchmark has it, "short" where the path is short; speeds by the sequence's own times.
+    "kitti" has the benchmark's lengths and starts, "short" (only for short paths) has short lengths.
     """
     sequence = result.sequence
     if sequence.truth is None:
@@ -92,9 +92,9 @@ def evaluate_run(result: Run) -> dict[str, Evaluation]:
 
 
 def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
-    """Write poses, per-frame log, errors and, last, config.json: with it the run is finished.
+    """Write poses, per-frame log, errors and, last, config.json, which marks the run as finished.
 
-    identity : of `identity.run_identity`.
+    identity : result of `identity.run_identity`.
     """
     sequence = result.sequence
     metrics: dict[str, Any] = {kind: errors.to_dict() for kind, errors in evaluate_run(result).items()}
@@ -117,31 +117,31 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
 
 
 def path_lost(result: Run) -> bool:
-    """Whether more frames in a row gave no motion than an earlier motion can stand in for."""
-    measured = itertools.groupby(motion.measured for motion in result.motions)
-    return any(len(list(motions)) > MAX_MISSING_FRAMES for good, motions in measured if not good)
+    """Whether more than `MAX_MISSING_FRAMES` frames in a row have no motion of their own."""
+    groups = itertools.groupby(motion.measured for motion in result.motions)
+    return any(len(list(group)) > MAX_MISSING_FRAMES for measured, group in groups if not measured)
 
 
 def warnings_of(result: Run) -> list[str]:
-    """Doubts about the input of a run, a sentence each."""
+    """Warnings about the input of a run, one sentence each."""
     seconds = float(np.median(np.diff(result.sequence.times)))
     shortest, longest = FRAME_INTERVALS_S
     if shortest <= seconds <= longest:
         return []
-    expected = f"expected {shortest:g} to {longest:g}: speeds are wrong"
-    return [f"times.txt has {seconds:.3g} s from frame to frame, {expected}"]
+    expected = f"expected {shortest:g} s to {longest:g} s: speeds are wrong"
+    return [f"the interval between frames in times.txt is {seconds:.3g} s, {expected}"]
 
 
 def timing(result: Run) -> dict[str, Any]:
-    """Mean milliseconds a frame, of each stage and in all."""
+    """Mean milliseconds per frame, of each stage and in total."""
     stages = [stage for stage in STAGES if any(stage in motion.ms for motion in result.motions)]
     mean = {s: float(np.mean([motion.ms.get(s, 0.0) for motion in result.motions])) for s in stages}
     return {"ms_per_frame": result.ms_per_frame, "ms_per_frame_of": mean}
 
 
 def read_config(folder: Path) -> dict[str, Any]:
-    """The content of config.json of a finished run; `DataError` where there is none."""
-    expected = "the settings of a run, as `vo run` writes them"
+    """The content of config.json of a finished run; `DataError` if the file is missing or invalid."""
+    expected = "the settings of a run, as written by `vo run`"
     data = read_mapping(folder / CONFIG, expected)
     if not isinstance(data.get("settings"), dict):
         raise DataError(f"expected {expected}", folder / CONFIG)
@@ -149,18 +149,18 @@ def read_config(folder: Path) -> dict[str, Any]:
 
 
 def is_finished(folder: Path) -> bool:
-    """Whether a folder holds a finished run."""
+    """Whether a folder contains a finished run."""
     return (folder / CONFIG).exists()
 
 
 def read_run(folder: Path, sequence: Sequence) -> Run:
-    """A finished run of the sequence from its folder, to the digits that poses.txt and frames.csv have.
+    """A finished run of the sequence from its folder, with the precision of poses.txt and frames.csv.
 
-    Raises `DataError` where a file is missing or broken, or does not have a row for each frame.
+    Raises `DataError` if a file is missing or invalid, or has not one row per frame.
     """
-    stored = read_config(folder)
+    data = read_config(folder)
     try:
-        config = settings.from_dict(config_class(str(stored.get("variant"))), stored["settings"])
+        config = settings.from_dict(config_class(str(data.get("variant"))), data["settings"])
     except DataError as error:
         raise DataError(str(error), folder / CONFIG) from None
     poses = read_kitti_poses(folder / POSES)
@@ -173,7 +173,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     try:
         motions = [_read_motion(row, T) for row, T in zip(rows, T_cp, strict=True)]
     except (KeyError, ValueError):
-        raise DataError("expected the columns of a per-frame log, as `vo run` writes it", path) from None
+        raise DataError("expected the columns of a per-frame log, as written by `vo run`", path) from None
     if config.variant == "published":
         return Run(sequence, config, poses, motions)
     from ..kit.calibration import read_learnt_calibration
@@ -182,7 +182,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
 
 
 def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
-    """A row of frames.csv, and the motion that belongs to it."""
+    """The result of a frame from its row of frames.csv and its motion."""
     counts = {name: int(row[column]) for name, column in COUNTS.items()}
     angle, flags = float(row["prior_angle_deg"] or "nan"), tuple(map(Flag, row["flags"].split()))
     ms = {stage: float(row[f"{stage}_ms"]) for stage in STAGES if row.get(f"{stage}_ms")}
@@ -190,7 +190,7 @@ def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
 
 
 def frames_csv(frames: tuple[str, ...], motions: list[FrameResult]) -> str:
-    """The per-frame log as CSV: one row for the motion into each frame but the first."""
+    """The per-frame log as CSV, one row for each frame except the first."""
     heading = ["frame", *COUNTS.values(), "prior_angle_deg", "step_m", "flags"]
     rows: list[list[object]] = [[*heading, *(f"{stage}_ms" for stage in STAGES)]]
     for frame, motion in zip(frames, motions, strict=True):

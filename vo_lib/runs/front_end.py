@@ -1,4 +1,4 @@
-"""Matches of every frame of a sequence with the one before, by the front end of a variant."""
+"""Matches of every frame of a sequence with the previous frame, by the front end of a variant."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from ..geometry.types import Image
 from ..paper.matching import LoopMatcher
 from ..paper.settings import MethodConfig, PublishedConfig
 
-# Matches of a frame with the one before, and the milliseconds of each stage that they took.
+# Matches of a frame with the previous frame, and the milliseconds spent in each stage.
 TimedMatches = tuple[StereoMatches, dict[str, float]]
 Prepared = TypeVar("Prepared")
 
 
 class FrontEnd(Protocol):
-    """Stereo pairs in, matches of four images out.
+    """The first half of a method: matches in four images from stereo pairs.
 
-    `prepare` may run in other threads, ahead and in any order; `step` takes its results in order.
+    `prepare` may run in other threads, early and in any order; `step` gets the results in order.
     """
 
     def prepare(self, pair: tuple[Image, Image]) -> Any:
-        """The part of the work that needs no other pair; left and right image, (H, W) uint8."""
+        """The work on a single pair, left and right image, (H, W) uint8."""
 
     def step(self, pair: Any) -> StereoMatches:
-        """Matches of the pair before with this one; empty for the first pair."""
+        """Matches of the previous pair with this one; empty for the first pair."""
 
 
 def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:
@@ -45,9 +45,9 @@ def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:
 
 
 def find_matches(sequence: Sequence, config: MethodConfig) -> Iterator[TimedMatches]:
-    """Matches of every frame with the one before, found in the images; those of the first frame are empty."""
+    """Matches of every frame with the previous frame, computed from the images; empty for the first frame."""
     front_end = make_front_end(sequence.camera, config)
-    # `step` has no thread of its own: like the odometry after it, it holds Python's lock half of the time.
+    # A thread for `step` would gain little: like the odometry, `step` holds Python's lock half of the time.
     clock = Clock()
     for prepared in stereo_ahead(sequence, front_end.prepare):
         clock.stage("wait_images")
@@ -60,7 +60,7 @@ def find_matches(sequence: Sequence, config: MethodConfig) -> Iterator[TimedMatc
 def stereo_ahead(
     sequence: Sequence, prepare: Callable[[tuple[Image, Image]], Prepared], ahead: int = 4
 ) -> Iterator[Prepared]:
-    """The result of `prepare` for each stereo pair, in order; computed in threads, a few frames ahead."""
+    """The result of `prepare` for each stereo pair, in order, computed by threads a few frames ahead."""
     with ThreadPoolExecutor(max_workers=2) as pool:
         waiting: deque[Future[Prepared]] = deque()
         for index in range(len(sequence) + ahead):

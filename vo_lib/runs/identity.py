@@ -1,4 +1,4 @@
-"""Everything that decides a result, as short digests: images, labels, code, versions of the libraries."""
+"""The identity of a result: short digests of images, labels and code, settings, and library versions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 PACKAGE = Path(__file__).resolve().parents[1]
 DIGEST_DIGITS = 16
 NOT_USED = "not used"
-# Where the code of matches and of poses begins, as modules; all that these import at their top belongs to it.
+# Entry modules of the code of matches and of poses; the modules that they import at top level belong to the
+# code.
 FRONT_END_CODE = {"published": ("runs.front_end",), "kit": ("runs.front_end", "kit.klt")}
 POSE_CODE = {
     "published": ("runs.drive",),
@@ -40,12 +41,12 @@ POSE_CODE = {
 
 
 def code_digest(modules: Iterable[str]) -> str:
-    """Digest of the files of modules, such as "runs.drive", and of all that these import at their top."""
+    """Digest of the files of modules, such as "runs.drive", and of their top-level imports from vo_lib."""
     return _digest_of_files(import_closure(modules))
 
 
 def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
-    """Files of modules of vo_lib, and of all modules of it that they import at their top, sorted."""
+    """Files of modules of vo_lib and of the modules of vo_lib that they import at top level, sorted."""
     waiting, files = [PACKAGE.joinpath(*name.split(".")).with_suffix(".py") for name in modules], set[Path]()
     while waiting:
         path = waiting.pop()
@@ -74,8 +75,8 @@ def _digest(data: bytes) -> str:
 def images_digest(sequence: Sequence) -> str:
     """Digest of the names and contents of all images.
 
-    Each is read once: hashes are remembered in the user's cache folder, in a JSON file for each folder of
-    images, by name, size and time of the image.
+    Each image is hashed once: a JSON file in the user's cache folder, one per folder of images, has the
+    hashes by name, size and time of the image.
     """
     folder = sequence.folder.resolve()
     names = [f"{side}/{frame}.png" for side in ("image_0", "image_1") for frame in sequence.frames]
@@ -84,31 +85,31 @@ def images_digest(sequence: Sequence) -> str:
     except OSError as error:
         raise DataError(f"the image cannot be read: {error.strerror}", error.filename) from None
     stamps = [f"{name} {stat.st_size} {stat.st_mtime_ns}" for name, stat in zip(names, stats, strict=True)]
-    memory = hash_folder() / f"{_digest(os.fsencode(folder))}.json"
-    hashes = _remembered(memory)
+    hash_file = hash_folder() / f"{_digest(os.fsencode(folder))}.json"
+    hashes = _read_hashes(hash_file)
     if new := {stamp: name for stamp, name in zip(stamps, names, strict=True) if stamp not in hashes}:
         hashes |= {stamp: file_sha256(folder / name) for stamp, name in new.items()}
         with suppress(OSError, DataError):
-            memory.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(memory, json.dumps(_remembered(memory) | hashes))
+            hash_file.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(hash_file, json.dumps(_read_hashes(hash_file) | hashes))
     lines = [f"{name} {hashes[stamp]}\n" for name, stamp in zip(names, stamps, strict=True)]
     return _digest("".join(lines).encode())
 
 
 def hash_folder() -> Path:
-    """Where the hashes of images are kept."""
+    """The folder of the stored hashes of images."""
     return cache_folder().parent / "hashes"
 
 
-def _remembered(memory: Path) -> dict[str, str]:
-    """Hashes of files by name, size and time; nothing where the file is missing or damaged."""
+def _read_hashes(path: Path) -> dict[str, str]:
+    """Hashes of files by name, size and time; empty if the file is missing or damaged."""
     with suppress(DataError):
-        return read_mapping(memory, "hashes")
+        return read_mapping(path, "hashes")
     return {}
 
 
 def labels_digest(sequence: Sequence) -> str:
-    """Digest of the label files of the sequence's frames; the digest of nothing where there are none."""
+    """Digest of the label files of the sequence's frames; the digest of an empty text without label files."""
     files = [] if sequence.labels is None else [sequence.labels / f"{frame}.txt" for frame in sequence.frames]
     return _digest_of_data(files)
 
@@ -119,19 +120,19 @@ def _digest_of_data(files: list[Path]) -> str:
 
 
 def truth_digest(sequence: Sequence) -> str:
-    """Digest of the drawn truth of what moves, which the box rule `truth` reads, of the sequence's frames."""
+    """Digest of the sequence's truth about moving vehicles, which the box rule `truth` reads."""
     folder = sequence.folder / "truth"
     files = [folder / "objects.npz", *(folder / "instance" / f"{frame}.png" for frame in sequence.frames)]
     return _digest_of_data(files)
 
 
 def versions() -> dict[str, str]:
-    """Versions of the kit and of the libraries whose change can change a result."""
+    """Versions of the kit and of the libraries that can change a result."""
     return {"kit": metadata.version("stereo-vo-kit"), "numpy": np.__version__, "opencv": cv2.__version__}
 
 
 def matches_identity(sequence: Sequence, config: MethodConfig) -> dict[str, Any]:
-    """Everything that decides the matches of a sequence, which is known by its images, not its name."""
+    """All inputs of the matches of a sequence; the sequence is identified by its images, not by its name."""
     return {
         "variant": config.variant,
         "frames": [sequence.frames[0], sequence.frames[-1]],
@@ -145,9 +146,9 @@ def matches_identity(sequence: Sequence, config: MethodConfig) -> dict[str, Any]
 def run_identity(
     sequence: Sequence, config: MethodConfig, method: str, calibration: Calibration | None = None
 ) -> dict[str, Any]:
-    """Everything that decides the poses of a run, and its names, as it comes back from JSON.
+    """All inputs of the poses of a run, and its names, in the form that JSON reading returns.
 
-    Runs with equal identities give equal bytes.
+    Runs with equal identities have byte-identical poses.
     """
     identity = {"method": method, "variant": config.variant, "sequence": sequence.name}
     identity |= matches_identity(sequence, config) | {
@@ -163,7 +164,7 @@ def run_identity(
 
 
 def surroundings() -> dict[str, str | None]:
-    """What a result does not depend on but a person may want to know: commit, Python, machine."""
+    """Facts for the reader that do not change a result: commit, Python version, machine."""
     return {
         "commit": git_commit(),
         "python": platform.python_version(),
@@ -172,7 +173,7 @@ def surroundings() -> dict[str, str | None]:
 
 
 def git_commit() -> str | None:
-    """Commit of the kit's own work tree, "-dirty" behind it when files were changed; None outside of git."""
+    """Commit of the kit's work tree, with "-dirty" after local changes; None outside git."""
     if not (PACKAGE.parent / ".git").exists():
         return None
     words = [

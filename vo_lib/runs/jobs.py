@@ -1,4 +1,4 @@
-"""Runs in folders of their own: each done once, read back when it is asked for again; many at once."""
+"""Runs with a folder each: a run is computed once and then read back; several run in parallel."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .matches import CachedMatches
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
-MATCHING_FRAMES = 4  # to find a frame's matches takes about as long as so many frames of a run
+MATCHING_FRAMES = 4  # weight in progress: matching a frame takes as long as this many frames of the back end
 CONNECT_TIMEOUT_S = 10.0
 
 
@@ -42,14 +42,14 @@ def run_once(
     fresh: bool = False,
     progress: Progress | None = None,
 ) -> tuple[Run, bool]:
-    """A run whose files are in `folder`, and whether they were there before: then they are only read.
+    """A run with its files in `folder`, and whether it was read back from there instead of computed.
 
-    Files are written after the last frame. Killed at any moment and started again it gives the same bytes.
-    `matches`, `calibration` and `progress` are those of `run_methods`; `method` is the name written into the
-    folder. `fresh` does it whatever the folder holds; finished files stay until new ones replace them.
+    Files are written after the last frame. A run that is killed and repeated gives the same bytes. `matches`,
+    `calibration` and `progress` are those of `run_methods`; `method` is the name written into the folder.
+    `fresh` computes the run in any case; finished files are kept until new ones replace them.
 
-    Raises `DataError` where the folder is missing, holds another run or other files, another process works in
-    it, or it cannot be written.
+    Raises `DataError` if the folder is missing, not writable, in use by another process, or contains another
+    run or other files.
     """
     identity = run_identity(sequence, config, method, calibration)
     with only_process(folder):
@@ -63,21 +63,21 @@ def run_once(
     return result, False
 
 
-def _refuse_another(folder: Path, wanted: dict[str, Any]) -> None:
-    """`DataError` naming the differences, where the folder holds another run."""
-    there, here = dict(_flat(read_config(folder))), dict(_flat(wanted))
-    del here["sequence"]  # a name is no part of a sequence
-    if other := [name for name, value in here.items() if there.get(name) != value]:
-        more = f" and {len(other) - 3} more" if len(other) > 3 else ""
+def _refuse_another(folder: Path, identity: dict[str, Any]) -> None:
+    """`DataError` with the differences, if the folder contains a run of another identity."""
+    stored, expected = dict(_flat(read_config(folder))), dict(_flat(identity))
+    del expected["sequence"]  # the name may change
+    if differences := [name for name, value in expected.items() if stored.get(name) != value]:
+        more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
         raise DataError(
-            f"the folder holds another run, with other {', '.join(other[:3])}{more}; "
-            "choose another folder, or start anew with --fresh",
+            f"the folder contains another run, which differs in {', '.join(differences[:3])}{more}; "
+            "choose another folder, or replace the run with --fresh",
             folder,
         )
 
 
 def _flat(mapping: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Values of nested mappings with their dotted names."""
+    """Values of nested mappings by dotted name."""
     for name, value in mapping.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{prefix}{name}.")
@@ -87,7 +87,7 @@ def _flat(mapping: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """One run in a folder, which is made when needed, and left as it is when the run is finished."""
+    """A run to do, with its folder, which is created if missing and kept if the run is finished."""
 
     sequence: Sequence
     method: str
@@ -102,7 +102,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A job and the cause of its failure in one line, or None when the run folder is complete."""
+    """A job, and the cause of its failure in one line or None for success."""
 
     job: Job
     error: str | None
@@ -116,34 +116,34 @@ def run_jobs(
     scheduler: str | None = None,
     fresh: bool = False,
 ) -> list[Outcome]:
-    """Do all jobs; the front end of each sequence runs once, its matches are kept in the match cache.
+    """Do all jobs; each front end runs once per sequence and stores its matches in the match cache.
 
     Parameters
     ----------
-    jobs : with folders all different, which hold finished runs afterwards.
-    workers : processes; 1 runs in this one.
-    progress : called with (frames done, frames in all); a front end's frame counts `MATCHING_FRAMES` times.
+    jobs : runs in different folders.
+    workers : number of processes; 1 means this process.
+    progress : called with (frames done, total frames); a front end's frame counts `MATCHING_FRAMES` times.
     cache : folder of the match cache; default the user's cache folder.
-    scheduler : address of a Dask scheduler, "tcp://host:port", that runs the jobs in place of local
-        processes; its workers must see the same files under the same names.
-    fresh : start finished folders anew.
+    scheduler : address of a Dask scheduler, "tcp://host:port", used instead of local processes; its workers
+        need the same files under the same paths.
+    fresh : repeat finished runs.
 
     Returns
     -------
-    An outcome for each job, in order; a job that fails has its cause there while the others finish.
+    An outcome for each job, in order; a failure does not stop the other jobs.
 
-    Raises `DataError` where two jobs share a folder, the scheduler cannot be reached, or a worker process is
-    killed: the same command then goes on with the runs that are not finished.
+    Raises `DataError` if two jobs share a folder, the scheduler cannot be reached, or a worker process is
+    killed; a second call then does the unfinished runs.
     """
     jobs = [replace(job, folder=job.folder.resolve()) for job in jobs]
     if len({job.folder for job in jobs}) < len(jobs):
         raise DataError("two jobs share a folder")
     cache = None if cache is None else cache.resolve()
-    # A job for each front end that is needed.
-    needed = {_front_end(job): job for job in jobs if fresh or not is_finished(job.folder)}
+    # One job per front end to run.
+    front_ends = {_front_end(job): job for job in jobs if fresh or not is_finished(job.folder)}
     for sequence in {job.sequence.folder: job.sequence for job in jobs}.values():
-        images_digest(sequence)  # hashed here once; workers read the hashes
-    total = sum(len(job.sequence) for job in [*jobs, *MATCHING_FRAMES * list(needed.values())])
+        images_digest(sequence)  # hash here once; workers read the stored hashes
+    total = sum(len(job.sequence) for job in [*jobs, *MATCHING_FRAMES * list(front_ends.values())])
     done = 0
 
     def frames_done(frames: int, future: object = None) -> None:
@@ -153,7 +153,7 @@ def run_jobs(
             progress(done, total)
 
     def in_pool(function: Callable[[Job], None], jobs: Iterable[Job], weight: int = 1) -> list[str | None]:
-        """Call `function` for each job; the cause of each one's failure, in order, or None."""
+        """Call `function` for each job; return the causes of failure, in order, None for success."""
         futures = []
         for job in jobs:
             futures.append(pool.submit(_attempt, function, job))
@@ -163,53 +163,53 @@ def run_jobs(
     frames_done(0)
     with executor(workers, scheduler) as pool:
         try:
-            filled = in_pool(partial(_fill, cache=cache), needed.values(), MATCHING_FRAMES)
-            broken = {front_end: error for front_end, error in zip(needed, filled, strict=True) if error}
-            ready = [job for job in jobs if _front_end(job) not in broken]
-            ended = in_pool(partial(_run, cache=cache, fresh=fresh), ready)
-        except Exception:  # jobs themselves raise none
+            causes = in_pool(partial(_fill, cache=cache), front_ends.values(), MATCHING_FRAMES)
+            failures = {key: cause for key, cause in zip(front_ends, causes, strict=True) if cause}
+            ready = [job for job in jobs if _front_end(job) not in failures]
+            causes = in_pool(partial(_run, cache=cache, fresh=fresh), ready)
+        except Exception:  # `_attempt` catches the exceptions of the jobs
             raise DataError(
-                "a worker process was killed, perhaps for too much memory: the same command goes on"
+                "a worker process was killed, perhaps for lack of memory; repeat the command to continue"
             ) from None
-    errors = {job.folder: error for job, error in zip(ready, ended, strict=True)}
-    return [Outcome(job, errors.get(job.folder, broken.get(_front_end(job)))) for job in jobs]
+    errors = {job.folder: cause for job, cause in zip(ready, causes, strict=True)}
+    return [Outcome(job, errors.get(job.folder, failures.get(_front_end(job)))) for job in jobs]
 
 
 def _front_end(job: Job) -> Hashable:
-    """Everything a job's matches depend on; jobs with the same share them."""
+    """The inputs of a job's matches, as a key: jobs with equal keys share their matches."""
     config = job.config
     return job.sequence.folder, job.sequence.frames, config.variant, config.features, config.matching
 
 
 def _fill(job: Job, cache: Path | None) -> None:
-    """The front end: find all matches that are not in the cache."""
+    """Run the front end for matches that are not in the cache."""
     with single_threaded():
         CachedMatches(job.sequence, job.config, cache).fill()
 
 
 def _run(job: Job, cache: Path | None, fresh: bool) -> None:
-    """The back end, in the job's folder."""
+    """Run the back end in the job's folder."""
     matches = CachedMatches(job.sequence, job.config, cache)
     with run_folder(job.folder) as folder:
         run_once(folder, job.sequence, job.config, job.method, matches=matches, fresh=fresh)
 
 
 def _attempt(function: Callable[[Job], None], job: Job) -> str | None:
-    """Do one job; an exception becomes one line that says where it came from."""
+    """Do one job; return an exception as one line with its origin, or None."""
     try:
         function(job)
-    except DataError as wrong:
-        return str(wrong)
-    except Exception as wrong:
-        place = traceback.extract_tb(wrong.__traceback__)[-1]
-        text = " ".join(str(wrong).split())
-        return f"{type(wrong).__name__}: {text} ({Path(place.filename).name}, line {place.lineno})"
+    except DataError as error:
+        return str(error)
+    except Exception as error:
+        origin = traceback.extract_tb(error.__traceback__)[-1]
+        text = " ".join(str(error).split())
+        return f"{type(error).__name__}: {text} ({Path(origin.filename).name}, line {origin.lineno})"
     return None
 
 
 @contextmanager
 def executor(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
-    """Processes of this machine, or the workers of a Dask scheduler; `DataError` where it has none."""
+    """Local processes, or the workers of a Dask scheduler; `DataError` if there are no workers."""
     if scheduler is None:
         with local_pool(workers) as pool:
             yield pool
@@ -223,7 +223,7 @@ def executor(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
     try:
         client = Client(scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise DataError(f"--dask {scheduler}: no scheduler answers there ({error})") from None
+        raise DataError(f"--dask {scheduler}: no scheduler answers at this address ({error})") from None
     with client:
         if not client.scheduler_info()["workers"]:
             raise DataError(f"--dask {scheduler}: the scheduler has no workers")

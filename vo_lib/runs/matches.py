@@ -1,6 +1,6 @@
-"""Matches kept on disk, so that a changed threshold of the back end re-runs the back end only.
+"""The cache of matches on disk: after a change of a back-end threshold, only the back end runs again.
 
-The cache has an npz file for each sequence and front end, with an exact array for each frame.
+The cache has an npz file for each sequence and front end, with an array for each frame.
 """
 
 from __future__ import annotations
@@ -26,40 +26,40 @@ from ..paper.settings import MethodConfig
 from .front_end import TimedMatches, find_matches
 from .identity import FRONT_END_CODE, code_digest, matches_identity
 
-LAYOUT = 2  # of the file; raised when it changes
+LAYOUT_VERSION = 2  # of the npz file; increase with every change of its layout
 
 
 def match_folder(cache: Path | None) -> Path:
-    """Where matches are kept: `matches` in the cache folder given, or in the user's."""
+    """The folder of matches: `matches` in `cache`, by default in the user's cache folder."""
     return (cache_folder().parent if cache is None else cache) / "matches"
 
 
 def code_folder(variant: str, cache: Path | None = None) -> Path:
-    """Where the matches by this code of a variant's front end are kept; other folders are of other code."""
+    """The folder of matches from the current code of a variant's front end; each version has a folder."""
     return match_folder(cache) / f"{variant}-{code_digest(FRONT_END_CODE[variant])}"
 
 
 class CachedMatches:
-    """Matches of every frame with the one before, read from the cache, or found and kept there.
+    """Matches of every frame with the previous frame, read from the cache, or computed and stored there.
 
-    A drop-in for `front_end.find_matches`, with the same matches to the last bit. Where the file is missing
-    or damaged, the matches are found and written anew.
+    Equivalent to `front_end.find_matches`, to the last bit. If the file is missing or damaged, the matches
+    are computed and written again.
 
     Attributes
     ----------
-    path : the file of this sequence and front end.
+    path : the file for this sequence and front end.
     """
 
     def __init__(self, sequence: Sequence, config: MethodConfig, cache: Path | None = None):
         self.sequence = sequence
         self.config = config
-        identity = json.dumps([LAYOUT, matches_identity(sequence, config)], sort_keys=True)
+        identity = json.dumps([LAYOUT_VERSION, matches_identity(sequence, config)], sort_keys=True)
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
         name = re.sub(r"[^A-Za-z0-9_-]+", "-", sequence.name)
         self.path = code_folder(config.variant, cache) / f"{name}-{digest}.npz"
 
     def __iter__(self) -> Iterator[TimedMatches]:
-        if not self._is_whole():
+        if not self._is_intact():
             yield from self._find()
             return
         with np.load(self.path, allow_pickle=False) as frames:
@@ -70,13 +70,13 @@ class CachedMatches:
                 yield matches, clock.ms
 
     def fill(self) -> None:
-        """Find and keep the matches unless they are there."""
-        if not self._is_whole():
+        """Compute and store the matches unless they are in the cache."""
+        if not self._is_intact():
             for _ in self._find():
                 pass
 
-    def _is_whole(self) -> bool:
-        """Whether the file is there and every byte passes the zip format's checksums."""
+    def _is_intact(self) -> bool:
+        """Whether the file exists and passes the checksums of the zip format."""
         try:
             with zipfile.ZipFile(self.path) as file:
                 return file.testzip() is None
@@ -84,7 +84,7 @@ class CachedMatches:
             return False
 
     def _find(self) -> Iterator[TimedMatches]:
-        """Matches of all frames from the images, written as they come; the file has its name at the end."""
+        """Matches of all frames from the images, written frame by frame; the file appears at the end."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -97,22 +97,22 @@ class CachedMatches:
 
 
 def _to_rows(matches: StereoMatches) -> Array:
-    """All columns of N matches side by side, (N, 11); a float holds the whole numbers exactly."""
+    """All columns of N matches side by side, (N, 11); floats represent the integers exactly."""
     return np.column_stack([*vars(matches).values()])
 
 
 def _from_rows(rows: Array) -> StereoMatches:
-    """The matches that `_to_rows` was given."""
+    """The matches of an array from `_to_rows`."""
     prev_left, prev_right, cur_left, cur_right = np.ascontiguousarray(
         rows[:, :8].reshape(-1, 4, 2).swapaxes(0, 1)
     )
     age, strength, number = np.ascontiguousarray(rows[:, 8:].T)
-    whole = age.astype(np.int64), strength, number.astype(np.int64)
-    return StereoMatches(prev_left, prev_right, cur_left, cur_right, *whole)
+    columns = age.astype(np.int64), strength, number.astype(np.int64)
+    return StereoMatches(prev_left, prev_right, cur_left, cur_right, *columns)
 
 
 def clean_matches(cache: Path | None = None) -> int:
-    """Remove the matches of other code; returns how many bytes that were."""
+    """Delete the matches of other versions of the code; returns the number of bytes deleted."""
     current = {code_folder(variant, cache) for variant in FRONT_END_CODE}
     stale = [path for path in match_folder(cache).glob("*") if path not in current]
     size = sum(map(folder_size, stale))
