@@ -47,7 +47,7 @@ def test_a_pair_that_equals_the_one_before_is_no_motion_and_flagged(tmp_path: Pa
 def test_times_that_are_no_seconds_are_warned_of(bands: Path, unit: float) -> None:
     sequence = open_sequence(bands)
     warnings = warnings_of(run(dataclasses.replace(sequence, times=unit * sequence.times), small()))
-    begin = [] if unit == 1.0 else [f"the interval between frames in times.txt is {0.1 * unit:.3g}"]
+    begin = [] if unit == 1.0 else [f"times.txt has an interval of {0.1 * unit:.3g}"]
     assert [sentence.partition(" s ")[0] for sentence in warnings] == begin
 
 

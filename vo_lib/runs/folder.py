@@ -128,8 +128,8 @@ def warnings_of(result: Run) -> list[str]:
     shortest, longest = FRAME_INTERVALS_S
     if shortest <= seconds <= longest:
         return []
-    expected = f"expected {shortest:g} s to {longest:g} s: speeds are wrong"
-    return [f"the interval between frames in times.txt is {seconds:.3g} s, {expected}"]
+    expected = f"expected {shortest:g} to {longest:g} s: speeds are wrong"
+    return [f"times.txt has an interval of {seconds:.3g} s between frames, {expected}"]
 
 
 def timing(result: Run) -> dict[str, Any]:
