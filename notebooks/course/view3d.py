@@ -1,4 +1,8 @@
-"""A page that shows a run's path and the points it was computed from in three dimensions, in any browser.
+"""Shapes in three dimensions, turned with the mouse, in a cell or in a page; no network is needed.
+
+    view(*camera(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
+
+In a cell the last expression `view(...)` is shown; where no script may run, a picture of it. For the page of a run:
 
     python -m course.view3d RUN_FOLDER OUT.html
 
@@ -7,9 +11,13 @@ Run it in the folder of the notebooks; RUN_FOLDER is what `vo run --out` wrote.
 
 from __future__ import annotations
 
+import base64
+import html
 import json
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader
@@ -25,8 +33,120 @@ from vo_lib.runs.drive import Run
 from vo_lib.runs.folder import read_config, read_run
 from vo_lib.runs.matches import CachedMatches
 
+from .colours import DARK, GOOD
+from .drawing import FONT_SIZE, WIDTH, figure, show
+
 MAX_DEPTH_BASELINES = 50.0  # points farther away scatter too much to be looked at
 MAX_POINTS = 40_000  # in a page
+YAW, TILT = 0.5, 0.7  # radians: where the eye begins, behind and above
+PALEST = 200  # grey level of a point on white
+HINT = "Drag turns, the wheel zooms, Shift and drag moves, a double click shows all again."
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A line through places (N, 3), a filled area or single dots; metres, x right, y down, z ahead.
+
+    Attributes
+    ----------
+    colour : "#RRGGBB"; of dots also a grey level each, (N,).
+    name : words at the first place of a line or area; of a path, at its last one.
+    width : of a line or dot, pixels.
+    seen : (N,) frame from which each dot, or place of a path, is shown; a slider for the frame appears.
+    """
+
+    places: Array
+    colour: Any = GOOD
+    kind: Literal["line", "area", "dots"] = "line"
+    name: str = ""
+    width: float = 2.0
+    seen: Any = None
+
+
+def camera(T_w_c: Array, name: str = "", colour: str = DARK, size: float = 0.3) -> list[Shape]:
+    """A camera at a pose (4, 4): the pyramid of its view, `size` metres deep."""
+    corners = size * np.array([[-1, -0.6, 1], [1, -0.6, 1], [1, 0.6, 1], [-1, 0.6, 1], [-1, -0.6, 1]])
+    edges = [each for corner in corners[:4] for each in (np.zeros(3), corner)]
+    return [
+        Shape(transform(T_w_c, np.array([*edges, np.zeros(3)])), colour, name=name, width=1.2),
+        Shape(transform(T_w_c, corners), colour, width=1.2),
+    ]
+
+
+class View:
+    """Shapes as a page within a cell, or as a picture where no script runs; made by `view`."""
+
+    def __init__(self, shapes: tuple[Shape, ...], height: int, times: Any, title: str):
+        self.shapes, self.height, self.title = shapes, height, title
+        self.data = {
+            "times": np.round(times, 3).tolist(),
+            "eye": [YAW, TILT],
+            "shapes": [
+                {
+                    "at": np.round(shape.places, 3).tolist(),
+                    "colour": shape.colour
+                    if isinstance(shape.colour, str)
+                    else np.asarray(shape.colour).tolist(),
+                    "seen": None if shape.seen is None else np.asarray(shape.seen).tolist(),
+                    **{name: getattr(shape, name) for name in ("kind", "name", "width")},
+                }
+                for shape in shapes
+            ],
+        }
+
+    def page(self) -> str:
+        """The page, one text that needs nothing else."""
+        template = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True)
+        data = json.dumps(self.data).replace("<", "\\u003c")
+        words = {"title": self.title, "hint": HINT, "palest": PALEST, "data": data}
+        return template.get_template("view3d.html").render(**words)
+
+    def still(self) -> bytes:
+        """The view at the start, as PNG bytes."""
+        made, (axis,) = figure(self.height)
+        for shape in self.shapes:
+            x, y, z = np.asarray(shape.places, np.float64).T
+            u = np.cos(YAW) * x - np.sin(YAW) * z
+            v = np.cos(TILT) * y - np.sin(TILT) * (np.sin(YAW) * x + np.cos(YAW) * z)
+            if shape.kind == "dots":
+                grey = shape.colour if isinstance(shape.colour, str) else np.minimum(shape.colour, PALEST)
+                axis.scatter(u, v, s=shape.width**2, c=grey, cmap="gray", vmin=0, vmax=255, linewidths=0)
+            elif shape.kind == "area":
+                axis.fill(u, v, color=shape.colour, alpha=0.25)
+            else:
+                axis.plot(u, v, color=shape.colour, linewidth=shape.width)
+            k = 0 if shape.seen is None else -1
+            axis.annotate(shape.name, (u[k], v[k]), (4, 4), textcoords="offset points", fontsize=FONT_SIZE)
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.invert_yaxis()
+        axis.set_axis_off()
+        return bytes(show(made).data)
+
+    def _repr_mimebundle_(self, **_: Any) -> dict[str, str]:
+        framed = (
+            f'<iframe title="{html.escape(self.title)}" srcdoc="{html.escape(self.page())}" '
+            f'style="width:100%;max-width:{WIDTH}px;height:{self.height}px;border:1px solid #bbb"></iframe>'
+        )
+        return {"text/html": framed, "image/png": base64.b64encode(self.still()).decode()}
+
+
+def view(*shapes: Shape, height: int = 420, times: Any = (), title: str = "Seen in three dimensions") -> View:
+    """Shapes that the mouse turns: the last expression of a cell; `times` (N,) are seconds of the slider's frames."""
+    return View(shapes, height, times, title)
+
+
+def view_of_run(run: Run, height: int = 480) -> View:
+    """A run's path, the points that it was computed from, and the truth, where there is one."""
+    sequence, points = run.sequence, points_of(run)
+    frames = np.arange(len(run.poses))
+    grey, seen = np.array([each[1:] for each in points], int).reshape(-1, 2).T
+    shapes = [Shape(np.array([X for X, _, _ in points]).reshape(-1, 3), grey, "dots", width=1.5, seen=seen)]
+    shapes.append(Shape(run.poses[:, :3, 3], GOOD, name="path", seen=frames))
+    if sequence.truth is not None:
+        true = from_first(sequence.truth)[:, :3, 3]
+        shapes.append(Shape(true, DARK, name="truth", width=1.0))
+    title = f"{sequence.name}: path and {len(points)} points"
+    return view(*shapes, height=height, times=sequence.times - sequence.times[0], title=title)
 
 
 def points_of(run: Run) -> list[tuple[Array, int, int]]:
@@ -38,7 +158,7 @@ def points_of(run: Run) -> list[tuple[Array, int, int]]:
         near = (X_c[:, 2] > 0) & (X_c[:, 2] < MAX_DEPTH_BASELINES * camera.baseline)
         near &= ~in_boxes(matches.cur_left, sequence.boxes(index), run.config.filter)
         u, v = np.clip(np.rint(matches.cur_left[near].T), 0, np.array([camera.size]).T - 1).astype(int)
-        grey = np.maximum(sequence.stereo(index)[0][v, u], 60).tolist()
+        grey = sequence.stereo(index)[0][v, u].tolist()
         seen = zip(transform(run.poses[index], X_c[near]), grey, [index] * len(grey), strict=True)
         points |= dict(zip(matches.id[near].tolist(), seen, strict=True))
     return list(points.values())[:: 1 + len(points) // MAX_POINTS]
@@ -52,25 +172,12 @@ def write_view(folder: Path, page: Path) -> None:
     about = read_config(folder)
     whole = open_sequence(about["folder"])
     first, last = map(whole.frames.index, about["frames"])
-    run = read_run(folder, whole.part(first, last + 1))
-    sequence, points = run.sequence, points_of(run)
-    lines = [("#50bef0", run.poses)]
-    if sequence.truth is not None:
-        lines.insert(0, ("#f03c3c", from_first(sequence.truth)))
-    data = {
-        "points": np.rint(100 * np.array([X for X, _, _ in points])).astype(int).ravel().tolist(),  # cm
-        "grey": [grey for _, grey, _ in points],
-        "seen": [index for _, _, index in points],
-        "times": np.round(sequence.times - sequence.times[0], 3).tolist(),
-        "lines": [(colour, np.round(T[:, :3, 3], 3).tolist()) for colour, T in lines],
-    }
-    template = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True)
-    shown = {"title": folder.resolve().name, "truth": len(lines) > 1, "count": len(points)}
-    write_atomic(page, template.get_template("view3d.html").render(data=json.dumps(data), **shown))
+    write_atomic(page, view_of_run(read_run(folder, whole.part(first, last + 1))).page())
 
 
 if __name__ == "__main__":
-    parser = OneLineParser(prog="python -m course.view3d", description=__doc__.splitlines()[0])
+    about = "A page that shows a run's path and its points in three dimensions."
+    parser = OneLineParser(prog="python -m course.view3d", description=about)
     parser.add_argument("run", type=Path, metavar="RUN_FOLDER", help="folder that `vo run --out` wrote")
     parser.add_argument("page", type=Path, metavar="OUT.html", help="the page")
     options = parser.parse_args()

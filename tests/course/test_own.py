@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import sys
@@ -83,12 +84,23 @@ def test_a_runs_folder_becomes_a_page_in_three_dimensions(bands: Path, tmp_path:
     view3d.write_view(tmp_path, tmp_path / "view.html")
     page = (tmp_path / "view.html").read_text(encoding="utf-8")
     data = json.loads(next(re.finditer(r"= (\{.*\});", page))[1])
-    (_, truth), (_, path) = data["lines"]
-    np.testing.assert_allclose(path, made.poses[:, :3, 3], atol=1e-3)
-    assert len(truth) == len(path) == 4
+    points, path, truth = data["shapes"]
+    np.testing.assert_allclose(path["at"], made.poses[:, :3, 3], atol=1e-3)
+    assert len(truth["at"]) == len(path["at"]) == len(data["times"]) == 4
     # Six walls, the farthest at f b / 4 px.
-    depths = np.unique(np.round(np.array(data["points"]).reshape(-1, 3)[:, 2] / 100, 0))
+    depths = np.unique(np.round(np.array(points["at"])[:, 2], 0))
     assert 5 < depths.min() < depths.max() < 40
+
+
+def test_a_view_needs_no_network_and_is_a_picture_where_no_script_runs() -> None:
+    plane = view3d.Shape(np.eye(3), "#D55E00", "area", name="a plane <i>")
+    shown = view3d.view(plane, *view3d.camera(np.eye(4), "left"), title="One plane")._repr_mimebundle_()
+    assert set(re.findall(r"https?://", shown["text/html"])) == set()
+    assert 'title="One plane"' in shown["text/html"]
+    assert "<i>" not in shown["text/html"]
+    picture = cv2.imdecode(np.frombuffer(base64.b64decode(shown["image/png"]), np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    assert picture.min() < 100
 
 
 def test_marks_say_of_each_function_whether_it_passes(
