@@ -221,15 +221,17 @@ LACKING = {
     "poses": "has no ground truth: no error can be stated",
     "depth": "has no true depth of its pixels, as a drawn scene has",
     "labels": "has no labelled boxes",
+    "moving": "has no truth of moving things, as a drawn scene has",
 }
 
 
 def lacks(sequence: Sequence, what: str = "poses") -> str:
-    """A sentence where a sequence has none of "poses", "depth" (of each pixel) or "labels"; else ""."""
+    """A sentence where a sequence has none of "poses", "depth" (of each pixel), "labels" or "moving"; else ""."""
     there = {
         "poses": lambda: sequence.truth is not None,
         "depth": lambda: truth(sequence) is not None,
         "labels": lambda: sequence.labels is not None,
+        "moving": lambda: truth(sequence) is not None,
     }
     return "" if there[what]() else f"{sequence.name} {LACKING[what]}."
 

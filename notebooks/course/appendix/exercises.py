@@ -1,12 +1,14 @@
-"""Exercises of the appendix: a depth and a step seen by a rig whose disparities are all too large."""
+"""Exercises of the appendix: depths and steps by disparities that are too large, roll from rows, shrinkage."""
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 
 from vo_lib.geometry.types import Array
 
-from ..checker import Exercise
+from ..checker import Case, Exercise
 
 FB, E = 386.0, 0.5  # pixel metres, pixels
 
@@ -19,6 +21,34 @@ def depth_seen(Z: Array | float, e: float, fb: float = FB) -> Array:
 def step_seen(Z: Array, e: float, fb: float) -> Array:
     """The length that a step of 1 m towards points at Z (N,) seems to have."""
     return depth_seen(Z, e, fb) - depth_seen(Z - 1.0, e, fb)
+
+
+def fitted_roll(x: Array, y: Array, rows: Array, terms: int = 3) -> float:
+    """Roll, pixels, by least squares from row differences (N,) at normalised places: roll, offset, focal length."""
+    A = np.column_stack([-x, np.ones_like(x), y])
+    return float(np.linalg.lstsq(A[:, :terms], rows, rcond=None)[0][0])
+
+
+def rolled() -> list[Case]:
+    """Row differences of 60 matches, right of the middle: exact, with an offset, a focal length, and noise too."""
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(-0.5, 0.9, 60), rng.uniform(-0.2, 0.3, 60)
+    y += 0.4 * x  # a road that falls to the right
+    sizes = (0.8, 0.0, 0.0, 0.0), (-0.3, 0.5, 0.0, 0.0), (0.4, -0.2, 0.7, 0.0), (0.4, -0.2, 0.7, 0.1)
+    return [(x, y, a + c * y - roll * x + noise * rng.normal(size=60)) for roll, a, c, noise in sizes]
+
+
+def shrunk(estimate: Array, covariance: Array, spare: float = 0.0) -> Array:
+    """An estimate (k,) times the share of its square, in deviations, that noise does not explain."""
+    squared = float(estimate @ np.linalg.solve(covariance, estimate))
+    return np.asarray(estimate * max(0.0, 1.0 - (len(estimate) - spare) / squared))
+
+
+def estimates() -> list[Case]:
+    """Estimates of four errors, pixels: clear, doubtful, within noise; deviations alike, different, correlated."""
+    alike, different = 0.04 * np.eye(4), np.diag([0.01, 0.04, 0.09, 0.25])
+    sizes = [np.array(each) for each in ([1.0, -0.5, 0.3, 0.2], [0.2, -0.5, 0.3, 0.2], [0.1, -0.1, 0.1, 0.1])]
+    return [(sizes[0], alike), (sizes[1], different), (sizes[1], 0.02 + different), (sizes[2], alike)]
 
 
 far_point = Exercise(
@@ -36,7 +66,7 @@ far_point = Exercise(
 
 step = Exercise(
     step_seen,
-    lambda: [(np.array([10.0, 20.0, 40.0]), 0.5, FB), (np.array([15.0, 30.0]), -0.3, 386.0)],
+    lambda: [(np.array([10.0, 20.0, 40.0]), 0.5, FB), (np.array([15.0, 30.0]), -0.3, 240.0)],
     task="A function (Z (N,), e, fb) -> the length that a step of 1 m towards each point seems to have.",
     praise="{right[0]:.3f} m at 10 m, {right[2]:.3f} m at 40 m: the far points shorten the step most.",
     hint="the depth that is seen before the step, less the one seen after it.",
@@ -46,4 +76,44 @@ step = Exercise(
         "this is the depth before the step alone.": depth_seen,
     },
     slips={"sign": "the sign: a step ahead makes depths smaller."},
+)
+
+roll = Exercise(
+    fitted_roll,
+    rolled,
+    task="A function (x (N,), y (N,), rows (N,)) -> roll, pixels, where rows = offset - roll x + focal y.",
+    praise="{right:.1f} px from rows alone; no motion is needed.",
+    hint="a column of the matrix for each unknown, all three in one fit.",
+    line="np.linalg.lstsq(np.column_stack([-x, np.ones_like(x), y]), rows, rcond=None)[0][0]",
+    mistakes={
+        "the offset is not fitted: what is left out leaks into the roll.": partial(fitted_roll, terms=1),
+        "the focal length is not fitted: what is left out leaks into the roll.": partial(
+            fitted_roll, terms=2
+        ),
+    },
+    slips={"sign": "the sign: with a roll above 0 the rows fall with x."},
+)
+
+shrink = Exercise(
+    shrunk,
+    estimates,
+    task="A function (estimate (k,), covariance (k, k)) -> the estimate, shrunk by what noise explains.",
+    praise="a clear estimate stays nearly whole, one within its noise becomes 0.",
+    hint="noise alone gives a squared length of k, in deviations: which share of the square is more than that?",
+    line="max(0, 1 - k / (estimate @ np.linalg.inv(covariance) @ estimate)) * estimate",
+    also=(partial(shrunk, spare=2.0),),  # as James and Stein have it
+    mistakes={
+        "an estimate within its noise has changed its sign: a factor below 0 counts as 0.": lambda e, C: (
+            e * (1.0 - len(e) / (e @ np.linalg.solve(C, e)))
+        ),
+        "each error is shrunk by its own deviation; shrink the estimate as a whole.": lambda e, C: (
+            e * np.maximum(0.0, 1.0 - np.diag(C) / e**2)
+        ),
+        "the errors are correlated: the inverse of the whole covariance, not of its diagonal.": lambda e, C: (
+            shrunk(e, np.diag(np.diag(C)))
+        ),
+        "this is the factor for a square of 1; noise in k errors has a square of k.": lambda e, C: (
+            e * max(0.0, 1.0 - 1.0 / (e @ np.linalg.solve(C, e)))
+        ),
+    },
 )

@@ -53,14 +53,13 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
     return "\n".join(lines)
 
 
-def whole_scene(row: str) -> dict[str, str]:
-    """A row of the table of box rules in `results.md`: TE and RE of whole sequences, by rule."""
+def whole_drive(section: str, row: str) -> dict[str, str]:
+    """A row of a table of `results.md`: TE and RE over a whole drive, by the table's columns."""
     page = (Path(__file__).parents[2] / "results.md").read_text(encoding="utf-8")
-    table = [
-        line.strip("| ").split(" | ") for line in page.split("## Box rules")[1].splitlines() if "|" in line
-    ]
+    part = page.split(f"## {section}\n")[1].split("\n## ")[0]
+    table = [line.strip("| ").split(" | ") for line in part.splitlines() if "|" in line]
     cells = next(line for line in table if line[0] == row)
-    return {rule: cell.split("<br>")[0] for rule, cell in zip(table[0][1:], cells[1:], strict=True)}
+    return dict(zip(table[0][1:], cells[1:], strict=True))
 
 
 def claim_figure(

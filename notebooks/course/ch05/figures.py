@@ -5,19 +5,20 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vo_lib.detection.layout import STRIDES, Letterbox, place
+from vo_lib.detection.layout import STRIDES, place
+from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import NetworkOutput
 from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.report.plots import match_image
 
-from ..ch02.figures import draw_flow
 from ..ch04.figures import mark_reference, millimetres_from_above
-from ..colours import BAD, DARK, FIFTH, GOOD, PALE, THIRD, bgr
-from ..drawing import COARSE, WIDTH, caption, photo, room
+from ..colours import BAD, DARK, GOOD, PALE, bgr
+from ..drawing import COARSE, WIDTH, caption, figure, finish, photo, room
 
 MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST_LABELLED = 44  # pixels of a box, for its score above it
@@ -62,27 +63,6 @@ def candidates_picture(
     return caption(photo(picture, width, height), words)
 
 
-def cells_picture(image: Image, plan: Letterbox, corners: Array, scores: Array) -> Image:
-    """The network's image with the surest cell of each stride, its box, and the way to the box's centre.
-
-    Parameters
-    ----------
-    corners : (N, 4) corners in the network's image, pixels; scores : (N, C), both in the order of the cells.
-    """
-    picture, first, times = photo(place(image, plan)), 0, WIDTH / plan.width
-    for stride, colour in zip(STRIDES, (GOOD, THIRD, FIFTH), strict=True):
-        rows, columns = plan.height // stride, plan.width // stride
-        best = int(scores[first : first + rows * columns].max(axis=1).argmax())
-        cell, box = stride * np.array([best % columns, best // columns]), corners[first + best]
-        for each, thick in ((np.concatenate([cell, cell + stride]), cv2.FILLED), (box, 2)):
-            start, end = np.rint(16 * times * each).astype(int).reshape(2, 2).tolist()
-            cv2.rectangle(picture, start, end, bgr(colour), thick, cv2.LINE_AA, shift=4)
-        centre = (box[:2] + box[2:]) / 2
-        draw_flow(picture, times * cell[None], times * centre[None], ["#FFFFFF"], 4)
-        first += rows * columns
-    return caption(picture, "surest cells of stride 8 blue, 16 green, 32 yellow; dots: centres of boxes")
-
-
 def filter_picture(
     image: Image,
     matches: StereoMatches,
@@ -109,3 +89,18 @@ def errors_chart(axis: Axes, errors: dict[str, Array], reference: str, title: st
         axis.plot(*error[[0, 2]], "o", color=colour, markeredgecolor=DARK, markersize=size, label=name)
     largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
     millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title)
+
+
+def precision_figure(scores: Array, precision: Array, recall: Array) -> Figure:
+    """Precision over recall, the preset's score marked, and both over the score."""
+    made, (curve, by_score) = figure(230, 2)
+    at = max(int(np.sum(scores >= DetectorConfig().score)) - 1, 0)
+    curve.plot(recall, precision, color=GOOD)
+    curve.plot(recall[at], precision[at], "o", color=BAD, label=f"score {DetectorConfig().score:g}")
+    for name, values, colour in (("precision", precision, GOOD), ("recall", recall, BAD)):
+        by_score.plot(scores, values, color=colour, label=name)
+    for axis in (curve, by_score):
+        axis.set(xlim=(0, 1.02), ylim=(0, 1.02))
+    finish(curve, "every score is a point", "recall", "precision", "lower left")
+    finish(by_score, "both over the smallest score", "score", "", "lower left")
+    return made

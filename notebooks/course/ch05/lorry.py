@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from vo_lib.config import VARIANTS, preset
+from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.camera import StereoCamera
@@ -16,13 +14,12 @@ from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.selection import sampson_inliers
 from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import make_odometry
-from vo_lib.settings import setting
 
 from ..ch03.figures import errors_figure
 from ..colours import PALE
 from ..controls import Control
-from ..drawing import log_axis, stack
-from ..frames import Memory, frame_matches, key_of, stereo, true_motion, true_poses
+from ..drawing import log_axis, say, stack
+from ..frames import Memory, frame_matches, key_of, lacks, stereo, true_motion
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 from ..simulation.lorry import LorryConfig, with_lorry
@@ -32,13 +29,6 @@ PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
 CENTI, PERCENT = 100.0, 100.0
 SHARES, SHOWN = np.arange(1, 10) / 10, (0.01, 200.0)  # of the chart; centimetres
 WAYS = {"all features": "solution_selection", "box removed": "feature_selection"}
-
-
-@dataclass(frozen=True)
-class LorryView(LorryConfig):
-    """The lorry, and the method that is judged."""
-
-    variant: str = setting("published", "the paper as published, or the kit's way", choices=tuple(VARIANTS))
 
 
 _errors: Memory[dict[str, Array]] = Memory(48)
@@ -66,43 +56,43 @@ def vote(
     return T_cp, sampson_inliers(E, *odometry.points(matches), odometry.threshold)
 
 
-def lorry_errors(sequence: Sequence, frame: int, view: LorryView) -> dict[str, float]:
+def lorry_errors(sequence: Sequence, frame: int, lorry: LorryConfig, variant: str) -> dict[str, float]:
     """Error of a frame's translation, centimetres, with all features and with the lorry's box removed."""
     T_true, errors = true_motion(sequence, frame), {}
-    assert T_true is not None
+    if T_true is None:
+        return dict.fromkeys(WAYS, np.nan)
     for name, method in WAYS.items():
-        config = preset(method, variant=view.variant)
-        T_cp, _ = vote(sequence.camera, *laden_frame(sequence, frame, config, view), config)
+        config = preset(method, variant=variant)
+        T_cp, _ = vote(sequence.camera, *laden_frame(sequence, frame, config, lorry), config)
         errors[name] = CENTI * float(np.linalg.norm(T_cp[:3, 3] - T_true[:3, 3]))
     return errors
 
 
-def errors_by_share(sequence: Sequence, frame: int, view: LorryView) -> dict[str, Array]:
+def errors_by_share(sequence: Sequence, frame: int, distance: float, variant: str) -> dict[str, Array]:
     """The same for each of `SHARES`, (S,) each; kept."""
 
     def find() -> dict[str, Array]:
-        each = [lorry_errors(sequence, frame, replace(view, share=share)) for share in SHARES.tolist()]
+        lorries = (LorryConfig(share, distance) for share in SHARES.tolist())
+        each = [lorry_errors(sequence, frame, lorry, variant) for lorry in lorries]
         return {name: np.array([errors[name] for errors in each]) for name in WAYS}
 
-    return _errors.get((*key_of(sequence, frame), view.distance, view.variant), find)
+    return _errors.get((*key_of(sequence, frame), distance, variant), find)
 
 
 class LorryPanel(Panel):
     """A frame with a lorry in it: the features that the winner fits, and the errors over the lorry's share."""
 
     title = "A lorry before the camera"
-    view = LorryView
+    view = LorryConfig
+    kit = preset(WAYS["all features"], variant="kit")
     height = PHOTO_HEIGHT + CHART_HEIGHT
     controls = (
         Control("view.share", "share", high=0.9, step=0.05),
         Control("view.distance", "distance", high=20, step=0.5),
-        Control("view.variant", "variant"),
     )
 
     def draw(self, state: State) -> Drawing:
-        sequence, frame, view = state.sequence, state.frame, state.view
-        true_poses(sequence)  # or say that there are none
-        config = preset(WAYS["all features"], variant=view.variant)
+        sequence, frame, view, config = state.sequence, state.frame, state.view, state.config
         matches, boxes = laden_frame(sequence, frame, config, view)
         _, fits = vote(sequence.camera, matches, boxes, config)
         lorry = matches.id < 0
@@ -113,7 +103,7 @@ class LorryPanel(Panel):
         words = f"frame {frame}: features that the winner fits blue, others orange; the lorry grey"
         picture = filter_picture(image, matches, fits, boxes[1], None, words, PHOTO_HEIGHT)
         chart = errors_figure(
-            errors_by_share(sequence, frame, view),
+            errors_by_share(sequence, frame, view.distance, config.variant),
             PERCENT * SHARES,
             f"error of the translation, lorry {view.distance:g} m ahead",
             "share of the matches on the lorry [%]",
@@ -123,8 +113,10 @@ class LorryPanel(Panel):
         (axis,) = chart.axes
         log_axis(axis.yaxis, *SHOWN)
         axis.axvline(PERCENT * view.share, color=PALE, linewidth=1)
+        if missing := lacks(sequence):
+            say(axis, missing)
         used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
-        errors = lorry_errors(sequence, frame, view)
+        errors = lorry_errors(sequence, frame, view, config.variant)
         sentence = (
             f"The winner of all features fits {on_street} of the street's {np.sum(~lorry)} matches and "
             f"{on_lorry} of the lorry's {np.sum(lorry)}: "

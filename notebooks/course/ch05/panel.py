@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from vo_lib.config import preset
+from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC, available, open_sequence
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import matches_on_moving
-from vo_lib.detection.layout import STRIDES, Float32
 from vo_lib.detection.models import find_model
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import NetworkOutput, YoloDetector
 from vo_lib.errors import DataError
-from vo_lib.geometry.boxes import Boxes, no_boxes
+from vo_lib.geometry.boxes import Boxes, no_boxes, overlap
 from vo_lib.geometry.motion import rotation_angle
 from vo_lib.geometry.result import Flag, FrameResult
 from vo_lib.geometry.types import Array, BoolArray, Image, Progress
 from vo_lib.kit.boxes import BoxFilter, Filtered
-from vo_lib.kit.settings import CalibrationConfig, KitConfig, KitFilterConfig
-from vo_lib.paper.boxes import vehicles
+from vo_lib.kit.settings import KitConfig, KitFilterConfig
+from vo_lib.paper.boxes import on_vehicles, vehicles
+from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import make_odometry
 from vo_lib.settings import Checked, setting
 
 from ..ch03.figures import errors_figure
 from ..ch04.figures import MILLI
-from ..controls import Control
+from ..controls import Control, Knob
 from ..drawing import WIDTH, caption, figure, photo, raster, stack
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
 from ..panel import Drawing, Panel, State
@@ -39,7 +40,8 @@ PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
 HISTORY = 4  # frames before the one shown from which the rule `moving` knows its boxes
 FRAMES = 30  # of the long job
 LABELS = "labels"  # in place of a model: the boxes of the sequence's own folder
-RULES = ("none", "all", "moving")
+RULES = {"published": ("none", "all"), "kit": ("none", "all", "moving", "truth")}
+LEAST_SCORE = 0.01  # of a box on the curve of precision and recall
 
 
 @dataclass(frozen=True)
@@ -68,19 +70,6 @@ def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> 
     return _candidates.get(key, lambda: detector.candidates(stereo(sequence, frame)[0]))
 
 
-def as_yolox(found: NetworkOutput) -> Float32:
-    """Candidates as a network of YOLOX's layout would have put them, (N, 5 + C): what `read_yolox` reads."""
-    width, height = found.plan.width, found.plan.height
-    cells = [(s, x, y) for s in STRIDES for y in range(height // s) for x in range(width // s)]
-    stride, x, y = np.array(cells, float).T[:, :, None]
-    first, last = found.corners[:, :2], found.corners[:, 2:]
-    centre = (first + last) / 2 / stride - np.hstack([x, y])
-    # Only the product of both scores counts.
-    anything = np.sqrt(found.scores.max(axis=1, keepdims=True))
-    classes = found.scores / np.maximum(anything, 1e-9)
-    return np.hstack([centre, np.log((last - first) / stride), anything, classes]).astype(np.float32)
-
-
 def real_drives() -> Iterator[Sequence]:
     """The real drives found on this machine, one after the other."""
     return (open_sequence(name) for name in available() if not name.startswith(SYNTHETIC))
@@ -95,18 +84,23 @@ def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: f
 
 
 def filtered_frame(
-    sequence: Sequence, frame: int, config: KitConfig, view: FilteringView
+    sequence: Sequence, frame: int, config: MethodConfig, view: FilteringView
 ) -> tuple[Filtered, Boxes]:
-    """What the rule does in a frame >= 1, and the frame's boxes.
+    """The matches of a frame >= 1 that a method's rule keeps, and the frame's boxes.
 
-    The rule `moving` is asked from `HISTORY` frames before on: it judges a box by several frames.
+    The rule `moving` is asked from `HISTORY` frames before on: it follows the motion of the camera.
     """
     rule = config.filter
     if rule.rule == "truth" and truth(sequence) is None:
         raise DataError("the rule `truth` needs a drawn scene: only there it is known what moves")
     first = max(frame - HISTORY, 1) if rule.rule == "moving" else frame
+    before = frame_boxes(sequence, first - 1, view.model, rule.score, view.nms)
+    if not isinstance(rule, KitFilterConfig):
+        boxes = frame_boxes(sequence, frame, view.model, rule.score, view.nms)
+        gone = on_vehicles(frame_matches(sequence, frame, config), before, boxes, rule)
+        return Filtered(~gone | (rule.rule == "none")), boxes
     judge = BoxFilter(sequence.camera, rule)
-    judge.start(frame_boxes(sequence, first - 1, view.model, rule.score, view.nms))
+    judge.start(before)
     for index in range(first, frame + 1):
         matches = frame_matches(sequence, index, config)
         boxes = frame_boxes(sequence, index, view.model, rule.score, view.nms)
@@ -115,17 +109,14 @@ def filtered_frame(
     return result, boxes
 
 
-def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: KitConfig) -> FrameResult:
-    """The frame's motion from the matches that `keep` (N,) leaves, of two images alone.
+def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: MethodConfig) -> FrameResult:
+    """The frame's motion from the matches that `keep` (N,) leaves, of its two pairs alone.
 
     No previous vector and no calibration: so nothing but the choice of features differs.
     """
-    alone = replace(
-        config,
-        filter=KitFilterConfig(rule="none"),
-        selection=replace(config.selection, prior=False),
-        calibration=CalibrationConfig(estimate=False),
-    )
+    alone = change(change(config, "filter.rule", "none"), "selection.prior", False)
+    if isinstance(alone, KitConfig):
+        alone = change(alone, "calibration.estimate", False)
     matches = frame_matches(sequence, frame, config)
     key = (*key_of(sequence, frame), keep.tobytes(), alone)
 
@@ -135,26 +126,45 @@ def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: KitConf
 def compare_rules(
     sequence: Sequence,
     frames: range,
-    rules: tuple[str, ...] = RULES,
-    config: KitConfig | None = None,
-    view: FilteringView | None = None,
-    progress: Progress | None = None,
+    rules: tuple[str, ...],
+    config: MethodConfig,
+    view: FilteringView,
+    progress: Progress,
 ) -> dict[str, Array]:
     """Error of each frame's translation by rule, (F,) millimetres; needs true poses."""
-    config, view = config or preset("mesvo_f", variant="kit"), view or FilteringView()
     errors: dict[str, list[float]] = {rule: [] for rule in rules}
     for done, frame in enumerate(frames, start=1):
         T_true = true_motion(sequence, frame)
         if T_true is None:
             raise DataError("the sequence has no true poses to compare with")
         for rule in rules:
-            chosen = replace(config, filter=replace(config.filter, rule=rule))
-            keep = filtered_frame(sequence, frame, chosen, view)[0].keep
+            keep = filtered_frame(sequence, frame, change(config, "filter.rule", rule), view)[0].keep
             t = motion_from(sequence, frame, keep, config).T_cp[:3, 3]
             errors[rule].append(MILLI * float(np.linalg.norm(t - T_true[:3, 3])))
-        if progress:
-            progress(done, len(frames))
+        progress(done, len(frames))
     return {rule: np.array(values) for rule, values in errors.items()}
+
+
+def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) -> tuple[Array, Array, Array]:
+    """Scores of a detector's boxes, best first, and precision and recall of all boxes down to each score.
+
+    A box is right where its IoU with a labelled box is a half or more; of several on one, the best scored.
+    """
+    found, labelled = [], 0
+    for frame in frames:
+        boxes = detector.choose(
+            frame_candidates(sequence, frame, detector), LEAST_SCORE, DetectorConfig().nms
+        )
+        shared = overlap(boxes.xyxy, sequence.boxes(frame).xyxy)
+        labelled += shared.shape[1]
+        for row, score in zip(shared, boxes.score.tolist(), strict=True):
+            right = float(row.max(initial=0.0) >= 0.5)
+            found.append((score, right))
+            if right:
+                shared[:, row.argmax()] = 0.0  # each labelled box once
+    scores, hits = np.array(sorted(found, reverse=True)).reshape(-1, 2).T
+    hits = np.cumsum(hits)
+    return scores, hits / np.arange(1, len(hits) + 1), hits / max(labelled, 1)
 
 
 class FilteringPanel(Panel):
@@ -162,22 +172,43 @@ class FilteringPanel(Panel):
 
     title = "From boxes to the features that stay"
     view = FilteringView
-    start = preset("feature_selection", variant="kit")
+    start = preset("feature_selection")
+    kit = preset("feature_selection", variant="kit")
     height = PHOTO_HEIGHT + CHART_HEIGHT
     long_job = f"Compare the rules over {FRAMES} frames"
     controls = (
         Control("view.model", "model"),
-        Control("filter.score", "score", low=0.02, high=0.98, step=0.02),
+        Control("filter.score", "score", low=0.01, high=0.99, step=0.01),
         Control("view.nms", "suppression, IoU", step=0.05),
         Control("filter.margin", step=0.05),
         Control("filter.classes"),
         Control("filter.rule", "rule"),
     )
 
+    def _make_knobs(self, first: dict[str, Any]) -> dict[str, Knob]:
+        knobs = super()._make_knobs(first)
+        rule, variant = knobs["filter.rule"].widget, self.variant
+        assert variant is not None
+
+        def offer(_: Any = None) -> None:
+            kept, rules = rule.value, RULES[variant.value]
+            rule.options, rule.value = rules, kept if kept in rules else "all"
+
+        offer()
+        # Before the panel draws.
+        variant.unobserve(self.redraw, "value")
+        variant.observe(offer, "value")
+        variant.observe(self.redraw, "value")
+        return knobs
+
+    def idle(self, state: State) -> set[str]:
+        labels = {"filter.score", "view.nms"} if state.view.model.strip() == LABELS else set()
+        return labels | ({"filter.margin", "filter.classes"} if state.config.filter.rule == "none" else set())
+
     def draw(self, state: State) -> Drawing:
-        sequence, frame, rule = state.sequence, state.frame, state.kit.filter
-        matches = frame_matches(sequence, frame, state.kit)
-        result, boxes = filtered_frame(sequence, frame, state.kit, state.view)
+        sequence, frame, rule = state.sequence, state.frame, state.config.filter
+        matches = frame_matches(sequence, frame, state.config)
+        result, boxes = filtered_frame(sequence, frame, state.config, state.view)
         judged = result.judgement
         shown = vehicles(boxes, rule) if judged is None else judged.boxes
         removed = int(np.sum(~result.keep))
@@ -191,8 +222,8 @@ class FilteringPanel(Panel):
             PHOTO_HEIGHT,
         )
         T_true = true_motion(sequence, frame)
-        every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.kit).T_cp
-        kept = motion_from(sequence, frame, result.keep, state.kit).T_cp
+        every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
+        kept = motion_from(sequence, frame, result.keep, state.config).T_cp
         reference, words = (every, "all features") if T_true is None else (T_true, "the truth")
         title = f"{'change' if T_true is None else 'error'} of the translation, from above"
         errors = {name: MILLI * (T[:3, 3] - reference[:3, 3]) for name, T in (("all", every), ("kept", kept))}
@@ -212,7 +243,7 @@ class FilteringPanel(Panel):
         if judged is not None and removed:
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
         if state.view.model.strip() == "street" and truth(sequence) is None:
-            sentence += " Mind: `street` was trained on drawn streets; do not trust it on real images."
+            sentence += " `street` was trained on drawn streets; it does not know real ones."
         if Flag.FILTER_OFF in result.flags:
             sentence += " Too few features would be left, so the filter is off in this frame."
         facts = [
@@ -236,21 +267,23 @@ class FilteringPanel(Panel):
 
     def work(self, state: State, progress: Progress) -> Drawing:
         """The errors by rule over the next frames."""
-        rules = (*RULES, "truth") if truth(state.sequence) is not None else RULES
+        if state.sequence.truth is None:
+            raise DataError(f"{state.sequence.name} has no ground truth to compare with")
+        rules = RULES[state.config.variant][: 4 if truth(state.sequence) is not None else 3]
         frames = range(state.frame, len(state.sequence))[:FRAMES]
         progress(0, len(frames))
-        errors = compare_rules(state.sequence, frames, rules, state.kit, state.view, progress)
+        errors = compare_rules(state.sequence, frames, rules, state.config, state.view, progress)
         chart = errors_figure(errors, frames, "error of the translation", unit="mm", height=self.height)
         sentence = (
             f"Error of the translation in frames {frames[0]} to {frames[-1]}, each from its two pairs alone; "
-            "move a control to come back."
+            "move a control to return to one frame."
         )
         facts = tuple(Fact(f"median, {rule}", float(np.median(v)), "mm", 2) for rule, v in errors.items())
         return Drawing(stack([chart], self.height), sentence, facts)
 
     def _network(self, state: State, boxes: Boxes) -> tuple[Image, int]:
         """The picture of the candidates, and their number; of labels the image alone."""
-        image, rule = stereo(state.sequence, state.frame)[0], state.kit.filter
+        image, rule = stereo(state.sequence, state.frame)[0], state.config.filter
         if state.view.model.strip() == LABELS:
             plain = photo(image, NET_WIDTH, CHART_HEIGHT)
             return caption(plain, f"{len(boxes)} boxes of the label folder, no network"), len(boxes)
