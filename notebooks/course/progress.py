@@ -27,7 +27,7 @@ def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
     try:
         return work(report)
     finally:
-        bar.close()
+        bar.layout.display = "none"  # a page that is slow to show it would miss a closed one
 
 
 class Stopped(Exception):

@@ -6,13 +6,14 @@ import base64
 import json
 import re
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from conftest import small
+from conftest import small, winding_road
 
 from course import marks, view3d
 from course.ch00 import exercises as ch00
@@ -24,9 +25,11 @@ from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.scenes import scene_config
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
+from vo_lib.geometry.motion import inverse
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.folder import write_run
 from vo_lib.runs.identity import run_identity
+from vo_lib.runs.matches import CachedMatches
 
 
 def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
@@ -62,8 +65,8 @@ def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
         (..., "replace the dots"),
         (hands_over, "hands the work to `run`"),
         (lambda sequence, *_, seed: sequence.truth[:, :3], "TypeError"),  # there is none to peek at
-        (lambda *_, seed: published[str(seed)].poses[1:], "gave back no path"),
-        (lambda *_, seed: published[str(seed)].poses, "not yet half"),
+        (lambda *_, seed: published[str(seed)].poses[1:], "returned no path"),
+        (lambda *_, seed: published[str(seed)].poses, "more than half"),
     ):
         assert words in ch08.better(answer, part).message
 
@@ -71,10 +74,31 @@ def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
 def test_a_film_has_every_frame_of_ones_own_path(bands: Path, tmp_path: Path) -> None:
     road = open_sequence(bands)
     assert road.truth is not None
-    last = own.film(tmp_path / "mine.mp4", road, road.truth)
+    mine, matches = own.join(), list(CachedMatches(road, small(), tmp_path))
+    last = own.film(tmp_path / "mine.mp4", mine, road, matches, road.truth)
     film = cv2.VideoCapture(str(tmp_path / "mine.mp4"))
     assert sum(film.read()[0] for _ in range(20)) == len(road) - 1
-    assert not np.array_equal(own.film(tmp_path / "other.mp4", road, np.array([np.eye(4)] * len(road))), last)
+    still = np.array([np.eye(4)] * len(road))
+    assert not np.array_equal(own.film(tmp_path / "other.mp4", mine, road, matches, still), last)
+
+
+def test_a_mixed_path_has_the_turns_of_one_and_the_steps_of_the_other() -> None:
+    one, other = winding_road(6, 0.1, 1.0), winding_road(6, 0.0, 2.0)
+    both = own.mixed(one, other)
+    np.testing.assert_allclose(both[:, :3, :3], one[:, :3, :3], atol=1e-12)
+    T, expected = (inverse(path[1:]) @ path[:-1] for path in (both, other))
+    np.testing.assert_allclose(T[:, :3, 3], expected[:, :3, 3], atol=1e-12)
+
+
+def test_a_stage_that_is_much_slower_than_the_librarys_is_told() -> None:
+    def slow_chain(motions: Any) -> Any:
+        time.sleep(0.3)
+        return ch00.chain.right(motions)
+
+    mine = own.join(chain=slow_chain)
+    assert mine.whose["chain"] == "yours"
+    assert list(mine.slow) == ["chain"]
+    assert "times the library's time" in mine._repr_html_().replace("&#x27;", "'")
 
 
 def test_a_runs_folder_becomes_a_page_in_three_dimensions(bands: Path, tmp_path: Path) -> None:

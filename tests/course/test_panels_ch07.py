@@ -9,10 +9,11 @@ import pytest
 from conftest import write_bands
 
 from course.ch07 import ReproducePanel
-from course.ch07.figures import without_boxes
+from course.ch07.figures import results_table, tables_of, verdicts
 from course.ch07.runs import FIRST, Plan, clip, part_of, run_plan
 from vo_lib import open_sequence
 from vo_lib.evaluation.kitti import KITTI_MEASURE
+from vo_lib.report.printed import read_paper_table
 from vo_lib.runs.folder import read_config
 
 LONG = 300.0  # seconds that a job may take; a safeguard
@@ -43,7 +44,7 @@ def test_table_1_is_run_and_written(road: Path, tmp_path: Path) -> None:
     assert panel.picture.value != before
     assert 0 < panel.facts["TE viso2"] < 5
     assert "viso2" in panel.tables.value
-    assert "No boxes: nothing was removed" in panel.tables.value
+    assert "mean ± standard deviation over 2 seeds" in panel.tables.value.lower()
     stored = [read_config(path.parent) for path in (tmp_path / "cache").rglob("config.json")]
     runs = sorted((run["method"], run["variant"], run["settings"]["seed"]) for run in stored)
     assert runs == [(method, "published", seed) for method in ("mesvo_f", "viso2") for seed in (0, 1)]
@@ -84,4 +85,33 @@ def test_the_clip_of_the_row_has_the_boxes_of_a_detector(
     assert sum(len(part.boxes(frame)) for frame in range(12)) > 12
     entries = run_plan(Plan(part, ("feature_selection",), 1, "published"))
     assert entries[0].removed_share > 0
-    assert without_boxes(entries) == []
+    (table,) = tables_of(entries)
+    assert "paper" not in table.columns
+    assert "not comparable with whole ones" in table.head[0]
+
+
+def test_a_printed_number_is_reproduced_within_the_spread_of_the_seeds_alone(tmp_path: Path) -> None:
+    paper = read_paper_table()
+    assert verdicts(tmp_path, paper) == []
+    names = "variant,sequence,method,seeds,paper_te_percent,paper_re_deg_per_100m,te_percent,te_percent_std,"
+    names += "re_deg_per_100m,re_deg_per_100m_std"
+    rows = [
+        "published,kitti/04,viso2,5,1.02,0.866,1.04,0.01,0.9,0.01",  # TE within 2 s √1.2 + 0.005, RE beyond
+        "published,kitti/04,mesvo_f,1,0.75,0.222,0.75,,0.222,",
+        "published,kitti/00,viso2,5,,,2.46,0.01,1.181,0.01",
+        "kit,kitti/04,feature_selection,5,0.64,0.128,0.64,0.01,0.128,0.01",
+    ]
+    (tmp_path / "table1.csv").write_text("\n".join([names, *rows]) + "\n", encoding="utf-8")
+    te, re = ({row[0]: row for row in table.rows} for table in verdicts(tmp_path, paper))
+    assert te["04 VISO2"][1:] == ["1.02", "1.040", "+0.02", "0.027", "reproduced"]
+    assert re["04 VISO2"][-1] == "not reproduced"
+    assert te["04 MESVO_F"][-1] == "cannot be told: fewer than three seeds"
+    assert te["00 VISO2"][2:] == ["–", "–", "–", "cannot be told: part of the sequence"]
+    assert te["04 Feature selection"][-1] == te["Avg VISO2"][-1] == "cannot be told: not run"
+
+
+def test_the_page_of_results_has_other_systems_on_the_same_frames() -> None:
+    table = results_table("Other systems on the same frames", "kitti/00, 100 m")
+    names = [row[0].removeprefix("kitti/00, 100 m, ") for row in table.rows]
+    assert names[:2] == ["libviso2", "ORB-SLAM2"]
+    assert all(len(row) == len(table.columns) for row in table.rows)

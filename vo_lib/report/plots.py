@@ -126,23 +126,28 @@ def trajectories_figure(panels: Mapping[str, tuple[Array | None, dict[str, Array
     return figure
 
 
-def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure:
-    """TE and RE by (sequence, method), (2, S) of S seeds: a bar each, a line for one standard deviation."""
+def draw_errors(axis: Axes, errors: Mapping[tuple[str, str], Array], kind: int) -> None:
+    """TE (kind 0) or RE (1) by (sequence, method), (2, S) of S seeds: a bar each, a line for a deviation."""
     sequences, methods = (list(dict.fromkeys(names)) for names in zip(*errors, strict=True))
-    figure, share = page(title, max(SMALL_PAGE[0], 0.8 * len(sequences))), 0.85 / len(methods)
+    share = 0.85 / len(methods)
+    for k, method in enumerate(methods):
+        values = {n: errors[s, method][kind] for n, s in enumerate(sequences) if (s, method) in errors}
+        at = [place + share * (k - (len(methods) - 1) / 2) for place in values]
+        means, spreads = ([function(each) for each in values.values()] for function in (np.mean, np.std))
+        bars = axis.bar(at, means, share, yerr=spreads, color=method_colour(method, k), label=method)
+        if len(sequences) == 1:
+            axis.bar_label(bars, fmt="%#.3g")
+    axis.set(axisbelow=True, xticks=range(len(sequences)), xticklabels=sequences)
+    axis.margins(0.02, 0.12)  # room for the labels
+
+
+def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure:
+    """TE and RE by (sequence, method), (2, S) of S seeds, as `draw_errors` has them."""
+    figure = page(title, max(SMALL_PAGE[0], 0.8 * len({sequence for sequence, _ in errors})))
     axes = figure.subplots(2, sharex=True)
     for axis, kind, label in zip(axes, (0, 1), ("TE [%]", "RE [deg/100 m]"), strict=True):
-        for k, method in enumerate(methods):
-            values = {n: errors[s, method][kind] for n, s in enumerate(sequences) if (s, method) in errors}
-            at = [place + share * (k - (len(methods) - 1) / 2) for place in values]
-            means, spreads = ([function(each) for each in values.values()] for function in (np.mean, np.std))
-            bars = axis.bar(at, means, share, yerr=spreads, color=method_colour(method, k), label=method)
-            if len(sequences) == 1:
-                axis.bar_label(bars, fmt="%#.3g")
+        draw_errors(axis, errors, kind)
         label_axis(axis, "", label)
-        axis.set(axisbelow=True)
-        axis.margins(0.02, 0.12)  # room for the labels
-    axes[0].set_xticks(range(len(sequences)), sequences)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 

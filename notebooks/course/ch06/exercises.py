@@ -1,4 +1,4 @@
-"""Exercises of chapter 6: end of a sub-sequence, its errors, all of them, a yaw error, two averages, RPE."""
+"""Exercises of chapter 6: end of a sub-sequence, its errors, all of them, a yaw error, two averages, ATE."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.evaluation.kitti import KITTI_LENGTHS, kitti_errors
+from vo_lib.evaluation.kitti import KITTI_LENGTHS, kitti_errors, trajectory_distances
+from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
 from ..checker import Case, Exercise, When
@@ -16,13 +17,14 @@ from ..made_up import block_tour, made_up
 
 YAW, LENGTH = 1.0, 400.0  # deg/100 m and metres, of the straight road
 ANGLE = float(np.radians(YAW * LENGTH / 100.0))
+ROUNDING = 1e-12  # of the elements of a rotation
 TE = 100.0 * float(np.hypot(1.0 - np.sin(ANGLE) / ANGLE, (1.0 - np.cos(ANGLE)) / ANGLE))
 
 
 def paths() -> list[Case]:
-    """A path that stands still once, with starts and lengths; the last length is not reached."""
-    path = np.array([0.0, 1.0, 2.0, 3.0, 3.0, 4.5, 6.0, 7.0])
-    return [(path, *case) for case in ((0, 2.5), (0, 2.0), (2, 1.0), (1, 5.5), (3, 3.5), (4, 100.0))]
+    """A path with unequal steps, with starts and lengths; the last length is longer than the path."""
+    path = np.array([0.0, 1.5, 3.5, 6.0, 6.0, 7.0, 9.5, 12.0])
+    return [(path, *case) for case in ((0, 5.0), (0, 3.5), (2, 2.5), (1, 8.0), (3, 5.0), (4, 100.0))]
 
 
 def end(path: Array, first: int, length: float) -> int | None:
@@ -32,24 +34,39 @@ def end(path: Array, first: int, length: float) -> int | None:
 
 
 def judged_pair() -> tuple[Array, Array]:
-    """A truth and an estimate (N, 4, 4) that are wrong in every way at once."""
+    """A truth and an estimate (N, 4, 4) that are wrong in every way at once.
+
+    The car drives 1 to 3 m a frame, so metres are no frames; its camera is tilted, so the rotation error is about
+    all axes.
+    """
     truth = block_tour(1)
-    return truth, made_up(truth, scale=2.0, yaw=3.0, noise=20.0, jitter=0.1, seed=3)
+    truth = truth[np.cumsum(np.resize([0, 1, 2, 3, 2], 400))]
+    tilted = rigid(rotation_from_vector(np.array([0.5, 0.3, 0.6])), np.zeros(3))
+    estimate = made_up(truth, scale=2.0, yaw=3.0, noise=20.0, jitter=0.1, seed=3)
+    return np.linalg.inv(tilted) @ truth @ tilted, np.linalg.inv(tilted) @ estimate @ tilted
 
 
 def stretches() -> list[Case]:
-    """Two sub-sequences of the pair: first and last frame, length; and one that is right but for rounding.
+    """Two sub-sequences of the pair: first and last frame, length; and two that are right but for rounding.
 
-    A rotation in a printed file has few digits: the trace of the last error comes out above 3.
+    A rotation in a printed file has few digits: with either order of the motions one trace is above 3.
     """
     truth, estimate = judged_pair()
-    rounded = truth.copy()
-    rounded[100, :3, :3] *= 1.0 - 1e-9
-    return [
-        (truth, estimate, 20, 171, 150.0),
-        (truth, estimate, 150, 352, 200.0),
-        (truth, rounded, 0, 100, 99.0),
-    ]
+    rounded = [truth.copy(), truth.copy()]
+    for poses, factor in zip(rounded, (1.0 - ROUNDING, 1.0 + ROUNDING), strict=True):
+        poses[100, :3, :3] *= factor
+    parts = [(estimate, 20, 114, 150.0), (estimate, 150, 276, 200.0)]
+    return [(truth, *part) for part in (*parts, *((each, 0, 100, 99.0) for each in rounded))]
+
+
+def sequences() -> list[Case]:
+    """Lists of errors, an array for each sequence, some of them empty."""
+    lists: tuple[tuple[list[float], ...], ...] = (
+        ([1.0] * 4, [3.0], []),
+        ([2.0, 4.0], [], [1.0], [6.0, 6.0, 9.0]),
+        ([], [5.0], [1.0, 2.0]),
+    )
+    return [([np.array(each) for each in errors],) for errors in lists]
 
 
 def measured(error: Array, length: float, cosine: Callable[[Array], float] | None = None) -> Array:
@@ -83,6 +100,21 @@ def te_re(mean: Callable[[Array, Array], Any], every: int | None = None) -> Call
     return both
 
 
+def loop(
+    truth: Array, estimate: Array, lengths: Any, step: int, end: Callable[..., int | None] = end
+) -> Array:
+    """TE and RE (2,) over all sub-sequences, as the exercise builds them, with a rule for their ends."""
+    path = trajectory_distances(truth)
+    parts = [(i, end(path, i, length), length) for i in range(0, len(truth), step) for length in lengths]
+    judged = [errors(truth, estimate, i, last, length) for i, last, length in parts if last is not None]
+    return np.asarray(np.mean(judged, axis=0))
+
+
+def by_frame_number(path: Array, first: int, length: float) -> int | None:
+    """The end of a sub-sequence where the number of the first frame is taken for metres."""
+    return next((i for i in range(len(path)) if path[i] > first + length), None)
+
+
 def pooled(errors: list[Array]) -> float:
     """The mean of all errors."""
     return float(np.concatenate(errors).mean())
@@ -98,22 +130,25 @@ end_frame = Exercise(
     paths,
     task="A function (path (N,), first, length) -> first frame beyond path[first] + length, or None.",
     praise="the first frame beyond the length, or none. Standing still (frames 3 and 4) does no harm.",
-    hint="the path lengths are 0, 1, 2, 3, 3, 4.5, 6, 7.",
+    hint="the path is 0, 1.5, 3.5, 6, 6, 7, 9.5, 12 m.",
     line="beyond = np.flatnonzero(path > path[first] + length)",
     mistakes={
-        "frame {got:.0f} is counted from the first one, not from the start of the path.": lambda path, i, far: (
-            (last := end(path, i, far)) and last - i
+        "frame {got:.0f} is counted from frame `first`; the result is a frame of the whole path.": (
+            lambda path, i, far: (last := end(path, i, far)) and last - i
         ),
-        "frame {got:.0f} has reached the length; KITTI asks for more.": lambda path, i, far: np.argmax(
-            path >= path[i] + far
+        "`first` is the number of a frame, not a distance: the sub-sequence begins at `path[first]` metres.": (
+            by_frame_number
+        ),
+        "the path to frame {got:.0f} equals the length; KITTI takes the first frame beyond it.": lambda path, i, far: (
+            np.argmax(path >= path[i] + far)
         ),
         "the length is counted from frame 0: where is the car at frame `first`?": lambda path, i, far: (
             np.argmax(path > far)
         ),
-        "the path ends after 7 m, but for 100 m this says {got:.0f}: argmax of nothing but False is 0.": (
+        "the path ends after 12 m, but for 100 m the result is {got:.0f}: argmax of an array of False is 0.": (
             lambda path, i, far: np.argmax(path > path[i] + far)
         ),
-        "a path that is too short raises IndexError; return None then.": lambda path, i, far: np.flatnonzero(
+        "a path that is too short raises IndexError; return None there.": lambda path, i, far: np.flatnonzero(
             path > path[i] + far
         )[0],
     },
@@ -123,10 +158,11 @@ part_errors = Exercise(
     errors,
     stretches,
     parts=("te", "re"),
-    atol=1e-6,
+    atol=1e-3,
     task="A function (truth, estimate, first, last, length) -> TE in %, RE in deg/100 m of one sub-sequence.",
-    praise="the error of one sub-sequence, as the devkit takes it.",
-    hint="two motions first, then what is between them: its length for TE, its angle acos((trace - 1) / 2) for RE.",
+    praise="the error of one sub-sequence, as KITTI's development kit computes it.",
+    hint="compute the true and the estimated motion, then the motion between them. The length of its translation "
+    "gives TE, its angle acos((trace - 1) / 2) gives RE.",
     line="error = inv(inv(estimate[first]) @ estimate[last]) @ inv(truth[first]) @ truth[last]",
     library=("kitti_errors",),
     mistakes={
@@ -136,31 +172,42 @@ part_errors = Exercise(
         "this compares end positions without making the starts equal.": lambda T, S, first, last, length: (
             measured(np.linalg.inv(S[last]) @ T[last], length)
         ),
-        "these are motions in the world: the inverse of the first pose stands on the left.": partial(
+        "these are motions in the world: the inverse of the first pose belongs on the left.": partial(
             errors, motion=lambda T, i, j: T[j] @ np.linalg.inv(T[i])
         ),
-        "TE is right, RE is in degrees, not by length.": lambda *x: errors(*x) * [1, x[4] / 100],
+        "TE is right; RE is the angle in degrees, not yet divided by the length.": lambda *x: (
+            errors(*x) * [1, x[4] / 100]
+        ),
+        "TE is right; RE has the yaw alone, and this rotation is about all three axes.": partial(
+            errors, cosine=lambda error: np.cos(np.arctan2(error[0, 2], error[2, 2]))
+        ),
         "TE is right; the trace is that of all four rows, and a rotation has three.": (
             partial(errors, cosine=lambda error: (np.trace(error) - 1) / 2),
             partial(errors, cosine=lambda error: min((np.trace(error) - 1) / 2, 1)),
         ),
-        "a right estimate with few digits gives NaN: rounding takes the argument of acos above 1.": partial(
+        "an estimate that is right to 12 digits gives NaN: rounding makes the argument of acos larger than 1.": partial(
             errors, cosine=lambda error: (np.trace(error[:3, :3]) - 1) / 2
         ),
     },
 )
+
 
 yaw_on_a_straight = Exercise(
     TE,
     rtol=0.03,
     task="TE, %, of a 400 m straight road when the estimate turns by 1 deg/100 m and is right otherwise.",
     praise="{right:.2f} %: ½ · 0.0698 · 400 m = 14 m to the side. For 100 m it would be 0.87 %.",
-    hint="the path is an arc; how far to the side does it end, with the angle at its end in radians?",
+    hint="the estimate is an arc. How far to the side is its end, with the angle there in radians?",
+    slips={"share": "this is the fraction: times 100."},
     line="100 * 0.5 * np.radians(4)",
     mistakes={
-        "the car has not been 4° off all the way: the angle grows from 0 to 4°.": 100.0 * ANGLE,
-        "{got:.3g} m is the error at the end; how much of the 400 m is that?": TE * LENGTH / 100.0,
+        "the heading is not 4° wrong all the way: its error grows from 0 to 4°.": 100.0 * ANGLE,
+        "{got:.3g} m is the error at the end; which percentage of the 400 m is that?": TE * LENGTH / 100.0,
         "this is right for 100 m; the error in metres grows with the square of the length.": TE / 4.0,
+        "{got:.3g} is an angle in degrees, and TE is a length in per cent: the arc ends to the side of the road.": (
+            YAW * LENGTH / 100.0,
+            0.5 * YAW * LENGTH / 100.0,
+        ),
     },
 )
 
@@ -168,11 +215,11 @@ once_round = Exercise(
     0.0,
     atol=0.02,
     task="TE, %, of 800 m once round the block of 800 m, when every step is 1 % too long.",
-    praise="nearly nothing: a larger block closes as well. TE sees the end of a sub-sequence, not its middle.",
+    praise="almost zero: a larger block is closed too. TE depends on the end of a sub-sequence, not on its middle.",
     hint="draw the estimate: it is a slightly larger block.",
     line="kitti_errors(tour, made_up(tour, scale=1.0), lengths=(800,)).te",
     mistakes={
-        "that would be so on a straight road; where does the estimate end when the truth is back home?": When(
+        "this is right on a straight road. Where does the estimate end when the truth is back at its start?": When(
             lambda te: abs(te - 1.0) < 0.2
         )
     },
@@ -185,31 +232,37 @@ all_errors = Exercise(
     atol=5e-3,
     task="A function (truth, estimate, lengths, step) -> TE, RE: means over all sub-sequences.",
     praise="TE {got[0]:.3f} %, RE {got[1]:.3f} deg/100 m over all sub-sequences, as `kitti_errors` has it.",
-    hint="sub-sequences that end beyond the path are left out; one mean over all the others.",
-    line="if (last := end_frame(path, first, length)) is not None: found.append(part_errors(…))",
+    hint="leave out the sub-sequences that `end_frame` answers with None; take one mean over all the others.",
+    line="if (last := end_frame(path, first, length)) is not None: "
+    "errors.append(part_errors(truth, estimate, first, last, length))",
     library=("kitti_errors",),
     mistakes={
         "this is the root of the mean square; KITTI takes the plain mean.": te_re(
             lambda each, length: np.sqrt(np.mean(each**2))
         ),
-        "this is the mean of the means of each length; short ones are more frequent and count more.": te_re(
+        "this is the mean over the lengths' means; KITTI takes one mean, in which frequent lengths count more.": te_re(
             lambda each, length: np.mean([each[length == L].mean() for L in np.unique(length)])
         ),
         "this is the sum or the median; TE and RE are means.": (
             te_re(lambda each, length: each.sum()),
             te_re(lambda each, length: np.median(each)),
         ),
-        "this starts at every frame, not at every `step`.": te_re(lambda each, length: each.mean(), every=1),
+        "the starts are at every frame, not at every `step`-th.": te_re(
+            lambda each, length: each.mean(), every=1
+        ),
+        "the sub-sequences end at wrong frames: `first` is the number of a frame, `path[first]` are metres.": (
+            partial(loop, end=by_frame_number)
+        ),
     },
 )
 
 averages = Exercise(
     lambda errors: (pooled(errors), plain(errors)),
-    lambda: [([np.ones(4), np.array([3.0]), np.array([])],)],
+    sequences,
     parts=("pooled", "plain"),
     task="A function (list of arrays, one a sequence) -> pooled mean, mean of the sequences' means.",
-    praise="1.4 and 2.0 of the same errors. A table has to say which it means.",
-    hint="once over all errors, once over the sequences' own means.",
+    praise="1.4 and 2.0 of the same errors. A table has to say which average it gives.",
+    hint="one mean is over all errors, the other over the sequences' own means.",
     line="np.concatenate(errors).mean(), np.mean([each.mean() for each in errors if len(each)])",
     mistakes={
         "both are the same mean: once over all errors, once over the sequences' means.": (
@@ -220,23 +273,23 @@ averages = Exercise(
             pooled(errors),
             np.mean([each.sum() / max(len(each), 1) for each in errors]),
         ),
+        "the last sequence is missing.": lambda errors: (pooled(errors[:-1]), plain(errors[:-1])),
         "a sequence without sub-sequences makes it NaN; leave empty ones out of the plain mean.": When(
             lambda got, errors: np.isnan(got)
         ),
     },
 )
 
-blind_rpe = Exercise(
-    {"RPE": 0.1, "TE": 3.0},
-    task="The panel shows an estimate with RPE under 1 mm a frame, but TE above 2 %.",
-    praise="TE {TE:.1f} %, RPE {RPE:.2f} mm: every step is as long as it should be, only its direction is "
-    "off. RPE has a second number for that, the rotation. Look at both, or at TE.",
+blind_ate = Exercise(
+    {"TE": 4.0, "RE": 0.0, "ATE": 0.05},
+    task="The panel shows an estimate with a TE above 3 %, an RE below 0.5 deg/100 m and an ATE below 0.2 m.",
+    praise="TE {TE:.1f} %, RE {RE:.2f} deg/100 m, ATE {ATE:.2f} m. Every step is too long by the same share. The "
+    "alignment sim3 scales the estimate before the distances are taken, so ATE does not see this error.",
     mistakes={
-        "TE is only {TE:.2f} %: which made-up error grows from frame to frame?": lambda now: (
-            not now["TE"] > 2
-        ),
-        "RPE is {RPE:.1f} mm: which made-up errors are in the length of a step?": lambda now: (
-            not now["RPE"] < 1
+        "TE is only {TE:.2f} %: which made-up error lengthens every step?": lambda now: not now["TE"] > 3,
+        "RE is {RE:.2f} deg/100 m: which made-up errors turn the car?": lambda now: not now["RE"] < 0.5,
+        "ATE is {ATE:.2f} m: which alignment removes an error of scale before ATE is taken?": lambda now: (
+            not now["ATE"] < 0.2
         ),
     },
 )

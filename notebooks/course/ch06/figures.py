@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from vo_lib.data.poses import from_first
 from vo_lib.evaluation.ate_rpe import AbsoluteError, rmse
 from vo_lib.evaluation.kitti import KittiErrors, kitti_errors, trajectory_distances
 from vo_lib.geometry.types import Array
@@ -40,8 +41,8 @@ def _at_start(truth: Array, estimate: Array, first: int, last: int) -> tuple[Arr
     return truth[first : last + 1], moved
 
 
-def draw_part(axis: Axes, truth: Array, estimate: Array, first: int, last: int) -> None:
-    """A sub-sequence: the estimate moved so that both start at the same pose; what is left is the error."""
+def draw_part(axis: Axes, truth: Array, estimate: Array, first: int, last: int, number: int = 0) -> None:
+    """A sub-sequence, the estimate moved so that both start at one pose; `number` is that of the path's first frame."""
     piece, moved = _at_start(truth, estimate, first, last)
     axis.plot(piece[:, 0, 3], piece[:, 2, 3], color=FIFTH, linewidth=5, alpha=0.7, label="truth")
     axis.plot(moved[:, 0, 3], moved[:, 2, 3], color=GOOD, linewidth=1.5, label="estimate, moved")
@@ -55,7 +56,8 @@ def draw_part(axis: Axes, truth: Array, estimate: Array, first: int, last: int) 
         axis.annotate("", tip, pose[[0, 2], 3], arrowprops=arrow)
     axis.plot(*piece[0, [0, 2], 3], "o", color=DARK, markersize=5)
     axis.set_aspect("equal", adjustable="datalim")
-    finish(axis, f"frames {first} to {last}, starts made equal", "x, right [m]", "z, forward [m]")
+    title = f"frames {number + first} to {number + last}, starts made equal"
+    finish(axis, title, "x, right [m]", "z, forward [m]")
 
 
 def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int) -> None:
@@ -114,11 +116,13 @@ def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) ->
     return made
 
 
-def part_figure(truth: Array, estimate: Array, first: int, last: int, height: int = 300) -> Figure:
-    """The whole path with a sub-sequence marked, and the sub-sequence by itself."""
+def part_figure(
+    truth: Array, estimate: Array, first: int, last: int, height: int = 300, number: int = 0
+) -> Figure:
+    """The paths from one start, with a sub-sequence marked, and the sub-sequence by itself; as `draw_part`."""
     made, (whole, part) = figure(height, 2)
-    paths_chart(whole, truth, estimate, "the whole path", (first, last))
-    draw_part(part, truth, estimate, first, last)
+    paths_chart(whole, from_first(truth), from_first(estimate), "the whole path", (first, last))
+    draw_part(part, truth, estimate, first, last, number)
     return made
 
 

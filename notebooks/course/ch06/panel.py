@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vo_lib.config import METHODS, preset
+from vo_lib.config import PUBLISHED, preset
 from vo_lib.data.poses import read_kitti_poses, read_tum
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
@@ -40,7 +40,7 @@ class EvaluationView(Checked):
     """What the panel of chapter 6 judges, and how."""
 
     estimate: str = setting(
-        MADE_UP, "the truth with errors put in, or a method that was run", choices=(MADE_UP, *METHODS)
+        MADE_UP, "the truth with errors put in, or a method that was run", choices=(MADE_UP, *PUBLISHED)
     )
     lengths: tuple[float, ...] = setting((), "none: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000)
     step: int = setting(10, "frames from one start to the next", low=1, high=50)
@@ -65,7 +65,7 @@ def method_poses(sequence: Sequence, method: str, progress: Progress | None = No
     """Poses (N, 4, 4) of a method over a whole sequence; the matches are kept on disk, the poses here."""
     poses = known_run(sequence, method)
     if poses is None:
-        config = preset(method, variant="kit")
+        config = preset(method)
         matches = CachedMatches(sequence, config)
         poses = run_methods(sequence, {method: config}, progress, matches)[method].poses
         _runs[*key_of(sequence, len(sequence)), method] = poses
@@ -116,8 +116,8 @@ class EvaluationPanel(Panel):
         return self._judged(state, truth, estimate)
 
     def work(self, state: State, progress: Progress) -> Drawing:
-        if state.view.estimate not in METHODS:
-            raise DataError(f"choose one of the methods as the estimate: {', '.join(METHODS)}")
+        if state.view.estimate not in PUBLISHED:
+            raise DataError(f"choose one of the methods as the estimate: {', '.join(PUBLISHED)}")
         method_poses(state.sequence, state.view.estimate, progress)
         return self.draw(state)
 
@@ -146,7 +146,7 @@ class EvaluationPanel(Panel):
             drift_chart(piece, truth, estimate, *shown)
         others = {
             name: kitti_errors(truth, poses, lengths, view.step)
-            for name in METHODS
+            for name in PUBLISHED
             if name != view.estimate and (poses := known_run(state.sequence, name)) is not None
         }
         by_length, axes = figure(CHART_HEIGHT, 2)

@@ -1,10 +1,12 @@
-"""Chapter 7, drawn: Figure 4 and what it hides, Table 1 as dots with their spread, and steps."""
+"""Chapter 7, drawn: Figure 4 with distances from the truth, errors with their spread, tables and verdicts."""
 
 from __future__ import annotations
 
+import collections
 import csv
 import html
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,42 +14,41 @@ from matplotlib.figure import Figure
 
 from vo_lib.data.catalogue import KITTI
 from vo_lib.data.poses import from_first
-from vo_lib.evaluation.kitti import KITTI_MEASURE, trajectory_distances
+from vo_lib.evaluation.kitti import trajectory_distances
+from vo_lib.files import read_csv
 from vo_lib.geometry.types import Array
-from vo_lib.report.entries import Entry
-from vo_lib.report.page import ReportTable, number, seeds_words
-from vo_lib.report.plots import METHOD_MARKERS, draw_drift, draw_trajectories, method_colour
-from vo_lib.report.printed import PRINTED_NAMES, PROPOSAL, read_paper_table
-from vo_lib.report.table1 import VARIANT_WORDS
+from vo_lib.report.entries import Entry, group_entries
+from vo_lib.report.page import ReportTable, number, signed
+from vo_lib.report.plots import draw_drift, draw_errors, draw_trajectories
+from vo_lib.report.printed import (
+    AVERAGE,
+    PAPER_METHODS,
+    PAPER_ROWS,
+    PRINTED_NAMES,
+    PaperTable,
+    read_paper_table,
+)
+from vo_lib.report.table1 import ERROR_KINDS, layout_tables
 
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
 from ..colours import CYCLE, DARK, PALE
 from ..drawing import FONT_SIZE, figure, finish, log_axis, say
 
 UNITS = "TE [%]", "RE [deg/100 m]"
-PRINTED_DIGITS = 2, 3  # of the TE and RE that the paper prints
+RESULTS = Path(__file__).parents[2] / "results.md"  # written by `vo data measure_results`
+SPREADS, FEWEST = 2.0, 3  # standard deviations that a difference may have; seeds that a verdict needs
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 
 
 def errors_figure(entries: list[Entry], height: int) -> Figure:
-    """TE and RE of methods: a dot a method, a bar for one standard deviation, the paper's as a dash."""
+    """TE and RE of methods on a sequence: a bar a method, a line for one standard deviation over the seeds."""
     made, axes = figure(height, 2)
-    paper, beside = read_paper_table(), comparable(entries)
-    for axis, rotation in zip(axes, (False, True), strict=True):
-        for x, entry in enumerate(entries):
-            values, colour = entry.re if rotation else entry.te, method_colour(entry.method, x)
-            mean, spread = float(values.mean()), float(values.std())
-            axis.plot([x, x], [mean - spread, mean + spread], color=colour, linewidth=2)
-            axis.plot(x, mean, METHOD_MARKERS.get(entry.method, "o"), color=colour, markersize=7)
-            printed = paper.value(entry.sequence.removeprefix(KITTI), entry.method)[rotation]
-            if printed is not None and beside:
-                axis.plot(x, printed, "_", color=DARK, markersize=14)
-        names = [entry.method.replace("_selection", "\nselection") for entry in entries]
-        axis.set_xticks(range(len(names)), names)
-        axis.set_xlim(-0.6, len(names) - 0.4)
-        axis.set_ylim(0, 1.08 * axis.get_ylim()[1])
-        kind = "rotation" if rotation else "translation"
-        finish(axis, f"{kind} error{', dashes: as printed' if beside else ''}", "", UNITS[rotation])
+    errors = {(entry.sequence, entry.method): entry.errors for entry in entries}
+    for axis, kind, unit in zip(axes, (0, 1), UNITS, strict=True):
+        draw_errors(axis, errors, kind)
+        finish(axis, ("translation error", "rotation error")[kind], "", unit)
+    axes[0].set_ylim(0, 1.3 * axes[0].get_ylim()[1])  # room for the names
+    axes[0].legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=False, ncols=3)
     return made
 
 
@@ -72,57 +73,50 @@ def paths_figure(
     return made
 
 
-def table_tables(entries: list[Entry]) -> list[ReportTable]:
-    """The methods on one sequence, a row each; and beside the paper's row where the sub-sequences are KITTI's."""
-    first, columns = entries[0], ["method", "TE %", "RE deg/100 m", "removed", "back end ms"]
-    rows = [
-        [e.method, spread(e.te), spread(e.re), f"{100 * e.removed_share:.1f} %", f"{e.back_end_ms:.1f}"]
-        for e in entries
-    ]
-    over = f"TE and RE over sub-sequences of {first.measure.words}, as far as the path goes"
-    notes = [*without_boxes(entries), f"{over}; {seeds_words(len(first.seeds))}."]
-    tables = [ReportTable(f"{first.sequence}, {VARIANT_WORDS[first.variant]}", columns, rows, notes)]
-    if comparable(entries):
-        errors = {entry.method: (float(entry.te.mean()), float(entry.re.mean())) for entry in entries}
-        tables.append(row_table(entries[0].sequence, errors, [f"{len(entries[0].truth)} frames."]))
+def tables_of(entries: list[Entry]) -> list[ReportTable]:
+    """TE and RE of methods, mean ± standard deviation over the seeds; the paper's beside whole sequences alone."""
+    paper = read_paper_table()
+    return [table for group in group_entries(entries) for table in layout_tables(group, paper)]
+
+
+def verdicts(folder: Path, paper: PaperTable) -> list[ReportTable]:
+    """Each printed TE and RE beside that of a report of `vo reproduce`, with a verdict; none without a report.
+
+    The paper's number is one run more. It is within the spread where it differs from the mean of our n seeds by at
+    most `SPREADS` s √(1 + 1/n), with their standard deviation s, and half of the last digit printed.
+    """
+    path, tables = folder / "table1.csv", []
+    names, *lines = (cells for _, cells in read_csv(path)) if path.exists() else ([],)
+    records = [dict(zip(names, cells, strict=True)) for cells in lines]
+    published = {(r["sequence"], r["method"]): r for r in records if r["variant"] == "published"}
+    for kind, (words, digits) in ERROR_KINDS.items() if published else ():
+        rows = []
+        for row, method in itertools.product(PAPER_ROWS, PAPER_METHODS):
+            ours = published.get((row if row == AVERAGE else f"{KITTI}{row}", method), {})
+            printed = paper.value(row, method)[kind == "re_deg_per_100m"]
+            cells, verdict = ["–"] * 3, "cannot be told: not run"
+            if ours and not ours[f"paper_{kind}"]:
+                verdict = "cannot be told: part of the sequence"
+            elif ours:
+                n, deviation = int(ours["seeds"]), float(ours[f"{kind}_std"] or "nan")
+                less = float(ours[kind]) - float(printed or "nan")
+                most = SPREADS * deviation * np.sqrt(1 + 1 / n) + 0.5 * 10**-digits
+                cells = [number(float(ours[kind])), signed(less, digits), number(most)]
+                verdict = "reproduced" if abs(less) <= most else "not reproduced"
+                verdict = "cannot be told: fewer than three seeds" if n < FEWEST else verdict
+            rows.append([f"{row} {PRINTED_NAMES[method]}", number(printed, digits), *cells, verdict])
+        counts = collections.Counter(row[-1] for row in rows)
+        columns = ["sequence, system", "printed", "ours", "difference", "allowed", "verdict"]
+        head = "; ".join(f"{verdict}: {count}" for verdict, count in counts.items())
+        tables.append(ReportTable(f"{words}, every printed number", columns, rows, [], [f"{head}."]))
     return tables
 
 
-def spread(values: Array) -> str:
-    """Mean ± standard deviation over seeds (S,); the number alone of one seed."""
-    mean = number(float(values.mean()))
-    return mean if len(values) == 1 else f"{mean} ± {number(float(values.std()))}"
-
-
-def comparable(entries: list[Entry]) -> bool:
-    """Whether errors of a sequence may stand beside the paper's: KITTI's, over its sub-sequences."""
-    return entries[0].sequence.startswith(KITTI) and entries[0].measure == KITTI_MEASURE
-
-
-def without_boxes(entries: list[Entry]) -> list[str]:
-    """What has to be said below errors of sequences that had no boxes."""
-    bare = all(not entry.labels and entry.removed_share == 0 for entry in entries)
-    return ["No boxes: nothing was removed, so feature_selection is solution_selection here."] if bare else []
-
-
-def row_table(sequence: str, errors: Mapping[str, Sequence[float]], notes: list[str]) -> ReportTable:
-    """(TE, RE) of systems on a sequence beside the paper's row: 00 for a sequence that has none.
-
-    Systems that are not the paper's stand beside its proposal.
-    """
-    paper = read_paper_table()
-    row = sequence.removeprefix(KITTI) if (sequence.removeprefix(KITTI), PROPOSAL) in paper.te else "00"
-    rows = []
-    for name, ours in errors.items():
-        theirs = paper.value(row, name if name in PRINTED_NAMES else PROPOSAL)
-        less = [None if t is None else o - t for o, t in zip(ours, theirs, strict=True)]
-        cells = [
-            number(x, digits) for pair in (ours, theirs, less) for x, digits in zip(pair, PRINTED_DIGITS)
-        ]
-        rows.append([PRINTED_NAMES.get(name, name), *cells])
-    kinds = "here", "printed", "difference"
-    columns = ["system", *(f"{unit}\n{kind}" for kind in kinds for unit in ("TE", "RE"))]
-    return ReportTable(f"A row of Table 1: {sequence} here, {row} printed", columns, rows, notes)
+def results_table(title: str, only: str = "") -> ReportTable:
+    """A table of the page of results, `results.md`; the rows whose name begins with `only`."""
+    lines = RESULTS.read_text(encoding="utf-8").split(f"## {title}\n")[1].split("\n## ")[0].splitlines()
+    columns, _, *rows = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line[:1] == "|")
+    return ReportTable(title, columns, [row for row in rows if row[0].startswith(only)], [])
 
 
 def table_html(table: ReportTable) -> str:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from vo_lib.config import METHODS, PUBLISHED, VARIANTS, preset
+from vo_lib.config import VARIANTS, preset
+from vo_lib.data.sequence import Sequence
+from vo_lib.detection.labels import detection_record, label_folder, labelled_sequence
+from vo_lib.detection.settings import DetectorConfig
 from vo_lib.evaluation.kitti import suitable_measure
 from vo_lib.geometry.types import Progress
 from vo_lib.report.entries import Entry
 from vo_lib.settings import Checked, setting
 
+from ..ch05.panel import LABELS
 from ..controls import Control
 from ..drawing import photo, stack
 from ..frames import stereo, true_poses
 from ..panel import Drawing, Panel, State
 from ..results import Fact
-from .figures import errors_figure, paths_figure, table_html, table_tables, without_boxes
+from .figures import errors_figure, paths_figure, table_html, tables_of
 from .runs import Plan, part_of, run_plan
 
 PATHS_HEIGHT, ERRORS_HEIGHT = 340, 240
@@ -27,7 +31,8 @@ GAIN = ("solution_selection", "feature_selection")  # before and after features 
 class ReproduceView(Checked):
     """What the panel of chapter 7 runs."""
 
-    methods: tuple[str, ...] = setting(tuple(METHODS), "names with commas between")
+    methods: tuple[str, ...] = setting((), "names with commas between; empty: all that the variant has")
+    model: str = setting(LABELS, "boxes: labels beside the images, or a detector by name or ONNX file")
     frames: int = setting(60, "the first ones; of KITTI's 00 from 16 on, unless all", low=20, high=5000)
     seeds: int = setting(3, "runs of each method, each with other random sets", low=1, high=10)
     variant: str = setting("published", "the paper as published, or the kit's way", choices=tuple(VARIANTS))
@@ -42,6 +47,7 @@ class ReproducePanel(Panel):
     long_job = "Run the methods"
     controls = (
         Control("view.methods", "methods"),
+        Control("view.model", "boxes"),
         Control("view.frames", "frames", step=20),
         Control("view.seeds", "seeds", high=5),
         Control("view.variant", "variant"),
@@ -57,7 +63,7 @@ class ReproducePanel(Panel):
             words = [
                 f"Not run yet, {plan.variant}:",
                 f"{len(plan.methods)} methods × {plan.seeds} seeds = {runs} runs",
-                f"of {len(sequence)} frames, judged over",
+                f"of {len(sequence)} frames, boxes: {state.view.model}, judged over",
                 suitable_measure(truth).words,
             ]
             image = photo(stereo(sequence, frame)[0], height=IMAGE_HEIGHT)
@@ -75,34 +81,44 @@ class ReproducePanel(Panel):
             )
         ]
         sentence = f"{_gain(entries)} The run folders are in {plan.folder}."
-        tables = "".join(map(table_html, table_tables(entries)))
+        tables = "".join(map(table_html, tables_of(entries)))
         picture = stack([paths, errors_figure(entries, ERRORS_HEIGHT)], self.height)
         return Drawing(picture, sentence, tuple(facts), tables)
 
     def work(self, state: State, progress: Progress) -> Drawing:
-        run_plan(_plan(state), progress)
+        plan = _plan(state)
+        if state.view.model != LABELS:
+            labelled_sequence(plan.sequence, state.view.model, progress=progress)
+        run_plan(plan, progress)
         return self.draw(state)
 
 
 def _plan(state: State) -> Plan:
-    methods = tuple(dict.fromkeys(name.strip() for name in state.view.methods))
-    if state.view.variant == "published" and methods == tuple(METHODS):
-        methods = tuple(PUBLISHED)
+    view = state.view
+    methods = tuple(dict.fromkeys(name.strip() for name in view.methods)) or tuple(VARIANTS[view.variant])
     for name in methods:
-        preset(name, variant=state.view.variant)
+        preset(name, variant=view.variant)
     true_poses(state.sequence)  # or say that there are none
-    return Plan(part_of(state.sequence, state.view.frames), methods, state.view.seeds, state.view.variant)
+    sequence = _with_boxes(part_of(state.sequence, view.frames), view.model)
+    return Plan(sequence, methods, view.seeds, view.variant)
+
+
+def _with_boxes(sequence: Sequence, model: str) -> Sequence:
+    """The sequence with the label folder of a detector, which `work` fills."""
+    if model == LABELS:
+        return sequence
+    return replace(sequence, labels=label_folder(sequence, detection_record(model, DetectorConfig())))
 
 
 def _gain(entries: list[Entry]) -> str:
-    """What removing the features did to the translation error, seed by seed, in words."""
+    """The change of the translation error by the removal of features, seed by seed, in words."""
     by_name = {entry.method: entry for entry in entries}
     if not set(GAIN) <= set(by_name):
         return ""
-    if bare := without_boxes(entries):
-        return f"{bare[0]} `vo data write_labels` writes boxes (chapter 5)."
+    if not any(entry.labels for entry in entries):
+        return "No boxes: feature_selection equals solution_selection. Name a detector under *boxes*."
     change = by_name[GAIN[1]].te - by_name[GAIN[0]].te
     return (
-        f"Removing features in boxes changes TE by {change.mean():+.4f} % "
+        f"Removing the features in boxes changes TE by {change.mean():+.4f} % "
         f"(± {change.std():.4f} over {len(change)} seeds)."
     )

@@ -21,7 +21,8 @@ from vo_lib.runs.matches import CachedMatches
 
 from ..frames import Memory, opened
 
-STREET = "synthetic/traffic"
+STREET, STREET_FRAMES = "synthetic/traffic", 130  # the frames that make 100 m, and a little more
+WHOLE = "kitti/04"  # the shortest sequence of Table 1, 271 frames
 FIRST = {"kitti/00": 16}  # where a part begins: the true steps before are wrong by up to 20 cm
 
 _entries: Memory[list[Entry]] = Memory(12)
@@ -54,23 +55,29 @@ class Plan:
         return self.key in _entries
 
 
-def part_of(sequence: Sequence, frames: int) -> Sequence:
-    """So many frames of a sequence, the first ones whose truth can be believed; all where it has no more."""
+def part_of(sequence: Sequence, frames: int, first: int | None = None) -> Sequence:
+    """So many frames of a sequence, all where it has no more; by default the first ones with a good truth."""
     if frames >= len(sequence):
         return sequence
-    first = min(FIRST.get(sequence.name, 0), len(sequence) - frames)
+    first = min(FIRST.get(sequence.name, 0) if first is None else first, len(sequence) - frames)
     return sequence.part(first, first + frames)
 
 
-def clip(frames: int, detector: str = "", progress: Progress | None = None) -> Sequence:
-    """A part of the first KITTI sequence here with truth and 100 m; of the drawn street where there is none.
+def clip(
+    frames: int, detector: str = "", progress: Progress | None = None, first: int | None = None
+) -> Sequence:
+    """`WHOLE` where it is found; else a part of the first KITTI sequence with truth and 100 m, else of the street.
+
+    `first` : the part's first frame, as in `part_of`.
 
     Its boxes are the labels beside its images, else those of a detector, a name or the path of an ONNX file;
     by default of the first that was fetched. Without one there are none.
     """
-    parts = (part_of(open_sequence(name), frames) for name in available() if name.startswith(KITTI))
+    names = sorted((name for name in available() if name.startswith(KITTI)), key=lambda name: name != WHOLE)
+    opened_ones = ((name, open_sequence(name)) for name in names)
+    parts = (each if name == WHOLE else part_of(each, frames, first) for name, each in opened_ones)
     found = (p for p in parts if p.truth is not None and suitable_measure(p.truth) == KITTI_MEASURE)
-    sequence = next(found, None) or part_of(opened(STREET, progress), frames)
+    sequence = next(found, None) or part_of(opened(STREET, progress), STREET_FRAMES)
     detector = detector or next(iter(list_detectors()), "")
     if sequence.labels is not None or not detector:
         return sequence

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,13 @@ import numpy as np
 
 from vo_lib import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.motion import inverse
-from vo_lib.geometry.types import Array, Image
-from vo_lib.report.film import Film, shown_frames
-from vo_lib.runs.drive import run_methods
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.geometry.motion import essential_from_motion, inverse
+from vo_lib.geometry.result import FrameResult
+from vo_lib.geometry.types import Array, Image, Progress
+from vo_lib.paper.sampson import sampson_distance
+from vo_lib.report.film import Film, Shown, shown_frames
+from vo_lib.runs.drive import Run
+from vo_lib.runs.front_end import TimedMatches
 
 from ..keep import NAME, load
 from ..marks import asked
@@ -34,14 +37,19 @@ STAGES = (
     "chain",
     "all_errors",
 )
+SLOW, LEAST_S = 5.0, 0.02  # times the library's seconds for a check, from which a stage is called slow
 
 
 @dataclass(frozen=True)
 class Joined:
-    """The stages as attributes: `mine.select(…)`. `whose` tells by name whether one is yours, or why not."""
+    """The stages as attributes: `mine.select(…)`.
+
+    `whose` says by name whether a stage is yours, or why not; `slow` how many times slower than the library's.
+    """
 
     functions: Mapping[str, Any]
     whose: Mapping[str, str]
+    slow: Mapping[str, float]
 
     def __getattr__(self, name: str) -> Any:
         if name not in STAGES:
@@ -61,8 +69,10 @@ class Joined:
 
     def _repr_html_(self) -> str:
         numbers = {name: number for name, (number, _) in asked().items()}
+        slow = {name: f", slow: {x:.0f} times the library's time" for name, x in self.slow.items()}
         rows = "".join(
-            f"<tr><td>{numbers[name]}</td><td><code>{name}</code></td><td>{html.escape(words)}</td></tr>"
+            f"<tr><td>{numbers[name]}</td><td><code>{name}</code></td>"
+            f"<td>{html.escape(words + slow.get(name, ''))}</td></tr>"
             for name, words in self.whose.items()
         )
         return f"<table><tr><th>exercise</th><th>stage</th><th>whose</th></tr>{rows}</table>"
@@ -72,14 +82,45 @@ def join(**given: Any) -> Joined:
     """Every stage: a function given here or that of `my_vo.py`, where that passes; or the library's."""
     written, exercises = {**load(Path(NAME)), **given}, asked()
     functions, whose = {}, {}
+    slow: dict[str, float] = {}
     for name in STAGES:
         own, (_, exercise) = written.get(name), exercises[name]
+        start = time.perf_counter()
         verdict = exercise.judge(own) if callable(own) else None
+        seconds = time.perf_counter() - start
         passed = verdict is not None and verdict.passed
         functions[name] = own if passed else exercise.right
         why = f"yours fails its check: {verdict.message}" if verdict is not None else f"not in {NAME} yet"
         whose[name] = "yours" if passed else f"the library's: {why}"
-    return Joined(functions, whose)
+        if passed and seconds > LEAST_S:
+            start = time.perf_counter()
+            exercise.judge(exercise.right)
+            times = seconds / (time.perf_counter() - start)
+            slow |= {name: times} if times > SLOW else {}
+    return Joined(functions, whose, slow)
+
+
+def watched(matches: Iterable[TimedMatches], report: Progress, frames: int) -> Iterator[TimedMatches]:
+    """The matches of so many frames, with the progress of the one who takes them."""
+    for number, each in enumerate(matches, start=1):
+        yield each
+        report(number, frames)
+
+
+def kept_by(run: Run, matches: Iterable[TimedMatches]) -> list[TimedMatches]:
+    """The matches of each frame that the boxes of a finished run of the kit leave."""
+    given = list(matches)
+    return [given[0], *((shown.matches[shown.keep], {}) for shown in shown_frames(run, given))]
+
+
+def mixed(rotations: Array, translations: Array) -> Array:
+    """A path (N, 4, 4) with the rotation of each step of one path and the translation of another."""
+    T, other = (inverse(path[1:]) @ path[:-1] for path in (rotations, translations))
+    T[:, :3, 3] = other[:, :3, 3]
+    poses = [np.eye(4)]
+    for T_cp in T:
+        poses.append(poses[-1] @ inverse(T_cp))
+    return np.array(poses)
 
 
 def residuals(M: Array, c: Array, t: Array) -> Array:
@@ -89,13 +130,23 @@ def residuals(M: Array, c: Array, t: Array) -> Array:
     return np.asarray(np.linalg.norm(left[..., 0], axis=1))
 
 
-def film(path: Path, sequence: Sequence, poses: Array) -> Image:
-    """Write a film of poses (N, 4, 4) over the kit's matches and what boxes leave of them; its last picture, BGR."""
-    config = preset("feature_selection", variant="kit")
-    matches = list(CachedMatches(sequence, config))
-    run = replace(run_methods(sequence, {"": config}, matches=matches)[""], poses=poses)
-    with Film(path, run, "your path, the kit's matches") as made:
-        for shown in shown_frames(run, matches):
-            T_cp = inverse(poses[shown.index]) @ poses[shown.index - 1]
-            made.add(replace(shown, motion=replace(shown.motion, T_cp=T_cp)))
+def film(
+    path: Path, mine: Joined, sequence: Sequence, matches: Iterable[TimedMatches], poses: Array
+) -> Image:
+    """Write a film of poses (N, 4, 4) with the features that your stages keep; its last picture, BGR."""
+    camera, run = sequence.camera, Run(sequence, preset("feature_selection"), poses, [])
+    with Film(path, run, "your path and features") as made, np.errstate(all="ignore"):
+        for index, (seen, _) in enumerate(matches):
+            if index == 0:
+                continue
+            before, boxes = sequence.boxes(index - 1), sequence.boxes(index)
+            keep = mine.keep_outside(seen.prev_left, seen.cur_left, before.xyxy, boxes.xyxy)
+            used = seen[keep]
+            used = used[mine.buckets(used.cur_left, used.age, used.strength, 50, 3)]
+            T_cp = inverse(poses[index]) @ poses[index - 1]
+            E = essential_from_motion(T_cp[:3, :3], T_cp[:3, 3])
+            d = sampson_distance(E, camera.normalise(used.prev_left), camera.normalise(used.cur_left))
+            counts = len(seen), int(np.sum(~keep)), len(used), int(np.sum(np.abs(d) < 1 / camera.f))
+            shown = Shown(index, seen, keep, boxes, None, FrameResult(T_cp, *counts))
+            made.add(shown)
     return made.picture(shown)
