@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,12 +13,21 @@ from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_track
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import essential_vector, rigid, rotation_angle, rotation_from_vector
-from vo_lib.geometry.types import Array
-from vo_lib.kit.selection import choose, motion_of_winner, sample_sets
+from vo_lib.geometry.types import Array, BoolArray, Progress
+from vo_lib.kit.selection import choose, motion_of_winner
 from vo_lib.kit.settings import KitSelectionConfig
-from vo_lib.paper.five_point import five_point
+from vo_lib.paper.five_point import Candidates, five_point
+from vo_lib.paper.selection import (
+    competing,
+    draw_sets,
+    outlier_shares,
+    resolve_by_depth,
+    sampson_inliers,
+    truncated_errors,
+)
+from vo_lib.paper.settings import SelectionConfig
 
-from .frames import consensus_rotation
+from .frames import Points, consensus_rotation
 
 CAMERA = StereoCamera(f=718.856, cx=607.19, cy=185.22, baseline=0.537, width=1241, height=376)
 
@@ -34,26 +43,53 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class Scene:
-    """Simulated matches along `drive`, with sharp turns or not; or, `plane`, of a plane that fills the view.
+    """Simulated matches along `drive`; or, `plane`, of a plane that fills the view.
 
     A wall, or the rear of a lorry: two essential matrices then fit all matches.
     """
 
     tracks: TrackConfig
-    sharp: bool = False
     plane: bool = False
 
 
-def selections(mode: str = "literal") -> dict[str, KitSelectionConfig]:
-    """The ways to choose a winner that are compared: all candidates, or the k nearest of each set."""
-    nearest = {f"k = {keep}": KitSelectionConfig(mode=mode, keep=keep) for keep in (1, 2)}
-    return {"consensus": KitSelectionConfig(mode=mode, prior=False), **nearest}
+# The ways to choose a winner that are compared: among all candidates, or the k nearest of each set.
+SELECTIONS = {
+    "consensus": SelectionConfig(prior=False),
+    "k = 1": SelectionConfig(keep=1),
+    "k = 2": SelectionConfig(keep=2),
+}
 
 
-def drive(frames: int, sharp: bool = False) -> Array:
-    """Poses (N, 4, 4) of steps of one metre on gentle bends or, `sharp`, with turns of 4° a frame."""
-    number = np.arange(frames)
-    yaw = np.where(number % 20 >= 10, 4.0, 0.0) if sharp else 0.4 * np.sin(number / 5.0)
+def winner_of(
+    found: Candidates,
+    given: Points | Pair,
+    e_prev: Array | None,
+    config: SelectionConfig,
+    focal: float,
+    errors: Array,
+) -> tuple[int, bool]:
+    """Index of the winner among a frame's candidates with these errors (M,), and whether the prior was dropped."""
+    if isinstance(config, KitSelectionConfig):
+        return choose(*found, given.x_p, given.x_c, e_prev, config, focal)
+    return int(np.argmin(np.where(competing(*found, e_prev, config), errors, np.inf))), False
+
+
+def motion_of(
+    E: Array, given: Points | Pair, config: SelectionConfig, focal: float
+) -> tuple[Array, Array, BoolArray]:
+    """What a winner E (3, 3) gives: R_cp (3, 3), the essential vector (9,) for the next frame, inliers (N,)."""
+    x_p, x_c, X_p = given.x_p, given.x_c, given.X_p
+    if isinstance(config, KitSelectionConfig):
+        R, _, E, inliers = motion_of_winner(E, x_p, x_c, X_p, config, focal)
+    else:
+        inliers = sampson_inliers(E, x_p, x_c, config.threshold / focal)
+        R, _ = resolve_by_depth(E, x_p[inliers], x_c[inliers], X_p[inliers])
+    return R, essential_vector(E), inliers
+
+
+def drive(frames: int) -> Array:
+    """Poses (N, 4, 4) of steps of one metre on gentle bends."""
+    yaw = 0.4 * np.sin(np.arange(frames) / 5.0)
     poses = np.tile(np.eye(4), (frames + 1, 1, 1))
     for i, angle in enumerate(np.radians(yaw)):
         step = rigid(rotation_from_vector(np.array([0.0, angle, 0.0])), np.array([0.0, 0.0, 1.0]))
@@ -70,8 +106,13 @@ def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:
         )
         yield from map(Pair, given.x_p, given.x_c, given.X_p, given.R_cp)
         return
-    for frame in simulate_tracks(drive(frames, scene.sharp), CAMERA, scene.tracks, seed):
+    for frame in simulate_tracks(drive(frames), CAMERA, scene.tracks, seed):
         yield _pair(frame.matches, frame.T_cp[:3, :3])
+
+
+def turned(R: Array, R_other: Array | None) -> float:
+    """Angle between two rotations (3, 3), degrees; NaN where the other is not known."""
+    return np.nan if R_other is None else float(np.degrees(rotation_angle(R.T @ R_other)))
 
 
 def _pair(matches: StereoMatches, R_cp: Array) -> Pair:
@@ -82,24 +123,61 @@ def _pair(matches: StereoMatches, R_cp: Array) -> Pair:
 
 
 def selection_errors(
-    scene: Scene, configs: dict[str, KitSelectionConfig], frames: int, seed: int
+    scene: Scene, configs: Mapping[str, SelectionConfig], frames: int, seed: int
 ) -> dict[str, Array]:
     """Rotation error of each frame, (frames,) degrees, by selection; all choose from the same candidates."""
     e_prev: dict[str, Array | None] = dict.fromkeys(configs)
     errors: dict[str, list[float]] = {name: [] for name in configs}
     for number, pair in enumerate(frames_of(scene, frames, seed)):
-        sets = sample_sets(np.random.default_rng([seed, number]), len(pair.x_p), 200)
-        E, set_index = five_point(pair.x_p[sets], pair.x_c[sets])
-        known: dict[tuple[int, str], tuple[float, Array]] = {}
+        sets = draw_sets(np.random.default_rng([seed, number]), len(pair.x_p), 200)
+        found = five_point(pair.x_p[sets], pair.x_c[sets])
+        measured: dict[float, Array] = {}
         for name, config in configs.items():
-            winner, _ = choose(E, set_index, pair.x_p, pair.x_c, e_prev[name], config, CAMERA.f)
-            if (winner, config.mode) not in known:
-                R, _, best, _ = motion_of_winner(E[winner], pair.x_p, pair.x_c, pair.X_p, config, CAMERA.f)
-                error = float(np.degrees(rotation_angle(R.T @ pair.R_cp)))
-                known[winner, config.mode] = error, essential_vector(best)
-            error, e_prev[name] = known[winner, config.mode]
-            errors[name].append(error)
+            limit = config.threshold / CAMERA.f
+            if limit not in measured:
+                measured[limit] = truncated_errors(found.E, pair.x_p, pair.x_c, limit)
+            winner, _ = winner_of(found, pair, e_prev[name], config, CAMERA.f, measured[limit])
+            R, e_prev[name], _ = motion_of(found.E[winner], pair, config, CAMERA.f)
+            errors[name].append(turned(R, pair.R_cp))
     return {name: np.array(values) for name, values in errors.items()}
+
+
+def errors_by_seed(
+    scenes: Sequence[Scene],
+    configs: Mapping[str, SelectionConfig],
+    frames: int,
+    seeds: int,
+    progress: Progress,
+) -> dict[str, Array]:
+    """Median rotation error over the frames of a run, (seeds, scenes) degrees, by selection."""
+    medians = {name: np.zeros((seeds, len(scenes))) for name in configs}
+    for seed, i in np.ndindex(seeds, len(scenes)):
+        progress(seed * len(scenes) + i, seeds * len(scenes))
+        for name, errors in selection_errors(scenes[i], configs, frames, seed).items():
+            medians[name][seed, i] = np.median(errors)
+    return medians
+
+
+def adaptive_stopping(
+    found: Candidates, given: Points, threshold: float, orders: int
+) -> tuple[Array, Array, Array]:
+    """Sets drawn one by one, in several orders, until the inliers of the best candidate so far ask for no more.
+
+    Returns
+    -------
+    After each set, (orders, sets), the number needed for one right set with 99 %, and the smallest image error
+    so far; and the number where drawing stops, (orders,).
+    """
+    sets, first = np.unique(found.set_index, return_index=True)
+    order = np.array([np.random.default_rng(seed).permutation(len(sets)) for seed in range(orders)])
+    share, best = (
+        np.minimum.accumulate(
+            np.minimum.reduceat(measure(found.E, given.x_p, given.x_c, threshold), first)[order], axis=1
+        )
+        for measure in (outlier_shares, truncated_errors)
+    )
+    needed = np.log(0.01) / np.log1p(-(np.clip(1.0 - share, 1e-3, 1.0 - 1e-9) ** 5))
+    return needed, best, 1 + (needed <= np.arange(1, len(sets) + 1)).argmax(axis=1)
 
 
 def estimated_rotations(

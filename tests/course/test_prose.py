@@ -53,12 +53,14 @@ def test_moving_matches_win_the_vote_and_wrong_ones_do_not(seen: Seen) -> None:
 
 
 def test_the_vote_takes_one_solution_of_a_plane_and_the_prior_stays_with_the_other(seen: Seen) -> None:
-    plane = {"view__plane": True, "selection__keep": 1}
-    now, _, _ = seen("03", "here it is the true one", **plane)
-    assert now["error by consensus"] == now["error by selection"] < 0.2
-    text = r"`k` to (1)\..*\*draw again\* once.* more than \d+° from the previous vector, .* ([.\d]+)° wrong"
-    now, _, (_, wrong) = seen("03", text, **plane, view__draw=1)
-    assert now["error by consensus"] > wrong > 5 * now["error by selection"]
+    text = r"set `k` to (\d)\. .* after the first and the seventh press .* more than ([.\d]+)° wrong"
+    for draw in (1, 7):
+        plane = {"view__plane": True, "selection__keep": 1, "view__draw": draw}
+        now, _, (keep, wrong) = seen("03", text, **plane)
+        assert keep == 1
+        assert now["error by consensus"] > wrong > 3 * now["error by selection"]
+        now, _, _ = seen("03", "With `k` = 2 it follows the vote", **plane | {"selection__keep": 2})
+        assert now["error by selection"] > 0.7 * now["error by consensus"]
 
 
 def test_far_features_are_not_missed_and_near_ones_are(seen: Seen) -> None:

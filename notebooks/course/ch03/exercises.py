@@ -10,9 +10,8 @@ import numpy as np
 from course.simulation.problems import random_problems
 from vo_lib.geometry.motion import essential_vector
 from vo_lib.geometry.types import Array, BoolArray
-from vo_lib.kit.selection import sample_sets
 from vo_lib.paper.five_point import five_point
-from vo_lib.paper.selection import nearest_to_prior, truncated_errors
+from vo_lib.paper.selection import draw_sets, nearest_to_prior, truncated_errors
 
 from ..ch02.panel import first_of_each_set
 from ..checker import Case, Exercise
@@ -30,12 +29,17 @@ def arc(e1: Array, e2: Array) -> float:
     return float(np.arccos(min(abs(float(e1 @ e2)), 1.0)))
 
 
+def of_any_length(E: Array, rng: np.random.Generator) -> Array:
+    """The same essential matrices (M, 3, 3), each times a number of its own."""
+    return np.asarray(E * rng.uniform(0.25, 1.0, (len(E), 1, 1)) * rng.choice([-1, 1], (len(E), 1, 1)))
+
+
 def candidates() -> list[Case]:
     """Candidates of any length and sign, a prior and k = 2, 3, 1, for every set with four or more."""
     rng = np.random.default_rng(2)
     given = random_problems(rng, 60, motion="forward")
     found = five_point(given.x_p, given.x_c)
-    E = found.E * rng.uniform(0.5, 2.0, (len(found.E), 1, 1)) * rng.choice([-1, 1], (len(found.E), 1, 1))
+    E = of_any_length(found.E, rng)
     sets = [(s, E[found.set_index == s]) for s in range(60)]
     return [
         (E, essential_vector(given.E[(s + 1) % 60]), k) for s, E in sets if len(E) >= 4 for k in (2, 3, 1)
@@ -47,13 +51,18 @@ def angles(E: Array, e_prev: Array) -> Array:
     return np.asarray(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1.0)))
 
 
+def as_long_as_they_are(E: Array, e_prev: Array) -> Array:
+    """A known mistake: angles of candidates that are not divided by their length."""
+    return np.asarray(np.arccos(np.abs(E.reshape(-1, 9) @ e_prev)))
+
+
 def first_by(measure: Callable[[Array, Array], Array]) -> Callable[..., Any]:
     """The k candidates that come first by a measure of (E, e_prev)."""
     return lambda E, e_prev, k: np.argsort(measure(E, e_prev), kind="stable")[:k]
 
 
 def frames() -> list[Case]:
-    """Candidates of frames with half of the matches wrong, their image errors and a rough prior, k = 1, 2.
+    """Candidates of frames, half of the matches wrong, of any length and sign; image errors, a rough prior, k = 1, 2.
 
     The winner is in the first set or in the last one, frame by frame.
     """
@@ -63,8 +72,9 @@ def frames() -> list[Case]:
         given = random_problems(rng, 1, 120, "forward", noise_px=0.5)
         x_p, x_c = given.x_p[0], given.x_c[0]
         x_c[:60] += rng.normal(0.0, 0.02, (60, 2))
-        sets = sample_sets(rng, 120, 40)
+        sets = draw_sets(rng, 120, 40)
         E, set_index = five_point(x_p[sets], x_c[sets])
+        E = of_any_length(E, rng)
         e_prev = essential_vector(given.E[0] + 0.2 * rng.normal(size=(3, 3)))
         errors = truncated_errors(E, x_p, x_c, 1.0 / 718.856)
         for k in (1, 2):
@@ -107,9 +117,9 @@ def truncated(
 angle = Exercise(
     arc,
     vectors,
-    task="A function (e1, e2) -> acos|e1ᵀ e2| in radians, for unit vectors of nine numbers.",
+    task="A function (e1, e2) -> acos|e1ᵀ e2| in radians, for unit vectors with nine entries.",
     praise="sign-free, and safe for equal vectors.",
-    hint="the formula above: the dot product, its absolute value, the arc cosine.",
+    hint="dot product, absolute value, arc cosine, in this order.",
     line="np.arccos(min(abs(e1 @ e2), 1))",
     library=("essential_angle",),
     slips={"degrees": "this is in degrees; inside the code angles are radians."},
@@ -127,11 +137,11 @@ nearest = Exercise(
     candidates,
     task="A function (E, e_prev, k): one set's candidates (m, 3, 3) -> indices of the k nearest, in order.",
     praise="as the library's `nearest_to_prior` has it, set by set.",
-    hint="one angle for each candidate; the order of the angles is the order of the candidates.",
+    hint="compute the angle of each candidate to e_prev, sort the candidates by it, return the first k indices.",
     line="np.argsort(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1)))[:k]",
     library=("nearest_to_prior", "essential_angle"),
     mistakes={
-        "these are the farthest: acos falls where |eᵀ e_prev| rises.": (
+        "these are the farthest: the angle falls as |eᵀ e_prev| rises.": (
             first_by(lambda E, e: -angles(E, e)),
             lambda E, e_prev, k: np.argsort(angles(E, e_prev))[-k:],
         ),
@@ -141,12 +151,11 @@ nearest = Exercise(
         "a candidate is taken for far because its sign differs: E and -E are the same.": first_by(
             lambda E, e: -(essential_vector(E) @ e)
         ),
-        "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.": (
-            first_by(lambda E, e: -np.abs(E.reshape(-1, 9) @ e)),
-            first_by(lambda E, e: np.arccos(np.clip(np.abs(E.reshape(-1, 9) @ e), 0, 1))),
+        "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.": first_by(
+            as_long_as_they_are
         ),
     },
-    slips={"order": "the right ones, but not the nearest first."},
+    slips={"order": "the right candidates, but not the nearest first."},
 )
 
 truncated_error = Exercise(
@@ -154,18 +163,22 @@ truncated_error = Exercise(
     lambda: [(t * np.array([0.0, 0.5, -0.5, 0.9, -3.0, 50.0]), t) for t in (1.0, 2.0)],
     task="A function (d, threshold): distances (N,) -> mean of min(d² / threshold², 1).",
     praise="a match never costs more than 1, however wrong it is.",
-    hint="each match has a cost of its own, from 0 to 1; the error is their mean.",
+    hint="compute one cost between 0 and 1 for each match, then the mean of the costs.",
     line="np.mean(np.minimum((d / threshold) ** 2, 1))",
     library=("truncated_errors",),
     mistakes={
         "this is the sum, which grows with the number of matches.": truncated(mean=np.sum),
-        "one wrong match decides everything: no term may exceed 1.": truncated(lambda d, tau: (d / tau) ** 2),
-        "wrong matches are left out here; they should cost 1 each.": (
+        "one wrong match decides everything: a term must not exceed 1.": truncated(
+            lambda d, tau: (d / tau) ** 2
+        ),
+        "outliers cost nothing here; each should cost 1.": (
             truncated(lambda d, tau: (d[np.abs(d) <= tau] / tau) ** 2),
             truncated(lambda d, tau: (d / tau * (np.abs(d) <= tau)) ** 2),
         ),
-        "this only counts outliers; inliers differ as well.": truncated(lambda d, tau: np.abs(d) > tau),
-        "the terms are not d² / threshold²: how many thresholds is a match away, and that squared?": (
+        "this only counts outliers; inliers have different costs, too.": truncated(
+            lambda d, tau: np.abs(d) > tau
+        ),
+        "the terms are not (d / threshold)²: divide by the threshold first, then square.": (
             truncated(lambda d, tau: np.minimum(np.abs(d / tau), 1.0)),
             truncated(lambda d, tau: np.minimum(d**2, tau**2)),
             truncated(lambda d, tau: np.minimum(d**2, 1.0)),
@@ -179,19 +192,19 @@ select = Exercise(
     selected,
     frames,
     task="A function (E, set_index, errors, e_prev, k) -> index of the winner by solution selection.",
-    praise="the paper's section 2.2: k of each set by angle, then the smallest image error of all kept.",
-    hint="set by set: which candidates are its members, and which k of these are nearest to e_prev?",
+    praise="the paper's section 2.2: k of each set by angle, then the smallest image error of all kept candidates.",
+    hint="for each set, find its members and the k of them nearest to e_prev; then compare the errors of all kept.",
     line="members = np.flatnonzero(set_index == s); kept += [*members[nearest(E[members], e_prev, k)]]",
     library=("nearest_to_prior", "choose"),
     mistakes={
-        "this counts among the kept candidates, or within a set; the index is one into all candidates.": (
+        "this is an index into the kept candidates or into one set; return the index into all candidates.": (
             lambda E, s, errors, e, k: np.argmin(errors[nearest_to_prior(E, s, e, k)]),
             lambda E, s, *case: (i := selected(E, s, *case)) - np.searchsorted(s, s[i]),
         ),
         "this is the nearest to e_prev; the image error has the last word.": lambda E, s, error, e, k: (
             np.argmin(angles(E, e))
         ),
-        "this is consensus: the prior was not asked who may compete.": lambda E, s, error, *_: np.argmin(
+        "this is consensus: the prior has no effect on who may compete.": lambda E, s, error, *_: np.argmin(
             error
         ),
         "`k` is not used: it is not always 2.": (
@@ -201,7 +214,13 @@ select = Exercise(
         "prior and image error have changed places: the angle decides who may compete, the error who wins.": (
             lambda E, s, errors, e, k: least(angles(E, e), first_of_each_set(errors, s, k))
         ),
-        "among the winners of the sets the nearest was taken; the image error decides there, too.": of_winners,
+        "among the winners of the sets the nearest was taken; the image error decides between sets, too.": of_winners,
+        "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.": (
+            lambda E, s, errors, e, k: least(errors, first_of_each_set(as_long_as_they_are(E, e), s, k))
+        ),
+        "a candidate is taken for far because its sign differs: E and -E are the same.": (
+            lambda E, s, errors, e, k: least(errors, first_of_each_set(-(essential_vector(E) @ e), s, k))
+        ),
         "the last set is left out: range(n) ends with n - 1.": lambda E, s, errors, e, k: least(
             errors, nearest_to_prior(E, s, e, k) & (s < s.max())
         ),
@@ -216,14 +235,14 @@ sets_needed = Exercise(
     also=(sets_for(0.7**5),),
     atol=0.02,
     task="Sets to draw so that with 99 % one has only right matches, when 30 % of the matches are wrong.",
-    praise="(1 - 0.7⁵)ⁿ = 0.01 gives n = 25.03, so 26 sets. n = 200 is for accuracy, not for safety alone.",
-    hint="how probable is it that one set is good, that it is not, and that n sets in a row are not?",
+    praise="(1 - 0.7⁵)ⁿ = 0.01 gives n = 25.03, so 26 sets.",
+    hint="write down the probability that one set is good, that it is not, and that all n sets are not.",
     line="np.log(0.01) / np.log(1 - 0.7**5)",
     mistakes={
-        "25 sets give 98.995 %, a hair less than wanted.": 25,
+        "25 sets give 98.995 %, slightly less than required.": 25,
         "this is for 30 % right matches.": np.ceil(sets_for(0.3**5)),
-        "one match is not enough: all five must be right.": (sets_for(0.7), np.ceil(sets_for(0.7))),
-        "this is as if the sets shared their luck: they fail, each by itself, all n of them.": (
+        "all five matches of a set must be right, not one.": (sets_for(0.7), np.ceil(sets_for(0.7))),
+        "this divides by the success probability. The sets are drawn independently: all n fail with probability (1 - p)ⁿ.": (
             0.99 / 0.7**5,
             1 / 0.7**5,
         ),
@@ -233,12 +252,15 @@ sets_needed = Exercise(
 consensus_fooled = Exercise(
     {"error by consensus": 2.0, "error by selection": 2.0, "disturbed": 170.0},
     task="The panel shows a winner by consensus that is more than 0.5° wrong, by matches that were disturbed.",
-    praise="consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. What moves "
-    "together votes as one. That is why chapter 5 takes it out before the vote.",
+    praise="consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. Matches that move "
+    "together agree on one false motion. Chapter 5 removes them before the vote.",
     mistakes={
-        "consensus is still only {error by consensus:.3f}° wrong. Which matches agree among themselves: wrong "
-        "ones, or those on one thing that moves?": lambda now: not now["error by consensus"] > 0.5,
-        "no match is disturbed: here the noise chose between the two solutions of a plane. Untick it, and fool "
-        "the vote with matches that agree among themselves.": lambda now: not now["disturbed"] > 0,
+        "this sequence has no ground truth: nobody can tell how wrong consensus is. Choose the drawn street.": (
+            lambda now: np.isnan(now["error by consensus"])
+        ),
+        "consensus is only {error by consensus:.3f}° wrong. Which matches agree among themselves: wrong ones, or "
+        "those on one moving object?": lambda now: not now["error by consensus"] > 0.5,
+        "no match is disturbed: noise chose between the two solutions of a plane. Untick *one plane* and disturb "
+        "matches instead.": lambda now: not now["disturbed"] > 0,
     },
 )

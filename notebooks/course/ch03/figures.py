@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,9 +14,10 @@ from numpy.typing import NDArray
 from vo_lib.geometry.types import Array
 
 from ..colours import BAD, DARK, GOOD, PALE
-from ..drawing import figure, finish, log_axis
+from ..drawing import figure, finish, log_axis, say
 
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
+SMALLEST = 1e-5  # of a unit; smaller errors over frames are drawn there
 ALIKE = 0.02  # curves that nowhere differ by a larger share cannot be told apart
 
 
@@ -47,31 +49,36 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
     `result`, degrees, is marked on the right: the error of the rotation that the frame gets in the end.
     """
     made, (by_angle, by_error) = figure(height, 2)
-    error = np.clip(field.rotation_error, LEAST, MOST)
-    if result is not None:
+    error, known = np.clip(field.rotation_error, LEAST, MOST), bool(np.isfinite(field.rotation_error).any())
+    named = by_error if known else by_angle  # one legend is enough
+    if result is not None and known:
         by_error.axvline(max(result, LEAST), color=BAD, linewidth=0.8)
     for axis, x in ((by_angle, field.angle), (by_error, error)):
         for chosen, colour, words in (
             (~field.kept, PALE, "left out"),
             (field.kept, GOOD, "every solution" if field.kept.all() else "nearest k of a set"),
         ):
-            label = words if axis is by_error else ""  # one legend is enough
+            label = words if axis is named else ""
             axis.plot(x[chosen], field.image_error[chosen], ".", color=colour, markersize=4.5, label=label)
         for at, colour, size, words in (
             (field.consensus, DARK, 9, "winner, consensus"),
             (field.selected, BAD, 5.5, "winner, selection"),
         ):
-            label = words if axis is by_error else ""
+            label = words if axis is named else ""
             (dot,) = axis.plot(x[at], field.image_error[at], "o", color=colour, markersize=size, label=label)
             dot.set_clip_on(False)  # a winner at the edge is shown whole
         axis.set_ylim(-0.02, 1.02)
     by_angle.set_xlim(0, 90)
     log_axis(by_error.xaxis, LEAST, MOST)
     x_name = "angle to the previous essential vector [deg]"
-    finish(by_angle, "the solutions of all sets", x_name, "image error")
+    finish(by_angle, "the solutions of all sets", x_name, "image error", "lower right", boxed=True)
+    if not known:
+        by_error.clear()
+        say(by_error, "no ground truth: the rotation error of a solution is unknown")
+        return made
     # Where the rotation is right the image error is small: nothing stands there.
     x_name = "rotation error [deg]"
-    finish(by_error, "the same against what is true", x_name, "image error", "upper left", boxed=True)
+    finish(by_error, "image error and rotation error", x_name, "image error", "upper left", boxed=True)
     return made
 
 
@@ -85,24 +92,31 @@ def errors_figure(
 ) -> Figure:
     """Errors (N,) by name: of frames 1, 2, …, or a range of them, with their medians, or over x (N,).
 
-    Curves that lie on one another are drawn once, with all their names.
+    Errors (S, N) of several seeds are drawn as their median, with a band from the smallest to the largest.
+    Identical curves are drawn as one line with all their names.
     """
-    curves: list[tuple[list[str], Array]] = []
+    curves: list[tuple[list[str], Array, Array]] = []
     for name, values in errors.items():
-        same = [names for names, drawn in curves if np.allclose(values, drawn, rtol=ALIKE)]
-        same[0].append(name) if same else curves.append(([name], values))
+        middle = np.median(np.atleast_2d(values), axis=0)
+        same = [names for names, _, drawn in curves if np.allclose(middle, drawn, rtol=ALIKE)]
+        same[0].append(name) if same else curves.append(([name], values, middle))
     made, (axis,) = figure(height)
-    for (names, values), colour, style in zip(
+    for (names, values, middle), colour, style in zip(
         curves, (DARK, GOOD, BAD, PALE), ("-o", "--s", "-^", "-v"), strict=False
     ):
         over_frames = x is None or isinstance(x, range)
         words = f": median {np.median(values):.3f}" if over_frames else ""
-        axis.plot(
-            np.arange(1, len(values) + 1) if x is None else x,
-            np.clip(values, LEAST, MOST),
-            style[:-1] if over_frames else style,
-            color=colour, markersize=5, linewidth=1.5, label=", ".join(names) + words,
-        )  # fmt: skip
+        shown = np.maximum(np.atleast_2d(values), SMALLEST)
+        at = np.arange(1, shown.shape[1] + 1) if x is None else np.asarray(x)
+        if len(shown) > 1:
+            axis.fill_between(at, shown.min(axis=0), shown.max(axis=0), color=colour, alpha=0.2, linewidth=0)
+        look: dict[str, Any] = {
+            "color": colour,
+            "markersize": 5,
+            "linewidth": 1.5,
+            "label": " / ".join(names) + words,
+        }
+        axis.plot(at, np.maximum(middle, SMALLEST), style[:-1] if over_frames else style, **look)
     axis.set_yscale("log")
     low, high = axis.get_ylim()
     log_axis(axis.yaxis, min(low, 0.01), max(high, 0.1))
@@ -120,13 +134,37 @@ def turns_figure(angle: Array, turn: Array, length: Array, height: int = 220) ->
     turn, length : (N - 1,) of each step, degrees and metres.
     """
     made, (left, right) = figure(height, 2)
-    left.plot(1 + np.arange(len(turn)), turn, color=PALE, linewidth=1, label="turn of a step")
+    left.plot(1 + np.arange(len(turn)), turn, color=PALE, linewidth=1, label="rotation of a step")
     left.plot(2 + np.arange(len(angle)), angle, color=GOOD, label="change of e")
     right.plot(1 + np.arange(len(length)), length, color=DARK)
     for axis in (left, right):
         whole = axis.get_xaxis_transform()  # from the bottom of the axis to its top
         frames = 2 + np.arange(len(angle))
         axis.fill_between(frames, 0, 1, where=np.isnan(angle), color=PALE, alpha=0.5, transform=whole)
-    finish(left, "turn, and change of motion", "frame", "angle [deg]", "above")
-    finish(right, "length of the step (grey: standing, no E)", "frame", "step [m]")
+    finish(left, "angles", "frame", "angle [deg]", "above")
+    finish(right, "length of a step (grey: standstill, no E)", "frame", "step [m]")
+    return made
+
+
+def stopping_figure(needed: Array, errors: Array, stop: Array, height: int = 230) -> Figure:
+    """Adaptive stopping over the number of sets drawn, median and band of several orders of the sets.
+
+    Parameters
+    ----------
+    needed, errors : (S, N) sets that the best candidate so far asks for, and its image error.
+    stop : (S,) sets drawn when there are enough.
+    """
+    made, (left, right) = figure(height, 2)
+    drawn = np.arange(1, needed.shape[1] + 1)
+    left.plot(drawn, drawn, color=PALE, linewidth=1.5, label="drawn")
+    for axis, values, words in ((left, needed, "needed"), (right, errors, "best so far")):
+        low, middle, high = np.percentile(values, (0, 50, 100), axis=0)
+        axis.fill_between(drawn, low, high, color=GOOD, alpha=0.2, linewidth=0)
+        axis.plot(drawn, middle, color=GOOD, linewidth=1.5, label=words)
+        axis.axvline(float(np.median(stop)), color=BAD, linewidth=1.2, label="enough: stop")
+        axis.set_xscale("log")
+        log_axis(axis.xaxis, 1, len(drawn), (1.0, 3.0))
+    log_axis(left.yaxis, 1, 1000)
+    finish(left, "sets for 99 %", "sets drawn", "sets", "above")
+    finish(right, "image error", "sets drawn", "image error", "above")
     return made

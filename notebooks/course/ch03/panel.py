@@ -15,23 +15,22 @@ from vo_lib.geometry.motion import (
     essential_angle,
     essential_vector,
     rigid,
-    rotation_angle,
     rotation_from_vector,
     transform,
 )
 from vo_lib.geometry.types import Array, BoolArray, Image, Progress
-from vo_lib.kit.selection import choose, motion_of_winner, sample_sets
-from vo_lib.kit.settings import KitConfig, KitSelectionConfig
 from vo_lib.paper.five_point import Candidates, five_point
-from vo_lib.paper.selection import nearest_to_prior, truncated_errors
+from vo_lib.paper.selection import competing, draw_sets, truncated_errors
+from vo_lib.paper.settings import MethodConfig, SelectionConfig
 from vo_lib.settings import Checked, setting
 
-from ..ch02.figures import draw_flow
+from ..ch02.figures import draw_flow, pixels
 from ..ch02.panel import reference_rotation, rotation_errors
 from ..colours import BAD, FIFTH, GOOD, bgr
 from ..controls import Control
 from ..drawing import WIDTH, caption, photo, stack
-from ..frames import Memory, Points, frame_points, key_of, stereo
+from ..frames import Memory, Points, frame_points, key_of, stereo, true_poses
+from ..lessons import motion_of, turned, winner_of
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 from .figures import Field, errors_figure, field_figure
@@ -94,37 +93,39 @@ def _view(X: Array) -> Array:
 
 
 def disturbed_frame(
-    sequence: Sequence, frame: int, config: KitConfig, view: SelectionView
-) -> tuple[Points, BoolArray, Array]:
-    """A frame's disturbed points, which were touched, and the rotation (3, 3) that they are judged by.
+    sequence: Sequence, frame: int, config: MethodConfig, view: SelectionView
+) -> tuple[Points, BoolArray]:
+    """A frame's disturbed points, and which were touched.
 
-    Without truth the matches' own rotation and the median change of the points stand for the true motion.
+    Without truth the matches' own rotation and the median change of the points move what is disturbed.
     """
     points = frame_points(sequence, frame, config)
-    R_true, T_cp = reference_rotation(sequence, frame, points), points.T_cp
+    T_cp = points.T_cp
     if T_cp is None:
+        R_cp = reference_rotation(sequence, frame, points)
         X_c = sequence.camera.triangulate(points.matches.cur_left, points.matches.cur_right)
-        T_cp = rigid(R_true, np.nanmedian(X_c - points.X_p @ R_true.T, axis=0))
-    return *disturbed(points, T_cp, sequence.camera, view), R_true
+        T_cp = rigid(R_cp, np.nanmedian(X_c - points.X_p @ R_cp.T, axis=0))
+    return disturbed(points, T_cp, sequence.camera, view)
 
 
-def previous_vector(sequence: Sequence, frame: int, config: KitConfig) -> Array | None:
-    """The essential vector of the frame before, by consensus, refined; None for the first pair."""
+def previous_vector(sequence: Sequence, frame: int, config: MethodConfig) -> Array | None:
+    """The essential vector of the frame before, by consensus; None for the first pair."""
     if frame < 2:
         return None
 
     def estimate() -> Array:
         points, focal = frame_points(sequence, frame - 1, config), sequence.camera.f
-        E, usual = _solve(points, 200, 0).E, KitSelectionConfig()
-        errors = truncated_errors(E, points.x_p, points.x_c, usual.threshold / focal)
-        return judged(E[np.argmin(errors)], points, np.eye(3), usual, focal)[1]
+        found = candidates_of(points, 200, 0)
+        field = field_of(found, points, None, None, config.selection, focal)
+        return motion_of(found.E[field.selected], points, config.selection, focal)[1]
 
-    key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets)
+    key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets, config.selection)
     return _priors.get(key, estimate)
 
 
-def _solve(points: Points, sets: int, draw: int) -> Candidates:
-    chosen = sample_sets(np.random.default_rng([5, draw]), len(points.x_p), sets)
+def candidates_of(points: Points, sets: int, draw: int) -> Candidates:
+    """All solutions of so many five-point sets of a frame's matches; `DataError` where there is none."""
+    chosen = draw_sets(np.random.default_rng([5, draw]), len(points.x_p), sets)
     found = five_point(points.x_p[chosen], points.x_c[chosen])
     if len(found.E) == 0:
         raise DataError("no five of the matches determine an essential matrix: the camera may stand still")
@@ -135,36 +136,39 @@ def field_of(
     found: Candidates,
     points: Points,
     e_prev: Array | None,
-    R_true: Array,
-    config: KitSelectionConfig,
+    R_true: Array | None,
+    config: SelectionConfig,
     focal: float,
 ) -> Field:
-    """Angles, errors and winners of a frame's candidates."""
+    """Angles, errors and winners of a frame's candidates; NaN for errors of rotation without a true one."""
     nothing = np.full(len(found.E), np.nan)
     angle = nothing if e_prev is None else np.degrees(essential_angle(essential_vector(found.E), e_prev))
-    kept = np.ones(len(found.E), np.bool_)
-    if e_prev is not None and config.prior:
-        kept = nearest_to_prior(found.E, found.set_index, e_prev, config.keep)
     errors = truncated_errors(found.E, points.x_p, points.x_c, config.threshold / focal)
-    consensus, _ = choose(*found, points.x_p, points.x_c, None, config, focal)
-    selected, dropped = choose(*found, points.x_p, points.x_c, e_prev, config, focal)
-    return Field(angle, errors, rotation_errors(found.E, R_true), kept, consensus, selected, dropped)
+    consensus, _ = winner_of(found, points, None, config, focal, errors)
+    selected, dropped = winner_of(found, points, e_prev, config, focal, errors)
+    wrong = nothing if R_true is None else rotation_errors(found.E, R_true)
+    return Field(angle, errors, wrong, competing(*found, e_prev, config), consensus, selected, dropped)
 
 
-def judged(
-    E: Array, points: Points, R_true: Array, config: KitSelectionConfig, focal: float
-) -> tuple[float, Array, BoolArray]:
-    """Of a winner E (3, 3): its rotation's error, degrees, the essential vector it leaves, its inliers (N,)."""
-    R, _, best, inliers = motion_of_winner(E, points.x_p, points.x_c, points.X_p, config, focal)
-    return float(np.degrees(rotation_angle(R.T @ R_true))), essential_vector(best), inliers
+def vote_picture(
+    sequence: Sequence, frame: int, points: Points, inliers: BoolArray, touched: BoolArray, words: str
+) -> Image:
+    """A frame's left image and its matches: inliers (N,) blue, outliers orange, those `touched` (N,) in rings."""
+    camera = sequence.camera
+    picture = photo(stereo(sequence, frame)[0], camera.width)
+    starts, ends = pixels(points.x_p, camera), pixels(points.x_c, camera)
+    for place in np.rint(16 * ends[touched]).astype(int).tolist():
+        cv2.circle(picture, place, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
+    draw_flow(picture, starts, ends, np.where(inliers, GOOD, BAD).tolist(), 2)
+    return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
 
 
 class SelectionPanel(Panel):
     """All candidates of a frame, the prior's choice among them, and the winners."""
 
-    start = preset("solution_selection", variant="kit")
     title = "A thousand solutions, one winner"
     view = SelectionView
+    kit = preset("solution_selection", variant="kit")
     height = PHOTO_HEIGHT + CHART_HEIGHT
     long_job = f"Compare over {FRAMES} frames"
     controls = (
@@ -179,27 +183,42 @@ class SelectionPanel(Panel):
         Control("view.plane", "one plane"),
     )
 
+    def idle(self, state: State) -> set[str]:
+        return set() if state.config.selection.prior and state.frame > 1 else {"selection.keep"}
+
     def draw(self, state: State) -> Drawing:
-        selection, view, focal = state.kit.selection, state.view, state.sequence.camera.f
-        points, touched, R_true = disturbed_frame(state.sequence, state.frame, state.kit, view)
-        key = (*key_of(state.sequence, state.frame), selection.sets, view)
-        found = _candidates.get(key, lambda: _solve(points, selection.sets, view.draw))
-        e_prev = previous_vector(state.sequence, state.frame, state.kit)
+        selection, view, focal = state.config.selection, state.view, state.sequence.camera.f
+        points, touched = disturbed_frame(state.sequence, state.frame, state.config, view)
+        R_true = None if points.T_cp is None else points.T_cp[:3, :3]
+        key = (*key_of(state.sequence, state.frame), state.config.variant, selection.sets, view)
+        found = _candidates.get(key, lambda: candidates_of(points, selection.sets, view.draw))
+        e_prev = previous_vector(state.sequence, state.frame, state.config)
         field = field_of(found, points, e_prev, R_true, selection, focal)
-        by_consensus, _, _ = judged(found.E[field.consensus], points, R_true, selection, focal)
-        error, _, inliers = judged(found.E[field.selected], points, R_true, selection, focal)
+        (R, _, inliers), (R_consensus, _, _) = (
+            motion_of(found.E[winner], points, selection, focal)
+            for winner in (field.selected, field.consensus)
+        )
+        error, apart = turned(R, R_true), turned(R, R_consensus)
         chart = field_figure(field, error, CHART_HEIGHT)
-        picture = stack([self._picture(state, points, inliers, touched), chart], self.height)
+        words = f"frame {state.frame}: inliers of the winner blue, outliers orange, disturbed ones in rings"
+        photo_above = vote_picture(state.sequence, state.frame, points, inliers, touched, words)
+        picture = stack([photo_above, chart], self.height)
         same = "the same as" if field.selected == field.consensus else "another than"
+        refined = getattr(selection, "mode", "") == "refined"
         sentence = (
             f"Of {len(found.E)} solutions of {selection.sets} sets {np.count_nonzero(field.kept)} may "
-            f"compete. The winner, {same} that of consensus, gives a rotation that is {error:.3f}° wrong "
-            f"({selection.mode}; thin line)."
+            f"compete. The winner{', refined,' if refined else ''} is {same} that of consensus. "
+            + (
+                "Its rotation error is unknown: the sequence has no ground truth."
+                if R_true is None
+                else f"Its rotation error is {error:.3f}° (thin line)."
+            )
             + (" The prior was dropped: its best solution scored clearly worse." if field.dropped else "")
         )
         facts = (
             Fact("error by selection", error, "°", 3),
-            Fact("error by consensus", by_consensus, "°", 3),
+            Fact("error by consensus", turned(R_consensus, R_true), "°", 3),
+            Fact("between the two", apart, "°", 3),
             Fact("angle to the previous vector", float(field.angle[field.selected]), "°", 2),
             Fact("solutions kept", int(np.count_nonzero(field.kept))),
             Fact("inliers", int(np.count_nonzero(inliers))),
@@ -210,35 +229,24 @@ class SelectionPanel(Panel):
 
     def work(self, state: State, progress: Progress) -> Drawing:
         """Both ways over the next frames, each with its own previous vector."""
-        selection, frames = state.kit.selection, range(state.frame, len(state.sequence))[:FRAMES]
+        true_poses(state.sequence)  # errors need them
+        selection, frames = state.config.selection, range(state.frame, len(state.sequence))[:FRAMES]
         prior, focal = replace(selection, prior=True), state.sequence.camera.f
-        ways = {
-            "consensus": replace(selection, prior=False),
-            f"selection, k = {selection.keep}": prior,
-            "k = 1, prior never dropped": replace(prior, keep=1, prior_rejection_ratio=1000.0),
-        }
+        ways = {"consensus": replace(selection, prior=False)}
+        ways |= {f"k = {keep}": replace(prior, keep=keep) for keep in sorted({1, selection.keep})}
         e_prev: dict[str, Array | None] = dict.fromkeys(ways)
         errors = {name: np.zeros(len(frames)) for name in ways}
         for done, frame in enumerate(frames):
             progress(done, len(frames))
             view = replace(state.view, draw=(state.view.draw + frame) % 1000)
-            points, _, R_true = disturbed_frame(state.sequence, frame, state.kit, view)
-            found = _solve(points, selection.sets, view.draw)
+            points, _ = disturbed_frame(state.sequence, frame, state.config, view)
+            assert points.T_cp is not None
+            found = candidates_of(points, selection.sets, view.draw)
             for name, way in ways.items():
-                winner, _ = choose(*found, points.x_p, points.x_c, e_prev[name], way, focal)
-                errors[name][done], e_prev[name], _ = judged(found.E[winner], points, R_true, way, focal)
+                field = field_of(found, points, e_prev[name], points.T_cp[:3, :3], way, focal)
+                R, e_prev[name], _ = motion_of(found.E[field.selected], points, way, focal)
+                errors[name][done] = turned(R, points.T_cp[:3, :3])
         sentence = f"Rotation error of frames {frames[0]} to {frames[-1]}; move a control to come back."
         facts = tuple(Fact(f"median, {name}", float(np.median(v)), "°", 3) for name, v in errors.items())
         chart = errors_figure(errors, frames, height=self.height)
         return Drawing(stack([chart], self.height), sentence, facts)
-
-    def _picture(self, state: State, points: Points, inliers: BoolArray, touched: BoolArray) -> Image:
-        camera = state.sequence.camera
-        picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
-        centre = np.array([camera.cx, camera.cy])
-        starts, ends = points.x_p * camera.f + centre, points.x_c * camera.f + centre
-        for place in np.rint(16 * ends[touched]).astype(int).tolist():
-            cv2.circle(picture, place, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
-        draw_flow(picture, starts, ends, np.where(inliers, GOOD, BAD).tolist(), 2)
-        words = f"frame {state.frame}: inliers of the winner blue, outliers orange, disturbed ones in rings"
-        return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
