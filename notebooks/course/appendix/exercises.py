@@ -30,10 +30,10 @@ def fitted_roll(x: Array, y: Array, rows: Array, terms: int = 3) -> float:
 
 
 def rolled() -> list[Case]:
-    """Row differences of 60 matches, right of the middle: exact, with an offset, a focal length, and noise too."""
+    """Row differences of 60 matches, most on the right: a roll alone, an offset, a focal length, noise too."""
     rng = np.random.default_rng(3)
-    x, y = rng.uniform(-0.5, 0.9, 60), rng.uniform(-0.2, 0.3, 60)
-    y += 0.4 * x  # a road that falls to the right
+    x = rng.uniform(-0.5, 0.9, 60)
+    y = rng.uniform(-0.2, 0.3, 60) + 0.4 * x
     sizes = (0.8, 0.0, 0.0, 0.0), (-0.3, 0.5, 0.0, 0.0), (0.4, -0.2, 0.7, 0.0), (0.4, -0.2, 0.7, 0.1)
     return [(x, y, a + c * y - roll * x + noise * rng.normal(size=60)) for roll, a, c, noise in sizes]
 

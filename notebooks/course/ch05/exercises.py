@@ -16,8 +16,6 @@ from vo_lib.geometry.types import Array, BoolArray
 
 from ..checker import Case, Exercise, When
 
-Vector = tuple[float, float, float]
-
 SIZE, NET = (1241, 376), (640, 640)  # width and height of an image, and of a network's with wide borders
 WIDTH, HEIGHT = 800, 256  # of the network whose cells are counted
 # The second overlaps the first much, the third both a little, the fourth none; the last is inside the first.
@@ -134,24 +132,25 @@ def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> BoolArr
     return ~(inside(uv_p, boxes_p) | inside(uv_c, boxes_c))
 
 
-def in_box(step: Vector, count: int = 20, behind: int = 0, wrong: int = 0, far: int = 0) -> Case:
-    """Features of a vehicle that took a step, on the street `behind` it, and `wrong`; metres. The camera turns by 2°."""
-    rng = np.random.default_rng(7)
-    T_cp = rigid(rotation_from_vector(np.radians([0.0, 2.0, 0.0])), np.array([0.02, 0.0, -1.0]))
-    X_p = rng.uniform((2.0, -1.0, 12.0 + far), (4.0, 1.0, 14.0 + far), (count, 3))
-    steps = np.tile(step, (count, 1))
-    steps[:behind] = 0.0
-    steps[count - wrong :, 2] += 25.0
-    X_c = X_p @ T_cp[:3, :3].T + T_cp[:3, 3] + steps
-    X_c[:, 2] += rng.normal(0.0, 1.0 if far else 0.02, count)  # of a far feature the depth is uncertain
-    return X_p, X_c, T_cp, LEAST
-
-
 def driven() -> list[Case]:
-    """Boxes of vehicles that are parked, drive ahead, cross; with wrong matches, street, noise, two features."""
+    """Boxes: parked, driving ahead, crossing; with wrong matches, street behind, noise in depth, two features.
+
+    The camera drives a metre ahead and turns by 2°.
+    """
+    T_cp = rigid(rotation_from_vector(np.radians([0.0, 2.0, 0.0])), np.array([0.02, 0.0, -1.0]))
+
+    def box(step: tuple[float, ...], behind: int = 0, wrong: int = 0, far: int = 0, count: int = 20) -> Case:
+        rng = np.random.default_rng(7)
+        X_p = rng.uniform((2.0, -1.0, 12.0 + far), (4.0, 1.0, 14.0 + far), (count, 3))
+        X_c = X_p @ T_cp[:3, :3].T + T_cp[:3, 3]
+        X_c[behind:] += step
+        X_c[count - wrong :, 2] += 25.0
+        X_c[:, 2] += rng.normal(0.0, 1.0 if far else 0.02, count)
+        return X_p, X_c, T_cp, LEAST
+
     parked, ahead, across = (0.0, 0.0, 0.0), (0.0, 0.0, 0.9), (-0.45, 0.0, 0.0)
-    hard = in_box(parked, wrong=3), in_box(across, behind=8), in_box(parked, far=30), in_box(ahead, count=2)
-    return [in_box(parked), in_box(ahead), in_box(across), *hard]
+    hard = box(parked, wrong=3), box(across, behind=8), box(parked, far=30), box(ahead, count=2)
+    return [box(parked), box(ahead), box(across), *hard]
 
 
 def left_over(X_p: Array, X_c: Array, T_cp: Array) -> Array:
@@ -159,9 +158,9 @@ def left_over(X_p: Array, X_c: Array, T_cp: Array) -> Array:
     return np.asarray(X_c - X_p @ T_cp[:3, :3].T - T_cp[:3, 3])
 
 
-def middle(steps: Array) -> float:
+def middle(steps: Array) -> Any:
     """Length of the median step."""
-    return float(np.linalg.norm(np.median(steps, axis=0)))
+    return np.linalg.norm(np.median(steps, axis=0))
 
 
 def judged(
@@ -174,7 +173,7 @@ def judged(
 to_image = Exercise(
     in_image,
     net_boxes,
-    atol=2e-3,  # single precision is enough
+    atol=1e-6,
     task="A function (xyxy (K, 4), scale, left, top, width, height) -> boxes (K, 4) in the image, pixels.",
     praise="the library's `Letterbox.to_image`: network and image name the same places again.",
     hint="solve u_net = s (u + ½) + left for u, step by step, from the outside.",

@@ -94,11 +94,12 @@ def errors_chart(axis: Axes, errors: dict[str, Array], reference: str, title: st
 def precision_figure(scores: Array, precision: Array, recall: Array) -> Figure:
     """Precision over recall, the preset's score marked, and both over the score."""
     made, (curve, by_score) = figure(230, 2)
-    at = max(int(np.sum(scores >= DetectorConfig().score)) - 1, 0)
+    preset = DetectorConfig().score
+    at = max(int(np.sum(scores >= preset)) - 1, 0)
     curve.plot(recall, precision, color=GOOD)
-    curve.plot(recall[at], precision[at], "o", color=BAD, label=f"score {DetectorConfig().score:g}")
-    for name, values, colour in (("precision", precision, GOOD), ("recall", recall, BAD)):
-        by_score.plot(scores, values, color=colour, label=name)
+    curve.plot(recall[at], precision[at], "o", color=BAD, label=f"score {preset:g}")
+    by_score.plot(scores, precision, color=GOOD, label="precision")
+    by_score.plot(scores, recall, color=BAD, label="recall")
     for axis in (curve, by_score):
         axis.set(xlim=(0, 1.02), ylim=(0, 1.02))
     finish(curve, "every score is a point", "recall", "precision", "lower left")

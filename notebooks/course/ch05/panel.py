@@ -19,7 +19,7 @@ from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes, no_boxes, overlap
 from vo_lib.geometry.motion import rotation_angle
 from vo_lib.geometry.result import Flag, FrameResult
-from vo_lib.geometry.types import Array, BoolArray, Image, Progress
+from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.kit.boxes import BoxFilter, Filtered
 from vo_lib.kit.settings import KitConfig, KitFilterConfig
 from vo_lib.paper.boxes import on_vehicles, vehicles
@@ -27,7 +27,6 @@ from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import make_odometry
 from vo_lib.settings import Checked, setting
 
-from ..ch03.figures import errors_figure
 from ..ch04.figures import MILLI
 from ..controls import Control, Knob
 from ..drawing import WIDTH, caption, figure, photo, raster, stack
@@ -38,7 +37,6 @@ from .figures import candidates_picture, errors_chart, filter_picture
 
 PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
 HISTORY = 4  # frames before the one shown from which the rule `moving` knows its boxes
-FRAMES = 30  # of the long job
 LABELS = "labels"  # in place of a model: the boxes of the sequence's own folder
 RULES = {"published": ("none", "all"), "kit": ("none", "all", "moving", "truth")}
 LEAST_SCORE = 0.01  # of a box on the curve of precision and recall
@@ -123,28 +121,6 @@ def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: MethodC
     return _motions.get(key, lambda: make_odometry(sequence.camera, alone).step(matches[keep], no_boxes()))
 
 
-def compare_rules(
-    sequence: Sequence,
-    frames: range,
-    rules: tuple[str, ...],
-    config: MethodConfig,
-    view: FilteringView,
-    progress: Progress,
-) -> dict[str, Array]:
-    """Error of each frame's translation by rule, (F,) millimetres; needs true poses."""
-    errors: dict[str, list[float]] = {rule: [] for rule in rules}
-    for done, frame in enumerate(frames, start=1):
-        T_true = true_motion(sequence, frame)
-        if T_true is None:
-            raise DataError("the sequence has no true poses to compare with")
-        for rule in rules:
-            keep = filtered_frame(sequence, frame, change(config, "filter.rule", rule), view)[0].keep
-            t = motion_from(sequence, frame, keep, config).T_cp[:3, 3]
-            errors[rule].append(MILLI * float(np.linalg.norm(t - T_true[:3, 3])))
-        progress(done, len(frames))
-    return {rule: np.array(values) for rule, values in errors.items()}
-
-
 def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) -> tuple[Array, Array, Array]:
     """Scores of a detector's boxes, best first, and precision and recall of all boxes down to each score.
 
@@ -175,7 +151,6 @@ class FilteringPanel(Panel):
     start = preset("feature_selection")
     kit = preset("feature_selection", variant="kit")
     height = PHOTO_HEIGHT + CHART_HEIGHT
-    long_job = f"Compare the rules over {FRAMES} frames"
     controls = (
         Control("view.model", "model"),
         Control("filter.score", "score", low=0.01, high=0.99, step=0.01),
@@ -264,22 +239,6 @@ class FilteringPanel(Panel):
         errors_chart(axis, errors, words, title)
         below = np.hstack([network, raster(chart)])
         return Drawing(stack([picture, below], self.height), sentence, tuple(facts))
-
-    def work(self, state: State, progress: Progress) -> Drawing:
-        """The errors by rule over the next frames."""
-        if state.sequence.truth is None:
-            raise DataError(f"{state.sequence.name} has no ground truth to compare with")
-        rules = RULES[state.config.variant][: 4 if truth(state.sequence) is not None else 3]
-        frames = range(state.frame, len(state.sequence))[:FRAMES]
-        progress(0, len(frames))
-        errors = compare_rules(state.sequence, frames, rules, state.config, state.view, progress)
-        chart = errors_figure(errors, frames, "error of the translation", unit="mm", height=self.height)
-        sentence = (
-            f"Error of the translation in frames {frames[0]} to {frames[-1]}, each from its two pairs alone; "
-            "move a control to return to one frame."
-        )
-        facts = tuple(Fact(f"median, {rule}", float(np.median(v)), "mm", 2) for rule, v in errors.items())
-        return Drawing(stack([chart], self.height), sentence, facts)
 
     def _network(self, state: State, boxes: Boxes) -> tuple[Image, int]:
         """The picture of the candidates, and their number; of labels the image alone."""

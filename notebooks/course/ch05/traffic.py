@@ -20,10 +20,14 @@ from vo_lib.paper.sampson import sampson_distance
 from vo_lib.paper.settings import FilterConfig
 
 from ..colours import BAD, PALE
-from ..drawing import figure, finish, room
+from ..drawing import figure, finish
 from ..frames import opened
 from .claim import LINES, step_errors
 
+ACCEPTED = (
+    0.25,
+    1.0,
+)  # pixels from its line, of a feature that the wide threshold accepts and a narrow one rejects
 FETCH = {
     "kitti/drive_0005": "2011_09_26_drive_0005 --frames 100:154",
     "kitti/drive_0013": "2011_09_26_drive_0013 --frames 0:80",
@@ -65,13 +69,11 @@ def distance_lines(sequence: Sequence, frame: int, matches: StereoMatches, dista
     xyxy = sequence.boxes(frame).xyxy
     xyxy = xyxy[np.argsort(xyxy[:, 0])]
     within = inside(matches.cur_left, xyxy).T
-    names = ["outside boxes", *(f"box at u = {u:4.0f}" for u in xyxy[:, ::2].mean(axis=1))]
-    parts = [~within.any(axis=0), *within]
-    return "\n".join(
-        f"{name:14}: {part.sum():3} features, median {np.median(distances[part]):.2f} px"
-        for name, part in zip(names, parts, strict=True)
-        if part.any()
-    )
+    parts = {"outside boxes": ~within.any(axis=0)}
+    parts |= {f"box at u = {box[::2].mean():4.0f}": part for box, part in zip(xyxy, within, strict=True)}
+    lines = (f"{name:14}: {part.sum():3} features, median " for name, part in parts.items() if part.any())
+    medians = (f"{np.median(distances[part]):.2f} px" for part in parts.values() if part.any())
+    return "\n".join(map(str.__add__, lines, medians))
 
 
 def turns_figure(
@@ -82,19 +84,19 @@ def turns_figure(
     matches, distances : of the frames 1 … N - 1, under a motion from the features outside boxes.
     """
     made, (turns, shares) = figure(250, 2)
-    frames, near = np.arange(1, len(sequence)), [0.25, 1.0]
+    frames, pulls = np.arange(1, len(sequence)), []
     for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
-        turn = step_errors(sequence, poses)[0]
-        turns.plot(frames, turn, color=colour, linewidth=width, label=name)
-    turns.set_ylim(0, room(1.3 * max(float(step_errors(sequence, each)[0].max()) for each in runs.values())))
-    pulls = []
-    for index, (each, far) in enumerate(zip(matches, distances, strict=True), start=1):
-        boxed = on_vehicles(each, sequence.boxes(index - 1), sequence.boxes(index), FilterConfig())
-        pulls.append(100 * np.array([boxed.mean(), np.mean(boxed & (far > near[0]) & (far < near[1]))]))
+        turns.plot(frames, step_errors(sequence, poses)[0], color=colour, linewidth=width, label=name)
+    for frame, each, far in zip(frames.tolist(), matches, distances, strict=True):
+        boxed = on_vehicles(each, sequence.boxes(frame - 1), sequence.boxes(frame), FilterConfig())
+        pulls.append(
+            100 * np.array([boxed.mean(), np.mean(boxed & (far > ACCEPTED[0]) & (far < ACCEPTED[1]))])
+        )
     every, pulling = np.array(pulls).T
-    shares.fill_between(frames, every, color=PALE, step="mid", label="all features in boxes")
-    shares.fill_between(frames, pulling, color=BAD, step="mid", label="off their lines by 0.25 to 1 px")
-    shares.set_ylim(0, 1.4 * every.max())
-    finish(turns, "rotation error of each step, 1 px [deg]", "frame", "", "upper left")
+    shares.fill_between(frames, every, color=PALE, step="mid", label="all")
+    words = "off their lines by {:g} to {:g} px".format(*ACCEPTED)
+    shares.fill_between(frames, pulling, color=BAD, step="mid", label=words)
+    shares.set_ylim(0, 1.3 * every.max())
+    finish(turns, "rotation error of each step, 1 px [deg]", "frame")
     finish(shares, "features in boxes [% of all]", "frame", "", "upper left")
     return made
