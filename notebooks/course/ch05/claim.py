@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -72,9 +73,14 @@ def claim_figure(
     path.plot(true[:, 0], true[:, 2], color=DARK, linewidth=3, label="truth")
     for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
         turn, step = step_errors(sequence, poses)
-        turns.plot(frames, turn, color=colour, linewidth=width, label=name)
-        lengths.plot(frames, step, color=colour, linewidth=width)
-        path.plot(poses[:, 0, 3], poses[:, 2, 3], color=colour, linewidth=width)
+        style: dict[str, Any] = {
+            "color": colour,
+            "linewidth": width,
+            "zorder": 6 - width,
+        }  # thin lines above wide ones
+        turns.plot(frames, turn, label=name, **style)
+        lengths.plot(frames, step, **style)
+        path.plot(poses[:, 0, 3], poses[:, 2, 3], **style)
     for axis in (turns, lengths):
         highest = max(float(np.asarray(line.get_ydata(), np.float64).max()) for line in axis.get_lines())
         axis.set_ylim(0, room(1.35 * highest))  # the legend stands above the lines

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vo_lib.config import PUBLISHED, preset
-from vo_lib.data.poses import read_kitti_poses, read_tum
+from vo_lib.data.poses import from_first, read_kitti_poses, read_tum
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, check_pair, relative_error, rmse
@@ -20,8 +20,8 @@ from vo_lib.runs.matches import CachedMatches
 from vo_lib.settings import Checked, setting
 
 from ..controls import Control
-from ..drawing import figure, say, stack
-from ..frames import key_of, true_poses
+from ..drawing import figure, photo, say, stack
+from ..frames import key_of, lacks, stereo, true_poses
 from ..made_up import made_up
 from ..panel import Drawing, Panel, State
 from ..results import Fact
@@ -105,8 +105,17 @@ class EvaluationPanel(Panel):
         Control("view.step", "step", high=20),
     )
 
+    def idle(self, state: State) -> set[str]:
+        made = {"view.scale", "view.yaw", "view.noise", "view.jitter"}
+        if state.view.file.strip():
+            return made | {"view.estimate"}
+        return set() if state.view.estimate == MADE_UP else made
+
     def draw(self, state: State) -> Drawing:
-        truth = true_poses(state.sequence)
+        if lacking := lacks(state.sequence):
+            image = photo(stereo(state.sequence, state.frame)[0], height=self.height)
+            return Drawing(stack([image], self.height), lacking)
+        truth = from_first(true_poses(state.sequence))
         estimate = self._estimate(state, truth)
         if estimate is None:
             path, (axis,) = figure(PATH_HEIGHT)
@@ -116,6 +125,8 @@ class EvaluationPanel(Panel):
         return self._judged(state, truth, estimate)
 
     def work(self, state: State, progress: Progress) -> Drawing:
+        if state.view.file.strip():
+            raise DataError("the panel judges your file: empty its field to run a method")
         if state.view.estimate not in PUBLISHED:
             raise DataError(f"choose one of the methods as the estimate: {', '.join(PUBLISHED)}")
         method_poses(state.sequence, state.view.estimate, progress)

@@ -8,20 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.config import METHODS, VARIANTS, change, preset
+from vo_lib.config import PUBLISHED, change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors
 from vo_lib.geometry.types import Array, Progress
-from vo_lib.paper.settings import PublishedConfig
-from vo_lib.report.table1 import VARIANT_WORDS
+from vo_lib.kit.settings import KitConfig
+from vo_lib.paper.settings import MethodConfig
+from vo_lib.report.table1 import BOX_METHODS, VARIANT_WORDS
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.matches import CachedMatches
 from vo_lib.settings import Checked, setting
 
 from ..ch05.claim import claim_figure, step_errors
 from ..controls import Control
-from ..drawing import stack
-from ..frames import Memory, opened, true_poses
+from ..drawing import photo, stack
+from ..frames import Memory, lacks, opened, stereo, true_poses
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 from .runs import part_of
@@ -35,11 +36,8 @@ _runs: Memory[Array] = Memory(400)
 class ExploreView(Checked):
     """Which method the sliders change."""
 
-    method: str = setting("feature_selection", "the method that follows the sliders", choices=tuple(METHODS))
-    variant: str = setting(
-        "kit",
-        "the paper as published, which refuses the kit's own, or the kit's way",
-        choices=tuple(VARIANTS),
+    method: str = setting(
+        "feature_selection", "the method that follows the sliders", choices=tuple(PUBLISHED)
     )
 
 
@@ -48,11 +46,11 @@ class ExplorePanel(Panel):
 
     title = f"One threshold at a time, on the first {FRAMES} frames"
     view = ExploreView
-    start = preset("feature_selection", variant="kit")
+    start = preset("feature_selection")
+    kit = preset("feature_selection", variant="kit")
     height = 240
     controls = (
-        Control("view.method", "method"),
-        Control("view.variant", "variant"),
+        Control("view.method", "of Table 1"),
         Control("selection.sets", "five-point sets", high=400),
         Control("selection.threshold", "inlier threshold", high=5, step=0.05),
         Control("selection.refine_scale", "refinement width", high=10, step=0.1),
@@ -63,19 +61,38 @@ class ExplorePanel(Panel):
         Control("seed", high=9),
     )
 
-    @property
-    def changed(self) -> dict[str, Any]:
-        """Settings that differ from those the panel began with, by dotted name."""
-        settings = {name: knob.value for name, knob in self.knobs.items() if not name.startswith("view.")}
-        begun = {name: functools.reduce(getattr, name.split("."), self.start) for name in settings}
-        return {name: value for name, value in settings.items() if value != begun[name]}
+    def changed(self, state: State) -> dict[str, Any]:
+        """Settings that differ from those of the panel's start and change something, by dotted name."""
+        idle = self.idle(state)
+        settings = {name: knob.value for name, knob in self.knobs.items() if name not in idle}
+        return {
+            name: value
+            for name, value in settings.items()
+            if not (name.startswith(("view.", "seed")) or self._lacks(state.config, name))
+            # A slider's 0.05 may be 0.04999999999999999.
+            and (
+                value != self._first[name]
+                if isinstance(value, str)
+                else abs(value - self._first[name]) > 1e-9
+            )
+        }
+
+    def idle(self, state: State) -> set[str]:
+        idle = set() if state.view.method in BOX_METHODS else {"filter.margin"}
+        if state.view.method == "viso2":
+            idle |= {name for name in self.knobs if name.startswith("selection.") or "depth" in name}
+        if isinstance(state.config, KitConfig) and state.config.selection.mode == "literal":
+            idle |= {"selection.refine_scale"}
+        return idle
 
     def draw(self, state: State) -> Drawing:
-        method, variant, sequence = state.view.method, state.view.variant, state.sequence
-        truth, changed = true_poses(sequence), self.changed
+        method, variant, sequence = state.view.method, state.config.variant, state.sequence
+        if lacking := lacks(sequence):
+            image = photo(stereo(sequence, state.frame)[0], height=self.height)
+            return Drawing(stack([image], self.height), lacking)
+        truth, changed = true_poses(sequence), self.changed(state)
         base = preset(method, variant=variant, seed=state.config.seed)
         paths = {"preset": poses_of(sequence, base)}
-        # `DataError` where the paper's own has no such setting.
         config = functools.reduce(lambda config, name: change(config, name, changed[name]), changed, base)
         paths["with these settings"] = poses_of(sequence, config)
         (te_preset, re_preset), (te, re) = (errors_of(truth, poses) for poses in paths.values())
@@ -87,14 +104,14 @@ class ExplorePanel(Panel):
             Fact("RE", re, "deg/100 m", 4),
             Fact("RE of the preset", re_preset, "deg/100 m", 4),
             Fact("five-point sets", state.config.selection.sets),
+            Fact("settings changed", len(changed)),
             Fact("rotation error here", float(turn[frame - 1]), "deg", 4),
             Fact("translation error here", float(step[frame - 1]), "mm", 1),
         )
-        # A slider's 0.05 may be 0.04999999999999999.
         words = [f"{n} = {f'{v:g}' if isinstance(v, float) else v}" for n, v in changed.items()]
         sentence = (
             f"{method}, {VARIANT_WORDS[variant]}, {len(sequence)} frames; TE and RE over "
-            f"{SHORT_MEASURE.words}, as far as it goes. "
+            f"{SHORT_MEASURE.words}, as far as the path goes. "
             f"Changed: {', '.join(words) or 'nothing'}."
         )
         picture = claim_figure(sequence, paths, self.height, frame)
@@ -105,15 +122,15 @@ class ExplorePanel(Panel):
 
         def prepare(report: Progress) -> Sequence:
             sequence = part_of(opened(name, report), FRAMES)
-            true_poses(sequence)  # or say that there are none
             for done, _ in enumerate(CachedMatches(sequence, self.start), start=1):
                 report(done, len(sequence))
             return sequence
 
-        self.job.start(f"matching {FRAMES} frames of {name}", prepare, self._use, self._fail)
+        self.picture.value, self._text.value = self._white(), ""
+        self.job.start(f"matching {FRAMES} frames of {name}", prepare, self._use, self._not_opened)
 
 
-def poses_of(sequence: Sequence, config: PublishedConfig) -> Array:
+def poses_of(sequence: Sequence, config: MethodConfig) -> Array:
     """Poses (N, 4, 4) of a configuration on the kept matches: the back end alone."""
     key = sequence.folder, sequence.frames[0], len(sequence), sequence.labels, config
     matches = CachedMatches(sequence, config)

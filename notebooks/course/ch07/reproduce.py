@@ -16,7 +16,7 @@ from vo_lib.settings import Checked, setting
 from ..ch05.panel import LABELS
 from ..controls import Control
 from ..drawing import photo, stack
-from ..frames import stereo, true_poses
+from ..frames import lacks, stereo, true_poses
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 from .figures import errors_figure, paths_figure, table_html, tables_of
@@ -35,7 +35,6 @@ class ReproduceView(Checked):
     model: str = setting(LABELS, "boxes: labels beside the images, or a detector by name or ONNX file")
     frames: int = setting(60, "the first ones; of KITTI's 00 from 16 on, unless all", low=20, high=5000)
     seeds: int = setting(3, "runs of each method, each with other random sets", low=1, high=10)
-    variant: str = setting("published", "the paper as published, or the kit's way", choices=tuple(VARIANTS))
 
 
 class ReproducePanel(Panel):
@@ -43,6 +42,7 @@ class ReproducePanel(Panel):
 
     title = "Table 1 and Figure 4"
     view = ReproduceView
+    kit = preset(GAIN[1], variant="kit")
     height = PATHS_HEIGHT + ERRORS_HEIGHT
     long_job = "Run the methods"
     controls = (
@@ -50,10 +50,12 @@ class ReproducePanel(Panel):
         Control("view.model", "boxes"),
         Control("view.frames", "frames", step=20),
         Control("view.seeds", "seeds", high=5),
-        Control("view.variant", "variant"),
     )
 
     def draw(self, state: State) -> Drawing:
+        if lacking := lacks(state.sequence):
+            image = photo(stereo(state.sequence, state.frame)[0], height=IMAGE_HEIGHT)
+            return Drawing(stack([image], self.height), lacking)
         plan = _plan(state)
         sequence, truth = plan.sequence, true_poses(plan.sequence)
         frame = min(state.frame, len(sequence) - 1)
@@ -94,13 +96,13 @@ class ReproducePanel(Panel):
 
 
 def _plan(state: State) -> Plan:
-    view = state.view
-    methods = tuple(dict.fromkeys(name.strip() for name in view.methods)) or tuple(VARIANTS[view.variant])
+    view, variant = state.view, state.config.variant
+    methods = tuple(dict.fromkeys(name.strip() for name in view.methods)) or tuple(VARIANTS[variant])
     for name in methods:
-        preset(name, variant=view.variant)
+        preset(name, variant=variant)
     true_poses(state.sequence)  # or say that there are none
     sequence = _with_boxes(part_of(state.sequence, view.frames), view.model)
-    return Plan(sequence, methods, view.seeds, view.variant)
+    return Plan(sequence, methods, view.seeds, variant)
 
 
 def _with_boxes(sequence: Sequence, model: str) -> Sequence:
