@@ -53,7 +53,7 @@ def ablation_figure(path: Path = ABLATION) -> Figure:
                 axis.text(column, row, words, color=colour, **look)
         axis.set_title(title, fontsize=TITLE_SIZE, loc="left", pad=52)
         axis.tick_params(top=True, labeltop=True, bottom=False, labelbottom=False, length=0)
-        names = [name.rpartition("/")[2] for name in sequences]
+        names = [name.rpartition("/")[2].removeprefix("drive_") for name in sequences]
         axis.set_xticks(range(len(names)), names, rotation=60, ha="left", fontsize=FONT_SIZE - 1)
         axis.set_yticks(range(len(ideas)), ideas if kind == 0 else [], fontsize=FONT_SIZE - 1)
     return made
