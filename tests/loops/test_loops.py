@@ -1,0 +1,121 @@
+"""Places, loops and closed paths of a street that is driven twice."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import with_box
+
+from vo_lib.config import preset
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.sequence import Sequence
+from vo_lib.geometry.motion import inverse
+from vo_lib.geometry.twist import carried_along, motion_from_twist
+from vo_lib.geometry.types import Array
+from vo_lib.loops.find import Loops, find_loops
+from vo_lib.loops.graph import close_path
+from vo_lib.loops.places import candidates, place_frames
+from vo_lib.loops.settings import LoopConfig
+
+CONFIG = LoopConfig(every=2, gap=6, similarity=-1.0)
+METHOD = preset("feature_selection")
+
+
+def twice(folder: Path) -> Sequence:
+    """The frames of a sequence, then the same again."""
+    sequence = open_sequence(folder)
+    assert sequence.truth is not None
+    truth, times = np.concatenate([sequence.truth, sequence.truth]), np.arange(2.0 * len(sequence))
+    return dataclasses.replace(sequence, frames=sequence.frames * 2, times=times, truth=truth)
+
+
+def circle(count: int, drift: float) -> Array:
+    """Poses of two rounds of 40 frames, with a constant error of the heading, radians a frame."""
+    step = motion_from_twist(np.array([0.0, 2 * np.pi / 40 + drift, 0.0, 0.0, 0.0, 1.0]))
+    return np.array([np.linalg.matrix_power(step, k) for k in range(count)])
+
+
+def loops_between(truth: Array, pairs: list[tuple[int, int]]) -> Loops:
+    """Loops with the true motion between frames, 100 inliers of 100 matches each."""
+    first, second = np.array(pairs).T
+    whole = np.full(len(pairs), 100)
+    motion = inverse(truth[first]) @ truth[second]
+    return Loops(first, second, np.ones(len(pairs)), whole, whole, np.zeros(len(pairs)), motion)
+
+
+def worst(poses: Array, truth: Array) -> float:
+    return float(np.linalg.norm((poses - truth)[:, :3, 3], axis=1).max())
+
+
+def test_a_second_visit_is_recognised_and_measured(bands: Path) -> None:
+    sequence = twice(bands)
+    loops = find_loops(sequence, METHOD, CONFIG)
+    again = find_loops(sequence, METHOD, CONFIG)
+    assert all(np.array_equal(a, b) for a, b in zip(vars(loops).values(), vars(again).values(), strict=True))
+    assert np.all(loops.second - loops.first >= CONFIG.gap)
+    same = loops.second - loops.first == 6
+    assert np.count_nonzero(same) == 3
+    assert loops.accepted(CONFIG)[same].all()
+    assert sequence.truth is not None
+    accepted = loops[loops.accepted(CONFIG)]
+    true = inverse(sequence.truth[accepted.first]) @ sequence.truth[accepted.second]
+    assert accepted.motion == pytest.approx(true, abs=0.01)
+    assert accepted.residual.max() < 0.3
+
+
+def test_features_in_vehicle_boxes_and_masks_are_left_out(bands: Path, tmp_path: Path) -> None:
+    with_box(bands, 6, "2 0.5 0.5 1.0 1.0\n")
+    covered = twice(bands)
+    assert find_loops(covered, METHOD, CONFIG).matches.max(initial=0) == 0
+    bare = preset("solution_selection")
+    assert find_loops(covered, bare, CONFIG).accepted(CONFIG).any()
+    cv2.imwrite(str(tmp_path / "mask.png"), np.full((240, 480), 255, np.uint8))
+    masked = dataclasses.replace(covered, masks=tmp_path / "mask.png")
+    assert find_loops(masked, bare, CONFIG).matches.max(initial=0) == 0
+
+
+def test_a_sequence_shorter_than_the_gap_has_no_loops(bands: Path) -> None:
+    loops = find_loops(open_sequence(bands), METHOD, CONFIG)
+    assert len(loops) == 0
+    poses = circle(6, 0.01)
+    closed = close_path(poses, loops, CONFIG)
+    assert np.array_equal(closed.poses, poses)
+
+
+def test_a_place_is_compared_with_the_most_similar_ones_that_are_the_gap_away() -> None:
+    similarity = np.array([[1.0, 0.0, 0.9, 0.3], [0, 1, 0, 0.8], [0.9, 0, 1, 0.9], [0.3, 0.8, 0.9, 1]])
+    config = LoopConfig(gap=20, candidates=1, similarity=0.5)
+    assert candidates(similarity, np.array([0, 10, 20, 30]), config).tolist() == [[0, 2], [1, 3]]
+    assert len(place_frames(4541, LoopConfig(every=10))) == 455
+    assert len(place_frames(4541, LoopConfig())) <= LoopConfig().places
+
+
+def test_loops_take_out_the_drift_and_a_false_one_has_no_weight() -> None:
+    truth, drifted = circle(80, 0.0), circle(80, 0.004)
+    config = LoopConfig(frame_turn=0.2)
+    pairs = [(k, k + 40) for k in range(0, 40, 5)]
+    closed = close_path(drifted, loops_between(truth, pairs), config)
+    assert worst(closed.poses, truth) < 0.2 * worst(drifted, truth)
+    assert closed.gap.max() < 0.05
+    assert np.array_equal(closed.poses[0], drifted[0])
+    loops = loops_between(truth, [*pairs, (0, 60)])
+    loops.motion[-1] = np.eye(4)  # it says that the opposite side of the circle is the start
+    with_false = close_path(drifted, loops, config)
+    assert with_false.weight[-1] < 0.01
+    assert worst(with_false.poses, closed.poses) < 0.02
+    believed = close_path(drifted, loops, dataclasses.replace(config, scale=1e6))
+    assert worst(believed.poses, truth) > worst(drifted, truth)
+
+
+def test_frames_between_places_are_carried_along() -> None:
+    poses, frames = circle(23, 0.0), np.arange(0, 23, 5)
+    assert carried_along(poses, frames, poses[frames]) == pytest.approx(poses, abs=1e-12)
+    drifted = circle(23, 0.01)
+    moved = carried_along(drifted, frames, poses[frames])
+    assert moved[frames] == pytest.approx(poses[frames], abs=1e-12)
+    assert worst(moved, poses) < 0.1 * worst(drifted, poses)
+    assert inverse(moved[21]) @ moved[22] == pytest.approx(inverse(drifted[21]) @ drifted[22], abs=1e-12)

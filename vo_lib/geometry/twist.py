@@ -1,0 +1,72 @@
+"""Twists: the logarithm and the exponential of SE(3), as rotation vector and translation part (..., 6)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .motion import inverse, rotation_angle, rotation_from_vector, skew
+from .types import Array, IntArray
+
+SMALL_ANGLE_RAD = 1e-4  # below it, series take the place of quotients
+
+
+def twist_from_motion(T: Array) -> Array:
+    """Twists (..., 6) of motions (..., 4, 4) that turn by less than π."""
+    R, angle = T[..., :3, :3], rotation_angle(T[..., :3, :3])[..., None]
+    difference = R - np.swapaxes(R, -1, -2)
+    axis = np.stack([difference[..., 2, 1], difference[..., 0, 2], difference[..., 1, 0]], axis=-1)
+    small = angle < SMALL_ANGLE_RAD
+    safe = np.where(small, 1.0, angle)
+    w = axis * np.where(small, 0.5 + angle**2 / 12.0, safe / (2.0 * np.sin(safe)))
+    c = np.where(small, 1.0 / 12.0, (1.0 - safe / (2.0 * np.tan(safe / 2.0))) / safe**2)[..., None]
+    W = skew(w)
+    v = (np.eye(3) - 0.5 * W + c * (W @ W)) @ T[..., :3, 3, None]
+    return np.concatenate([w, v[..., 0]], axis=-1)
+
+
+def motion_from_twist(xi: Array) -> Array:
+    """Motions (..., 4, 4) of twists (..., 6)."""
+    w = xi[..., :3]
+    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    small = angle < SMALL_ANGLE_RAD
+    safe = np.where(small, 1.0, angle)
+    b = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    c = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    W = skew(w)
+    T = np.zeros((*xi.shape[:-1], 4, 4))
+    T[..., :3, :3] = rotation_from_vector(w)
+    T[..., :3, 3] = ((np.eye(3) + b * W + c * (W @ W)) @ xi[..., 3:, None])[..., 0]
+    T[..., 3, 3] = 1.0
+    return T
+
+
+def adjoint(T: Array) -> Array:
+    """Matrices (..., 6, 6) that take a twist in the second frame of T (..., 4, 4) to the first."""
+    R = T[..., :3, :3]
+    out = np.zeros((*T.shape[:-2], 6, 6))
+    out[..., :3, :3] = out[..., 3:, 3:] = R
+    out[..., 3:, :3] = skew(T[..., :3, 3]) @ R
+    return out
+
+
+def bracket(xi: Array) -> Array:
+    """Matrices (..., 6, 6) of the Lie bracket with twists (..., 6): the derivative of `adjoint`."""
+    out = np.zeros((*xi.shape, 6))
+    out[..., :3, :3] = out[..., 3:, 3:] = skew(xi[..., :3])
+    out[..., 3:, :3] = skew(xi[..., 3:])
+    return out
+
+
+def carried_along(poses: Array, frames: IntArray, places: Array) -> Array:
+    """Poses (N, 4, 4) of all frames after some (K,), the first one 0, have moved to `places` (K, 4, 4).
+
+    The change between two places is spread evenly over the frames between them, as a twist.
+    """
+    part = np.searchsorted(frames, np.arange(len(poses)), side="right") - 1
+    old, change = poses[frames], np.zeros((len(frames), 6))
+    between = inverse(old[:-1]) @ old[1:]
+    change[:-1] = twist_from_motion(inverse(places[:-1]) @ places[1:] @ inverse(between))
+    share = (np.arange(len(poses)) - frames[part]) / np.diff(frames, append=len(poses))[part]
+    return np.asarray(
+        places[part] @ motion_from_twist(share[:, None] * change[part]) @ inverse(old[part]) @ poses
+    )

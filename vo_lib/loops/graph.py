@@ -1,0 +1,131 @@
+"""The pose graph: the poses that agree best with measured motions between them (Gauss-Newton).
+
+An edge measures the pose of its second camera in its first, Z. Its residual is the twist of Z⁻¹ T_i⁻¹ T_j
+(Grisetti et al., "A tutorial on graph-based SLAM", 2010). A loop may be false, and so has Cauchy's weight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.motion import inverse
+from ..geometry.rows import Rows
+from ..geometry.twist import adjoint, bracket, carried_along, motion_from_twist, twist_from_motion
+from ..geometry.types import Array, BoolArray, IntArray
+from .find import Loops
+from .places import place_frames
+from .settings import LoopConfig
+
+MAX_STEPS = 100
+CONVERGED_MOVE = 1e-4  # no pose moves farther in the last step, radians and metres
+NARROWING = 0.25  # of the scale of the weights, from one of the first steps to the next
+SERIES = ((1, 0.5), (2, 1 / 12), (4, -1 / 720), (6, 1 / 30240))  # powers and factors of x / (1 - exp(-x))
+
+
+@dataclass(frozen=True, eq=False)
+class Edges(Rows):
+    """N measured motions between poses.
+
+    first, second : (N,) numbers of the poses.
+    motion : (N, 4, 4) pose of the second camera in the first.
+    sigma : (N, 2) standard deviations of the rotation, radians, and of the translation, metres.
+    is_loop : (N,) the edge has a robust weight.
+    """
+
+    first: IntArray
+    second: IntArray
+    motion: Array
+    sigma: Array
+    is_loop: BoolArray
+
+
+def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
+    """Residuals (N, 6) of edges, in standard deviations, and derivatives (N, 6, 6) to twists of either pose.
+
+    A pose moves by a twist δ in its own frame: T_w_c exp(δ).
+    """
+    between = inverse(poses[edges.first]) @ poses[edges.second]
+    r = twist_from_motion(inverse(edges.motion) @ between)
+    powers = (factor * np.linalg.matrix_power(bracket(r), power) for power, factor in SERIES)
+    to_second = sum(powers, np.eye(6))
+    sigma = np.repeat(edges.sigma, 3, axis=1)
+    to_first = -to_second @ adjoint(inverse(between))
+    return r / sigma, to_first / sigma[:, :, None], to_second / sigma[:, :, None]
+
+
+def optimise(
+    poses: Array, edges: Edges, scale: float = np.inf, tolerance: float = CONVERGED_MOVE
+) -> tuple[Array, Array, Array]:
+    """Gauss-Newton from poses (N, 4, 4), T_w_c; the first pose stays where it is, which fixes the world.
+
+    scale : residual, standard deviations, at which the weight of a loop is one half; infinite: it is 1. The
+        first steps take a larger scale: before the path is bent, a true loop has a large residual too.
+    tolerance : no pose moves farther in the last step, radians and metres.
+
+    Returns the poses, and of each edge (M,) the residual, in standard deviations, and the weight in [0, 1].
+    """
+    poses, moved, count, ends = poses.copy(), np.inf, len(poses), (edges.first, edges.second)
+    for step in range(MAX_STEPS + 1):
+        r, *sides = linearised(poses, edges)
+        size = np.linalg.norm(r, axis=1)
+        current = max(scale, NARROWING**step * float(size[edges.is_loop].max(initial=0.0)))
+        weight = np.where(edges.is_loop, 1.0 / (1.0 + (size / current) ** 2), 1.0)
+        if step == MAX_STEPS or (current == scale and moved < tolerance):
+            break
+        H, g = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
+        for i, left in zip(ends, sides, strict=True):
+            weighted = weight[:, None, None] * np.swapaxes(left, 1, 2)
+            np.add.at(g, i, (weighted @ r[:, :, None])[..., 0])
+            for j, right in zip(ends, sides, strict=True):
+                np.add.at(H, (i, j), weighted @ right)
+        free = H[1:, 1:].transpose(0, 2, 1, 3).reshape(6 * count - 6, 6 * count - 6)
+        delta = np.asarray(np.linalg.solve(free, -g[1:].ravel()), np.float64).reshape(-1, 6)
+        poses[1:] = poses[1:] @ motion_from_twist(delta)
+        moved = float(np.abs(delta).max())
+    return poses, size, weight
+
+
+@dataclass(frozen=True)
+class Closed:
+    """A path whose loops were closed.
+
+    poses : (N, 4, 4) T_w_c of all frames; the first one did not move.
+    loops : the M loops that were closed.
+    weight : (M,) of each loop in the pose graph, from 0 to 1.
+    gap : (M,) metres that the path leaves between the two visits where the loop's motion leads.
+    """
+
+    poses: Array
+    loops: Loops
+    weight: Array
+    gap: Array
+
+
+def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
+    """The path (N, 4, 4) of a run with all of these loops closed; the same path without a loop."""
+    frames = place_frames(len(poses), config)
+    if len(loops) == 0:
+        return Closed(poses.copy(), loops, np.zeros(0), np.zeros(0))
+    edges = graph_edges(poses[frames], frames, loops, config)
+    moved_places, _, weight = optimise(poses[frames], edges, config.scale)
+    moved = carried_along(poses, frames, moved_places)
+    between = inverse(moved[loops.first]) @ moved[loops.second]
+    gap = np.linalg.norm((inverse(loops.motion) @ between)[:, :3, 3], axis=1)
+    return Closed(moved, loops, weight[edges.is_loop], gap)
+
+
+def graph_edges(places: Array, frames: IntArray, loops: Loops, config: LoopConfig) -> Edges:
+    """Edges between neighbouring places (N, 4, 4), at these frames (N,), then those of the loops."""
+    number, size = np.arange(len(frames) - 1), np.diff(frames)
+    # Errors of frames add up as the steps of a random walk.
+    steps = np.sqrt(size)[:, None] * [np.radians(config.frame_turn), config.frame_step]
+    sigma = np.tile([np.radians(config.loop_turn), config.loop_step], (len(loops), 1))
+    return Edges(
+        np.concatenate([number, np.searchsorted(frames, loops.first)]),
+        np.concatenate([number + 1, np.searchsorted(frames, loops.second)]),
+        np.concatenate([inverse(places[:-1]) @ places[1:], loops.motion]),
+        np.concatenate([steps, sigma]),
+        np.arange(len(number) + len(loops)) >= len(number),
+    )
