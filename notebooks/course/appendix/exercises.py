@@ -23,10 +23,10 @@ def step_seen(Z: Array, e: float, fb: float) -> Array:
     return depth_seen(Z, e, fb) - depth_seen(Z - 1.0, e, fb)
 
 
-def fitted_roll(x: Array, y: Array, rows: Array, terms: int = 3) -> float:
+def fitted_roll(x: Array, y: Array, rows: Array, terms: tuple[int, ...] = (0, 1, 2)) -> float:
     """Roll, pixels, by least squares from row differences (N,) at normalised places: roll, offset, focal length."""
     A = np.column_stack([-x, np.ones_like(x), y])
-    return float(np.linalg.lstsq(A[:, :terms], rows, rcond=None)[0][0])
+    return float(np.linalg.lstsq(A[:, terms], rows, rcond=None)[0][0])
 
 
 def rolled() -> list[Case]:
@@ -60,7 +60,11 @@ far_point = Exercise(
     line="386 / (386 / 40 + 0.5)",
     mistakes={
         "the sign: a point with too large a disparity seems nearer.": float(depth_seen(40.0, -E)),
-        "this is the error, not the depth.": 40.0 - float(depth_seen(40.0, E)),
+        "this is the error, not the depth.": (
+            40.0 - float(depth_seen(40.0, E)),
+            float(depth_seen(40.0, E)) - 40.0,
+        ),
+        "this is the disparity in pixels, not yet the depth.": FB / 40.0 + E,
     },
 )
 
@@ -86,9 +90,12 @@ roll = Exercise(
     hint="a column of the matrix for each unknown, all three in one fit.",
     line="np.linalg.lstsq(np.column_stack([-x, np.ones_like(x), y]), rows, rcond=None)[0][0]",
     mistakes={
-        "the offset is not fitted: what is left out leaks into the roll.": partial(fitted_roll, terms=1),
+        "the offset is not fitted: what is left out leaks into the roll.": (
+            partial(fitted_roll, terms=(0,)),
+            partial(fitted_roll, terms=(0, 2)),
+        ),
         "the focal length is not fitted: what is left out leaks into the roll.": partial(
-            fitted_roll, terms=2
+            fitted_roll, terms=(0, 1)
         ),
     },
     slips={"sign": "the sign: with a roll above 0 the rows fall with x."},
@@ -111,6 +118,9 @@ shrink = Exercise(
         ),
         "the errors are correlated: the inverse of the whole covariance, not of its diagonal.": lambda e, C: (
             shrunk(e, np.diag(np.diag(C)))
+        ),
+        "this is the share that noise explains; the rest of the estimate is kept.": lambda e, C: (
+            e * len(e) / (e @ np.linalg.solve(C, e))
         ),
         "this is the factor for a square of 1; noise in k errors has a square of k.": lambda e, C: (
             e * max(0.0, 1.0 - 1.0 / (e @ np.linalg.solve(C, e)))

@@ -290,6 +290,9 @@ keep_outside = Exercise(
             lambda uv_p, uv_c, *boxes: outside(uv_p, uv_c, *boxes[::-1]),
             lambda uv_p, uv_c, *boxes: outside(uv_p, uv_c, *[np.concatenate(boxes)] * 2),
         ),
+        "a feature may be in any of the boxes, not only in the first.": lambda uv_p, uv_c, *boxes: outside(
+            uv_p, uv_c, *(each[:1] for each in boxes)
+        ),
         "u and v are exchanged: boxes begin with their u.": lambda uv_p, uv_c, *boxes: outside(
             uv_p[:, ::-1], uv_c[:, ::-1], *boxes
         ),

@@ -18,7 +18,7 @@ from vo_lib.report.plots import match_image
 
 from ..ch04.figures import mark_reference, millimetres_from_above
 from ..colours import BAD, DARK, GOOD, PALE, bgr
-from ..drawing import COARSE, WIDTH, caption, figure, finish, photo, room
+from ..drawing import COARSE, FONT_SIZE, WIDTH, caption, figure, finish, photo, room
 
 MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST_LABELLED = 44  # pixels of a box, for its score above it
@@ -88,7 +88,10 @@ def errors_chart(axis: Axes, errors: dict[str, Array], reference: str, title: st
     for (name, error), (colour, size) in zip(errors.items(), DOTS, strict=True):
         axis.plot(*error[[0, 2]], "o", color=colour, markeredgecolor=DARK, markersize=size, label=name)
     largest = max(float(np.abs(error[[0, 2]]).max()) for error in errors.values())
-    millimetres_from_above(axis, room(1.2 * largest, steps=COARSE, least=1), title)
+    half = room(1.2 * largest, steps=COARSE, least=1)
+    millimetres_from_above(axis, half, title)
+    axis.set_xlim(-1.9 * half, half)  # the legend is on the left, off the dots
+    axis.legend(loc="upper left", fontsize=FONT_SIZE - 1)
 
 
 def precision_figure(scores: Array, precision: Array, recall: Array) -> Figure:
