@@ -56,10 +56,10 @@ def test_other_names_and_files_are_refused(onnx: Path, tmp_path: Path) -> None:
     for name, path, words in (
         ("../up", onnx, "is no name"),
         ("yolox-tiny", onnx, "is not the official yolox-tiny"),
-        ("mine", tmp_path / "page.onnx", "no model that ONNX Runtime can load"),
+        ("mine", tmp_path / "page.onnx", "not a model that ONNX Runtime can load"),
     ):
         with pytest.raises(DataError, match=words):
             register_detector(name, path, tmp_path / "new")
     assert not (tmp_path / "new").exists()
-    with pytest.raises(DataError, match=r"'yolox-s': .* one of street; vo data get_detector lists more"):
+    with pytest.raises(DataError, match=r"'yolox-s': .* one of street; `vo data get_detector` lists more"):
         find_model("yolox-s", tmp_path / "new")

@@ -122,11 +122,11 @@ def test_what_is_no_usable_model_is_said_in_one_line(tmp_path: Path) -> None:
         return text
 
     path.write_bytes(b"not a model")
-    assert "no model that ONNX Runtime can load" in message()
+    assert "not a model that ONNX Runtime can load" in message()
     write_answering(path, box, input_shape=(1, 3, 64))
     assert "expected one input [1, 3, height, width], found [1, 3, 64]" in message()
     write_answering(path, box, names="{0: 'cat', 1: 'dog'}")
-    assert "knows none of the classes car, bus, truck: it has cat, dog" in message()
+    assert "has none of the classes car, bus, truck, only cat, dog" in message()
 
 
 def test_the_street_model_finds_the_vehicles_of_a_street_it_was_not_trained_on(street: Sequence) -> None:

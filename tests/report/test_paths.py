@@ -67,7 +67,7 @@ def test_runs_know_their_truth_and_short_paths_take_short_lengths(
     folders = [str(runs / name) for name in ("a", "b", "part", "else")]
     assert main(["evaluate", *folders, "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    for words in ("bands: sub-sequences of 20, 50, 100 m", "bands, frames 1-4", "Shorter sub-sequences"):
+    for words in ("bands: sub-sequences of 20, 50, 100 m", "bands, frames 1-4", "shorter than KITTI"):
         assert words in said
     names = ("bands", "bands_frames_1-4", "street")
     # 2.5 m hold no sub-sequence, so there are no curves.
@@ -103,7 +103,7 @@ def test_a_run_whose_sequence_is_gone_takes_the_truth_from_a_file(
     config = json.loads((tmp_path / "a" / "config.json").read_text(encoding="utf-8"))
     for folder, says in (("/gone", "no longer at /gone"), (None, "no longer at None")):
         (tmp_path / "a" / "config.json").write_text(json.dumps(config | {"folder": folder}), encoding="utf-8")
-        assert f"{says}: name its truth with --truth FILE" in refused(capsys, tmp_path / "a")
+        assert f"{says}: give its ground truth with --truth FILE" in refused(capsys, tmp_path / "a")
     expected = numbers(capsys, runs / "a")["viso2"]
     kitti, timed = tmp_path / "truth.txt", tmp_path / "timed.txt"
     truth = read_kitti_poses(runs / "bands" / "poses.txt")
@@ -140,9 +140,11 @@ def test_unknown_truths_and_other_numbers_of_poses_are_refused(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_kitti_poses(tmp_path / "five.txt", straight(5))
-    assert "a file of poses alone" in refused(capsys, runs / "a", runs / "else", tmp_path / "five.txt")
+    assert "a pose file without ground truth" in refused(
+        capsys, runs / "a", runs / "else", tmp_path / "five.txt"
+    )
     assert "has 5 poses, but the truth of bands has 6" in refused(capsys, runs / "a", tmp_path / "five.txt")
-    assert "holds no run: expected the folder of one finished run" in refused(capsys, tmp_path)
+    assert "contains no finished run: expected the folder of a run" in refused(capsys, tmp_path)
     (tmp_path / "later.txt").write_text(format_tum(np.arange(10.0, 15.0), straight(5)))
     assert "fewer than two poses at the times" in refused(capsys, runs / "a", tmp_path / "later.txt")
 

@@ -37,7 +37,9 @@ def test_the_page_begins_with_the_result_and_two_pictures_and_its_links_lead_to_
     assert text.index("&lt;said&gt;") < first < second < text.index("<table") < third
     assert text.index('<details id="table2">') < text.rindex("<table")
     links = set(re.findall('href="#([^"]*)"', text))
-    assert links == set(re.findall(' id="([^"]*)"', text)) == {"table1", "table2", "more", "methods", "made"}
+    assert (
+        links == set(re.findall(' id="([^"]*)"', text)) == {"table1", "table2", "more", "methods", "origin"}
+    )
     assert text.count("flex: 4 1 2px") == 3
     assert date.today().isoformat() in text
 

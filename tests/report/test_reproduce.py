@@ -146,8 +146,10 @@ def test_parts_of_sequences_and_missing_boxes_are_said_first() -> None:
     parts = {"kitti/04": 271, "kitti/07": 300}
     for method, boxed in (("feature_selection", True), ("solution_selection", False)):
         head = layout(group_of(*(entry_of(name, n, [1.0], method) for name, n in parts.items())))[0].head
-        assert head[0].endswith("not comparable with whole ones: kitti/07 (300 of 1101 frames).")
-        assert [line.split(":")[0] for line in head[1:]] == ["No vehicle boxes on kitti/04, kitti/07"] * boxed
+        assert head[0].endswith("not comparable with whole sequences: kitti/07 (300 of 1101 frames).")
+        assert [line.split(":")[0] for line in head[1:]] == [
+            "No vehicle boxes for kitti/04, kitti/07"
+        ] * boxed
 
 
 def test_the_result_compares_the_means_of_the_proposal_with_and_without_the_removal() -> None:
@@ -160,9 +162,11 @@ def test_the_result_compares_the_means_of_the_proposal_with_and_without_the_remo
     assert said.startswith("Mean of 2 sequences, the kit's way: feature_selection")
     means = [f"{group.mean(method)[0].mean():.3f}" for method in pairs]
     # From 3 to 2 %; the rotations have no errors.
-    assert said.endswith(f"lowers TE from {means[0]} to {means[1]} % (−33.3 %) against solution_selection.")
+    assert said.endswith(
+        f"lowers TE from {means[0]} to {means[1]} % (−33.3 %) compared with solution_selection."
+    )
     note = layout(group)[-1].notes[-1]
-    assert note.endswith(f"raises TE from {means[2]} to {means[1]} % (+100.0 %) against mesvo_f.")
+    assert note.endswith(f"raises TE from {means[2]} to {means[1]} % (+100.0 %) compared with mesvo_f.")
     assert results([group_of(*(e for e in entries if e.method == "mesvo_f"))]) == []
 
 
@@ -191,7 +195,7 @@ def test_a_job_for_each_sequence_method_and_seed_in_a_folder_of_its_own() -> Non
     assert jobs[0].folder == Path("out/runs/published/kitti_00/viso2/seed_0")
     assert [job.config.variant for job in jobs] == ["published"] * 6 + ["kit"] * 12
     assert [job.config.seed for job in jobs[:3]] == [0, 1, 2]
-    with pytest.raises(DataError, match="two sequences are called a b"):
+    with pytest.raises(DataError, match="two sequences have the name a b"):
         plan_jobs([sequences[1], sequences[1]], {"kit": ["viso2"]}, 1, Path("out"))
 
 

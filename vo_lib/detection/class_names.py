@@ -1,4 +1,4 @@
-"""Class names of detectors and their COCO numbers, in which labels are written."""
+"""Class names of detectors and their COCO numbers, which label files contain."""
 
 from __future__ import annotations
 
@@ -36,35 +36,35 @@ OTHER_NAMES = {
 
 
 def coco_number(name: str) -> int | None:
-    """COCO's number of a class name, or None."""
+    """COCO number of a class name, or None."""
     plain = name.strip().lower()
     plain = OTHER_NAMES.get(plain, plain)
     return COCO.index(plain) if plain in COCO else None
 
 
 def names_from_metadata(text: str, count: int) -> tuple[str, ...] | None:
-    """The `names` of a model with `count` classes, from a dict or list as text; None for other counts."""
+    """The class names in a model's metadata, from a dict or list as text; None unless there are `count`."""
     names = tuple(re.findall(r"['\"]([^'\"]*)['\"]", text))
     return names if len(names) == count else None
 
 
 def class_numbers(names: Sequence[str]) -> IntArray:
-    """The number (C,) of each class in labels: COCO's, or 80 + its index if COCO has no such class."""
+    """Class numbers (C,) in label files: the COCO number, or 80 + index for a class that COCO lacks."""
     numbers = [coco_number(name) for name in names]
     return np.array([len(COCO) + k if n is None else n for k, n in enumerate(numbers)], np.int64)
 
 
 def choose_classes(words: Sequence[str], names: Sequence[str]) -> BoolArray:
-    """Which of a model's classes (C,) `words` name: by the model's or COCO's name, or by number; none: all.
+    """Mask (C,) of the model's classes in `words`, names (the model's or COCO's) or numbers; no words: all.
 
     Raises `DataError` for a name that neither the model nor COCO has.
     """
-    numbers, chosen = class_numbers(names), np.full(len(names), not words)
+    numbers, mask = class_numbers(names), np.full(len(names), not words)
     for word in (word.strip().lower() for word in words):
-        own = np.array([name.lower() == word for name in names], np.bool_)
+        same_name = np.array([name.lower() == word for name in names], np.bool_)
         number = int(word) if word.isdecimal() and len(word) < 10 else coco_number(word)
-        if number is None and not own.any():
+        if number is None and not same_name.any():
             expected = f"expected a COCO name or number, or one of {', '.join(names)[:200]}"
             raise DataError(f"class {word!r}: {expected}")
-        chosen |= own if number is None else own | (numbers == number)
-    return chosen
+        mask |= same_name if number is None else same_name | (numbers == number)
+    return mask

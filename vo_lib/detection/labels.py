@@ -1,6 +1,6 @@
-"""Label folders written by a detector: a YOLO text file for each frame, and a record of the detector.
+"""Label folders from a detector: a YOLO text file per frame, and a record of the detector.
 
-A label folder holds `000000.txt` … and `detector.json`: the model's SHA-256 and the settings that made it.
+A label folder contains `000000.txt` … and `detector.json`, with the model's SHA-256 and the settings.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from .settings import DetectorConfig
 from .yolo import YoloDetector
 
 RECORD = "detector.json"
-# Images detected at once, each in a thread: while one is read or its boxes are chosen, the network works.
-IMAGES_AT_ONCE = 2
+# Threads, one image each: the network works on one image while another is read or its boxes are selected.
+DETECTION_THREADS = 2
 
 
 def detection_record(model: str | Path, config: DetectorConfig, provider: str = "cpu") -> dict[str, Any]:
-    """Everything that decides a detector's boxes, ready for JSON: model with its hash, settings, provider."""
+    """All inputs of a detector's boxes, for JSON: model with its hash, settings, provider."""
     path = find_model(model)
     settings = to_dict(config)
     del settings["threads"]
@@ -40,7 +40,7 @@ def detection_record(model: str | Path, config: DetectorConfig, provider: str = 
 
 
 def label_folder(sequence: Sequence, record: dict[str, Any], cache: Path | None = None) -> Path:
-    """Where a detector's boxes of a sequence are kept, in `cache` or the user's cache folder."""
+    """The folder of a detector's boxes for a sequence, in `cache` or the user's cache folder."""
     root = cache_folder().parent if cache is None else cache
     text = json.dumps([record, str(sequence.folder.resolve())], sort_keys=True)
     digest = hashlib.sha256(text.encode()).hexdigest()[:12]
@@ -57,10 +57,10 @@ def write_label_folder(
     replace: bool = False,
     progress: Progress | None = None,
 ) -> int:
-    """Write the labels that a folder lacks; returns how many. Called again after a stop, it goes on.
+    """Write the missing labels of a folder and return their number; a second call continues the first.
 
-    A label that is older than its image is written anew. Raises `DataError` if another process writes labels
-    there, or if the labels there were made otherwise and `replace` is not given.
+    A label older than its image counts as missing. Raises `DataError` if another process writes labels into
+    the folder, or if its labels come from another detector and `replace` is false.
     """
     record, images = detection_record(model, config, provider), sequence.folder / "image_0"
     try:
@@ -79,9 +79,9 @@ def write_label_folder(
             image = read_image(image_file)
             write_labels(label, detector.detect(image), image.shape[1], image.shape[0])
 
-        with ThreadPoolExecutor(IMAGES_AT_ONCE) as pool:
-            done = pool.map(detect, *zip(*missing, strict=True))
-            for number, _ in enumerate(done, start=len(files) - len(missing) + 1):
+        with ThreadPoolExecutor(DETECTION_THREADS) as pool:
+            results = pool.map(detect, *zip(*missing, strict=True))
+            for number, _ in enumerate(results, start=len(files) - len(missing) + 1):
                 if progress:
                     progress(number, len(files))
         return len(missing)
@@ -96,7 +96,7 @@ def labelled_sequence(
     cache: Path | None = None,
     progress: Progress | None = None,
 ) -> Sequence:
-    """The sequence with a detector's labels, which are kept in the cache folder."""
+    """The sequence with a detector's labels, which are stored in the cache folder."""
     config = config or DetectorConfig()
     folder = label_folder(sequence, detection_record(model, config, provider), cache)
     write_label_folder(sequence, model, config, folder, provider=provider, replace=True, progress=progress)
@@ -104,16 +104,16 @@ def labelled_sequence(
 
 
 def _claim(folder: Path, record: dict[str, Any], replace: bool) -> None:
-    """Write the detector's record unless it is there; `replace` removes the labels of another detector."""
+    """Write the detector's record unless it exists; `replace` deletes the labels of another detector."""
     path, labels = folder / RECORD, list(folder.glob("*.txt"))
-    with suppress(DataError):  # a missing or damaged record is that of another detector
+    with suppress(DataError):  # a missing or damaged record counts as another detector's
         if read_mapping(path, "the record of a detector") == record:
             return
     if labels and not replace:
         raise DataError(
-            "holds labels that this detector did not write: give another folder, or --replace", folder
+            "contains labels that this detector did not write: choose another folder or add --replace", folder
         )
-    # The record goes first: labels must never be beside the record of another detector.
+    # The record is deleted first: a folder never has labels of one detector and the record of another.
     for file in (path, *labels):
         file.unlink(missing_ok=True)
     write_atomic(path, json.dumps(record, indent=1) + "\n")

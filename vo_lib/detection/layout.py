@@ -1,6 +1,6 @@
-"""The arithmetic around a YOLO network: fitting an image into its input, reading its output, suppression.
+"""The arithmetic around a YOLO network: input image, decoding of the output, non-maximum suppression.
 
-Coordinates of the network's image are measured from the outer edge of its first pixel, as YOLO does.
+As in YOLO, the origin of the network's image is the outer corner of its first pixel.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from ..geometry.types import Array, BoolArray, Image
 
 Float32 = NDArray[np.float32]
 
-BORDER_GREY = 114  # the value that both families are trained with
-STRIDES = (8, 16, 32)  # of YOLOX's cells, in the order of its output
-INPUT_STRIDE_PX = STRIDES[-1]  # sides of a network's image are multiples of it
+BORDER_GREY = 114  # the border value in the training of both families
+STRIDES = (8, 16, 32)  # cell sizes of YOLOX, pixels, in the order of its output
+INPUT_STRIDE_PX = STRIDES[-1]  # the sides of a network's image are multiples of this
 MAX_INPUT_PX = 4096  # a larger size in a model's metadata is ignored
-MAX_SQUEEZE = 0.1  # share of a stride by which an image is scaled down to save a row of cells
-ONE_OBJECT_IOU = 0.9  # boxes of different classes that overlap more are one object
-MAX_SUPPRESSED_BOXES = 3000  # boxes that enter suppression, the best first
+MAX_SQUEEZE = 0.1  # largest excess over a multiple of the stride, in strides, that is scaled away
+ONE_OBJECT_IOU = 0.9  # boxes of different classes with a larger overlap are one object
+MAX_SUPPRESSED_BOXES = 3000  # number of boxes in the suppression, the best first
 
 
 @dataclass(frozen=True)
 class Letterbox:
-    """An image scaled into the network's image with a border around: at `left`, `top`, times `scale`."""
+    """The position of an image in the network's image: scaled by `scale`, at `left`, `top`, in a border."""
 
     width: int
     height: int
@@ -38,15 +38,15 @@ class Letterbox:
     top: int
 
     def to_image(self, xyxy: Array, width: int, height: int) -> Array:
-        """Boxes (K, 4) of the network's image in the image (pixel centres at integers), cut at its border."""
-        moved = (xyxy - (self.left, self.top) * 2) / self.scale
-        return np.asarray(np.clip(moved, 0.0, (width, height) * 2) - 0.5)
+        """Boxes (K, 4) in the original image (pixel centres at integers), clipped at its border."""
+        corners = (xyxy - (self.left, self.top) * 2) / self.scale
+        return np.asarray(np.clip(corners, 0.0, (width, height) * 2) - 0.5)
 
 
 def fit_size(width: int, height: int, size: int) -> tuple[int, int]:
-    """Width and height of a network's image whose longer side is `size`, in the aspect of the image.
+    """Width and height of a network's image with longer side `size` and the aspect ratio of the image.
 
-    Both are multiples of the stride: rounded up, unless a tenth of a stride is all that is missing.
+    Both are multiples of the stride, rounded up if the excess is more than a tenth of a stride.
     """
     scale = size / max(width, height)
     cells = [max(1, math.ceil(side * scale / INPUT_STRIDE_PX - MAX_SQUEEZE)) for side in (width, height)]
@@ -54,35 +54,35 @@ def fit_size(width: int, height: int, size: int) -> tuple[int, int]:
 
 
 def size_from_metadata(text: str) -> int | None:
-    """Longer side, pixels, of the images a model was made for: of "[640, 640]" or "640"; else None."""
+    """Longer image side, pixels, in a model's metadata "[640, 640]" or "640"; None for other text."""
     sides = [int(side) for side in re.findall(r"[0-9]{1,9}", text)]
-    good = sides and min(sides) >= INPUT_STRIDE_PX and max(sides) <= MAX_INPUT_PX
-    return max(sides) if good else None
+    valid = sides and min(sides) >= INPUT_STRIDE_PX and max(sides) <= MAX_INPUT_PX
+    return max(sides) if valid else None
 
 
 def letterbox(width: int, height: int, net_width: int, net_height: int, centred: bool = True) -> Letterbox:
-    """How an image is fitted whole into the network's; YOLOX puts it into the corner, not the middle."""
+    """The letterbox of an image in the network's image, centred (YOLOv8) or in the corner (YOLOX)."""
     scale = min(net_width / width, net_height / height)
     left, top = net_width - round(width * scale), net_height - round(height * scale)
     return Letterbox(net_width, net_height, scale, left // 2 * centred, top // 2 * centred)
 
 
 def place(image: Image, plan: Letterbox) -> Image:
-    """The image (H, W) or (H, W, 3), scaled and bordered as planned."""
+    """The image (H, W) or (H, W, 3), scaled, with the border of the letterbox."""
     size = max(1, round(image.shape[1] * plan.scale)), max(1, round(image.shape[0] * plan.scale))
-    # Averages over areas keep small far cars; linear interpolation would skip pixels.
-    how = cv2.INTER_AREA if plan.scale < 1 else cv2.INTER_LINEAR
-    small = cv2.resize(image, size, interpolation=how)
+    # Area averages keep small, distant cars; linear interpolation would skip pixels.
+    interpolation = cv2.INTER_AREA if plan.scale < 1 else cv2.INTER_LINEAR
+    small = cv2.resize(image, size, interpolation=interpolation)
     shape = (plan.height, plan.width, *image.shape[2:])
     out = np.full(shape, BORDER_GREY, np.uint8)
     out[plan.top : plan.top + size[1], plan.left : plan.left + size[0]] = small
     return out
 
 
-# A network may give numbers that are not finite; `best_boxes` leaves them out.
+# A network may return numbers that are not finite; `best_boxes` ignores them.
 @np.errstate(invalid="ignore")
 def read_yolov8(output: Float32) -> tuple[Array, Array]:
-    """Corners (N, 4), pixels, and class scores (N, C) of a YOLOv8 output (4 + C, N): centre, size, scores."""
+    """Corners (N, 4), pixels, and class scores (N, C) of a YOLOv8 output (4 + C, N), centre, size, scores."""
     rows = output.T.astype(np.float64)
     return _corners(rows[:, :2], rows[:, 2:4]), rows[:, 4:]
 
@@ -91,8 +91,8 @@ def read_yolov8(output: Float32) -> tuple[Array, Array]:
 def read_yolox(output: Float32, width: int, height: int) -> tuple[Array, Array]:
     """Corners (N, 4), pixels, and class scores (N, C) of a YOLOX output (N, 5 + C) before decoding.
 
-    Centres are relative to the cell, sizes are logarithms, both in strides; a class counts as much as its
-    score times the score that there is any object.
+    Centres are relative to the cell, sizes are logarithms, both in strides. The score of a class is its
+    output times the objectness.
     """
     rows = output.astype(np.float64)
     cells = []
@@ -106,7 +106,7 @@ def read_yolox(output: Float32, width: int, height: int) -> tuple[Array, Array]:
 
 
 def yolox_cells(width: int, height: int) -> int:
-    """Rows of a YOLOX output for a network's image of this size."""
+    """Number of rows of a YOLOX output for a network's image of this size."""
     return sum((width // stride) * (height // stride) for stride in STRIDES)
 
 
@@ -117,29 +117,28 @@ def _corners(centre: Array, size: Array) -> Array:
 def best_boxes(
     corners: Array, scores: Array, score: float, nms: float, wanted: BoolArray | None = None
 ) -> Boxes:
-    """The boxes that remain, best first: each cell's best class, scored at least `score`; suppression at an
-    IoU of `nms` within a class, of `ONE_OBJECT_IOU` between classes.
+    """Boxes after non-maximum suppression, best first: per cell the best class, with at least `score`;
+    suppression at an IoU of `nms` within a class, of `ONE_OBJECT_IOU` between classes.
 
-    corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` becomes the column. Boxes that are not
-    finite are left out.
-    wanted : (C,) classes that are asked for; by default all.
+    corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` is the column. Boxes with numbers that are
+    not finite are ignored. wanted : (C,) mask of the classes to report; by default all.
     """
     finite = np.isfinite(corners).all(axis=1)
     corners, scores = corners[finite], scores[finite]
     kind = scores.argmax(axis=1)
     best = scores[np.arange(len(scores)), kind]
     sizes = corners[:, 2:] - corners[:, :2]
-    good = (best >= score) & (sizes > 0).all(axis=1)
-    chosen = np.flatnonzero(good if wanted is None else good & wanted[kind])
-    chosen = chosen[np.argsort(-best[chosen], kind="stable")][:MAX_SUPPRESSED_BOXES]
-    if not len(chosen):
+    valid = (best >= score) & (sizes > 0).all(axis=1)
+    index = np.flatnonzero(valid if wanted is None else valid & wanted[kind])
+    index = index[np.argsort(-best[index], kind="stable")][:MAX_SUPPRESSED_BOXES]
+    if not len(index):
         return no_boxes()
     boxes = np.concatenate([corners[:, :2], sizes], axis=1)
-    kept = cv2.dnn.NMSBoxesBatched(
-        boxes[chosen].tolist(), best[chosen].tolist(), kind[chosen].tolist(), 0.0, float(nms)
+    rows = cv2.dnn.NMSBoxesBatched(
+        boxes[index].tolist(), best[index].tolist(), kind[index].tolist(), 0.0, float(nms)
     )
-    chosen = chosen[np.sort(np.asarray(kept, np.intp).ravel())]
-    # Two classes may claim the same object: a van is a car and a truck.
-    kept = cv2.dnn.NMSBoxes(boxes[chosen].tolist(), best[chosen].tolist(), 0.0, ONE_OBJECT_IOU)
-    chosen = chosen[np.sort(np.asarray(kept, np.intp).ravel())]
-    return Boxes(corners[chosen], kind[chosen].astype(np.int64), np.clip(best[chosen], 0.0, 1.0))
+    index = index[np.sort(np.asarray(rows, np.intp).ravel())]
+    # One object may have boxes of two classes: a van is a car and a truck.
+    rows = cv2.dnn.NMSBoxes(boxes[index].tolist(), best[index].tolist(), 0.0, ONE_OBJECT_IOU)
+    index = index[np.sort(np.asarray(rows, np.intp).ravel())]
+    return Boxes(corners[index], kind[index].astype(np.int64), np.clip(best[index], 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""Vehicle detectors by name: the shipped one, and those fetched or registered."""
+"""Vehicle detectors by name: the included one, and those downloaded or registered."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ import platformdirs
 
 from ..errors import DataError
 
-MODELS = {"street": Path(__file__).parent / "models" / "street.onnx"}  # shipped with the kit
+MODELS = {"street": Path(__file__).parent / "models" / "street.onnx"}  # part of the kit
 
 
 def detector_folder() -> Path:
-    """The default folder of fetched detectors, in the user's data folder."""
+    """The default folder of downloaded detectors, in the user's data folder."""
     return platformdirs.user_data_path("stereo-vo-kit", appauthor=False) / "detectors"
 
 
 def list_detectors(folder: Path | None = None) -> dict[str, Path]:
-    """The ONNX files of all detectors in a folder, by name."""
+    """The ONNX files of the detectors in a folder, by name."""
     return {path.stem: path for path in sorted((folder or detector_folder()).glob("*.onnx"))}
 
 
 def find_model(name: str | Path, folder: Path | None = None) -> Path:
-    """The ONNX file of a model, shipped, fetched or registered under a name, or given by its path.
+    """The ONNX file of a model, by the name of an included, downloaded or registered model, or by path.
 
-    Raises `DataError`, which says how to get a model that is missing.
+    Raises `DataError` with the names available and the command that downloads models.
     """
-    named = {**list_detectors(folder), **MODELS}
-    path = named.get(str(name), Path(name))
+    files = {**list_detectors(folder), **MODELS}
+    path = files.get(str(name), Path(name))
     if path.is_file():
         return path
-    expected = f"expected an ONNX file or one of {', '.join(named)}"
+    expected = f"expected an ONNX file or one of {', '.join(files)}"
     if path.suffix or path.name != str(name):
         raise DataError(f"the model is missing: {expected}", path)
-    raise DataError(f"no detector is called {str(name)!r}: {expected}; vo data get_detector lists more")
+    raise DataError(f"unknown detector {str(name)!r}: {expected}; `vo data get_detector` lists more")

@@ -1,4 +1,4 @@
-"""Chapter 5: vehicle boxes from a YOLO network, run by ONNX Runtime.
+"""Vehicle boxes from a YOLO network, run by ONNX Runtime (chapter 5).
 
 detector = YoloDetector("street", DetectorConfig())
 boxes = detector.detect(image)          # (H, W) grey or (H, W, 3) BGR
@@ -24,18 +24,18 @@ from .models import find_model
 from .settings import DetectorConfig
 
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
-USUAL_INPUT_PX = 640  # longer side of the images that most models are made for
+USUAL_INPUT_PX = 640  # longer side of the training images of most models
 INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
-LOG_FATAL = 4  # ONNX Runtime's own messages would stand beside ours
+LOG_FATAL = 4  # log level that hides ONNX Runtime's messages on errors, which the kit reports itself
 
 
 @dataclass(frozen=True)
 class NetworkOutput:
-    """Boxes and scores of all cells of a network, before any are chosen.
+    """Boxes and scores of all cells of a network, before the selection.
 
     Attributes
     ----------
-    plan : how the image lies in the network's. width, height : of the image, pixels.
+    plan : the letterbox. width, height : size of the original image, pixels.
     corners : (N, 4) x0, y0, x1, y1 in the network's image, pixels; scores : (N, C) of the classes.
     """
 
@@ -52,8 +52,8 @@ class YoloDetector:
     Attributes
     ----------
     path : the file. config : the settings.
-    names : of its classes: from its metadata; COCO's for 80 classes without names.
-    layout : "yolov8", output [1, 4 + C, N], or "yolox", [1, N, 5 + C] before the grids are decoded.
+    names : class names from the model's metadata; COCO's for 80 classes without names.
+    layout : "yolov8", output [1, 4 + C, N], or "yolox", output [1, N, 5 + C] before decoding.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class YoloDetector:
     ) -> None:
         """Load a model, by name or by the path of its ONNX file, and run it once; provider: "cpu" or "cuda".
 
-        Raises `DataError` for a file that is no usable model, or a provider that is not installed.
+        Raises `DataError` for a file that is not a usable model, or a provider that is not installed.
         """
         self.path, self.config = find_model(model), config or DetectorConfig()
         self._session = _open_session(self.path, self.config.threads, provider)
@@ -70,25 +70,25 @@ class YoloDetector:
         width, height = self._width or 128, self._height or 64
         output = self._run(np.zeros((1, 3, height, width), self._type))
         self.layout, count = self._check_output(output, width, height)
-        about = self._session.get_modelmeta().custom_metadata_map
-        usual = COCO if count == len(COCO) else tuple(f"class {k}" for k in range(count))
-        self.names = names_from_metadata(about.get("names", ""), count) or usual
-        self._made_for = layout.size_from_metadata(about.get("imgsz", "")) or USUAL_INPUT_PX
+        metadata = self._session.get_modelmeta().custom_metadata_map
+        default_names = COCO if count == len(COCO) else tuple(f"class {k}" for k in range(count))
+        self.names = names_from_metadata(metadata.get("names", ""), count) or default_names
+        self._default_size = layout.size_from_metadata(metadata.get("imgsz", "")) or USUAL_INPUT_PX
         self._numbers = class_numbers(self.names)
         self._wanted = choose_classes(self.config.classes, self.names)
         if not self._wanted.any():
-            wanted, names = ", ".join(self.config.classes), ", ".join(self.names)
-            raise DataError(f"the model knows none of the classes {wanted}: it has {names[:200]}", self.path)
+            classes, names = ", ".join(self.config.classes), ", ".join(self.names)
+            raise DataError(f"the model has none of the classes {classes}, only {names[:200]}", self.path)
 
     def detect(self, image: Image) -> Boxes:
         """Boxes in an image (H, W) grey or (H, W, 3) BGR, uint8: best first, COCO class numbers.
 
-        A grey image is given to the network as three equal channels.
+        For a grey image, the network's input has three equal channels.
         """
         return self.choose(self.candidates(image), self.config.score, self.config.nms)
 
     def candidates(self, image: Image) -> NetworkOutput:
-        """The network's output for an image, as for `detect`, before any boxes are chosen."""
+        """The network's output for an image, as in `detect`, before the selection of boxes."""
         height, width = image.shape[:2]
         size, centred = self.input_size(width, height), self.layout == "yolov8"
         plan = layout.letterbox(width, height, *size, centred)
@@ -97,22 +97,22 @@ class YoloDetector:
         return NetworkOutput(plan, corners, scores, width, height)
 
     def choose(self, output: NetworkOutput, score: float, nms: float) -> Boxes:
-        """The boxes of an output that remain at these thresholds, in the image, as `detect` gives them."""
-        chosen = layout.best_boxes(output.corners, output.scores, score, nms, self._wanted)
-        xyxy = output.plan.to_image(chosen.xyxy, output.width, output.height)
-        return dataclasses.replace(chosen, xyxy=xyxy, class_id=self._numbers[chosen.class_id])
+        """The boxes of an output at these thresholds, in the image, as returned by `detect`."""
+        boxes = layout.best_boxes(output.corners, output.scores, score, nms, self._wanted)
+        xyxy = output.plan.to_image(boxes.xyxy, output.width, output.height)
+        return dataclasses.replace(boxes, xyxy=xyxy, class_id=self._numbers[boxes.class_id])
 
     def input_size(self, width: int, height: int) -> tuple[int, int]:
         """Width and height of the network's image for an image of this size.
 
-        A size that the model fixes; else the image's aspect with the longer side `config.size` or, if that is
-        0, the size in the model's metadata, 640 without one.
+        A size fixed by the model is used. Otherwise the size has the image's aspect ratio, and its longer
+        side is `config.size`, or if that is 0 the size in the model's metadata, or 640.
         """
-        free_width, free_height = layout.fit_size(width, height, self.config.size or self._made_for)
+        free_width, free_height = layout.fit_size(width, height, self.config.size or self._default_size)
         return self._width or free_width, self._height or free_height
 
     def _to_input(self, image: Image) -> NDArray[Any]:
-        """(1, 3, H, W): YOLOv8 takes RGB in 0..1, YOLOX BGR in 0..255."""
+        """The network's input (1, 3, H, W): RGB in 0..1 for YOLOv8, BGR in 0..255 for YOLOX."""
         if image.ndim == 2:
             planes = np.broadcast_to(image, (3, *image.shape))
         else:
@@ -124,11 +124,11 @@ class YoloDetector:
     def _run(self, images: NDArray[Any]) -> NDArray[np.float32]:
         try:
             return np.asarray(self._session.run(None, {self._input.name: images})[0][0], np.float32)
-        except Exception as error:  # its many exception types have no base class in common
+        except Exception as error:  # ONNX Runtime's exception types have no common base class
             raise DataError(f"ONNX Runtime cannot run this model: {_first_line(error)}", self.path) from None
 
     def _check_input(self) -> tuple[Any, int, int]:
-        """The input, and its fixed width and height; 0 where the model leaves them open."""
+        """The input, and its fixed width and height, 0 for a size that the model does not fix."""
         inputs = self._session.get_inputs()
         shape = inputs[0].shape
         if len(inputs) != 1 or len(shape) != 4 or shape[1] != 3 or shape[0] not in (1, None, str(shape[0])):
@@ -156,21 +156,21 @@ class YoloDetector:
 def _open_session(path: Path, threads: int, provider: str) -> Any:
     if provider not in PROVIDERS:
         raise DataError(f"provider {provider!r}: expected one of {', '.join(PROVIDERS)}")
-    wanted = PROVIDERS[provider]
-    if wanted not in onnxruntime.get_available_providers():
-        raise DataError(f"provider {provider}: this ONNX Runtime lacks it; install onnxruntime-gpu instead")
+    provider_class = PROVIDERS[provider]
+    if provider_class not in onnxruntime.get_available_providers():
+        raise DataError(f"provider {provider} is not in this ONNX Runtime: install onnxruntime-gpu instead")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.log_severity_level = LOG_FATAL
-    onnxruntime.set_default_logger_severity(LOG_FATAL)  # providers report to another logger
-    # Threads that wait in a busy loop would take the processor from the odometry.
+    onnxruntime.set_default_logger_severity(LOG_FATAL)  # the providers' logger
+    # Threads that wait in a busy loop would slow down the odometry.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
-        session = onnxruntime.InferenceSession(str(path), options, providers=[wanted])
-    except Exception as error:  # its many exception types have no base class in common
-        raise DataError(f"is no model that ONNX Runtime can load: {_first_line(error)}", path) from None
-    if session.get_providers()[0] != wanted:
-        raise DataError(f"provider {provider}: it did not start: it needs an NVIDIA GPU with CUDA and cuDNN")
+        session = onnxruntime.InferenceSession(str(path), options, providers=[provider_class])
+    except Exception as error:  # ONNX Runtime's exception types have no common base class
+        raise DataError(f"is not a model that ONNX Runtime can load: {_first_line(error)}", path) from None
+    if session.get_providers()[0] != provider_class:
+        raise DataError(f"provider {provider} did not start: it needs an NVIDIA GPU with CUDA and cuDNN")
     return session
 
 

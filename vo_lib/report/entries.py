@@ -1,4 +1,4 @@
-"""Errors of methods over seeds, and the sequences that may be averaged."""
+"""Errors of methods over seeds, and groups of sequences that may be averaged."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class Entry:
 
     Attributes
     ----------
-    sequence, method : names; seeds : (S) seeds that ran; variant : `published` or `kit`.
-    measure : the sub-sequences that TE and RE are taken over.
+    sequence, method : names; seeds : (S) seeds of the runs; variant : `published` or `kit`.
+    measure : the sub-sequences of TE and RE.
     results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
     poses : (N, 4, 4) trajectory of the first seed; truth : (N, 4, 4).
     labels : whether the sequence has vehicle boxes.
-    removed_share : share of the matches that boxes removed, first seed, in [0, 1].
-    back_end_ms : mean time a frame of the method itself, without getting the matches, milliseconds.
+    removed_share : share of matches removed in boxes, first seed, in [0, 1].
+    back_end_ms : mean time per frame of the back end (everything after the matches), milliseconds.
     """
 
     sequence: str
@@ -50,7 +50,7 @@ class Entry:
 
     @property
     def errors(self) -> Array:
-        """TE and RE of each seed, (2, S), % and deg/100 m; NaN where no sub-sequence fits."""
+        """TE and RE of each seed, (2, S), % and deg/100 m; NaN without a sub-sequence."""
         return te_and_re(result.kitti for result in self.results)
 
     @property
@@ -65,15 +65,15 @@ class Entry:
 
     @property
     def is_whole(self) -> bool:
-        """Whether this is a whole sequence of the benchmark, measured as the benchmark does it."""
+        """Whether the sequence is a whole one of the benchmark, with the benchmark's measure."""
         return len(self.truth) == BENCHMARK_FRAMES.get(self.sequence) and self.measure == KITTI_MEASURE
 
 
 @dataclass(frozen=True)
 class Group:
-    """Sequences that may be averaged: KITTI's, or others, of one variant over the same sub-sequences.
+    """Entries that may be averaged: of one variant and measure, all of KITTI or all of other sequences.
 
-    `entries` by (sequence, method); `kitti` says whether they are the benchmark's.
+    `entries` : by (sequence, method); `kitti` : whether the sequences are the benchmark's.
     """
 
     variant: str
@@ -83,17 +83,17 @@ class Group:
 
     @property
     def sequences(self) -> list[str]:
-        """Names in order."""
+        """Names of the sequences, in order."""
         return list(dict.fromkeys(sequence for sequence, _ in self.entries))
 
     @property
     def methods(self) -> list[str]:
-        """Names in order."""
+        """Names of the methods, in order."""
         return list(dict.fromkeys(method for _, method in self.entries))
 
     @property
     def is_papers(self) -> bool:
-        """Whether the mean is over the same as the paper's: whole runs of its ten sequences."""
+        """Whether the group has whole runs of the paper's ten sequences, so that the means are comparable."""
         whole = {entry.sequence for entry in self.entries.values() if entry.is_whole}
         return {f"{KITTI}{row}" for row in PAPER_ROWS[1:]} <= whole
 
@@ -102,33 +102,33 @@ class Group:
         return [entry for (_, name), entry in self.entries.items() if name == method]
 
     def mean(self, method: str) -> Array:
-        """TE and RE of each seed, (2, S): the plain mean over the sequences, of KITTI without 01."""
+        """TE and RE of each seed, (2, S): the plain mean over the sequences, without KITTI's 01."""
         entries = [e for e in self.of_method(method) if e.sequence != f"{KITTI}{LEFT_OUT}"]
         by_seed = [te_and_re(part for part in parts if len(part)) for parts in _by_seed(entries)]
         means = [part.mean(axis=1) if part.size else (np.nan, np.nan) for part in by_seed]
         return np.reshape(means, (-1, 2)).T
 
     def pooled(self, method: str) -> Array:
-        """TE and RE of each seed, (2, S): over all sub-sequences together, as the devkit's total."""
+        """TE and RE of each seed, (2, S), over all sub-sequences together, like the devkit's total."""
         return te_and_re(joined(parts) for parts in _by_seed(self.of_method(method)))
 
 
 def _by_seed(entries: list[Entry]) -> list[list[KittiErrors]]:
-    """Errors on every sequence, for each seed that all entries have."""
+    """Errors on every sequence, for each seed common to all entries."""
     common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
     return [[e.results[e.seeds.index(seed)].kitti for e in entries] for seed in sorted(common)]
 
 
 def te_and_re(parts: Iterable[KittiErrors]) -> Array:
-    """TE and RE of S sets of sub-sequences, (2, S); NaN of an empty one."""
+    """TE and RE of S sets of sub-sequences, (2, S); NaN for an empty set."""
     return np.array([(part.te, part.re) for part in parts], float).reshape(-1, 2).T
 
 
 def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -> Entry:
-    """Errors of one method's runs, one a seed; without a measure, the one that suits the sequence."""
+    """Errors of a method's runs, one per seed; the default measure is the suitable one for the sequence."""
     sequence = runs[0].sequence
     if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no ground truth: nothing to compare")
+        raise DataError(f"{sequence.name} has no ground truth, so there are no errors")
     measure = suitable_measure(sequence.truth) if measure is None else measure
     pairs = [(sequence.name, sequence.truth, run.poses) for run in runs]
     errors = evaluate(pairs, measure.lengths, measure.step, times={sequence.name: sequence.times})
@@ -153,7 +153,7 @@ def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -
 
 
 def group_entries(entries: list[Entry]) -> list[Group]:
-    """Entries that may be averaged together, in the order they come."""
+    """Groups of entries that may be averaged, in the order of the entries."""
     groups: dict[tuple[str, bool, Measure], Group] = {}
     for entry in entries:
         key = entry.variant, entry.sequence in BENCHMARK_FRAMES, entry.measure

@@ -1,4 +1,4 @@
-"""A film of a run: features, boxes, the path and its distance from the truth, ten frames a second."""
+"""A film of a run, ten frames per second: features, boxes, the path and its distance from the truth."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ if TYPE_CHECKING:
 
 FILM_FPS = 10
 FILM_ENDING = ".mp4"
-FILM_CODE = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLab and VS Code
-# OpenCV gives the encoder all the bits it can use: 100 kB a frame, at any low rate. Only its limit of bits a
-# second binds, so the frames are encoded at this rate and then timed anew.
+FILM_CODEC = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLab and VS Code
+# At a low frame rate, OpenCV's encoder uses 100 kB per frame; only its limit of bits per second reduces the
+# size. So the frames are encoded at this high rate, and a second pass sets the rate of the film.
 ENCODER_FPS = 5000
-MIN_PATH_SIDE_PX = 300  # of the square that the path is drawn in
-WORDS_HEIGHT_PX = 60  # of the lines of words below
+MIN_PATH_SIDE_PX = 300  # side of the square with the path
+WORDS_HEIGHT_PX = 60  # height of the lines of text at the bottom
 DARK, PALE, WHITE = (28, 28, 28), (110, 110, 110), (235, 235, 235)  # BGR
 TRUE_PATH_COLOUR, PATH_COLOUR = WHITE, (240, 190, 80)
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A frame but the first: N matches, those that boxes leave (N,), boxes and their state (K,).
+class FilmFrame:
+    """A frame of a film: N matches, the mask `keep` (N,) of those not removed, K boxes.
 
-    `state` : as `match_image` takes it, None where no rule judges boxes.
+    `state` : (K,) states of the boxes for `match_image`; None for a rule without states.
     """
 
     index: int
@@ -56,42 +56,42 @@ class Shown:
 
 def shown_frames(
     run: Run, matches: Iterable[TimedMatches] | None = None, calibration: Calibration | None = None
-) -> Iterator[Shown]:
-    """The frames of a finished run, computed once more; `matches`, `calibration` as in `run_methods`."""
+) -> Iterator[FilmFrame]:
+    """The frames of a finished run except the first, computed again; arguments as in `run_methods`."""
     sequence, config = run.sequence, run.config
     method = MethodRun(sequence, config, calibration)
     with single_threaded():
-        before = sequence.boxes(0)
+        previous_boxes = sequence.boxes(0)
         frames = find_matches(sequence, config) if matches is None else matches
         for index, frame in enumerate(unmasked(sequence, frames)):
             boxes, state = sequence.boxes(index), None
             method.step(index, frame, boxes)
             if index == 0:
                 continue
-            shown, keep = boxes, np.ones(len(frame[0]), np.bool_)
+            film_boxes, keep = boxes, np.ones(len(frame[0]), np.bool_)
             if config.variant == "kit":
                 from ..kit.odometry import SelfCalibratingOdometry
 
                 assert isinstance(method.odometry, SelfCalibratingOdometry)
                 filtered = method.odometry.filtered
                 assert filtered is not None
-                keep, judged = filtered.keep, filtered.judgement
-                if judged is not None:
-                    shown, state = judged.boxes, judged.state
+                keep, judgement = filtered.keep, filtered.judgement
+                if judgement is not None:
+                    film_boxes, state = judgement.boxes, judgement.state
             elif config.filter.rule != "none":
-                keep = ~on_vehicles(frame[0], before, boxes, config.filter)
-            before = boxes
-            yield Shown(index, frame[0], keep, shown, state, method.motions[-1])
+                keep = ~on_vehicles(frame[0], previous_boxes, boxes, config.filter)
+            previous_boxes = boxes
+            yield FilmFrame(index, frame[0], keep, film_boxes, state, method.motions[-1])
 
 
 class Film:
-    """A video file that frames of a run are added to; it appears whole when it is closed, or not at all."""
+    """A video file of a run's frames; the file appears, complete, at the end of the context."""
 
     def __init__(self, path: Path, run: Run, label: str):
         self.path, self.run, self.label = path, run, label
         camera, truth = run.sequence.camera, run.sequence.truth
         side = max(camera.height, MIN_PATH_SIDE_PX)
-        # Even numbers of pixels: encoders take no others.
+        # Encoders require even numbers of pixels.
         self._shape = side + WORDS_HEIGHT_PX + side % 2, (camera.width + side + 1) // 2 * 2
         self._paths = [run.poses] if truth is None else [run.poses, from_first(truth)]
         self._drift = None if truth is None else distance_from_truth(run.poses, truth)
@@ -107,20 +107,20 @@ class Film:
         self._writer.release()
         try:
             if kind is None:
-                self._time_anew()
+                self._set_frame_rate()
                 os.replace(self._timed, self.path)
         finally:
             for draft in (self._fast, self._timed):
                 draft.unlink(missing_ok=True)
 
     def _open(self, draft: Path, fps: int, *properties: int) -> cv2.VideoWriter:
-        writer = cv2.VideoWriter(str(draft), cv2.CAP_FFMPEG, FILM_CODE, fps, self._shape[::-1], properties)
+        writer = cv2.VideoWriter(str(draft), cv2.CAP_FFMPEG, FILM_CODEC, fps, self._shape[::-1], properties)
         if not writer.isOpened():
-            raise DataError("the film cannot be written there, or OpenCV lacks its encoder", self.path)
+            raise DataError("the film cannot be written: no write access, or no VP9 encoder", self.path)
         return writer
 
-    def _time_anew(self) -> None:
-        """Write the encoded frames, as they are, at the rate at which they are shown."""
+    def _set_frame_rate(self) -> None:
+        """Copy the encoded frames to a file with the rate of the film."""
         encoded = cv2.VideoCapture(str(self._fast), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
         timed = self._open(self._timed, FILM_FPS, cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1)
         while encoded.grab():
@@ -129,61 +129,61 @@ class Film:
         encoded.release()
         timed.release()
 
-    def add(self, shown: Shown) -> None:
+    def add(self, frame: FilmFrame) -> None:
         """Write a frame."""
-        self._writer.write(self.picture(shown))
+        self._writer.write(self.picture(frame))
 
-    def picture(self, shown: Shown) -> Image:
-        """The page of a frame, BGR: image, the path beside it, words below."""
+    def picture(self, frame: FilmFrame) -> Image:
+        """The picture of a frame, BGR: the image, the path to its right, text below."""
         page = np.full((*self._shape, 3), DARK, np.uint8)
-        left, _ = self.run.sequence.stereo(shown.index)
-        image = match_image(left, shown.matches, shown.keep, shown.boxes, shown.state, by_age=True)
+        left, _ = self.run.sequence.stereo(frame.index)
+        image = match_image(left, frame.matches, frame.keep, frame.boxes, frame.state, by_age=True)
         height, width = left.shape
         page[:height, :width] = image
-        self._draw_paths(page[:-WORDS_HEIGHT_PX, width:], shown.index)
-        self._write_words(page[-WORDS_HEIGHT_PX:], shown)
+        self._draw_paths(page[:-WORDS_HEIGHT_PX, width:], frame.index)
+        self._write_words(page[-WORDS_HEIGHT_PX:], frame)
         return page
 
     def _draw_paths(self, part: Image, index: int) -> None:
-        """The path from above up to a frame, the whole truth pale; all of it fits."""
+        """Draw the path from above up to a frame, and the complete truth in a pale colour."""
         points = [poses[:, [0, 2], 3] for poses in self._paths]
         low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
         size = np.array(part.shape[1::-1])
         scale = float(((size - 50.0) / np.maximum(high - low, 1.0)).min())
-        path, *truth = (scale * (each - (low + high) / 2) * [1.0, -1.0] + size / 2 for each in points)
+        path, *truth = (scale * (xz - (low + high) / 2) * [1.0, -1.0] + size / 2 for xz in points)
         _draw_line(part, path[: index + 1], PATH_COLOUR, 3)
         for line in truth:
             _draw_line(part, line, PALE, 1)
             _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, 1)
         cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, PATH_COLOUR, -1, cv2.LINE_AA)
 
-    def _write_words(self, part: Image, shown: Shown) -> None:
-        index, motion = shown.index, shown.motion
+    def _write_words(self, part: Image, frame: FilmFrame) -> None:
+        index, motion = frame.index, frame.motion
         times, driven = self.run.sequence.times, self._driven[index]
         first = [self.label, f"frame {self.run.sequence.frames[index]}", f"{times[index] - times[0]:.1f} s"]
         first.append(f"{driven:.0f} m driven")
         if self._drift is not None:
-            off = self._drift[index]
-            first.append(f"{off:.2f} m from the truth ({100 * off / max(driven, 1e-9):.2f} %)")
+            drift = self._drift[index]
+            first.append(f"{drift:.2f} m from the truth ({100 * drift / max(driven, 1e-9):.2f} %)")
         _write(part, "  ".join([*first, *motion.flags]), (12, 22))
         counts = [f"{getattr(motion, name)} {name}" for name in ("matches", "removed", "used", "inliers")]
         legend = [("  ".join(counts), WHITE), ("new match", AGE_COLOURS[0]), ("old", AGE_COLOURS[-1])]
         legend += [("removed", REMOVED), ("path", PATH_COLOUR)]
         if self._drift is not None:
             legend.append(("truth", TRUE_PATH_COLOUR))
-        if shown.state is not None:
-            legend.append(("boxes: whole line moves, dashed parked, dots unknown", WHITE))
+        if frame.state is not None:
+            legend.append(("boxes: solid moving, dashed parked, dotted unknown", WHITE))
         at = 12
         for text, colour in legend:
             at = _write(part, text, (at, 46), colour) + 20
 
 
 def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:
-    fixed = np.rint(points * 16).astype(np.int32)  # four binary digits, as OpenCV takes them
+    fixed = np.rint(points * 16).astype(np.int32)  # OpenCV's fixed-point format, four binary digits
     cv2.polylines(part, [fixed], False, colour, width, cv2.LINE_AA, shift=4)
 
 
 def _write(part: Image, text: str, at: tuple[int, int], colour: tuple[int, int, int] = WHITE) -> int:
-    """Write a line of words; returns where it ends, pixels."""
+    """Write a line of text and return the column of its end, pixels."""
     cv2.putText(part, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
     return at[0] + cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]

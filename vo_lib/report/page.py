@@ -1,4 +1,4 @@
-"""Tables as data, Markdown or CSV; the report: one page with its pictures inside, to be opened from disk."""
+"""Tables as data, Markdown or CSV, and the report, an HTML page with embedded pictures."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ NO_NUMBER = "–"
 
 @dataclass(frozen=True)
 class ReportTable:
-    """A table of formatted cells, some with a line break; the first column names the row.
+    """A table of formatted cells, some with a line break; the first column has the rows' names.
 
-    `head` stands above the table, `notes` below.
+    `head` : sentences above the table; `notes` : sentences below.
     """
 
     title: str
@@ -31,33 +31,33 @@ class ReportTable:
 
 
 def finite(value: float | None) -> float | None:
-    """The number, None where it is not finite."""
+    """The number, or None if it is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number, or a dash where there is none."""
+    """A number as text; a dash for None and for numbers that are not finite."""
     return NO_NUMBER if finite(value) is None else f"{value:.{digits}f}"
 
 
 def signed(value: float, digits: int) -> str:
-    """A difference with its sign."""
+    """A difference as text, with its sign."""
     return f"{value:+.{digits}f}".replace("-", "−")
 
 
 def mean_and_spread(values: Array) -> tuple[float, float]:
-    """Mean and standard deviation over seeds (S,); NaN without seeds, the deviation of one seed too."""
+    """Mean and standard deviation over seeds (S,); both NaN without seeds, the deviation with one seed."""
     mean = float(values.mean()) if len(values) else math.nan
     return mean, float(values.std()) if len(values) > 1 else math.nan
 
 
 def plus_minus(mean: float | None, deviation: float | None) -> str:
-    """Mean ± standard deviation; the mean alone without a deviation; a dash where there is none."""
+    """The text "mean ± deviation"; only the mean without a deviation; a dash without a mean."""
     return number(mean) + ("" if finite(deviation) is None else f" ± {number(deviation)}")
 
 
 def seeds_words(count: int) -> str:
-    """The statistic of a table's numbers."""
+    """The statistic of a table's numbers over seeds, as text."""
     return "one seed" if count == 1 else f"mean ± standard deviation over {count} seeds"
 
 
@@ -70,38 +70,38 @@ def markdown(table: ReportTable) -> str:
 
 
 def records_csv(records: list[dict[str, Any]]) -> str:
-    """Records with the same keys as CSV, empty where there is no number."""
+    """Records with equal keys as CSV; None is an empty cell."""
     rows = [
-        ["" if v is None else f"{v:.6f}" if isinstance(v, float) else v for v in each.values()]
-        for each in records
+        ["" if v is None else f"{v:.6f}" if isinstance(v, float) else v for v in record.values()]
+        for record in records
     ]
     return csv_text([list(records[0]) if records else [], *rows])
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Bytes of a PNG, and its caption."""
+    """The bytes of a PNG, and a caption."""
 
     data: bytes
     caption: str
 
     @property
     def width(self) -> int:
-        """Pixels, as the header of a PNG has them."""
+        """Width in pixels, from the PNG header."""
         return int.from_bytes(self.data[16:20], "big")
 
     @property
     def address(self) -> str:
-        """The whole picture as an address of a page."""
+        """The picture as a data URL."""
         return f"data:image/png;base64,{base64.b64encode(self.data).decode('ascii')}"
 
 
 def provenance() -> list[str]:
-    """Kit, its commit, Python, libraries and machine that made a report."""
-    used, around = versions(), surroundings()
-    libraries = f"numpy {used['numpy']}, OpenCV {used['opencv']}"
-    kit = f"stereo-vo-kit {used['kit']}, commit {around['commit'] or 'unknown'}"
-    return [f"{kit}, Python {around['python']}, {libraries}", str(around["system"])]
+    """Lines with the versions of the kit, Python and libraries, the commit and the machine of a report."""
+    version, system = versions(), surroundings()
+    libraries = f"numpy {version['numpy']}, OpenCV {version['opencv']}"
+    kit = f"stereo-vo-kit {version['kit']}, commit {system['commit'] or 'unknown'}"
+    return [f"{kit}, Python {system['python']}, {libraries}", str(system["system"])]
 
 
 def render_report(
@@ -109,13 +109,13 @@ def render_report(
     tables: list[ReportTable],
     folded: list[ReportTable],
     pictures: list[Picture],
-    made: list[str],
+    origin: list[str],
     problems: Sequence[str] = (),
     films: Sequence[tuple[str, str]] = (),
 ) -> str:
-    """The report as HTML, every text in it escaped: results, problems in a box, two pictures, then the rest.
+    """The report as HTML, with all text escaped: results, problems, two pictures, tables, more pictures.
 
-    `films` : relative addresses and captions; films stay beside the page.
+    `origin` : command and duration. `films` : relative addresses and captions; films are separate files.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -127,6 +127,6 @@ def render_report(
         tables=tables,
         folded=folded,
         pictures=pictures,
-        made=[*made, *provenance(), date.today().isoformat()],
+        origin=[*origin, *provenance(), date.today().isoformat()],
         films=films,
     )

@@ -1,4 +1,4 @@
-"""Errors and pictures of any paths: runs of the kit and pose files of other systems, side by side."""
+"""Errors and pictures of trajectories: runs of the kit and pose files of other systems."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from .plots import error_curves_figure, png, trajectories_figure
 from .reproduce import slug
 from .table1 import ERROR_KINDS
 
-COMMON_STEMS = ("poses", "poses_tum", "data")  # of files that many folders have
-# Fewest points of a curve: the devkit's bins of speed overlap, and a drive at one speed lies in two or three.
+COMMON_STEMS = ("poses", "poses_tum", "data")  # file names in many folders, useless as labels
+# Smallest number of points of a curve: the devkit's speed bins overlap, so one speed falls into two or three.
 MIN_CURVE_POINTS = {"length": 2, "speed": 4}
-GIVE_TRUTH = "name its truth with --truth FILE"
+GIVE_TRUTH = "give its ground truth with --truth FILE"
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedPaths:
     """The truth of a sequence (N, 4, 4), and estimates of it by label, (N, 4, 4) each.
 
-    `times` : (N,) seconds, None where they are unknown.
+    `times` : (N,) seconds, or None if unknown.
     """
 
     name: str
@@ -43,7 +43,7 @@ class ComparedPaths:
 
 
 def read_path(path: Path) -> tuple[Array | None, Array]:
-    """Times (N,), None in KITTI's format, and poses (N, 4, 4) of a file as KITTI, TUM or EuRoC have it."""
+    """Times (N,), None in KITTI's format, and poses (N, 4, 4) of a file in KITTI, TUM or EuRoC format."""
     rows = (line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#"))
     first = next(rows, "")
     if "," in first:
@@ -54,45 +54,45 @@ def read_path(path: Path) -> tuple[Array | None, Array]:
 def read_paths(
     places: list[Path], truth_file: Path | None = None, tolerance: float = TIME_TOLERANCE_S
 ) -> list[ComparedPaths]:
-    """Run folders and pose files by their truth, which is that of the runs' sequences without a truth file.
+    """Run folders and pose files, grouped by ground truth: the truth file, or the runs' sequences.
 
-    Poses go with the true ones by time, at most `tolerance` seconds away, or, where one has no times, row by
-    row; frames that one of the paths does not have are left out. Raises `DataError` where the truth of a path
-    is unknown or does not fit it.
+    Poses correspond to true poses by time, within `tolerance` seconds, or row by row if one file has no
+    times. Only frames that all paths have are compared. Raises `DataError` if the truth of a path is unknown
+    or does not correspond to it.
     """
     places = list(dict.fromkeys(place.absolute() for place in places))
     for place in places:
         if place.is_dir() and not (place / CONFIG).exists():
-            raise DataError("holds no run: expected the folder of one finished run, or a pose file", place)
+            raise DataError("contains no finished run: expected the folder of a run, or a pose file", place)
         if not place.is_dir():
-            read_path(place)  # refuses a missing file before its truth is asked for
+            read_path(place)  # a missing or invalid file is refused before the search for its truth
     configs = {place: read_config(place) for place in places if place.is_dir()}
     if truth_file is None:
         truths = {place: _truth_of_run(place, config) for place, config in configs.items()}
     else:
         times, poses = read_path(truth_file)
-        given = ComparedPaths(_names(truth_file.absolute(), None)[0], poses, times, {})
-        truths = dict.fromkeys(places, given)
+        file_truth = ComparedPaths(_names(truth_file.absolute(), None)[0], poses, times, {})
+        truths = dict.fromkeys(places, file_truth)
     by_name = {truth.name: truth for truth in truths.values()}
     for truth in truths.values():
         if not np.array_equal(truth.truth, by_name[truth.name].truth):
-            raise DataError(f"two sequences are called {truth.name}: evaluate them one after the other")
+            raise DataError(f"two sequences have the name {truth.name}: evaluate them separately")
     compared = []
     for place in places:
         if place not in truths and len(by_name) != 1:
-            raise DataError(f"is a file of poses alone: {GIVE_TRUTH}", place)
+            raise DataError(f"is a pose file without ground truth: {GIVE_TRUTH}", place)
     for name, truth in by_name.items():
-        own = [place for place in places if truths.get(place, truth).name == name]
-        # With a truth file, times are those of its clock.
+        members = [place for place in places if truths.get(place, truth).name == name]
+        # A truth file with times needs paths with times.
         run_file = POSES if truth_file is None or truth.times is None else POSES_TUM
-        files = [place / run_file if place in configs else place for place in own]
-        labels = [_names(place, configs.get(place)) for place in own]
+        files = [place / run_file if place in configs else place for place in members]
+        labels = [_names(place, configs.get(place)) for place in members]
         compared.append(_compared(truth, files, labels, tolerance))
     return compared
 
 
 def _truth_of_run(folder: Path, config: dict[str, Any]) -> ComparedPaths:
-    """The truth of a run's frames, from the place of its sequence."""
+    """The truth of a run's frames, from the folder of its sequence."""
     place, (first, last) = str(config.get("folder")), config.get("frames", ("", ""))
     if not Path(place).is_dir():
         raise DataError(f"the sequence of this run is no longer at {place}: {GIVE_TRUTH}", folder)
@@ -108,7 +108,7 @@ def _truth_of_run(folder: Path, config: dict[str, Any]) -> ComparedPaths:
 
 
 def _names(place: Path, config: dict[str, Any] | None) -> list[str]:
-    """Names of a run's folder or of a file, the shortest first."""
+    """Possible labels of a run or a pose file, the shortest first."""
     if config is None:
         return [*[place.stem][place.stem in COMMON_STEMS :], *place.parent.parts[:0:-1], str(place)]
     method, variant, seed = str(config.get("method")), config.get("variant"), config["settings"].get("seed")
@@ -118,7 +118,7 @@ def _names(place: Path, config: dict[str, Any] | None) -> list[str]:
 def _compared(
     truth: ComparedPaths, files: list[Path], names: list[list[str]], tolerance: float
 ) -> ComparedPaths:
-    """The paths at the frames that all of them have, by the shortest names that tell them apart."""
+    """The paths at their common frames, with the shortest distinct labels."""
     matched = [_matched(file, truth, tolerance) for file in files]
     common = functools.reduce(np.intersect1d, [rows for rows, _ in matched])
     if len(common) < 2:
@@ -126,20 +126,20 @@ def _compared(
             f"has fewer than two poses at the times of the other paths of {truth.name}", files[-1]
         )
     estimates = {}
-    for own, (rows, poses) in zip(names, matched, strict=True):
-        others = {name for other in names if other is not own for name in other}
-        label = next(name for name in own if name not in others)
+    for labels, (rows, poses) in zip(names, matched, strict=True):
+        others = {name for other in names if other is not labels for name in other}
+        label = next(name for name in labels if name not in others)
         estimates[label] = poses[np.searchsorted(rows, common)]
     times = None if truth.times is None else truth.times[common]
     return ComparedPaths(truth.name, truth.truth[common], times, estimates)
 
 
 def _matched(path: Path, truth: ComparedPaths, tolerance: float) -> tuple[Index, Array]:
-    """Rows of the truth that poses of a file go with, and these poses."""
+    """Rows of the truth with a corresponding pose in a file, and these poses."""
     times, poses = read_path(path)
     if times is not None and truth.times is not None:
-        rows, own = match_times(truth.times, times, tolerance)
-        return rows, poses[own]
+        rows, pose_rows = match_times(truth.times, times, tolerance)
+        return rows, poses[pose_rows]
     if len(poses) != len(truth.truth):
         raise DataError(f"has {len(poses)} poses, but the truth of {truth.name} has {len(truth.truth)}", path)
     return np.arange(len(poses)), poses
@@ -152,7 +152,7 @@ def evaluate_paths(
     alignment: Alignment = Alignment.SE3,
     delta: Delta = ONE_FRAME,
 ) -> Evaluation:
-    """Errors of each estimate; lengths, metres, and step, frames, are by default those that suit the path."""
+    """Errors of each estimate; the default lengths (metres) and step (frames) depend on the path."""
     measure = suitable_measure(paths.truth)
     pairs = [(label, paths.truth, poses) for label, poses in paths.estimates.items()]
     times = {} if paths.times is None else dict.fromkeys(paths.estimates, paths.times)
@@ -160,22 +160,22 @@ def evaluate_paths(
 
 
 def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
-    """Errors of the systems of a sequence, then their TE and RE by length."""
+    """A table of errors of the systems on a sequence, and one of TE and RE by length."""
     measure, systems = Measure(result.lengths, result.step), result.sequences
     rows = []
     for s in systems:
         drift = map(rmse, (s.ate.distance, s.rpe.translation, np.degrees(s.rpe.rotation)))
-        rows.append([s.name, number(s.kitti.te), number(s.kitti.re), *(number(each, 4) for each in drift)])
+        rows.append([s.name, number(s.kitti.te), number(s.kitti.re), *(number(value, 4) for value in drift)])
     columns = ["system", *(unit for unit, _ in ERROR_KINDS.values()), "ATE m", "RPE m", "RPE deg"]
     words = systems[0].ate.alignment.words
     note = f"ATE and RPE: root mean squares; ATE {words}; RPE {systems[0].rpe.delta.words}."
-    short = "Shorter sub-sequences than KITTI's, as far as the path goes: not comparable with the benchmark."
+    short = "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
     head = [short] if measure == SHORT_MEASURE else []
     by_length = []
-    for at in result.lengths:
-        parts = [s.kitti[s.kitti.length == at] for s in systems]
+    for length in result.lengths:
+        parts = [s.kitti[s.kitti.length == length] for s in systems]
         if len(parts[0]):
-            by_length.append([f"{at:g} m", *(f"{number(part.te)} / {number(part.re)}" for part in parts)])
+            by_length.append([f"{length:g} m", *(f"{number(part.te)} / {number(part.re)}" for part in parts)])
     tables = [ReportTable(f"{name}: sub-sequences of {measure.words}", columns, rows, [note], head)]
     if by_length:
         names = [s.name for s in systems]
@@ -184,12 +184,12 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
 
 
 def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> None:
-    """Write the paths of a sequence, aligned as for ATE, with the truth; and curves of their errors."""
+    """Write figures of the paths with the truth, aligned as for the ATE, and of error curves."""
     file, alignment = slug(paths.name), result.sequences[0].ate.alignment
-    # The first camera's axes: from above whatever the world's axes are.
+    # The axes of the first camera, in which the path can be seen from above.
     to_start = np.linalg.inv(paths.truth[0])
-    drawn = {name: to_start @ align(paths.truth, T, alignment)[0] for name, T in paths.estimates.items()}
-    figure = trajectories_figure({f"{paths.name}\n{alignment.words}": (paths.truth, drawn)})
+    aligned = {name: to_start @ align(paths.truth, T, alignment)[0] for name, T in paths.estimates.items()}
+    figure = trajectories_figure({f"{paths.name}\n{alignment.words}": (paths.truth, aligned)})
     write_atomic(folder / f"trajectory_{file}.png", png(figure))
     for by, least in MIN_CURVE_POINTS.items():
         curves = {s.name: s.kitti.curve(by, result.lengths) for s in result.sequences}

@@ -1,4 +1,4 @@
-"""The paper's Table 1 as printed: its numbers, and remarks on them."""
+"""The paper's Table 1 as printed: its numbers, and remarks on the numbers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PRINTED_NAMES = dict(
 PROPOSAL = "feature_selection"
 AVERAGE = "Avg"
 LEFT_OUT = "01"  # the highway, which has dashes in the paper's table
-# Numbers of sub-sequences that the benchmark takes of 00, 02 … 10: the weights of its pooled mean.
+# Numbers of sub-sequences of 00, 02 … 10 in the benchmark, the weights of its pooled mean.
 _NUMBERS = (3283, 3453, 184, 43, 1806, 570, 317, 2813, 958, 464)
 SUB_SEQUENCES = dict(zip([f"{k:02d}" for k in range(11) if k != 1], _NUMBERS, strict=True))
 PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
@@ -27,18 +27,18 @@ PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
 CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
 
 REMARKS = (
-    "The paper speaks of an RMSE of 11 sequences; its numbers are means, and Avg is the mean of ten rows.",
+    "The paper calls its numbers RMSE of 11 sequences, but they are means, and Avg is the mean of ten rows.",
     "The paper's VISO2 average is shown as printed, 2.43 / 1.106; the mean of its rows is 2.10 / 1.247.",
     "The RE of the paper's other three columns is shown as printed. All its values are multiples of 1/180: "
-    "radians seem to have become degrees with 5555.6 in place of 5729.6, so it reads about 3 % low.",
-    "The paper names MESVO_F and does not describe it. MESVO_F is RANSAC by our reading: no prior, and the "
+    "radians were probably converted with 5555.6 instead of 5729.6, so the RE is about 3 % too low.",
+    "The paper names MESVO_F but does not describe it. In our interpretation it is RANSAC: no prior, and the "
     "candidate with the most inliers wins.",
 )
 
 
 @dataclass(frozen=True)
 class PaperTable:
-    """Printed numbers by (row, method): TE in % and RE in deg/100 m, None where this table has none."""
+    """Printed numbers by (row, method): TE in % and RE in deg/100 m, None for a dash."""
 
     te: dict[tuple[str, str], float | None]
     re: dict[tuple[str, str], float | None]
@@ -49,7 +49,7 @@ class PaperTable:
 
 
 def gain(before: ArrayLike, after: ArrayLike) -> Array:
-    """Relative improvement in %; not finite where the old error was 0."""
+    """Relative improvement in %; not finite if the old error is 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(100.0 * (1.0 - np.asarray(after, float) / np.asarray(before, float)))
 
@@ -57,7 +57,8 @@ def gain(before: ArrayLike, after: ArrayLike) -> Array:
 def printed_gains(table: PaperTable, other: str) -> list[tuple[float | None, float | None]]:
     """Gain of Feature selection over another method in TE and RE, %, from printed numbers.
 
-    Of the row Avg, of the plain mean of the ten rows, and of their mean weighted as the benchmark pools them.
+    Three gains: from the row Avg, from the plain mean of the ten rows, and from the benchmark's weighted
+    mean.
     """
     weights = list(SUB_SEQUENCES.values())
     gains: list[list[float | None]] = []
@@ -72,7 +73,7 @@ def printed_gains(table: PaperTable, other: str) -> list[tuple[float | None, flo
 
 
 def read_paper_table() -> PaperTable:
-    """The paper's table, from the kit's copy of it."""
+    """The paper's table, read from paper_table1.csv."""
     table = PaperTable({}, {})
     for name, *cells in _cells():
         numbers = [None if cell == "-" else float(cell) for cell in cells]
@@ -88,6 +89,6 @@ def printed_table() -> ReportTable:
 
 
 def _cells() -> list[list[str]]:
-    """The cells of the kit's copy of the paper's table, a row a list."""
+    """The rows of paper_table1.csv, without the heading."""
     (_, _), *rows = read_csv(Path(__file__).with_name("paper_table1.csv"))
     return [cells for _, cells in rows]

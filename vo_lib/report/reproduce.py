@@ -1,4 +1,4 @@
-"""Table 1 over sequences, methods and seeds: its runs, their errors, and the files of `vo reproduce`."""
+"""Table 1 over sequences, methods and seeds: the runs, their errors, and the files of `vo reproduce`."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class Reproduction:
 
     Attributes
     ----------
-    missing : KITTI sequences asked for that are not here.
-    failed : names of the runs that failed, by cause.
-    entries : errors by sequence and method, where there is truth.
-    paths : by variant and sequence the truth, if any, and the first seed's path by method, (N, 4, 4) each.
+    missing : KITTI sequences that are not on this machine.
+    failed : names of failed runs, by cause.
+    entries : errors by sequence and method, for sequences with ground truth.
+    paths : by variant and sequence, the truth, if any, and the first seed's path by method, (N, 4, 4) each.
     """
 
     missing: list[str]
@@ -53,11 +53,11 @@ class Reproduction:
 
     @property
     def problems(self) -> list[str]:
-        """Sentences on missing sequences, on those without truth, and on each cause of failed runs."""
+        """Sentences on missing sequences, on sequences without truth, and on each cause of failed runs."""
         sentences = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
         if bare := sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None}):
             sentences.append(
-                f"No ground truth, so poses in the folder runs, but no errors: {', '.join(bare)}."
+                f"No ground truth, so the folder runs has poses, but no errors: {', '.join(bare)}."
             )
         for cause, (job, *others) in self.failed.items():
             sentences.append(f"Failed: {job}{f' and {len(others)} more' if others else ''}: {cause}")
@@ -65,7 +65,7 @@ class Reproduction:
 
 
 def default_sequences() -> list[str]:
-    """The benchmark's sequences that are here or, without any, the synthetic scenes."""
+    """The benchmark's sequences on this machine or, if there are none, drawn scenes."""
     names = available()
     return [name for name in BENCHMARK_FRAMES if name in names] or [
         f"{SYNTHETIC}{name}" for name in TABLE_SCENES
@@ -73,12 +73,12 @@ def default_sequences() -> list[str]:
 
 
 def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
-    """Names that can be opened, and KITTI sequences that are not here; `DataError` when none is left."""
+    """Names of available sequences, and of missing KITTI sequences; `DataError` if none is available."""
     folders = available()
     missing = [name for name in names if name.startswith(KITTI) and name not in folders]
     present = [name for name in dict.fromkeys(names) if name not in missing]
     if not present:
-        raise DataError(f"none of the sequences is here: {', '.join(missing)}; see `vo check`")
+        raise DataError(f"none of the sequences is on this machine: {', '.join(missing)}; see `vo check`")
     return present, missing
 
 
@@ -89,14 +89,14 @@ def plan_jobs(
     folder: Path,
     config: MethodConfig | None = None,
 ) -> list[Job]:
-    """A run for each variant, sequence, method and seed 0 … seeds - 1.
+    """A job for each variant, sequence, method and seed 0 … seeds - 1.
 
-    methods : names by variant; config : settings of the one method, where they are not its own.
+    methods : names by variant; config : settings that replace those of a single method.
     """
     names = [sequence.name for sequence in sequences]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise DataError(f"two sequences are called {twice[0]}: run them one after the other")
+    duplicates = [name for name in names if names.count(name) > 1]
+    if duplicates:
+        raise DataError(f"two sequences have the name {duplicates[0]}: run them separately")
     jobs = []
     for variant, of_variant in methods.items():
         for sequence, method, seed in itertools.product(sequences, of_variant, range(seeds)):
@@ -107,7 +107,7 @@ def plan_jobs(
 
 
 def job_folder(folder: Path, variant: str, sequence: str, method: str, seed: int) -> Path:
-    """The run folder of a job under the folder of the table."""
+    """The run folder of a job, inside the folder of the table."""
     return folder / "runs" / variant / slug(sequence) / method / f"seed_{seed}"
 
 
@@ -119,13 +119,13 @@ def slug(name: str) -> str:
 def collect(outcomes: list[Outcome], missing: list[str], measure: Measure | None = None) -> Reproduction:
     """Errors and paths of finished jobs, read from their folders."""
     table = Reproduction(missing, {})
-    together: dict[tuple[str, str, str], list[Job]] = {}
+    jobs_of: dict[tuple[str, str, str], list[Job]] = {}
     for job, error in ((outcome.job, outcome.error) for outcome in outcomes):
         if error is not None:
             table.failed.setdefault(error, []).append(job.name)
         else:
-            together.setdefault((job.config.variant, job.sequence.name, job.method), []).append(job)
-    for (variant, name, method), jobs in together.items():
+            jobs_of.setdefault((job.config.variant, job.sequence.name, job.method), []).append(job)
+    for (variant, name, method), jobs in jobs_of.items():
         runs = [read_run(job.folder, job.sequence) for job in jobs]
         truth = runs[0].sequence.truth
         table.paths.setdefault((variant, name), (truth, {}))[1][method] = runs[0].poses
@@ -135,49 +135,47 @@ def collect(outcomes: list[Outcome], missing: list[str], measure: Measure | None
 
 
 def write_table_files(
-    folder: Path, result: Reproduction, paper: PaperTable, said: Items[str], made: list[str]
+    folder: Path, result: Reproduction, paper: PaperTable, conclusions: Items[str], origin: list[str]
 ) -> None:
-    """Write `TABLE_FILES` and figures; `said` are the results in sentences, `made` command and duration."""
+    """Write `TABLE_FILES` and figures, with sentences of `conclusions`; `origin` : command and duration."""
     groups = group_entries(result.entries)
     tables = [table for group in groups for table in layout_tables(group, paper)]
     printed = [printed_table()] if any(group.kitti for group in groups) else []
     pictures, films = _pictures(folder, result, groups), _films(folder, result)
-    sentences = "".join(f"{line}\n\n" for line in [*said, *result.problems])
+    sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])
     contents = (
         sentences + "\n".join(map(markdown, [*tables, *printed])),
         records_csv(table_records(groups, paper)),
-        render_report(said, tables, printed, pictures, made, result.problems, films),
+        render_report(conclusions, tables, printed, pictures, origin, result.problems, films),
     )
     for name, content in zip(TABLE_FILES, contents, strict=True):
         write_atomic(folder / name, content)
 
 
 def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
-    """Of each variant the errors, Figure 4 where one of its sequences is there, and each sequence's paths."""
+    """For each variant: errors, Figure 4 if one of its sequences was run, and the paths of each sequence."""
     pictures = []
     for variant in dict.fromkeys(variant for variant, _ in result.paths):
         words = VARIANT_WORDS[variant]
-        for group in (each for each in groups if each.variant == variant):
+        for group in (group for group in groups if group.variant == variant):
             errors = {key: e.errors for key, e in group.entries.items() if np.isfinite(e.te).all()}
             if errors:
                 figure = errors_figure(f"sub-sequences of {group.measure.words}", errors)
-                pictures.append(Picture(png(figure), f"Errors, a bar for each method; {words}."))
-        panels = {name: panel for (each, name), panel in result.paths.items() if each == variant}
+                pictures.append(Picture(png(figure), f"Errors, one bar per method; {words}."))
+        panels = {name: panel for (key, name), panel in result.paths.items() if key == variant}
         figure_4 = {name: panels[name] for name in FIGURE_4_SEQUENCES if name in panels}
         figures = {f"figure4_{variant}": figure_4} if figure_4 else {}
         figures |= {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in panels.items()}
-        for file, shown in figures.items():
-            caption = (
-                f"{'Figure 4: ' if shown is figure_4 else ''}{' and '.join(shown)}, paths from above and, "
-            )
-            caption += f"with truth, their distance from it; {words}, first seed."
-            pictures.append(Picture(png(trajectories_figure(shown)), caption))
+        for file, rows in figures.items():
+            caption = f"{'Figure 4: ' * (rows is figure_4)}{' and '.join(rows)}, paths from above and, "
+            caption += f"with truth, the distance from it; {words}, first seed."
+            pictures.append(Picture(png(trajectories_figure(rows)), caption))
             write_atomic(folder / f"{file}.png", pictures[-1].data)
     return pictures
 
 
 def _films(folder: Path, result: Reproduction) -> list[tuple[str, str]]:
-    """Addresses in the report, and captions, of the films in the run folders of the first seed."""
+    """Addresses, relative to the report, and captions of the films in the run folders of the first seed."""
     films = []
     for (variant, name), (_, methods) in result.paths.items():
         for method in methods:

@@ -1,4 +1,4 @@
-"""A grid over settings: one method on one sequence with every combination of values, over several seeds."""
+"""A sweep: runs of one method on one sequence over a grid of settings and several seeds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .table1 import ERROR_KINDS, number_fields
 
 @dataclass(frozen=True)
 class Axis:
-    """A setting by its dotted name, and the values it takes."""
+    """A setting, by dotted name, and its values in a sweep."""
 
     name: str
     values: tuple[Any, ...]
@@ -35,10 +35,10 @@ class Axis:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A grid, the last axis changing fastest.
+    """The results on a grid; the last axis changes fastest.
 
-    A record of each combination of values has the values as typed by the names of their axes, the number of
-    seeds that ran, their errors and costs as a record of Table 1, and the causes of runs that failed.
+    The record of a combination has the values, as text, by axis name, the number of successful seeds, errors
+    and costs as in a record of Table 1, and the causes of failed runs.
     """
 
     title: str
@@ -52,17 +52,17 @@ class Sweep:
 
 
 def parse_axis(text: str, config: MethodConfig) -> Axis:
-    """The axis of "selection.sets=50,100,200"; values that are lists themselves are parted by semicolons.
+    """The axis of "selection.sets=50,100,200"; semicolons separate values that are lists.
 
-    config : its variant has the setting.
+    config : a configuration of the variant that has the setting.
 
-    Raises `DataError` for an unknown setting, or a value it cannot take.
+    Raises `DataError` for an unknown setting or an invalid value.
     """
     name, equals, rest = text.partition("=")
     declared = [item for cls in (type(config), *CONFIG_CLASSES.values()) for item in settings.declared(cls)]
     item = next((item for item in declared if item.name == name), None)
     if name == "seed":
-        raise DataError("--set seed: every cell runs with the same seeds; choose their number with --seeds")
+        raise DataError("--set seed: all cells have the same seeds; set the number of seeds with --seeds")
     if item is None or not equals:
         raise DataError(
             f"--set {text!r}: expected SETTING=VALUE,VALUE,… with a setting of "
@@ -70,9 +70,9 @@ def parse_axis(text: str, config: MethodConfig) -> Axis:
         )
     values = tuple(item.parse(word) for word in rest.split(";" if isinstance(item.default, tuple) else ","))
     for value in values:
-        change(config, name, value)  # refuses a setting or value of the other variant
+        change(config, name, value)  # raises for a setting or value of the other variant
     if len(set(values)) < len(values):
-        raise DataError(f"--set {text!r}: a value is given twice")
+        raise DataError(f"--set {text!r}: a value is repeated")
     return Axis(name, values)
 
 
@@ -85,36 +85,36 @@ def run_sweep(
     folder: Path,
     run: Callable[[list[Job]], list[Outcome]],
 ) -> Sweep:
-    """Run all combinations with seeds 0 … seeds - 1, each in a run folder under `folder`/cells.
+    """Run all combinations with seeds 0 … seeds - 1, each in a run folder in `folder`/cells.
 
     Parameters
     ----------
-    sequence : with truth.
-    base : the settings where the axes do not say otherwise.
-    run : does the jobs, such as `jobs.run_jobs` with its options set.
+    sequence : a sequence with ground truth.
+    base : the settings that are not on an axis.
+    run : function that does the jobs, such as `jobs.run_jobs` with its options.
     """
     if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no ground truth: a sweep has nothing to compare")
+        raise DataError(f"{sequence.name} has no ground truth, so a sweep has no errors to compare")
     if len({axis.name for axis in axes}) < len(axes):
-        raise DataError("--set: a setting is given twice")
+        raise DataError("--set: a setting is repeated")
     grid: list[tuple[dict[str, str], list[Job]]] = []
     for values in itertools.product(*(axis.values for axis in axes)):
         config = base
         for axis, value in zip(axes, values, strict=True):
-            config = change(config, axis.name, value)  # refuses settings that do not go together
+            config = change(config, axis.name, value)  # raises for settings that contradict each other
         words = {axis.name: _typed(value) for axis, value in zip(axes, values, strict=True)}
         name = "+".join(f"{axis}={word}" for axis, word in words.items()).replace(",", "-")
         place = folder / "cells" / base.variant / name
         configs = [dataclasses.replace(config, seed=seed) for seed in range(seeds)]
-        jobs = [Job(sequence, method, each, place / f"seed{seed}") for seed, each in enumerate(configs)]
+        jobs = [Job(sequence, method, c, place / f"seed{c.seed}") for c in configs]
         grid.append((words, jobs))
     outcomes = iter(run([job for _, jobs in grid for job in jobs]))
     measure = suitable_measure(sequence.truth)
     records = list[dict[str, Any]]()
     for words, _ in grid:
-        ends = list(itertools.islice(outcomes, seeds))
-        runs = [read_run(each.job.folder, sequence) for each in ends if each.error is None]
-        causes = [f"seed {each.job.config.seed}: {each.error}" for each in ends if each.error is not None]
+        cell = list(itertools.islice(outcomes, seeds))
+        runs = [read_run(outcome.job.folder, sequence) for outcome in cell if outcome.error is None]
+        causes = [f"seed {outcome.job.config.seed}: {outcome.error}" for outcome in cell if outcome.error]
         entry = measure_runs(method, runs, measure) if runs else None
         fields = number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
         records.append(words | {"seeds": len(runs)} | fields | {"failed": "; ".join(causes)})
@@ -123,7 +123,7 @@ def run_sweep(
 
 
 def sweep_table(sweep: Sweep) -> ReportTable:
-    """A row for each combination; failed runs in the notes."""
+    """A table with a row per combination; failed runs are in the notes."""
     axes = [axis.name for axis in sweep.axes]
     columns = [*axes, *(unit for unit, _ in ERROR_KINDS.values()), "removed", "back end ms"]
     rows, notes = list[list[str]](), list[str]()
@@ -141,7 +141,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
 
 
 def heat_map(sweep: Sweep) -> bytes:
-    """TE and RE of a grid as PNG, the last setting across: dark is large, a cross stands for no number."""
+    """TE and RE of a grid as PNG, the last setting across; dark means large, a cross means no result."""
     *down, across = sweep.axes
     columns = [_typed(value) for value in across.values]
     rows = [", ".join(map(_typed, values)) for values in itertools.product(*(axis.values for axis in down))]
@@ -163,7 +163,7 @@ def heat_map(sweep: Sweep) -> bytes:
 
 
 def _typed(value: Any) -> str:
-    """A value as it is typed."""
+    """A value as written on the command line."""
     if isinstance(value, bool):
         return "on" if value else "off"
     return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)

@@ -1,4 +1,4 @@
-"""Table 1: one list of records, and one layout of it with the paper's numbers beside ours."""
+"""Table 1: a list of records, and its layout with the paper's numbers next to ours."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from .page import ReportTable, finite, mean_and_spread, number, plus_minus, seed
 from .printed import AVERAGE, CLAIMS, LEFT_OUT, PROPOSAL, PaperTable, gain
 
 VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
-# Names of TE and RE in records, in tables, and the digits that the paper prints.
+# Names of TE and RE in records and in tables, and the number of decimals in the paper.
 ERROR_KINDS = {"te_percent": ("TE %", 2), "re_deg_per_100m": ("RE deg/100 m", 3)}
-BOX_METHODS = ("feature_selection", "moving_selection")  # need vehicle boxes
+BOX_METHODS = ("feature_selection", "moving_selection")  # the methods that need vehicle boxes
 
 
 def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:
-    """Table 1: a record for each row and method, in the order of the rows; None where there is no number.
+    """Table 1 as a record per row and method, in the order of the rows; None for a missing number.
 
-    The rows of a group: the mean, which is the paper's Avg over whole runs of its ten sequences; each
-    sequence, 01 last; all sub-sequences pooled. Printed numbers stand beside whole sequences alone.
+    Rows of a group: the mean (the paper's Avg, for whole runs of its ten sequences), each sequence with 01
+    last, and all sub-sequences pooled. Only whole sequences have the paper's numbers.
     """
     return [record for group in groups for record in _records(group, paper)]
 
@@ -35,7 +35,7 @@ def _records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
     for (sequence, method), entry in sorted(group.entries.items(), key=lambda item: item[0][0] == left_out):
         records.append(_record(group, paper, sequence, method, entry.errors))
     if several:
-        records += [_record(group, paper, "pooled", each, group.pooled(each)) for each in group.methods]
+        records += [_record(group, paper, "pooled", name, group.pooled(name)) for name in group.methods]
     return records
 
 
@@ -50,7 +50,7 @@ def _record(group: Group, paper: PaperTable, row: str, method: str, errors: Arra
 
 
 def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]:
-    """Fields of a record: mean and deviation of TE and RE of seeds (2, S), and an entry's other numbers."""
+    """Fields of a record: mean and deviation of TE and RE over seeds (2, S), and numbers of the entry."""
     fields: dict[str, float | None] = {}
     for kind, values in zip(ERROR_KINDS, errors, strict=True):
         fields[kind], fields[f"{kind}_std"] = map(finite, mean_and_spread(values))
@@ -60,7 +60,7 @@ def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]
 
 
 def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
-    """The records of a group, a row each: one table or, with the paper's numbers, one of TE and one of RE."""
+    """Tables of a group's records: one table or, with the paper's numbers, one of TE and one of RE."""
     records, several = _records(group, paper), len(group.sequences) > 1
     printed = any(record["paper_te_percent"] is not None for record in records)
     name = "KITTI" if group.kitti else f"{len(group.sequences)} sequences"
@@ -81,49 +81,49 @@ def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
             ]
             for record in records
         ]
-        what = f"{title}, {units[0].split()[0]}" if printed else title
-        tables.append(ReportTable(f"{what}: sub-sequences of {group.measure.words}", columns, rows, []))
+        heading = f"{title}, {units[0].split()[0]}" if printed else title
+        tables.append(ReportTable(f"{heading}: sub-sequences of {group.measure.words}", columns, rows, []))
     tables[0].head.extend(caveats(group))
     notes = [f"{seeds_words(max(record['seeds'] for record in records)).capitalize()}."]
     mean = "Avg and mean, without 01" if group.kitti else "mean"
-    weights = f"{mean}: each sequence counts the same; pooled: each sub-sequence does, as on KITTI's server."
+    weights = f"{mean}: sequences weigh the same; pooled: sub-sequences do, as on KITTI's server."
     tables[-1].notes.extend([*notes, *[weights] * several, *_comparison(group, "mesvo_f")])
     return tables
 
 
 def _cells(record: dict[str, Any], kind: str) -> list[str]:
-    """Our mean ± deviation over the seeds, the paper's number, the difference."""
+    """Our mean ± deviation over the seeds, the paper's number, and the difference."""
     ours, printed, digits = record[kind], record[f"paper_{kind}"], ERROR_KINDS[kind][1]
     theirs = ["", ""] if printed is None else [number(printed, digits), signed(ours - printed, digits)]
     return [plus_minus(ours, record[f"{kind}_std"]), *theirs]
 
 
 def caveats(group: Group) -> list[str]:
-    """What has to be known before a table is read: parts of sequences, and sequences without boxes."""
+    """Warnings above a table: parts of sequences, other sub-sequences, and sequences without boxes."""
     notes = []
     frames = {entry.sequence: len(entry.truth) for entry in group.entries.values() if group.kitti}
     parts = {name: n for name, n in frames.items() if n != BENCHMARK_FRAMES[name]}
     if parts:
         words = ", ".join(f"{name} ({n} of {BENCHMARK_FRAMES[name]} frames)" for name, n in parts.items())
-        notes.append(f"Parts of a sequence, not comparable with whole ones: {words}.")
+        notes.append(f"Parts of sequences, not comparable with whole sequences: {words}.")
     if group.kitti and group.measure != KITTI_MEASURE:
-        notes.append(f"Not the benchmark's sub-sequences, but {group.measure.words}: not comparable with it.")
+        notes.append(f"Sub-sequences of {group.measure.words}: not comparable with the benchmark.")
     without = list(dict.fromkeys(e.sequence for e in group.entries.values() if not e.labels))
     if without and any(method in group.methods for method in BOX_METHODS):
         notes.append(
-            f"No vehicle boxes on {', '.join(without)}: feature_selection removes nothing there and equals "
-            "solution_selection. `--detector MODEL` finds boxes."
+            f"No vehicle boxes for {', '.join(without)}: feature_selection removes no features and equals "
+            "solution_selection. `--detector MODEL` detects boxes."
         )
     return notes
 
 
 def results(groups: list[Group]) -> list[str]:
-    """A sentence for each group: the proposal against the same method without the removal."""
+    """One sentence per group: the proposal compared with the same method without removal of features."""
     return [sentence for group in groups for sentence in _comparison(group, "solution_selection")]
 
 
 def _comparison(group: Group, other: str) -> list[str]:
-    """A sentence on the mean errors of the proposal and of another method; none where they are equal."""
+    """A sentence on the mean errors of the proposal and of another method; none if they are equal."""
     parts, means = [], (group.mean(other), group.mean(PROPOSAL))
     for (kind, _), claim, *errors in zip(ERROR_KINDS.values(), CLAIMS[other], *means, strict=True):
         before, after = (mean_and_spread(values)[0] for values in errors)
@@ -134,5 +134,5 @@ def _comparison(group: Group, other: str) -> list[str]:
             parts.append(f"{verb} {name} from {number(before)} to {number(after)} {unit} ({change})")
     rows = [name for name in group.sequences if name != f"{KITTI}{LEFT_OUT}"]
     where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
-    said = f"{PROPOSAL}, which removes the features in vehicle boxes, {' and '.join(parts)} against {other}"
-    return [f"{where}, {VARIANT_WORDS[group.variant]}: {said}."] if parts else []
+    result = f"{PROPOSAL}, which removes the features in vehicle boxes, {' and '.join(parts)}"
+    return [f"{where}, {VARIANT_WORDS[group.variant]}: {result} compared with {other}."] if parts else []
