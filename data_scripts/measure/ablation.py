@@ -115,7 +115,7 @@ def papers_translation(camera: Any, matches: Any, R_cp: Array, config: Any) -> A
 
 def least_squares(system: Any, limit: float) -> Array:
     """`robust_start` from all features alike."""
-    return np.asarray(np.linalg.solve(system.W.sum(axis=1)[FULL], system.pull().sum(axis=1)))
+    return np.asarray(np.linalg.solve(system.W.sum(axis=1)[FULL], system.right_sides().sum(axis=1)))
 
 
 def as_estimated(self: Any, estimate: Array, covariance: Array) -> None:
@@ -213,7 +213,7 @@ IDEAS = (
     Idea(
         "boxes: two means",
         12,
-        {"vo_lib.kit.moving.MOVED_SHARE": 2.0},
+        {"vo_lib.kit.moving.MIN_MOVED_SHARE": 2.0},
         MOVING,
         stays="without it a car that crosses before a background is not found",
     ),

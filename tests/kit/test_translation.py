@@ -51,7 +51,7 @@ def test_eliminating_the_points_changes_nothing(in_pixels: bool) -> None:
     whole /= depth[:, None, None]
     expected = np.linalg.lstsq(whole.reshape(8 * 25, -1), (c / depth[:, None]).ravel(), rcond=None)[0][-3:]
     system = eliminated(matches, depth)
-    found = np.linalg.solve(system.W.sum(axis=1)[FULL], system.pull().sum(axis=1))
+    found = np.linalg.solve(system.W.sum(axis=1)[FULL], system.right_sides().sum(axis=1))
     np.testing.assert_allclose(found, expected, atol=1e-8)
 
 

@@ -1,4 +1,4 @@
-"""Chapter 5, beyond the paper: rules for the removal of features on vehicles."""
+"""Box rules: the removal of features on vehicles (chapter 5, not in the paper)."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Filtered:
 
     Attributes
     ----------
-    keep : (N,) bool; flags : `FILTER_OFF` (boxes would have left too few: all stay).
-    judgement : of the boxes by the rule `moving`; None with other rules.
+    keep : (N,) mask; flags : `FILTER_OFF` if all matches are kept because too few would remain.
+    judgement : states of the boxes for the rule `moving`; None for other rules.
     """
 
     keep: BoolArray
@@ -32,10 +32,10 @@ class Filtered:
 
 
 def unless_too_few(keep: BoolArray, config: KitFilterConfig) -> Filtered:
-    """The matches to keep; all of them, flagged, where fewer than `min_matches` would be left.
+    """The matches to keep; all of them, with a flag, if fewer than `min_matches` would remain.
 
-    A motion from vehicles is better than a motion from a handful of points. The share that is left does not
-    count: where a vehicle holds most of the matches its features win the vote.
+    A motion from vehicles is better than a motion from a handful of points. A limit on the remaining share
+    would be wrong: if most matches are on a vehicle, the vehicle would win the vote.
     """
     if not keep.all() and np.count_nonzero(keep) < config.min_matches:
         return Filtered(np.ones(len(keep), np.bool_), (Flag.FILTER_OFF,))
@@ -43,7 +43,7 @@ def unless_too_few(keep: BoolArray, config: KitFilterConfig) -> Filtered:
 
 
 class BoxFilter:
-    """A box rule along a sequence: `start` with the first frame's boxes, then `step` by step."""
+    """A box rule on a sequence: `start` for the first frame, then `step` for each further frame."""
 
     def __init__(self, camera: StereoCamera, config: KitFilterConfig):
         self.config = config
@@ -51,20 +51,20 @@ class BoxFilter:
         self._classifier = BoxMotionClassifier(camera, config) if config.rule == "moving" else None
 
     def start(self, boxes: Boxes) -> None:
-        """The first frame: its boxes."""
+        """Store the boxes of the first frame."""
         self._boxes = boxes
         if self._classifier is not None:
             self._classifier.step(empty_matches(), boxes)
 
     def step(self, matches: StereoMatches, boxes: Boxes, on_moving: BoolArray | None = None) -> Filtered:
-        """The matches of the next frame that stay.
+        """The effect of the rule on the next frame.
 
         Parameters
         ----------
-        matches : of the frame before with this one; boxes : in this frame's left image.
-        on_moving : (N,) matches on moving things, by the truth of a drawn scene; the rule `truth` needs it.
+        matches : matches of the previous frame with this one; boxes : boxes in this frame's left image.
+        on_moving : (N,) mask of matches on moving objects, from a drawn scene's truth, for the rule `truth`.
         """
-        before, self._boxes = self._boxes, boxes
+        previous_boxes, self._boxes = self._boxes, boxes
         if self._classifier is not None:
             judgement = self._classifier.step(matches, boxes)
             return replace(unless_too_few(~judgement.removed, self.config), judgement=judgement)
@@ -73,4 +73,4 @@ class BoxFilter:
             return unless_too_few(~on_moving, self.config)
         if self.config.rule == "none":
             return Filtered(np.ones(len(matches), np.bool_))
-        return unless_too_few(~on_vehicles(matches, before, boxes, self.config), self.config)
+        return unless_too_few(~on_vehicles(matches, previous_boxes, boxes, self.config), self.config)

@@ -1,4 +1,4 @@
-"""The learnt errors of a rig: kept in a file, described in a sentence, and used again."""
+"""The estimated calibration errors as a file, as text, and as the start of another run."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from ..settings import to_dict
 from .rig import ERROR_COUNT, ERROR_NAMES, FIELD, RIG_FAULTS, N, Rig, field_at, powers
 from .settings import CalibrationConfig
 
-MAX_LENGTH_DIFFERENCE = 0.01  # of the focal lengths and baselines of one camera, as a share
-MAX_VIEW_DIFFERENCE = 0.05  # of its image sizes and principal points, as a share of the image
-MAX_RIG_ERROR_PX = 30.0  # larger than the error of any rig in use
+MAX_LENGTH_DIFFERENCE = 0.01  # largest relative difference of focal length and baseline for the same camera
+MAX_VIEW_DIFFERENCE = 0.05  # largest difference of image size and principal point, as a share of the image
+MAX_RIG_ERROR_PX = 30.0  # larger than the error of any real rig
 MIN_REPORTED_ERROR_PX = 0.05
-UNREPORTED_EDGE = 0.08  # share of the image at each side
+UNREPORTED_EDGE = 0.08  # width of the image border without reported errors, as a share of the image
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """The errors of one stereo camera, as known after a drive.
+    """The calibration errors of a stereo camera after a drive.
 
     Attributes
     ----------
-    camera : whose errors these are.
-    estimate, covariance : (19,) and (19, 19), as `Rig` has them.
+    camera : the stereo camera.
+    estimate, covariance : (19,) and (19, 19), see `Rig`.
     """
 
     camera: StereoCamera
@@ -39,15 +39,15 @@ class Calibration:
     covariance: Array
 
     def covariance_on_another_drive(self) -> Array:
-        """Covariance where another drive begins: disparities shift, by a pixel between two of one day."""
+        """Covariance at the start of another drive: disparities shift by about a pixel within a day."""
         covariance = self.covariance.copy()
         covariance[0, 0] += RIG_FAULTS["shift along the rows"][2] ** 2
         return covariance
 
     def check(self, camera: StereoCamera) -> None:
-        """`DataError` unless the camera is like the one given.
+        """`DataError` unless the calibration fits the camera.
 
-        Focal length and baseline agree within a hundredth, size and principal point within a twentieth.
+        Focal length and baseline must agree within 1 %, image size and principal point within 5 %.
         """
         size = np.array(camera.size)
         limits: dict[str, tuple[Any, Any, Any]] = {
@@ -56,25 +56,25 @@ class Calibration:
             "image size": (self.camera.size, camera.size, MAX_VIEW_DIFFERENCE * size),
             "principal point": (self.camera.K[:2, 2], camera.K[:2, 2], MAX_VIEW_DIFFERENCE * size),
         }
-        for name, (learnt, given, limit) in limits.items():
-            if (np.abs(np.subtract(learnt, given)) > limit).any():
-                raise DataError(f"the calibration is of another camera: {name} {learnt}, here {given}")
+        for name, (stored, actual, limit) in limits.items():
+            if (np.abs(np.subtract(stored, actual)) > limit).any():
+                raise DataError(f"the calibration is of another camera: {name} {stored}, here {actual}")
 
     def in_use(self, config: CalibrationConfig) -> Array:
-        """The errors (19,) that are taken out of matches, pixels."""
+        """The errors (19,) used for the correction of matches, pixels."""
         rig = Rig(self.camera, config)
         rig.know(self.estimate, self.covariance)
         return rig.errors
 
     def in_words(self, config: CalibrationConfig) -> str:
-        """The errors in use as a sentence, with standard deviations; uncertain errors are left out."""
+        """The errors used for the correction, as text with deviations; uncertain errors are omitted."""
         return describe_errors(self.in_use(config), self.covariance, self.camera)
 
     def to_json(self) -> str:
-        """The file's text; numbers are exact."""
+        """The text of the file, with exact numbers."""
         data = {
             "camera": to_dict(self.camera),
-            "unit": "px, in normalised left positions x, y; disparities and rows left less right",
+            "unit": "px, in normalised left positions x, y; disparities and rows are left minus right",
             "errors": dict(zip(ERROR_NAMES, self.estimate.tolist(), strict=True)),
             "covariance": self.covariance.tolist(),
         }
@@ -82,8 +82,8 @@ class Calibration:
 
 
 def read_learnt_calibration(path: Path) -> Calibration:
-    """A calibration from its file; `DataError` where the file is not as the kit writes it."""
-    expected = "a calibration.json, as `vo run --variant kit` writes it"
+    """A calibration from its file; `DataError` for any other content."""
+    expected = "a calibration.json, as written by `vo run --variant kit`"
     data = read_mapping(path, expected)
     try:
         camera = StereoCamera(**data["camera"])
@@ -102,26 +102,26 @@ def read_learnt_calibration(path: Path) -> Calibration:
         raise DataError(f"expected {expected}", path) from None
     if not np.abs(errors).max() <= MAX_RIG_ERROR_PX:
         raise DataError(
-            f"an error of {np.abs(errors).max():.3g} px: expected {MAX_RIG_ERROR_PX:g} px at most", path
+            f"an error of {np.abs(errors).max():.3g} px: expected at most {MAX_RIG_ERROR_PX:g} px", path
         )
     return Calibration(camera, estimate, covariance)
 
 
 def describe_errors(errors: Array, covariance: Array, camera: StereoCamera) -> str:
-    """The effects of a rig's errors (19,), pixels, in the image, with standard deviations, as a sentence.
+    """The effects of calibration errors (19,) in the image, pixels, as text with standard deviations.
 
-    An effect is left out where its largest value is below two standard deviations, or too small to matter.
+    Effects below two standard deviations or below `MIN_REPORTED_ERROR_PX` are omitted.
     """
     u, v = (np.linspace(UNREPORTED_EDGE, 1.0 - UNREPORTED_EDGE, 9) * size for size in camera.size)
     x, y = camera.normalise(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)).T
     terms, deviations = powers(x, y), np.sqrt(np.diag(covariance))
     parts = []
-    for name, field, used in zip(
+    for name, field, part in zip(
         ("disparities", "rows"), field_at(errors, x, y), (slice(0, N), slice(N, FIELD)), strict=True
     ):
         largest = int(np.argmax(np.abs(field)))
-        term = terms[: used.stop - used.start, largest]
-        deviation = float(np.sqrt(term @ covariance[used, used] @ term))
+        term = terms[: part.stop - part.start, largest]
+        deviation = float(np.sqrt(term @ covariance[part, part] @ term))
         if abs(field[largest]) >= max(MIN_REPORTED_ERROR_PX, 2.0 * deviation):
             parts.append(f"{name} are off by {field.min():+.1f} to {field.max():+.1f} ±{deviation:.2f} px")
     for name, size, deviation in zip(ERROR_NAMES[FIELD:], errors[FIELD:], deviations[FIELD:], strict=True):

@@ -1,4 +1,4 @@
-"""Chapter 1: corners of an image, and the choice of features by bucket, age and strength."""
+"""Corners of an image, one per square cell (chapter 1)."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from .settings import KitFeatureConfig
 
 
 def corner_strength(image: Image) -> NDArray[np.float32]:
-    """Shi and Tomasi's strength of an image at half size, (H // 2, W // 2).
+    """Shi and Tomasi's corner strength of an image at half size, (H // 2, W // 2).
 
-    The root of the structure tensor's smaller eigenvalue, in grey levels: the weakest contrast that a window
-    of 3×3 pixels sees in any direction, so a threshold means the same in every image. Half the size is a
-    quarter of the work, and corners are followed by wider windows.
+    The strength is the root of the structure tensor's smaller eigenvalue, in grey levels: the smallest
+    contrast over all directions in a window of 3×3 pixels. A threshold therefore has the same meaning in
+    every image. Half the size is a quarter of the work; tracking uses wider windows anyway.
     """
     height, width = image.shape[0] // 2, image.shape[1] // 2
-    # Exact halves are by far the fastest; an odd last row or column stays out.
+    # A factor of exactly two is by far the fastest; an odd last row or column is ignored.
     half = cv2.resize(image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
     strength = cv2.cornerMinEigenVal(half, 3, ksize=3)
-    # OpenCV scales an 8-bit image so that the eigenvalue is that of grey / 255 over the window.
+    # For an 8-bit image, OpenCV returns the eigenvalue of grey / 255.
     return np.asarray(255.0 * np.sqrt(np.maximum(strength, 0.0)), np.float32)
 
 
@@ -38,19 +38,19 @@ def detect_corners(strength: NDArray[np.float32], config: KitFeatureConfig) -> t
     -------
     (N, 2) pixels of the full image and (N,) strengths, row by row.
     """
-    # A corner is a local maximum: its neighbours in the next cell must not be stronger.
+    # A corner is a local maximum, also over neighbours in the next cell.
     peaks = (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))) & (strength > config.quality)
     border = -(-config.border // 2)
     peaks[:border], peaks[-border:], peaks[:, :border], peaks[:, -border:] = False, False, False, False
     v, u = np.divmod(np.flatnonzero(peaks), strength.shape[1])
-    # The centre of a pixel at half size lies between the pixels that it is the mean of.
+    # The centre of a pixel at half size is between the four pixels of the full image that it averages.
     uv, value = 2.0 * np.stack([u, v], axis=1) + 0.5, strength[v, u].astype(np.float64)
-    one_a_cell = BucketConfig(size=config.cell, features=1)
-    best = select_by_bucket(uv, np.zeros(len(uv), np.int64), value, one_a_cell)
+    one_per_cell = BucketConfig(size=config.cell, features=1)
+    best = select_by_bucket(uv, np.zeros(len(uv), np.int64), value, one_per_cell)
     return uv[best], value[best]
 
 
 def in_empty_cells(uv: Array, occupants: Array, cell: int) -> BoolArray:
-    """Which corners (N, 2) lie in a square cell, `cell` pixels wide, without one of the occupants (M, 2)."""
+    """Mask of corners (N, 2) in square cells, `cell` pixels wide, without any of the occupants (M, 2)."""
     number = square_numbers(np.rint(np.concatenate([uv, occupants])), cell)
     return ~np.isin(number[: len(uv)], number[len(uv) :])

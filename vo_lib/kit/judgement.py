@@ -1,4 +1,4 @@
-"""Chapter 5, beyond the paper: which boxes of a frame move."""
+"""Classification of the boxes of a frame as moving, parked or unknown (chapter 5, not in the paper)."""
 
 from __future__ import annotations
 
@@ -21,22 +21,19 @@ from .moving import (
 )
 from .settings import KitFilterConfig, MovingConfig
 
-MIN_CAMERA_FEATURES = 12  # features outside boxes from which a motion of the camera can be told
+MIN_CAMERA_FEATURES = 12  # smallest number of features outside boxes for an estimate of the camera's motion
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """The K vehicle boxes of a frame, judged.
+    """The states of the K vehicle boxes of a frame.
 
-    Attributes
-    ----------
-    boxes : the vehicle boxes, grown by the margin.
-    state : (K,) PARKED, UNKNOWN or MOVING.
-    step : (K, 3) step from this pair of frames, current left camera's axes, metres; NaN where not seen.
-    matches : (K,) features of this frame that may lie on the vehicle.
-    removed : (N,) matches whose left point, previous or current, lies in a box that moves; of those in other
-        boxes the ones that do not agree with the background: where a box is, outlines, panes and other cars
-        behind it are near, and features there are worse than elsewhere.
+    Attributes ---------- boxes : the vehicle boxes, with the margin. state : (K,) PARKED, UNKNOWN or MOVING.
+    step : (K, 3) displacement in this frame, current left camera's axes, metres; NaN if not measured. matches
+    : (K,) number of features that may be on the vehicle. removed : (N,) mask of matches whose left point,
+    previous or current, is in a moving box, and of matches in
+        other boxes that do not agree with the background: outlines, windows and other cars make features in
+        boxes worse than elsewhere.
     """
 
     boxes: Boxes
@@ -47,60 +44,61 @@ class Judgement:
 
 
 def states(steps: BoxSteps, config: MovingConfig) -> IntArray:
-    """PARKED, UNKNOWN or MOVING of each box, (K,).
+    """State of each box (K,): PARKED, UNKNOWN or MOVING.
 
-    A box moves when its step is significantly not zero; it is parked when a step of `min_step` would have
-    been seen.
+    A box moves if its displacement is significant; it is parked if a displacement of `min_step` would be.
     """
-    state, seen = np.full(len(steps), UNKNOWN), steps.information.any(axis=(1, 2))
-    step, information = steps.step[seen], steps.information[seen]
+    state, measured = np.full(len(steps), UNKNOWN), steps.information.any(axis=(1, 2))
+    step, information = steps.step[measured], steps.information[measured]
     deviations = np.sqrt(np.einsum("ki,kij,kj->k", step, information, step))
     moves = (deviations > config.significance) & (np.linalg.norm(step, axis=1) > config.min_step)
     certain = 1.0 / np.sqrt(np.linalg.eigvalsh(information)[:, 0]) < config.min_step
-    state[seen] = np.where(moves, MOVING, np.where(certain, PARKED, UNKNOWN))
+    state[measured] = np.where(moves, MOVING, np.where(certain, PARKED, UNKNOWN))
     return state
 
 
 class BoxMotionClassifier:
-    """Judges the boxes of every frame; to the first one `step` is told no matches."""
+    """The states of boxes frame by frame; for the first frame, call `step` with empty matches."""
 
     def __init__(self, camera: StereoCamera, config: KitFilterConfig):
         self.camera = camera
         self.config = config
-        self._boxes, self._moved = no_boxes(), np.zeros(0, np.bool_)  # of the frame before
+        self._boxes, self._moved = no_boxes(), np.zeros(0, np.bool_)  # of the previous frame
         self._motion: Array | None = None
 
     def step(self, matches: StereoMatches, boxes: Boxes) -> Judgement:
-        """Judge the boxes of the next frame's left image by its matches with the frame before."""
+        """The states of the boxes in the next frame's left image, from matches with the previous frame."""
         current = vehicles(boxes, self.config)
-        in_before = inside(matches.prev_left, self._boxes.xyxy)
+        in_previous = inside(matches.prev_left, self._boxes.xyxy)
         in_current = inside(matches.cur_left, current.xyxy)
-        outside = np.asarray(~in_before.any(axis=1) & ~in_current.any(axis=1))
-        self._find_motion(matches[outside])
-        steps, disagrees = self._ask(matches, current, outside)
+        outside = np.asarray(~in_previous.any(axis=1) & ~in_current.any(axis=1))
+        self._estimate_motion(matches[outside])
+        steps, disagrees = self._measure_steps(matches, current, outside)
         state = states(steps, self.config.moving)
         moves = state == MOVING
-        removed = in_current[:, moves].any(axis=1) | in_before[:, self._moved].any(axis=1) | disagrees
+        removed = in_current[:, moves].any(axis=1) | in_previous[:, self._moved].any(axis=1) | disagrees
         self._boxes, self._moved = current, moves
         step = np.where(steps.information.any(axis=1), steps.step, np.nan)
         return Judgement(current, state, step, steps.matches, removed)
 
-    def _ask(self, matches: StereoMatches, current: Boxes, outside: BoolArray) -> tuple[BoxSteps, BoolArray]:
-        """Steps of the boxes found, and which matches (N,) in boxes do not agree with standing still."""
+    def _measure_steps(
+        self, matches: StereoMatches, current: Boxes, outside: BoolArray
+    ) -> tuple[BoxSteps, BoolArray]:
+        """Displacements of the boxes, and a mask (N,) of matches in boxes that are not static."""
         disagrees = np.zeros(len(matches), np.bool_)
         if self._motion is None:
             return no_steps(len(current)), disagrees
         config = self.config.moving
-        some = matches[np.asarray(~outside)]
-        owner = owner_of(self.camera, some.cur_left, some.cur_right, current)
-        points = point_steps(self.camera, some, self._motion)
-        # What is not a number does not agree.
+        in_boxes = matches[np.asarray(~outside)]
+        owner = owner_of(self.camera, in_boxes.cur_left, in_boxes.cur_right, current)
+        points = point_steps(self.camera, in_boxes, self._motion)
+        # NaN fails the comparison and counts as disagreement.
         limit = (config.agreement * config.noise) ** 2
         disagrees[~outside] = ~(points.squared_error(np.zeros(3)) <= limit)
         return box_steps(points, owner, len(current), config.noise**2), disagrees
 
-    def _find_motion(self, background: StereoMatches) -> None:
-        """Motion of the camera from the features outside boxes; None where they are too few to tell it."""
+    def _estimate_motion(self, background: StereoMatches) -> None:
+        """Estimate the camera's motion from features outside boxes; None with too few features."""
         if len(background) < MIN_CAMERA_FEATURES:
             self._motion = None
         else:

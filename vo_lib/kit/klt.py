@@ -1,4 +1,4 @@
-"""Chapter 1: loop matching through two stereo pairs."""
+"""Loop matching through two stereo pairs by Lucas-Kanade (chapter 1)."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .settings import KitFeatureConfig, KitMatchingConfig
 from .surface import CoarseDisparity, coarse_disparity
 
 NO_MATCHES = empty_matches(), np.zeros((0, 2))  # matches, and the slopes (N, 2) of their surfaces
-MAX_CONTRAST_RATIO = 1.25  # a change of contrast that Lucas-Kanade's windows no longer bear
+MAX_CONTRAST_RATIO = 1.25  # a larger change of contrast makes Lucas-Kanade fail
 
 
 @dataclass(frozen=True, eq=False)
 class _Features(Rows):
-    """Features of one stereo pair that wait for the next one; slope is that of their surface."""
+    """Features of a stereo pair, for the matching with the next pair; `slope` is that of their surface."""
 
     left: Array
     right: Array
@@ -38,13 +38,13 @@ class _Features(Rows):
 
 @dataclass(frozen=True)
 class PreparedPair:
-    """A stereo pair with all that can be computed without knowing the motion, ahead and in other threads.
+    """A stereo pair with the results that do not depend on the motion, computed ahead in other threads.
 
     Attributes
     ----------
     images : left and right, (H, W) uint8.
-    corners : (N, 2) pixels of the left image's corners; strength : (N,) of them.
-    disparity : (H / 2, W / 2) coarse disparity, pixels of the full image; negative where none.
+    corners : (N, 2) corners of the left image, pixels; strength : (N,) their strengths.
+    disparity : (H / 2, W / 2) coarse disparity, pixels of the full image; negative if unknown.
     """
 
     images: Pair
@@ -54,12 +54,12 @@ class PreparedPair:
 
 
 class KltMatcher:
-    """Corners followed round the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
+    """Corners tracked in the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
 
-    In the left image the search starts where the last motion and the stereo depth predict each feature
-    (constant velocity), in the right one where block matching has seen it.
-    The matcher fits that motion itself, so the matches depend on the images and on its own settings
-    only: whatever method comes after it, and whatever the seed, sees the same matches.
+    In the left image the search starts at the position predicted from the previous motion and the stereo
+    depth (constant velocity), in the right image at the result of block matching. The matcher estimates this
+    motion itself. The matches therefore depend only on the images and the matching settings, not on the
+    method or seed.
     """
 
     def __init__(self, camera: StereoCamera, features: KitFeatureConfig, matching: KitMatchingConfig):
@@ -76,12 +76,12 @@ class KltMatcher:
         return PreparedPair(pair, *corners, coarse_disparity(*pair, self.config.max_disparity))
 
     def step(self, pair: PreparedPair) -> StereoMatches:
-        """Matches of the pair before with this one; empty for the first pair."""
+        """Matches of the previous pair with this one; empty for the first pair."""
         matches, slope = NO_MATCHES if self._previous is None else self._follow(*self._previous, pair)
-        one_a_cell = BucketConfig(size=self.features.cell, features=1)
-        kept = select_by_bucket(matches.cur_left, matches.age, matches.strength, one_a_cell)
-        on = matches[kept]
-        features = _Features(on.cur_left, on.cur_right, slope[kept], on.age + 1, on.strength, on.id)
+        one_per_cell = BucketConfig(size=self.features.cell, features=1)
+        rows = select_by_bucket(matches.cur_left, matches.age, matches.strength, one_per_cell)
+        best = matches[rows]
+        features = _Features(best.cur_left, best.cur_right, slope[rows], best.age + 1, best.strength, best.id)
         self._previous = (pair, self._add_corners(pair, features))
         return matches
 
@@ -95,14 +95,14 @@ class KltMatcher:
             result = self._close_loop(before, pair, features, guess, self.config.levels)
             self._motion, agree = next_motion(self.camera, result[0], last)
         if len(result[0]) < 0.3 * len(features.id) or agree < 0.5 * len(result[0]):
-            # No motion yet, or it or the exposure changed abruptly, and perhaps what looks alike was found:
-            # search from where the features were.
+            # Without a motion, or after an abrupt change of motion or exposure, many matches may be wrong:
+            # search again, starting at the previous positions.
             left, right = map(lit_like, before.images, pair.images)
             lit, start = replace(before, images=(left, right)), (features.left, features.right)
-            again = self._close_loop(lit, pair, features, start, self.config.search_levels)
-            motion, more = next_motion(self.camera, again[0], None)
-            if (more, len(again[0])) > (agree, len(result[0])):
-                result, self._motion = again, motion
+            second = self._close_loop(lit, pair, features, start, self.config.search_levels)
+            motion, second_agree = next_motion(self.camera, second[0], None)
+            if (second_agree, len(second[0])) > (agree, len(result[0])):
+                result, self._motion = second, motion
         return result
 
     def _close_loop(
@@ -113,12 +113,12 @@ class KltMatcher:
         guess: tuple[Array, Array],
         levels: int,
     ) -> tuple[StereoMatches, Array]:
-        """Finished matches, and slopes (N, 2): Lucas-Kanade finds the left features coarsely, block matching
-        the right ones; then come sub-pixel places and the checks.
+        """Matches and slopes (N, 2): coarse positions from Lucas-Kanade (left) and block matching (right),
+        then sub-pixel refinement and the checks.
         """
         left, right = pair.images
         start = np.flatnonzero(_inside(guess[0], left) & _inside(guess[1], right))
-        # No finer: the finish is what makes a place exact.
+        # A coarse tolerance is sufficient, since the refinement below provides the accuracy.
         window, ends = self.config.window, (10, 0.03)
         cur_left, ok, difference = track(
             before.images[0], left, features.left[start], guess[0][start], window, np.inf, levels, ends
@@ -154,19 +154,19 @@ class KltMatcher:
 
 
 def _inside(uv: Array, image: Image) -> BoolArray:
-    """Which pixels (N, 2) lie in an image; NaN, a point behind the camera, does not."""
+    """Mask of the pixels (N, 2) inside an image; NaN, for a point behind the camera, is outside."""
     return np.asarray(((uv >= 0) & (uv <= (image.shape[1] - 1, image.shape[0] - 1))).all(axis=1))
 
 
 def _in_right_image(coarse: CoarseDisparity, uv: Array) -> tuple[Array, BoolArray]:
-    """Where pixels (N, 2) of the left image are in the right one, coarsely; and whether it is known."""
+    """Coarse positions (N, 2) in the right image of pixels of the left image, and a mask of known ones."""
     column, row = np.clip(np.rint(uv / 2).astype(int), 0, np.array(coarse.shape[::-1]) - 1).T
     disparity = coarse[row, column].astype(np.float64)
     return uv - np.stack([disparity, np.zeros_like(disparity)], axis=1), disparity > 0
 
 
 def lit_like(image: Image, target: Image) -> Image:
-    """The image, as bright as another one where the exposure changed much: mean and spread made equal."""
+    """The image with the mean and standard deviation of `target`, if the contrast changed much."""
     mean, spread = cv2.meanStdDev(image)
     target_mean, target_spread = cv2.meanStdDev(target)
     gain = float(target_spread[0, 0] / max(spread[0, 0], 1.0))
@@ -179,9 +179,9 @@ def lit_like(image: Image, target: Image) -> Image:
 def next_motion(
     camera: StereoCamera, matches: StereoMatches, last: tuple[Array, Array] | None
 ) -> tuple[tuple[Array, Array] | None, int]:
-    """The motion that matches show, from which the next search starts, and how many of them agree with it.
+    """The motion of matches, for the prediction in the next search, and the number of inliers.
 
-    None from too few of them. The fit starts from the last motion.
+    None with too few matches. The fit starts from the previous motion.
     """
     if len(matches) < 10:
         return None, 0

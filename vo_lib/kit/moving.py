@@ -1,8 +1,9 @@
-"""Chapter 5, beyond the paper: how the vehicle in each box moves against the background.
+"""Displacements of the vehicles in boxes against the background (chapter 5, not in the paper).
 
-The camera's motion comes from the features outside all boxes. A feature that stands still must then be
-found at one place in both current images; what is left over is a step in space. Unlike the distance to an
-epipolar line, it also shows a car ahead that keeps its distance: its disparity stays, a standing car's grows.
+The camera's motion is estimated from the features outside all boxes. This motion predicts the position of a
+static feature; the difference to the measured position is a displacement in space. Unlike the distance to
+an epipolar line, the displacement also detects a car ahead at a constant distance: its disparity is constant,
+while that of a parked car grows.
 """
 
 from __future__ import annotations
@@ -22,30 +23,31 @@ from ..paper.boxes import inside
 from ..paper.buckets import select_by_bucket
 from ..paper.settings import BucketConfig
 
-# Features for the motion of the camera: enough for a millimetre, few enough for a millisecond.
+# Buckets for the camera's motion: enough features for a millimetre, few enough for a millisecond.
 BACKGROUND_BUCKETS = BucketConfig(size=100, features=2)
-# A feature agrees with a step when its squared error is below this, in deviations: 99 % of normal noise.
+# Largest squared error, in variances, of a feature that agrees with a displacement: 99 % of normal noise.
 AGREES_CHI2 = 11.3
 STEP_ITERATIONS = 3
-# Information on a direction that no feature sees, 1/m².
-MIN_INFORMATION_RATIO = 1e-6
-# The tallest car, and the tallest vehicle of any other class, metres.
-CAR, CAR_HEIGHT, HEIGHT = 2, 2.3, 4.2
-# Features of a box without which nothing is said of it, and the share of them that must move together.
-MIN_BOX_FEATURES, MOVED_SHARE = 3, 0.3
-# Standard deviations of the camera's step from features outside boxes, metres, and of its rotation, radians.
-STEP_ERROR, TURN_ERROR = 0.01, np.radians(0.01)
+# Information on a direction that no feature measures, 1/m².
+MIN_INFORMATION = 1e-6
+# COCO number of cars, and the largest heights of a car and of any other vehicle.
+CAR, MAX_CAR_HEIGHT_M, MAX_VEHICLE_HEIGHT_M = 2, 2.3, 4.2
+# Smallest number of features of a box with a displacement, and the smallest share of them that moves
+# together.
+MIN_BOX_FEATURES, MIN_MOVED_SHARE = 3, 0.3
+# Standard deviations of the camera's translation and rotation, estimated outside boxes.
+STEP_DEVIATION_M, TURN_DEVIATION_RAD = 0.01, np.radians(0.01)
 
 
 @dataclass(frozen=True, eq=False)
 class PointSteps(Rows):
-    """How N features moved against the background between two frames.
+    """Displacements of N features against the background between two frames.
 
     Attributes
     ----------
     step : (N, 3) displacement in the current left camera's axes, metres.
     information : (N, 3, 3) inverse covariance of the step for matches with a deviation of one pixel.
-    depth : (N,) metres, where a standing feature would be.
+    depth : (N,) depth of the predicted static feature, metres.
     """
 
     step: Array
@@ -53,35 +55,35 @@ class PointSteps(Rows):
     depth: Array
 
     def squared_error(self, step: Array) -> Array:
-        """Squared distance (N,) of each feature to a step (3,) or (N, 3), pixels²."""
+        """Squared errors (N,) of the features for a common displacement (3,) or one each (N, 3), pixels²."""
         e = self.step - step
         return np.asarray(np.einsum("ni,nij,nj->n", e, self.information, e))
 
 
 def background_motion(camera: StereoCamera, matches: StereoMatches, start: Array, iterations: int) -> Array:
-    """Motion T_cp (4, 4) of the camera from features that stand still, most of them."""
-    chosen = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, BACKGROUND_BUCKETS)]
-    chosen = chosen[chosen.prev_left[:, 0] > chosen.prev_right[:, 0]]
-    X_p = camera.triangulate(chosen.prev_left, chosen.prev_right)
+    """Motion T_cp (4, 4) of the camera from features that are mostly static."""
+    sample = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, BACKGROUND_BUCKETS)]
+    sample = sample[sample.prev_left[:, 0] > sample.prev_right[:, 0]]
+    X_p = camera.triangulate(sample.prev_left, sample.prev_right)
     R, t, _ = fit_motion(
-        camera, X_p, chosen.cur_left, chosen.cur_right, start[:3, :3], start[:3, 3], 0.5, iterations
+        camera, X_p, sample.cur_left, sample.cur_right, start[:3, :3], start[:3, 3], 0.5, iterations
     )
     return rigid(R, t)
 
 
 def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> PointSteps:
-    """Step of each feature against the background: where it is less where a standing one would be.
+    """Displacement of each feature against the background: its position minus that of a static feature.
 
-    Both points are triangulated, u_left, v and u_right of three unknowns each, so that a far feature's
-    step is known well across the line of sight and badly along it; the information says so.
+    Both points are triangulated from u_left, v and u_right. The displacement of a far feature is therefore
+    precise across the line of sight and uncertain along it, as the information matrix expresses.
     """
     R_cp = T_cp[:3, :3]
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     X_c = camera.triangulate(matches.cur_left, matches.cur_right)
-    stands = X_p @ R_cp.T + T_cp[:3, 3]
+    static = X_p @ R_cp.T + T_cp[:3, 3]
     spread_c = _point_covariance(camera, X_c)
     spread_p = R_cp @ _point_covariance(camera, X_p) @ R_cp.T
-    return PointSteps(X_c - stands, np.asarray(np.linalg.inv(spread_p + spread_c)), stands[:, 2])
+    return PointSteps(X_c - static, np.asarray(np.linalg.inv(spread_p + spread_c)), static[:, 2])
 
 
 def _point_covariance(camera: StereoCamera, X: Array) -> Array:
@@ -101,30 +103,30 @@ def _point_covariance(camera: StereoCamera, X: Array) -> Array:
 
 
 def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes) -> IntArray:
-    """Box that each feature (N, 2), (N, 2) may lie on, -1 for none; of several the one in front.
+    """Index of the box that each feature (N, 2), (N, 2) may belong to, -1 for none; of several, the nearest.
 
-    The one in front is the lowest in the image. A feature so far away that a vehicle there would be taller
-    than any of its class belongs to the background that a box holds beside its vehicle.
+    The nearest box is the lowest in the image. A feature belongs to the background inside a box if a vehicle
+    at the feature's depth would be taller than any of its class.
     """
     if len(boxes) == 0:
         return np.full(len(left), -1)
-    height = np.where(boxes.class_id == CAR, CAR_HEIGHT, HEIGHT)
+    height = np.where(boxes.class_id == CAR, MAX_CAR_HEIGHT_M, MAX_VEHICLE_HEIGHT_M)
     # depth <= f height / (bottom - top), as disparity
-    least = camera.baseline * (boxes.xyxy[:, 3] - boxes.xyxy[:, 1]) / height
-    may = inside(left, boxes.xyxy) & (left[:, :1] - right[:, :1] >= least)
-    nearness = np.where(may, boxes.xyxy[:, 3], -np.inf)
-    return np.where(may.any(axis=1), np.argmax(nearness, axis=1), -1)
+    min_disparity = camera.baseline * (boxes.xyxy[:, 3] - boxes.xyxy[:, 1]) / height
+    possible = inside(left, boxes.xyxy) & (left[:, :1] - right[:, :1] >= min_disparity)
+    bottom = np.where(possible, boxes.xyxy[:, 3], -np.inf)
+    return np.where(possible.any(axis=1), np.argmax(bottom, axis=1), -1)
 
 
 @dataclass(frozen=True, eq=False)
 class BoxSteps(Rows):
-    """How the vehicles in K boxes moved between two frames, from these two frames alone.
+    """Displacements of the vehicles in K boxes between two frames.
 
     Attributes
     ----------
     step : (K, 3) displacement against the background in the current left camera's axes, metres.
-    information : (K, 3, 3) its inverse covariance, 1/m²; zero where nothing is known.
-    matches : (K,) features that may lie on the vehicle.
+    information : (K, 3, 3) its inverse covariance, 1/m²; zero without a measurement.
+    matches : (K,) number of features that may be on the vehicle.
     """
 
     step: Array
@@ -133,45 +135,44 @@ class BoxSteps(Rows):
 
 
 def no_steps(number: int) -> BoxSteps:
-    """Nothing known of a number of boxes."""
+    """Steps of a number of boxes without a measurement."""
     return BoxSteps(np.zeros((number, 3)), np.zeros((number, 3, 3)), np.zeros(number, np.int64))
 
 
 def box_steps(points: PointSteps, owner: IntArray, number: int, noise: float) -> BoxSteps:
-    """One step for each of `number` boxes from the features it owns (owner (N,), -1: none).
+    """One displacement for each of `number` boxes from its features (owner (N,), -1: no box).
 
-    `noise` is the variance of a match, pixels².
+    `noise` : variance of a match, pixels².
 
-    A box holds the vehicle, some background behind it, and outlines that belong to neither. Two robust means
-    compete (Cauchy weights): of all features, and of those alone that do not agree with standing still.
+    The features of a box are on the vehicle, on the background behind it, or on outlines that belong to
+    neither. Two robust means with Cauchy weights compete: that of all features, and that of the features that
+    do not agree with the background.
     """
-    stands = points.squared_error(np.zeros(3)) / noise
-    mine = (owner >= 0) & np.isfinite(stands)
-    points, owner, stands = points[mine], owner[mine], stands[mine]
+    static_error = points.squared_error(np.zeros(3)) / noise
+    owned = (owner >= 0) & np.isfinite(static_error)
+    points, owner, static_error = points[owned], owner[owned], static_error[owned]
     member = (owner == np.arange(number)[:, None]).astype(np.float64)
     total = member.sum(axis=1)
-    moved = stands > AGREES_CHI2
-    weight = np.stack([1.0 / (1.0 + stands / AGREES_CHI2), moved.astype(np.float64)])
+    moved = static_error > AGREES_CHI2
+    weight = np.stack([1.0 / (1.0 + static_error / AGREES_CHI2), moved.astype(np.float64)])
     flat = points.information.reshape(len(owner), 9) / noise
     pull = np.einsum("nij,nj->ni", points.information, points.step) / noise
     parts = np.concatenate([flat, pull], axis=1)
     for _ in range(STEP_ITERATIONS):
         sums = member @ (weight[:, :, None] * parts)  # (2, K, 12)
         information = sums[:, :, :9].reshape(2, number, 3, 3)
-        steps = np.linalg.solve(information + MIN_INFORMATION_RATIO * np.eye(3), sums[:, :, 9:, None])[
-            :, :, :, 0
-        ]
+        steps = np.linalg.solve(information + MIN_INFORMATION * np.eye(3), sums[:, :, 9:, None])[:, :, :, 0]
         e = points.step - steps[:, owner]
         errors = np.einsum("sni,nij,snj->sn", e, points.information, e) / noise
         weight = 1.0 / (1.0 + errors / AGREES_CHI2)
     agreeing = member @ (moved & (errors[1] < AGREES_CHI2))
-    moves = (agreeing >= np.maximum(MIN_BOX_FEATURES, MOVED_SHARE * total)).astype(np.int64)
-    chosen = moves, np.arange(number)
+    moves = (agreeing >= np.maximum(MIN_BOX_FEATURES, MIN_MOVED_SHARE * total)).astype(np.int64)
+    winner = moves, np.arange(number)
     depth = member @ points.depth / np.maximum(total, 1.0)
-    # What the motion of the camera does not know, no number of features in the box can tell.
-    shared = STEP_ERROR**2 + (TURN_ERROR * depth) ** 2
-    spread = np.linalg.inv(information[chosen] + MIN_INFORMATION_RATIO * np.eye(3)) + shared[
+    # More features in the box do not reduce the uncertainty of the camera's motion.
+    shared = STEP_DEVIATION_M**2 + (TURN_DEVIATION_RAD * depth) ** 2
+    spread = np.linalg.inv(information[winner] + MIN_INFORMATION * np.eye(3)) + shared[
         :, None, None
     ] * np.eye(3)
     enough = (total >= MIN_BOX_FEATURES)[:, None, None]
-    return BoxSteps(steps[chosen], np.where(enough, np.linalg.inv(spread), 0.0), total.astype(np.int64))
+    return BoxSteps(steps[winner], np.where(enough, np.linalg.inv(spread), 0.0), total.astype(np.int64))

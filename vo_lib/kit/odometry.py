@@ -1,7 +1,7 @@
-"""The kit's own odometry: whole steps of the paper's replaced by better ones.
+"""The odometry of variant `kit`, which replaces whole steps of the paper's odometry.
 
-`SelfCalibratingOdometry` adds what both estimators share: the errors of the calibration are learnt, boxes are
-judged, motions beyond a vehicle's limits are flagged. `KitOdometry` refines the winner and solves a robust
+`SelfCalibratingOdometry` has the additions for both estimators: estimation of the calibration errors, box
+rules, and flags for motions beyond a vehicle's limits. `KitOdometry` refines the winner and solves a robust
 translation; `KitViso2` is VISO2 on the same matches.
 """
 
@@ -29,27 +29,27 @@ from .settings import KitConfig
 from .translation import robust_translation
 from .vehicle import Vehicle
 
-# Sets without an outlier: with 200 in every frame TE and RE are no better.
+# Number of sets without an outlier; 200 sets in every frame do not improve TE and RE.
 CLEAN_SETS = 50
-# Matches within so many thresholds of the last essential matrix count as its inliers.
+# Largest Sampson distance of an inlier of the previous essential matrix, as a multiple of the threshold.
 PREVIOUS_INLIER_THRESHOLDS = 3.0
-# Frame number and its matches in, (M,) bool out.
+# Function of the frame number and its M matches; returns a mask (M,) of matches on moving objects.
 OnMoving = Callable[[int, StereoMatches], BoolArray]
 
 
 class SelfCalibratingOdometry(Odometry):
-    """Matches corrected by the learnt errors of the calibration, boxes judged by a rule of the kit.
+    """Odometry with estimated calibration errors, box rules and vehicle check.
 
     Parameters
     ----------
-    calibration : errors of the cameras to start from; `DataError` if they are another camera's.
-    times : (N,) seconds of all frames; None: unknown, and no motion is flagged.
-    on_moving : for the box rule `truth`, which matches (M,) of a frame are on moving things.
+    calibration : initial calibration errors; `DataError` if they belong to another camera.
+    times : (N,) seconds of all frames; None if unknown, then no motion is flagged.
+    on_moving : function for the box rule `truth`.
 
     Attributes
     ----------
-    rig : the learnt errors of the cameras.
-    filtered : what the box rule did in the last frame.
+    rig : the estimated calibration errors.
+    filtered : effect of the box rule on the last frame.
     """
 
     config: KitConfig
@@ -75,17 +75,17 @@ class SelfCalibratingOdometry(Odometry):
 
     @property
     def calibration(self) -> Calibration:
-        """The learnt errors of the cameras."""
+        """The estimated calibration errors."""
         return Calibration(self.camera, self.rig.estimate, self.rig.covariance)
 
     def start(self, boxes: Boxes) -> None:
-        """The first frame: nothing but its boxes is needed."""
+        """Store the boxes of the first frame."""
         self._filter.start(boxes)
 
     def step(self, matches: StereoMatches, boxes: Boxes) -> FrameResult:
         """The paper's step on corrected matches, with the vehicle check."""
-        before = self.e_prev, self.rig.estimate, self.rig.covariance
-        # A camera that stands still shows the same features with the same errors again: nothing is learnt.
+        previous_state = self.e_prev, self.rig.estimate, self.rig.covariance
+        # The images of a still camera repeat the same errors, without new information on the calibration.
         still_flow = self.config.selection.standstill_flow
         self._still = len(matches) > 0 and median_flow(matches) < still_flow
         if self.config.calibration.estimate and not self._still:
@@ -96,40 +96,41 @@ class SelfCalibratingOdometry(Odometry):
         seconds = 0.0 if self._times is None else float(np.diff(self._times)[self._frame - 1])
         motion = self._vehicle.judge(motion, seconds, self._still)
         if motion.in_doubt:
-            self.e_prev, *errors = before
+            self.e_prev, *errors = previous_state
             self.rig.know(*errors)
         return motion
 
     def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
-        """The matches that the kit's box rule leaves."""
+        """The matches that the box rule keeps."""
         on_moving = None if self._on_moving is None else self._on_moving(self._frame, matches)
         self.filtered = self._filter.step(matches, boxes, on_moving)
         return matches[self.filtered.keep]
 
     def learn(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
-        """Learn the rig from a frame's motion: the next frame's matches are corrected by it."""
+        """Update the calibration errors from a frame's motion, for the correction of the next frame."""
         if self.config.calibration.estimate and not self._still:
             self.rig.update(matches, R_cp, t_cp)
             self.clock.stage("calibration")
 
 
 class KitOdometry(SelfCalibratingOdometry):
-    """Rotation from a refined winner, then a weighted robust translation.
+    """Rotation from a refined winner, then a robust weighted translation.
 
-    Further flag: `prior_dropped` (sharp turn or restart: the prior's best was clearly worse than the best).
+    Additional flag: `prior_dropped` (the prior's best candidate is clearly worse than the overall best, as in
+    a sharp turn or after a restart).
     """
 
     _dropped = False
 
     def remember(self, rotation: Rotation, t_cp: Array) -> FrameResult:
-        """As the paper's; says where the prior was dropped."""
+        """The paper's result, with a flag if the prior was dropped."""
         return replace(super().remember(rotation, t_cp), flags=(Flag.PRIOR_DROPPED,) * self._dropped)
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
-        """Of the n sets no more are drawn than leave CLEAN_SETS without an outlier.
+        """At most n sets, but only as many as are needed for CLEAN_SETS sets without an outlier.
 
-        An outlier is far from the last frame's geometry; the winner is but the start of the refinement.
-        `literal` keeps the winner, and there, as on a sharp turn, all are drawn.
+        Outliers are counted with the previous essential matrix; the winner is only the start of the
+        refinement. In mode `literal`, and in a sharp turn, all n sets are drawn.
         """
         config, sets = self.config.selection, self.config.selection.sets
         if config.mode == "refined" and self.e_prev is not None:
@@ -140,7 +141,7 @@ class KitOdometry(SelfCalibratingOdometry):
         return sample_sets(self.random(), len(x_p), sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
-        """As the paper's, but the prior is dropped where it is clearly wrong."""
+        """The paper's winner, but without the prior if the prior is clearly wrong."""
         config, f = self.config.selection, self.camera.f
         winner, self._dropped = choose(E, set_index, x_p, x_c, self.e_prev, config, f)
         return winner
@@ -153,21 +154,21 @@ class KitOdometry(SelfCalibratingOdometry):
         return Rotation(R, E, inliers)
 
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
-        """All features weighted, robustly."""
+        """The robust weighted translation; None with too few inliers."""
         config, R_cp = self.config.translation, rotation.R_cp
-        solved = robust_translation(self.camera, matches, R_cp, config)
+        solution = robust_translation(self.camera, matches, R_cp, config)
         self.clock.stage("translation")
-        if solved is None or np.count_nonzero(solved[1] < config.agreement) < self.config.min_matches:
+        if solution is None or np.count_nonzero(solution[1] < config.agreement) < self.config.min_matches:
             return None
-        self.learn(matches, R_cp, solved[0])
-        return solved[0]
+        self.learn(matches, R_cp, solution[0])
+        return solution[0]
 
 
 class KitViso2(SelfCalibratingOdometry, Viso2):
-    """VISO2, from which the calibration is learnt too."""
+    """VISO2 with estimation of the calibration errors."""
 
     def fit(self, matches: StereoMatches) -> tuple[Array, Array, BoolArray] | None:
-        """Rotation, translation and inliers (N,); None where too few matches agree on them."""
+        """Rotation, translation and inliers (N,); None with too few inliers."""
         solution = super().fit(matches)
         self.clock.stage("rotation")
         if solution is not None:
@@ -182,7 +183,7 @@ def make_kit_odometry(
     times: Array | None = None,
     on_moving: OnMoving | None = None,
 ) -> SelfCalibratingOdometry:
-    """The kit's odometry of a configuration's estimator; arguments as in `SelfCalibratingOdometry`."""
+    """The odometry of variant `kit` for a configuration; arguments as in `SelfCalibratingOdometry`."""
     assert isinstance(config, KitConfig)
     kind = KitViso2 if config.estimator == "reprojection" else KitOdometry
     return kind(camera, config, calibration, times, on_moving)

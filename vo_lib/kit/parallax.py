@@ -1,4 +1,4 @@
-"""Chapter 4, beyond the paper: what one frame's matches say of the cameras' errors, its motion being free."""
+"""Information on calibration errors from the matches of a frame with unknown motion (not in the paper)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.types import Array
 
-MIN_PARALLAX_DISPARITY_PX = 0.3  # pixels; features of smaller disparity are left out
-MIN_DEPTH_RATIO = 0.05  # smallest depth in the current frame, as a share of that in the previous one
-MIN_PARALLAX_FEATURES = 10  # features; fewer say nothing
-MIN_NOISE_PX = 0.1  # pixels; no frame's noise is taken to be smaller
-MEDIAN_SQUARED_RESIDUAL = 2.366  # median of a squared residual of unit noise with three free rows
+MIN_PARALLAX_DISPARITY_PX = 0.3  # features with a smaller disparity are not used
+MIN_DEPTH_RATIO = 0.05  # smallest ratio of the depths in the current and the previous frame
+MIN_PARALLAX_FEATURES = 10  # with fewer features, a frame gives no information
+MIN_NOISE_PX = 0.1  # lower bound of the estimated noise
+MEDIAN_SQUARED_RESIDUAL = 2.366  # median of the squared residual for unit noise and three degrees of freedom
 
 
 def parallax_information(
@@ -25,26 +25,26 @@ def parallax_information(
     effects: Callable[[Array, Array], Array],
     scale: float,
 ) -> tuple[Array, Array] | None:
-    """What a frame says of K errors of the cameras: information (K, K), and it times their sizes (K,).
+    """Information (K, K) of a frame on K calibration errors, and the information times the errors (K,).
 
-    With D = f b / Z, the disparity that a feature should have in the previous pair, and the errors' effect e,
+    Let D = f b / Z be a feature's true disparity in the previous pair and e the effect of the errors. Then
 
         (X, Y, Z) = R_cp (x_p - e_uv / f, 1) + D / (f b) t_cp
 
-    is its place in the current frame, in units of its previous depth, and there are measured
+    is its position in the current frame, in units of its previous depth, and the measurements are
 
         d_p = D + e_d,   (u_c, v_c) = f (X, Y) / Z + e_uv,   d_c = D / Z + e_d.
 
-    One Gauss-Newton step over every D, R_cp and t_cp, which are eliminated. Cauchy weights.
+    One Gauss-Newton step with Cauchy weights; all D, R_cp and t_cp are eliminated.
 
     Parameters
     ----------
-    matches : corrected as well as is known; R_cp, t_cp : start of the motion.
-    effects : from normalised left positions (2, N) and disparities (N,), pixels, to what errors of size 1 add
-        to u and v on the left and to the disparity, (K, 3, N), pixels.
+    matches : matches corrected by the current errors; R_cp, t_cp : start of the motion.
+    effects : function of normalised left positions (2, N) and disparities (N,), pixels; returns the effects
+        (K, 3, N), pixels, of errors of size 1 on u and v in the left image and on the disparity.
     scale : residual at which a feature's weight is halved, pixels.
 
-    Returns None where too few features are left or the motion has no unique answer.
+    Returns None with too few features or without a unique motion.
     """
     matches = matches[matches.prev_left[:, 0] - matches.prev_right[:, 0] > MIN_PARALLAX_DISPARITY_PX]
     if len(matches) < MIN_PARALLAX_FEATURES:
@@ -58,9 +58,10 @@ def parallax_information(
     Z = np.maximum(Z, MIN_DEPTH_RATIO)
     place, s = np.stack([X, Y]) / Z, f / Z
     residual = np.stack([0.0 * D, *(f * (x_c - place)), d_c - D / Z])
-    # Where the points should be: noise of a place in both derivative and residual would add up.
+    # Evaluated at the predicted positions: noise of a position in derivative and residual would be
+    # correlated.
     before, now = effects(x_p, D), effects(place, D / Z)
-    # How the place changes by a rotation, by t and by the errors, (6 + K, 3, N).
+    # Derivatives of the position by the rotation, by t and by the errors, (6 + K, 3, N).
     moves = np.zeros((6 + len(now), 3, len(D)))
     moves[[0, 1, 2], [1, 2, 0]], moves[[0, 1, 2], [2, 0, 1]] = -ray[[2, 0, 1]], ray[[1, 2, 0]]
     moves[[3, 4, 5], [0, 1, 2]] = D / fb
@@ -72,7 +73,7 @@ def parallax_information(
     by[6:, 1:] += now
     toward = (t_cp[:2, None] - t_cp[2] * place) * s / fb
     by_D = np.stack([one, *toward, (1.0 - t_cp[2] * D / (fb * Z)) / Z])
-    # Without the part along by_D, D is eliminated: the projector I - J Jᵀ / JᵀJ of each feature.
+    # Elimination of D: removal of the component along by_D, the projector I - J Jᵀ / JᵀJ of each feature.
     norm = np.maximum(np.sum(by_D**2, axis=0), 1e-12)
     residual = residual - by_D * (np.sum(by_D * residual, axis=0) / norm)
     by = by - by_D * (np.sum(by_D * by, axis=1) / norm)[:, None]

@@ -1,4 +1,4 @@
-"""Chapter 3, beyond the paper: a rotation and a direction of translation refined on all inliers."""
+"""Refinement of rotation and direction of translation on all inliers (chapter 3, not in the paper)."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from ..geometry.types import Array
 from ..paper.sampson import MatchTerms
 
 REFINEMENT_ITERATIONS = 15
-CONVERGED_ROTATION_RAD = 5e-6  # radians, 0.0003°; a tenth of the error that noise leaves
-MAX_STEP_RATIO = 1.5  # the longest step, in Gauss-Newton steps with held weights
+CONVERGED_ROTATION_RAD = 5e-6  # 0.0003°, a tenth of the error due to noise
+MAX_STEP_RATIO = 1.5  # the longest step, as a multiple of the Gauss-Newton step with constant weights
 GENERATORS = skew(np.eye(3))  # d/dω of exp([ω]×) at 0
 
 
 def refine(
     R_cp: Array, direction: Array, matches: MatchTerms, scale: float, iterations: int = REFINEMENT_ITERATIONS
 ) -> tuple[Array, Array]:
-    """R and the direction of t refined together by robust Gauss-Newton on the Sampson distance.
+    """R and the direction of t after a joint robust Gauss-Newton refinement of the Sampson distance.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def refine(
         weighted = jac * weight
         H = weighted @ jac.T
         H[np.diag_indices(5)] += 1e-12 * np.trace(H)
-        # Weights that are held make the step too short: the cost's curvature is 2 w² - w, not w (Huber 1981).
+        # With constant weights the step is too short: the cost's curvature is 2 w² - w, not w (Huber 1981).
         curvature = 2.0 * float(weight @ weight / weight.sum()) - 1.0
         delta = -np.linalg.solve(H, weighted @ r) / min(max(curvature, 1.0 / MAX_STEP_RATIO), 1.0)
         R = cv2.Rodrigues(delta[:3])[0] @ R
@@ -48,11 +48,12 @@ def refine(
 
 
 def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms) -> tuple[Array, Array]:
-    """Sampson distances (N,) and their derivatives by a rotation and by the direction across itself (5, N).
+    """Sampson distances (N,) and their derivatives (5, N) by a rotation and by t in its tangent plane.
 
-    The distance is d = cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². Turning R by δω and moving t
-    by δt across itself changes E by [t]× [δω]× R + [δt]× R. The rest is the quotient rule; the norm must not
-    be held, or noise pulls the direction to where the matches are, down.
+    The distance is d = cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². A rotation δω of R and a
+    tangential change δt of t change E by [t]× [δω]× R + [δt]× R. The rest is the quotient rule. The
+    derivative of the norm is necessary: without it, noise biases the direction towards the matches,
+    downwards.
     """
     basis = np.concatenate([direction[None], _tangent_basis(direction)])
     t, *across = (basis @ GENERATORS.reshape(3, 9)).reshape(3, 3, 3)
@@ -67,7 +68,7 @@ def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms
 
 def _tangent_basis(t: Array) -> Array:
     """Two unit vectors (2, 3) orthogonal to each other and to the unit vector t."""
-    # The reflection that takes t to ± the third axis has them as its first rows.
+    # They are the first rows of the reflection that maps t to ± the third axis.
     h = t.copy()
     h[2] += np.copysign(1.0, t[2])
     return np.asarray((np.eye(3) - np.outer(h, h) / (1.0 + abs(t[2])))[:2])

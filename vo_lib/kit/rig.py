@@ -1,25 +1,26 @@
-"""Chapters 3 and 4, beyond the paper: what calib.txt leaves of a rig's errors, learnt from the images.
+"""Estimation of calibration errors that remain in calib.txt (chapters 3 and 4, not in the paper).
 
 In a rectified pair both images of a point lie on one row, and the columns differ by f b / Z. In a real pair
-both are off by a smooth field over the image, of some tenths of a pixel: far points seem too far, or near,
-and steps come out too long, on the KITTI highway by 5 %. The field is a polynomial for the disparities and
-one for the rows, in the normalised position x, y. They belong together, for each fault of a rig has a shape
-in both (`RIG_FAULTS`). Too few terms are worse than none: the rest of the field ends up in the constant,
-which decides the length of the steps. Half of the field is attributed to the left camera at x_l, half to the
-right one at x_r = x_l - D / f, where D is a point's disparity: flow on KITTI fits that better than all of it
-in the right camera.
+rows and disparities have errors, a smooth field over the image of some tenths of a pixel. Depths are then
+wrong, and with them the length of the steps, on the KITTI highway by 5 %. The field is a polynomial for the
+disparities and one for the rows, in the normalised position x, y. The two are correlated, since each fault of
+a rig has a shape in both (`RIG_FAULTS`). A model with too few terms is worse than no model: the rest of the
+field is then absorbed by the constant, which determines the length of the steps. Half of the field is
+attributed to the left camera at x_l, half to the right camera at x_r = x_l - D / f, where D is a point's
+disparity: this fits the flow on KITTI better than the whole field in the right camera.
 
-Both lenses have errors of their own, taken to be alike: Brown's decentering and radial terms, r² = x² + y²,
+The two lenses have equal errors, Brown's decentering and radial terms with r² = x² + y²,
 
     (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   (k1 r² + k2 r⁴) (x, y).
 
-Stereo matches show the rows at once, and with them roll and focal length, which a moving camera cannot tell
-from a longer step; near and far points on one row show the lens. The motion tells the disparities and, again,
-the lens: disparities must agree with parallax, and flow with epipolar lines. One frame knows little of that;
-a Kalman filter carries everything along.
+Stereo matches measure the row errors directly, and with them roll and focal length, which a moving camera
+cannot separate from a longer step; near and far points on one row measure the lens errors. The motion
+measures the disparity errors and again the lens errors: disparities must agree with parallax, and flow with
+epipolar lines. A single frame contributes little, so a Kalman filter combines all frames.
 
-Noise would do harm where a rig is good. So what is in use is shrunk as empirical Bayes asks: the part of a
-square that its own variance explains is taken for noise (James and Stein 1961, positive part).
+For a good rig, noisy estimates would do harm. The correction therefore uses shrunk estimates (empirical
+Bayes, James and Stein 1961, positive part): the part of a squared estimate that its variance explains counts
+as noise.
 """
 
 from __future__ import annotations
@@ -39,8 +40,9 @@ Shape = dict[str, float]
 
 DISPARITY_TERMS = ("1", "x", "y", "x²", "xy", "y²", "x³", "x²y", "x⁴")
 ROW_TERMS = DISPARITY_TERMS[:6]
-# How large each may be, standard deviations, pixels (KITTI's rigs have a k1 of 12 to 17), and what of it no
-# number of frames mends: drawn cars give a perfect lens up to 2.6 px of k1, a drawn highway 0.8 px of p2.
+# Prior standard deviation of each lens error, pixels (KITTI's rigs have a k1 of 12 to 17), and a noise floor
+# that more frames do not reduce: for a perfect lens, drawn cars cause up to 2.6 px of k1, a drawn highway 0.8
+# px of p2.
 LENS_PX = {"p1": (1.5, 0.7), "p2": (1.5, 1.2), "k1": (15.0, 2.0), "k2": (10.0, 4.0)}
 N, FIELD = len(DISPARITY_TERMS), len(DISPARITY_TERMS) + len(ROW_TERMS)
 ERROR_NAMES = (
@@ -50,10 +52,13 @@ ERROR_NAMES = (
 )
 ERROR_COUNT = len(ERROR_NAMES)
 P1, P2, K1, K2 = range(FIELD, ERROR_COUNT)
-BY_PARALLAX = [*range(N), *range(FIELD, ERROR_COUNT)]  # what the motion tells; rows tell all but the first N
-# What may be wrong with one camera against the other: its shape in the columns, in the rows, and how large it
-# may be, pixels (standard deviation before the first frame). To first order a yaw is a shift along the rows
-# and a tilt about the vertical; decentering is a tilt of three times its size and what is left here.
+BY_PARALLAX = [
+    *range(N),
+    *range(FIELD, ERROR_COUNT),
+]  # measured by the motion; rows measure errors N and later
+# Faults of one camera relative to the other: shape in the columns, shape in the rows, prior standard
+# deviation in pixels. To first order, a yaw is a shift along the rows and a tilt about the vertical;
+# decentering is a tilt of three times its size plus the decentering below.
 RIG_FAULTS: dict[str, tuple[Shape, Shape, float]] = {
     "shift along the rows": ({"1": 1}, {}, 1.5),
     "shift across the rows": ({}, {"1": 1}, 3.0),
@@ -64,26 +69,24 @@ RIG_FAULTS: dict[str, tuple[Shape, Shape, float]] = {
     "decentering along the rows": ({"y²": 1}, {"xy": -1}, 5.0),
     "decentering across the rows": ({"xy": -1}, {"x²": 1}, 1.0),
 }
-# What an undistortion by other polynomials leaves has no shape of its own.
+# Residuals of an undistortion with other polynomials have no particular shape.
 UNDISTORTION_PX = {"x²": 1.0, "xy": 0.2, "y²": 1.5, "x³": 0.5, "x²y": 1.0, "x⁴": 4.0}
 RIG_FAULTS |= {f"columns, {term}": ({term: 1}, {}, deviation) for term, deviation in UNDISTORTION_PX.items()}
 RIG_FAULTS |= {f"rows, {term}": ({}, {term: 1}, 0.5) for term in ("x²", "xy", "y²")}
-FREE_DEVIATION_PX = 0.01  # pixels; what no fault explains, in each coefficient of the field
+FREE_DEVIATION_PX = 0.01  # prior standard deviation of each coefficient of the field beyond all faults
 
-ROW_REWEIGHTINGS = 4  # re-weightings of the rows
+ROW_REWEIGHTINGS = 4  # re-weightings in the estimation of the row errors
 
 
 class Rig:
-    """The errors of a stereo camera, from frame to frame: what is measured less what is true.
+    """The calibration errors of a stereo camera, measured minus true values, updated frame by frame.
 
-    Attributes
-    ----------
-    estimate : (19,) errors in the order of `ERROR_NAMES`, pixels; rows and disparities are
-        left less right.
-    covariance : (19, 19) of the estimate.
-    errors : (19,) those in use. Of the lens one after the other is shrunk, and is zero while the frames know
-        less of it than was known before them: crawling in a jam says little, but always the same. What comes
-        after it is what would be known were it the true one. At the end the field is shrunk as a whole.
+    Attributes ---------- estimate : (19,) errors in the order of `ERROR_NAMES`, pixels; rows and disparities
+    are left minus right. covariance : (19, 19) covariance of the estimate. errors : (19,) shrunk errors, used
+    in `correct`. Lens errors are shrunk one after the other. A lens error is
+        zero until its variance is at most half of the prior's, since slow driving in a jam has little but
+        one-sided information. Each shrunk lens error then conditions the errors after it. At the end the
+        field is shrunk as a whole.
     """
 
     def __init__(self, camera: StereoCamera, config: CalibrationConfig):
@@ -93,12 +96,12 @@ class Rig:
         self.know(np.zeros(ERROR_COUNT), self._prior)
 
     def correct(self, matches: StereoMatches, errors: Array | None = None) -> StereoMatches:
-        """Matches without these errors (19,), by default those in use."""
+        """Matches corrected by these errors (19,), by default `self.errors`."""
         errors = self.errors if errors is None else errors
         if not errors.any():
             return matches
         views = (matches.prev_left, matches.cur_left), (matches.prev_right, matches.cur_right)
-        left, right = self._without(errors, *(np.concatenate(each) for each in views))
+        left, right = self._without(errors, *(np.concatenate(view) for view in views))
         prev, cur = slice(len(matches)), slice(len(matches), None)
         return dataclasses.replace(
             matches, prev_left=left[prev], prev_right=right[prev], cur_left=left[cur], cur_right=right[cur]
@@ -106,14 +109,14 @@ class Rig:
 
     def _without(self, errors: Array, left: Array, right: Array) -> tuple[Array, Array]:
         true = left, right
-        for _ in range(2):  # the errors are those of the true places
+        for _ in range(2):  # the errors depend on the true positions
             added = effects(self.camera, self.camera.normalise(true[0]).T, (true[0] - true[1])[:, 0])
             u, v, disparity, row = np.tensordot(errors, added, 1)
             true = left - np.stack([u, v], axis=1), right - np.stack([u - disparity, v - row], axis=1)
         return true
 
     def learn_rows(self, matches: StereoMatches) -> None:
-        """Learn from the rows of a frame's stereo matches, as they were measured; Cauchy weights."""
+        """Update the errors from the rows of a frame's uncorrected stereo matches, with Cauchy weights."""
         if len(matches) == 0:
             return
         left, right = self._without(self.errors, matches.cur_left, matches.cur_right)
@@ -131,7 +134,7 @@ class Rig:
         self.know(estimate, np.asarray(np.linalg.inv(information)))
 
     def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
-        """Learn from a frame's corrected matches and motion."""
+        """Update the errors from a frame's corrected matches and motion."""
 
         def added(x: Array, disparity: Array) -> Array:
             return effects(self.camera, x, disparity)[BY_PARALLAX, :3]
@@ -144,20 +147,20 @@ class Rig:
         information /= self.config.noise_inflation**2
         vector /= self.config.noise_inflation**2
         prior_information = np.linalg.inv(self.covariance)
-        # What corrected the matches is what is in use, not the estimate.
+        # The matches were corrected by the shrunk errors, not by the estimate.
         vector -= information @ (self.estimate - self.errors)
         change = np.linalg.solve(prior_information + information, vector)
         self.know(self.estimate + change, np.asarray(np.linalg.inv(prior_information + information)))
 
     def know(self, estimate: Array, covariance: Array) -> None:
-        """From now on this is known: an estimate (19,) and its covariance (19, 19)."""
+        """Set the estimate (19,) and its covariance (19, 19), and compute the shrunk errors."""
         self.estimate, self.covariance = estimate, covariance
         errors, covariance, lens = estimate.copy(), covariance.copy(), {}
         for i in (K2, K1, P1, P2):
             (prior, floor), variance = LENS_PX[ERROR_NAMES[i]], covariance[i, i]
             share = max(0.0, 1.0 - (variance + floor**2) / max(errors[i] ** 2, 1e-12))
             lens[i] = errors[i] * share * (variance <= 0.5 * prior**2)
-            # What the others would be were this the true one.
+            # The other errors, given this one.
             gain = covariance[i] / variance
             errors += gain * (lens[i] - errors[i])
             covariance -= np.outer(gain, covariance[i])
@@ -168,7 +171,7 @@ class Rig:
 
 
 def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
-    """What errors of size 1 add to u and v on the left, to disparity and row, (19, 4, N), pixels.
+    """Effects (19, 4, N), pixels, of errors of size 1 on u and v in the left image, on disparity and on row.
 
     x : (2, N) normalised left positions; disparity : (N,) pixels.
     """
@@ -183,7 +186,7 @@ def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
 
 
 def field_at(errors: Array, x: Array, y: Array) -> Array:
-    """The field's errors (2, N) of disparity and row, pixels, at normalised left positions x, y (N,)."""
+    """Errors (2, N) of disparity and row in the field, pixels, at normalised left positions x, y (N,)."""
     terms = powers(x, y)
     return np.stack([errors[:N] @ terms, errors[N:FIELD] @ terms[: len(ROW_TERMS)]])
 
@@ -195,7 +198,7 @@ def powers(x: Array, y: Array) -> Array:
 
 
 def lens_shapes(points: Array) -> Array:
-    """How the terms of `LENS_PX`, each of size 1, move normalised points (2, N): (4, 2, N)."""
+    """Displacements (4, 2, N) of normalised points (2, N) by the terms of `LENS_PX`, each of size 1."""
     x, y = points
     r2, xy = x * x + y * y, 2.0 * x * y
     radial = r2 * points
@@ -203,7 +206,7 @@ def lens_shapes(points: Array) -> Array:
 
 
 def prior_covariance() -> Array:
-    """Covariance (19, 19) of the errors before the first frame: all `RIG_FAULTS`, each of random size."""
+    """Covariance (19, 19) of the errors before the first frame: the sum of all `RIG_FAULTS`."""
     covariance = np.diag([FREE_DEVIATION_PX] * FIELD + [prior for prior, _ in LENS_PX.values()]) ** 2
     for columns, rows, deviation in RIG_FAULTS.values():
         shape = np.array(

@@ -1,8 +1,8 @@
-"""Chapters 2 and 3, beyond the paper: a guarded prior, a refined winner.
+"""Selection with a rejectable prior and a refined winner (chapters 2 and 3, not in the paper).
 
-Consensus takes the candidate with the smallest error over all features. Solution selection (paper,
-section 2.2) first keeps, of the candidates of each five-point set, the k nearest to the essential
-vector of the previous frame. The error over all features, our reading, always has the last word.
+Consensus takes the candidate with the smallest error over all features. Solution selection (paper, section
+2.2) first keeps, of the candidates of each five-point set, the k nearest to the essential vector of the
+previous frame. In our interpretation, the error over all features then decides.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from ..paper.selection import MEASURES, competing, resolve_by_depth
 from .refinement import refine
 from .settings import KitSelectionConfig
 
-COARSE_ITERATIONS = 3  # iterations of the first refinement
+COARSE_ITERATIONS = 3  # iterations of the first, coarse refinement
 
 
 def sample_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
     """Five different indices below `number` for each set, (sets, 5).
 
-    Cut from random permutations, so that every feature is used equally often.
+    The sets are consecutive parts of random permutations, so that every feature is used equally often.
     """
-    each = number // 5
-    rounds = -(-sets // each)
-    order = rng.permuted(np.tile(np.arange(number), (rounds, 1)), axis=1)[:, : 5 * each]
+    per_round = number // 5
+    rounds = -(-sets // per_round)
+    order = rng.permuted(np.tile(np.arange(number), (rounds, 1)), axis=1)[:, : 5 * per_round]
     return order.reshape(-1, 5)[:sets]
 
 
@@ -44,13 +44,11 @@ def choose(
     Parameters
     ----------
     E, set_index : all candidates of a frame, from `five_point`; x_p, x_c : (N, 2) normalised points.
-    e_prev : (9,) previous essential vector, or None: then nothing can be near it and consensus decides.
+    e_prev : (9,) previous essential vector, or None, in which case consensus decides.
 
-    Returns
-    -------
-    Its index, and whether the prior was dropped: with it the best candidate would have been worse than the
-    best of all by more than `config.prior_rejection_ratio`. So it is in a sharp turn, and after a wrong
-    vector.
+    Returns ------- The winner's index, and whether the prior was dropped: its best candidate is worse than
+    the overall best by more than `config.prior_rejection_ratio`, as in a sharp turn or after a wrong
+    essential vector.
     """
     kept = competing(E, set_index, e_prev, config)
     errors = MEASURES[config.winner](E, x_p, x_c, config.threshold / focal)
@@ -65,7 +63,7 @@ def motion_of_winner(
 ) -> tuple[Array, Array, Array, BoolArray]:
     """Rotation, unit translation, essential matrix (3, 3) and inliers (N,) of the winner E (3, 3).
 
-    `literal` leaves E as it is, `refined` improves it on its inliers.
+    Mode `literal` keeps E unchanged, mode `refined` refines it on its inliers.
     """
     threshold = config.threshold / focal
     matches = match_terms(x_p, x_c)
@@ -73,8 +71,8 @@ def motion_of_winner(
     trusted = np.flatnonzero(inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers))
     R, t = resolve_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
     if config.mode == "refined":
-        # Coarsely, then with weights as narrow as the matches are exact: a car that crawls along moves its
-        # features by less than the threshold.
+        # A coarse refinement, then one with weights as narrow as the noise: the features of a slow car may
+        # move by less than the threshold.
         kept = matches.take(trusted)
         R, t = refine(R, t, kept, threshold / 2, COARSE_ITERATIONS)
         deviation = DEVIATION_OVER_MEDIAN * float(

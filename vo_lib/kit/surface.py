@@ -1,7 +1,8 @@
-"""Chapter 1: the surface around a feature, as a plane of disparity, and how it bends a window.
+"""The surface around a feature as a plane of disparity, and the warp of a window on it (chapter 1).
 
-A window on a slanted surface (the street above all) looks different in each image. Disparity is linear in
-pixels over a plane, so three numbers tell how: the disparity at the feature and its slope along u and v.
+A window on a slanted surface, such as the street, looks different in each image. On a plane, disparity is
+linear in pixels, so three numbers determine the warp: the disparity at the feature and its slope along u and
+v.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ from ..geometry.types import Array
 # (H / 2, W / 2), pixels of the full image; not positive where unknown.
 CoarseDisparity = NDArray[np.float32]
 
-# A steeper surface is seen too much from the side for its slope to be known.
+# Steeper surfaces are viewed too obliquely for an estimate of their slope, pixels per pixel.
 MAX_SLOPE = 0.6
-# A plane is fitted to some pixels of a square of half-size pixels: neighbours say nearly the same. The middle
-# stays out, so that a feature on an outline has half of its square on either side.
+# Offsets of the pixels, at half size, to which a plane is fitted; neighbouring pixels are nearly redundant.
+# The middle is excluded, so that a feature on an outline has half of its square on either side.
 SURROUNDING_OFFSETS = np.array([-4, -2, -1, 1, 2, 4])
-# Disparities this near to the plane lie on it, pixels of the full image; the first round is wider.
+# Largest residual of a disparity on the plane, pixels of the full image; larger in the first round.
 SURFACE_RESIDUAL_PX, FIRST_SURFACE_RESIDUAL_PX = 0.75, 3.0
-# A coarse plane with less of its square filled says nothing about the slope.
+# Smallest share of pixels on the plane for an estimate of its slope.
 MIN_KNOWN_SHARE = 0.3
 
 
@@ -36,8 +37,8 @@ class Surface(NamedTuple):
     Attributes
     ----------
     slope : (N, 2) change of the disparity along u and v, pixels per pixel; 0 where unknown.
-    disparity : (N,) disparity of the plane at the feature, pixels; NaN where nothing is known.
-    share : (N,) share of the surroundings that lies on the plane, in [0, 1].
+    disparity : (N,) disparity of the plane at the feature, pixels; NaN if unknown.
+    share : (N,) share of the neighbourhood on the plane, in [0, 1].
     """
 
     slope: Array
@@ -46,22 +47,22 @@ class Surface(NamedTuple):
 
 
 def coarse_disparity(left: NDArray[np.uint8], right: NDArray[np.uint8], largest: int) -> CoarseDisparity:
-    """Disparity by block matching at half size, good to some pixels, (H / 2, W / 2); negative where none."""
+    """Disparity (H / 2, W / 2) by block matching at half size, negative if unknown."""
     steps = -(-largest // 32) * 16
-    # Block matching sees nothing in its first `steps` columns: give it a margin to lose.
+    # Block matching has no result in its first `steps` columns, so the images are padded.
     small = [
         cv2.copyMakeBorder(cv2.pyrDown(image), 0, 0, steps, 0, cv2.BORDER_REPLICATE)
         for image in (left, right)
     ]
     matcher = cv2.StereoBM.create(numDisparities=steps, blockSize=9)
-    # Its own test of uniqueness takes half of the time; what is wrong here does not come round the loop.
+    # No uniqueness test, which would take half of the time; the loop check rejects wrong disparities.
     matcher.setUniquenessRatio(0)
-    # In sixteenths of a pixel of the half image.
+    # The matcher's unit is a sixteenth of a pixel at half size.
     return np.asarray(matcher.compute(*small)[:, steps:] / np.float32(8.0))
 
 
 def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface:
-    """The plane that goes with each feature, from a coarse disparity map.
+    """The plane around each feature, from a coarse disparity map.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
     du, dv = (o.ravel() for o in np.meshgrid(SURROUNDING_OFFSETS, SURROUNDING_OFFSETS))
     column = np.clip(np.rint(uv[:, :1] / 2).astype(np.intp) + du, 0, coarse.shape[1] - 1)
     row = np.clip(np.rint(uv[:, 1:] / 2).astype(np.intp) + dv, 0, coarse.shape[0] - 1)
-    # From the feature's own disparity, so that single precision is plenty.
+    # Relative to the feature's disparity, so that single precision is sufficient.
     d = np.take(coarse, row * coarse.shape[1] + column)
     valid = d > 0
     d = (d - disparity[:, None]).astype(np.float32)
@@ -93,28 +94,29 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
 
 
 def stereo_warp(slope: Array) -> Array:
-    """How a small window of the left image is bent in the right one: (N, 2, 2), du_r/du_l."""
+    """Warps (N, 2, 2) of small windows from the left to the right image, du_r/du_l."""
     A = np.tile(np.eye(2), (len(slope), 1, 1))
     A[:, 0] -= slope
     return A
 
 
 def right_slope(slope: Array) -> Array:
-    """The slope (N, 2) of a disparity as the right image sees it, pixels per pixel of the right image."""
+    """The slope (N, 2) of the disparity in the right image, pixels per pixel of the right image."""
     return slope / np.maximum(1.0 - slope[:, :1], 1.0 - MAX_SLOPE)
 
 
 def motion_warp(
     camera: StereoCamera, uv: Array, disparity: Array, slope: Array, R_cp: Array, t_cp: Array
 ) -> Array:
-    """How a motion bends a small window on a surface: (N, 2, 2), du_c/du_p.
+    """Warps (N, 2, 2) of small windows on surfaces by a motion, du_c/du_p.
 
     Parameters
     ----------
     uv, disparity, slope : features of the previous image; R_cp, t_cp : the motion of that camera, metres.
 
-    With x = (u, v, 1) normalised and the inverse depth ρ = d / (f b), the point is seen at the direction
-    R x + ρ t; the warp is that direction's derivative along the image, with ρ linear on the plane.
+    With x = (u, v, 1) normalised and the inverse depth ρ = d / (f b), the point has the direction R x + ρ t
+    in the current frame. The warp is the derivative of this direction along the image, with ρ linear on the
+    plane.
     """
     fb = camera.f * camera.baseline
     x = np.concatenate([camera.normalise(uv), np.ones((len(uv), 1))], axis=1)
@@ -123,5 +125,5 @@ def motion_warp(
     dP = R_cp[:, :2] / camera.f + t_cp[:, None] * slope[:, None, :] / fb
     with np.errstate(divide="ignore", invalid="ignore"):
         A = camera.f * (dP[:, :2] * P[:, 2:, None] - P[:, :2, None] * dP[:, 2:]) / P[:, 2, None, None] ** 2
-        bent = np.abs(A - np.eye(2)).max(axis=(1, 2), initial=0)
-        return np.where((bent < MAX_SLOPE)[:, None, None], A, np.eye(2))
+        deviation = np.abs(A - np.eye(2)).max(axis=(1, 2), initial=0)
+        return np.where((deviation < MAX_SLOPE)[:, None, None], A, np.eye(2))

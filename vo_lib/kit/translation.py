@@ -1,21 +1,21 @@
-"""Chapter 4: the translation by linear least squares, equations (2) and (3) of the paper, weighted.
+"""The translation by weighted linear least squares, equations (2) and (3) of the paper (chapter 4).
 
-With R known, a feature seen at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image:
-(x e3 - e1)ᵀ P = 0 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where
-P = Q in the previous pair and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). In the paper
-Q is in the current frame, and its P is the projection.
+With known R, a feature at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image: (x e3 - e1)ᵀ P = 0
+and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where P = Q in the previous pair
+and P = R Q + t in the current pair: eight rows, six unknowns (Q, t). The paper has Q in the current frame,
+and its P is the projection.
 
-Four rows give the point in the previous pair, four the point in the current one, so alone a feature says
-t = P - R Q. Stacked, with one t and with each Q eliminated, the features leave the normal equations
-Σ W_i t = Σ W_i (P_i - R Q_i), where W_i is the inverse of the covariance of that difference. The four rows of
-a pair, with x, y in the left and x', y' in the right image, leave
+Four rows give the point in the previous pair, four the point in the current pair, so one feature gives t = P
+- R Q. All features together, with each Q eliminated, give the normal equations Σ W_i t = Σ W_i (P_i - R Q_i),
+where W_i is the inverse covariance of the difference. The four rows of a pair, with x, y in the left and x',
+y' in the right image, have the normal matrix
 
     S = 2 [[1, 0, -m], [0, 1, -n], [-m, -n, m² + n² + d²/4]],   m, n = (x + x')/2, (y + y')/2,
                                                                 d² = (x - x')² + (y - y')²,
 
 whose inverse is diag(1, 1, 0)/2 + 2/d² (m, n, 1)(m, n, 1)ᵀ: errors of a point are small across its ray and
-large along it. Rows weighted by 1/Z give Z² times that, in units of the pixel noise. Symmetric 3×3 matrices
-are kept as (6, N): xx, yy, zz, xy, xz, yz.
+large along it. With rows weighted by 1/Z, the covariance is Z² times this inverse, in units of the pixel
+noise. Symmetric 3×3 matrices are stored as (6, N): xx, yy, zz, xy, xz, yz.
 """
 
 from __future__ import annotations
@@ -30,21 +30,19 @@ from ..geometry.symmetric import FULL, invert, outer, times
 from ..geometry.types import Array
 from .settings import KitTranslationConfig
 
-CONVERGED_TRANSLATION_M = (
-    1e-4  # metres, a fortieth of what noise leaves; a re-weighting that changes less is the last
-)
-MIN_ROW_DEPTH_M = 0.1  # metres; rows are divided by no smaller depth
-MIN_SQUARED_DISPARITY = 1e-8  # smallest d², a tenth of a pixel: below, the depth is as good as unknown
+CONVERGED_TRANSLATION_M = 1e-4  # change at which the re-weighting ends, a fortieth of the error due to noise
+MIN_ROW_DEPTH_M = 0.1  # lower bound of the depths that divide rows
+MIN_SQUARED_DISPARITY = 1e-8  # lower bound of d², a tenth of a pixel, below which the depth is unknown
 _ONE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def robust_translation(
     camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: KitTranslationConfig
 ) -> tuple[Array, Array] | None:
-    """One translation for all features, stacked.
+    """The common translation of all features.
 
-    A row is an error in metres and grows with depth, so rows are weighted by 1/Z, depths as solved; a few
-    re-weightings by the residual in pixels (Cauchy) make it robust.
+    The error of a row is in metres and grows with depth, so rows are weighted by 1/Z with estimated depths.
+    Re-weighting by the residual in pixels (Cauchy) makes the solution robust.
 
     Parameters
     ----------
@@ -52,45 +50,44 @@ def robust_translation(
 
     Returns
     -------
-    t_cp (3,), metres, and the residual norm of each feature over its eight rows, (N,) pixels (infinite
-    for features not used: beyond the largest depth). None when no feature can be used or the system has
-    no unique answer.
+    t_cp (3,), metres, and the residual norm of each feature over its eight rows, (N,) pixels (infinite for
+    features beyond the largest depth). None without a usable feature or a unique solution.
     """
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
-    # NaN depth compares false.
-    used = np.flatnonzero((depth > 0) & (depth <= config.max_depth))
-    if len(used) == 0:
+    # A NaN depth fails the comparison.
+    rows = np.flatnonzero((depth > 0) & (depth <= config.max_depth))
+    if len(rows) == 0:
         return None
-    before = stereo_points(camera, matches.prev_left[used], matches.prev_right[used]).rotated(R_cp)
-    now = stereo_points(camera, matches.cur_left[used], matches.cur_right[used])
-    scale, system = config.scale / camera.f, EliminatedPoints(before, now, depth[used], depth[used])
+    before = stereo_points(camera, matches.prev_left[rows], matches.prev_right[rows]).rotated(R_cp)
+    now = stereo_points(camera, matches.cur_left[rows], matches.cur_right[rows])
+    scale, system = config.scale / camera.f, EliminatedPoints(before, now, depth[rows], depth[rows])
     try:
         t = robust_start(system, 4.0 * scale)
         for _ in range(config.iterations):
-            # The rows' weights use the depth of each point as solved, in both frames.
+            # The weights of the rows use the estimated depth of each point in both frames.
             system = EliminatedPoints(before, now, *system.depths(t))
             weight = 1.0 / (1.0 + system.squared_residuals(t) / scale**2)
-            before_step, t = t, np.linalg.solve((system.W @ weight)[FULL], system.pull() @ weight)
-            if np.linalg.norm(t - before_step) < CONVERGED_TRANSLATION_M:
+            previous_t, t = t, np.linalg.solve((system.W @ weight)[FULL], system.right_sides() @ weight)
+            if np.linalg.norm(t - previous_t) < CONVERGED_TRANSLATION_M:
                 break
     except np.linalg.LinAlgError:
         return None
-    full = np.full(len(matches), np.inf)
-    full[used] = camera.f * np.sqrt(system.squared_residuals(t))
-    return t, full
+    residual = np.full(len(matches), np.inf)
+    residual[rows] = camera.f * np.sqrt(system.squared_residuals(t))
+    return t, residual
 
 
 class StereoPoints(NamedTuple):
-    """N points of one stereo pair, in the axes of some camera.
+    """N points of one stereo pair, in the axes of a camera.
 
     Attributes
     ----------
     X : (3, N) points, metres.
-    ray : (3, N) directions along which they are uncertain, of length 1 in the pair's own z.
+    ray : (3, N) directions of largest uncertainty, with z component 1 in the pair's own axes.
     axis : (3,) the pair's own z axis; lateral errors are orthogonal to it.
-    along : (N,) variance along the ray against that across it, 4 / d².
-    residual_floor : (N,) squared residual that no point can mend, of the rows not divided by depth: y differs
-        from y'.
+    along : (N,) ratio of the variances along and across the ray, 4 / d².
+    residual_floor : (N,) smallest possible squared residual of the rows without division by depth, due to the
+        difference of y and y'.
     """
 
     X: Array
@@ -104,7 +101,7 @@ class StereoPoints(NamedTuple):
         return self._replace(X=R @ self.X, ray=R @ self.ray, axis=R @ self.axis)
 
     def covariance(self, depth: Array) -> Array:
-        """Covariances (6, N) where rows are divided by `depth` (N,), metres; for unit row errors."""
+        """Covariances (6, N) for unit row errors, with rows divided by `depth` (N,), metres."""
         half = 0.5 * depth * depth
         lateral = _ONE - outer(self.axis)
         return half * lateral[:, None] + (half * self.along) * outer(self.ray)
@@ -113,7 +110,7 @@ class StereoPoints(NamedTuple):
 def stereo_points(camera: StereoCamera, left: Array, right: Array) -> StereoPoints:
     """Linear triangulation, equation (2) with one pair, of left and right pixels (N, 2).
 
-    Rows may differ: y is then met half way. Equal rows give `StereoCamera.triangulate`'s points.
+    For different rows, y is their mean. Equal rows give the points of `StereoCamera.triangulate`.
     """
     (x, y), (x_r, y_r) = camera.normalise(left).T, camera.normalise(right).T
     d2 = np.maximum((x - x_r) ** 2 + (y - y_r) ** 2, MIN_SQUARED_DISPARITY)
@@ -130,9 +127,9 @@ class EliminatedPoints:
     Attributes
     ----------
     before, now : points in the previous pair, in the axes of the current one, and in the current pair.
-    apart : (3, N) how far the points now are from those before.
+    apart : (3, N) differences, points now minus points before.
     C_p : (6, N) covariance of the points before; W : (6, N) inverse covariance of `apart`.
-    residual_floor : (N,) squared residual that is left whatever t is.
+    residual_floor : (N,) squared residual that does not depend on t.
     """
 
     def __init__(self, before: StereoPoints, now: StereoPoints, depth_p: Array, depth_c: Array):
@@ -141,35 +138,35 @@ class EliminatedPoints:
         self.W = invert(self.C_p + now.covariance(depth_c))
         self.residual_floor = before.residual_floor / depth_p**2 + now.residual_floor / depth_c**2
 
-    def pull(self) -> Array:
+    def right_sides(self) -> Array:
         """Right sides g (3, N) of each feature's normal equations W t = g."""
         return times(self.W, self.apart)
 
     def squared_residuals(self, t: Array) -> Array:
-        """Squared residual (N,) over the eight rows under t (3,), each feature with its best point."""
+        """Squared residuals (N,) over the eight rows for t (3,), with the best point of each feature."""
         v = self.apart - t[:, None]
         return np.asarray(np.maximum(np.einsum("in,in->n", v, times(self.W, v)) + self.residual_floor, 0.0))
 
     def depths(self, t: Array) -> tuple[Array, Array]:
-        """Depths (N,) of each feature's best point under t, in the previous and in the current pair."""
+        """Depths (N,) of each feature's best point for t, in the previous and in the current pair."""
         RQ = self.before.X + times(self.C_p, times(self.W, self.apart - t[:, None]))
         return np.maximum(self.before.axis @ RQ, MIN_ROW_DEPTH_M), np.maximum(RQ[2] + t[2], MIN_ROW_DEPTH_M)
 
 
 def robust_start(system: EliminatedPoints, limit: float) -> Array:
-    """The best of many translations from three features each: a start no wrong match can pull away.
+    """The best of many translations from three features each, a start that is robust to wrong matches.
 
-    The triples are cut from the features in order, a third of them apart, so every feature is used once
-    and nothing is random. The best one has the smallest sum of squared residuals, truncated at `limit`.
+    The features of a triple are a third of all features apart, so every feature is used once and the result
+    is deterministic. The best translation has the smallest sum of squared residuals, truncated at `limit`.
     """
-    H, g = system.W, system.pull()
+    H, g = system.W, system.right_sides()
     third = H.shape[1] // 3
     A, b = (a[:, : 3 * third].reshape(-1, 3, third).sum(axis=1) if third else a[:, :1] for a in (H, g))
-    # A triple of features on one line of sight leaves a direction open; close it gently.
+    # A small regularisation for triples of features on one line of sight, which do not fix all directions.
     A = np.moveaxis(A[FULL], 2, 0)
     A = A + 1e-9 * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     t = np.linalg.solve(A, b.T[:, :, None])[:, :, 0]
-    # The squared residuals of all features under all translations are one matrix product.
+    # One matrix product gives the squared residuals of all features for all translations.
     x, y, z = t.T
     monomials = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, *(-2 * t.T)], axis=1)
     squared = monomials @ np.concatenate([H, g]) + system.squared_residuals(np.zeros(3))

@@ -40,7 +40,7 @@ TRUE_PATH_COLOUR, PATH_COLOUR = WHITE, (240, 190, 80)
 
 
 @dataclass(frozen=True)
-class FilmFrame:
+class Shown:
     """A frame of a film: N matches, the mask `keep` (N,) of those not removed, K boxes.
 
     `state` : (K,) states of the boxes for `match_image`; None for a rule without states.
@@ -56,7 +56,7 @@ class FilmFrame:
 
 def shown_frames(
     run: Run, matches: Iterable[TimedMatches] | None = None, calibration: Calibration | None = None
-) -> Iterator[FilmFrame]:
+) -> Iterator[Shown]:
     """The frames of a finished run except the first, computed again; arguments as in `run_methods`."""
     sequence, config = run.sequence, run.config
     method = MethodRun(sequence, config, calibration)
@@ -81,7 +81,7 @@ def shown_frames(
             elif config.filter.rule != "none":
                 keep = ~on_vehicles(frame[0], previous_boxes, boxes, config.filter)
             previous_boxes = boxes
-            yield FilmFrame(index, frame[0], keep, film_boxes, state, method.motions[-1])
+            yield Shown(index, frame[0], keep, film_boxes, state, method.motions[-1])
 
 
 class Film:
@@ -129,11 +129,11 @@ class Film:
         encoded.release()
         timed.release()
 
-    def add(self, frame: FilmFrame) -> None:
+    def add(self, frame: Shown) -> None:
         """Write a frame."""
         self._writer.write(self.picture(frame))
 
-    def picture(self, frame: FilmFrame) -> Image:
+    def picture(self, frame: Shown) -> Image:
         """The picture of a frame, BGR: the image, the path to its right, text below."""
         page = np.full((*self._shape, 3), DARK, np.uint8)
         left, _ = self.run.sequence.stereo(frame.index)
@@ -157,7 +157,7 @@ class Film:
             _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, 1)
         cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, PATH_COLOUR, -1, cv2.LINE_AA)
 
-    def _write_words(self, part: Image, frame: FilmFrame) -> None:
+    def _write_words(self, part: Image, frame: Shown) -> None:
         index, motion = frame.index, frame.motion
         times, driven = self.run.sequence.times, self._driven[index]
         first = [self.label, f"frame {self.run.sequence.frames[index]}", f"{times[index] - times[0]:.1f} s"]
