@@ -1,6 +1,6 @@
-"""Remove matches that other versions of the code left in the cache.
+"""Delete the matches of other versions of the code from the cache.
 
-Each version of a front end has its own folder of matches. The matches of the present version stay.
+Each version of a front end has its own folder of matches. The matches of the current version are kept.
 
 examples:
   vo data clean_cache
@@ -25,9 +25,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Remove the folders and print the bytes."""
+    """Delete the folders and print the number of bytes."""
     removed, folder = clean_matches(options.cache), match_folder(options.cache)
-    say(f"{folder}: {in_words(removed)} removed, {in_words(folder_size(folder))} remain")
+    say(f"{folder}: {in_words(removed)} deleted, {in_words(folder_size(folder))} remain")
     return 0
 
 

@@ -1,10 +1,11 @@
-"""Bring your own stereo images into KITTI's layout.
+"""Convert your own stereo images to KITTI's layout, for `vo run FOLDER`.
 
-`vo run FOLDER` then takes them. Images: two folders or patterns, one video with both images side by side, or
-a drive of KITTI's raw data or a EuRoC folder (mav0), which bring calibration, times and truth along. Names
-that are times (whole nanoseconds, or seconds with decimals) go together with the nearest. Calibration:
-three numbers for rectified images, or OpenCV YAML files (K1 D1 K2 D2 R T: the images are rectified; P1 P2
-alone: they are already). The order of the images, their rows and the baseline are checked on a sample.
+The images come from two folders or patterns, from one video with both images side by side, or from a drive of
+KITTI's raw data or a EuRoC folder (mav0), which include calibration, times and truth. If file names are times
+(nanoseconds, or seconds with decimals), each image is paired with the nearest in time. The calibration is
+given as three numbers for rectified images, or as OpenCV YAML files: with K1 D1 K2 D2 R T the images are
+rectified by this script, with P1 P2 alone they must be rectified already. The order of the images, their rows
+and the baseline are checked on a sample.
 
 examples:
   vo data from_folder --left L --right R --focal 718.9 --centre 607.2,185.2 --baseline 0.537 --out data/mine
@@ -34,7 +35,7 @@ from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array
 
-MIN_MEDIAN_DEPTH_M = 5.0  # a smaller one means a wrong unit of the baseline that the user gives
+MIN_MEDIAN_DEPTH_M = 5.0  # a smaller median depth indicates a wrong unit of the baseline
 MIN_FPS, MAX_FPS, DEFAULT_FPS = 0.001, 10_000.0, 10.0
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
@@ -44,40 +45,40 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     images = parser.add_argument_group("images")
     images.add_argument("--left", type=Path, metavar="DIR", help="left images: a folder, or FOLDER/NAME*.png")
     images.add_argument("--right", type=Path, metavar="DIR", help="right images, likewise")
-    images.add_argument("--video", type=Path, metavar="FILE", help="video: left and right half of each frame")
-    images.add_argument("--raw", type=Path, metavar="DIR", help="a synced and rectified drive of KITTI raw")
-    images.add_argument("--euroc", type=Path, metavar="DIR", help="a EuRoC folder mav0, or the one above it")
+    images.add_argument("--video", type=Path, metavar="FILE", help="video, both images side by side")
+    images.add_argument("--raw", type=Path, metavar="DIR", help="synced drive of KITTI's raw data")
+    images.add_argument("--euroc", type=Path, metavar="DIR", help="EuRoC folder mav0, or its parent")
     images.add_argument("--swap", action="store_true", help="exchange left and right")
-    text = "leave out images without a partner (EuRoC: always); without times, pairs count as evenly spaced"
+    text = "skip images without a partner (EuRoC: always); without times, pairs count as evenly spaced"
     images.add_argument("--skip-unpaired", action="store_true", help=text)
-    text = f"seconds from a left image to its partner at most, by their times; default {MAX_DELAY_S}"
+    text = f"largest time difference between left and right image, seconds; default {MAX_DELAY_S}"
     images.add_argument("--max-delay", type=float, default=MAX_DELAY_S, metavar="S", help=text)
     camera = parser.add_argument_group("calibration")
     camera.add_argument("--focal", type=float, metavar="F", help="focal length, pixels")
     camera.add_argument("--centre", metavar="CX,CY", help="principal point, pixels")
-    camera.add_argument("--baseline", type=float, metavar="B", help="from left to right camera")
+    camera.add_argument("--baseline", type=float, metavar="B", help="distance between the cameras")
     camera.add_argument("--calibration", type=Path, nargs="+", metavar="FILE", help="OpenCV YAML files")
-    camera.add_argument("--unit", choices=UNITS, default="m", help="of baseline and T (default m)")
+    camera.add_argument("--unit", choices=UNITS, default="m", help="unit of the baseline and of T; default m")
     camera.add_argument(
-        "--rectified", action="store_true", help="images are rectified; take P1, P2 of the files"
+        "--rectified", action="store_true", help="the images are rectified; use P1, P2 of the files"
     )
     more = parser.add_argument_group("times, truth, output")
-    text = f"pairs a second; default: as the names or the video say, else {DEFAULT_FPS:g}"
+    text = f"stereo pairs per second; default: from the file names or the video, or else {DEFAULT_FPS:g}"
     more.add_argument("--fps", type=float, metavar="N", help=text)
-    more.add_argument("--times", type=Path, metavar="FILE", help="seconds of each pair, one a line")
-    more.add_argument("--poses", type=Path, metavar="FILE", help="true poses in KITTI's format")
-    more.add_argument("--copy", action="store_true", help="copy PNG images in place of linking them")
-    more.add_argument("--anyway", action="store_true", help="write even if the pair or the depth looks wrong")
-    more.add_argument("--out", type=Path, required=True, metavar="DIR", help="the new sequence's folder")
+    more.add_argument("--times", type=Path, metavar="FILE", help="times of the pairs, seconds, one per line")
+    more.add_argument("--poses", type=Path, metavar="FILE", help="ground-truth poses in KITTI's format")
+    more.add_argument("--copy", action="store_true", help="copy PNG images instead of linking them")
+    more.add_argument("--anyway", action="store_true", help="write the sequence even if a check fails")
+    more.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the new sequence")
 
 
 def run(options: argparse.Namespace) -> int:
     """Find images and calibration, check them together, write the sequence."""
     require_new(options.out)
     if sum(place is not None for place in (options.video, options.raw, options.euroc, options.left)) != 1:
-        raise DataError("say where the images are: --left and --right, or --video, --raw or --euroc")
+        raise DataError("give the images by --left and --right, or by one of --video, --raw and --euroc")
     if options.fps is not None and not MIN_FPS <= options.fps <= MAX_FPS:
-        raise DataError(f"--fps {options.fps:g}: expected {MIN_FPS:g} to {MAX_FPS:g} pairs a second")
+        raise DataError(f"--fps {options.fps:g}: expected {MIN_FPS:g} to {MAX_FPS:g} pairs per second")
     drive = read_drive(options)
     source: Source
     times: Array | float
@@ -86,12 +87,12 @@ def run(options: argparse.Namespace) -> int:
         times, poses = drive.times, drive.poses
     else:
         source, poses = find_source(options), None
-        named, note, rate = None, "", DEFAULT_FPS
+        name_times, note, rate = None, "", DEFAULT_FPS
         if isinstance(source, VideoSource):
             rate = source.fps() or rate
         else:
-            named, note = source.times, source.note
-        times = named if named is not None and options.fps is None else options.fps or rate
+            name_times, note = source.times, source.note
+        times = name_times if name_times is not None and options.fps is None else options.fps or rate
         numbers = options.focal, options.centre, options.baseline
         rig = rig_of(source, numbers, options.calibration, options.rectified, UNITS[options.unit])
     if note:
@@ -106,20 +107,20 @@ def run(options: argparse.Namespace) -> int:
     camera = open_sequence(options.out).camera
     say(
         f"{count} pairs of {camera.width}×{camera.height}, f {camera.f:.1f} px, centre {camera.cx:.1f},"
-        f"{camera.cy:.1f}, baseline {camera.baseline:.3f} m, {'no' if poses is None else 'with'} true poses",
+        f"{camera.cy:.1f}, baseline {camera.baseline:.3f} m, {'no' if poses is None else 'with'} truth",
         "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}"),
     )
     return 0
 
 
 def read_drive(options: argparse.Namespace) -> Drive | None:
-    """The drive that --raw or --euroc names; None for images whose cameras the user describes."""
+    """The drive of --raw or --euroc; None without either option."""
     kind = "raw" if options.raw is not None else "euroc"
     if getattr(options, kind) is None:
         return None
     for name in ("right", "swap", "focal", "centre", "baseline", "calibration", "rectified", "fps"):
         if getattr(options, name) not in (None, False):
-            raise DataError(f"--{name} with --{kind}: that folder brings its own calibration")
+            raise DataError(f"--{name} with --{kind}: the folder has its own calibration")
     if options.raw is not None:
         return read_raw_drive(options.raw, options.skip_unpaired)
     return read_euroc_drive(options.euroc, options.max_delay)
@@ -130,7 +131,7 @@ def find_source(options: argparse.Namespace) -> Source:
     if options.video is not None:
         return VideoSource(options.video, options.swap)
     if options.right is None:
-        raise DataError("--right is missing: the folder of the right images")
+        raise DataError("--right is missing: give the folder of the right images")
     folders = (options.right, options.left) if options.swap else (options.left, options.right)
     return pair_images(*folders, options.max_delay, options.skip_unpaired)
 

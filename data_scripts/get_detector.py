@@ -1,11 +1,9 @@
-"""Fetch a vehicle detector, or register one from disk.
-
-Without a name: the list.
+"""Download a vehicle detector, or register one from disk; without a name, list the detectors.
 
 examples:
   vo data get_detector
   vo data get_detector yolox-tiny
-  vo data get_detector yolov8n                      says how to make it, and its licence
+  vo data get_detector yolov8n                      prints its licence and the commands that create it
   vo data get_detector mine --from runs/best.onnx
 """
 
@@ -25,26 +23,28 @@ from vo_lib.errors import DataError
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script."""
-    parser.add_argument("name", nargs="?", help=f"{', '.join(FETCHABLE)}, or a name of your own with --from")
-    parser.add_argument("--from", dest="source", type=Path, metavar="FILE", help="an ONNX file on disk")
-    parser.add_argument("--folder", type=Path, metavar="DIR", help=f"where to; default {detector_folder()}")
-    parser.add_argument("--yes", action="store_true", help="start without asking")
+    text = f"{', '.join(FETCHABLE)}, or with --from a name of your choice"
+    parser.add_argument("name", nargs="?", help=text)
+    parser.add_argument("--from", dest="source", type=Path, metavar="FILE", help="register this ONNX file")
+    text = f"folder of the detectors; default {detector_folder()}"
+    parser.add_argument("--folder", type=Path, metavar="DIR", help=text)
+    parser.add_argument("--yes", action="store_true", help="download without confirmation")
 
 
 def run(options: argparse.Namespace) -> int:
-    """List, explain, register or fetch."""
+    """List, explain, register or download detectors."""
     folder: Path = options.folder or detector_folder()
     if options.name is None:
         if options.source is not None:
-            raise DataError("say under which name: get_detector NAME --from FILE")
-        here = list_detectors(folder)
+            raise DataError("the name is missing: get_detector NAME --from FILE")
+        local = list_detectors(folder)
         rows = [
-            [d.name, in_words(d.size), d.about, "here" if d.name in here else "not fetched"]
+            [d.name, in_words(d.size), d.about, "available" if d.name in local else "not downloaded"]
             for d in FETCHABLE.values()
         ]
         rows += [
-            [name, in_words(path.stat().st_size), "registered", "here"]
-            for name, path in here.items()
+            [name, in_words(path.stat().st_size), "registered", "available"]
+            for name, path in local.items()
             if name not in FETCHABLE
         ]
         show_table(f"detectors in {folder}", ["name", "size", "about", "state"], rows, numbers=False)
@@ -58,17 +58,17 @@ def run(options: argparse.Namespace) -> int:
 
 
 def fetch(options: argparse.Namespace, folder: Path) -> int:
-    """Say what comes, ask, fetch, verify."""
+    """Describe the detector, ask for confirmation, download and verify."""
     if options.name not in FETCHABLE:
-        raise DataError(f"no detector is called {options.name!r}; expected one of {', '.join(FETCHABLE)}")
+        raise DataError(f"unknown detector {options.name!r}; expected one of {', '.join(FETCHABLE)}")
     detector = FETCHABLE[options.name]
     say(
         f"{detector.name}: {in_words(detector.size)}, licence {LICENCE}, {detector.about}",
         f"from {detector.url}",
         f"SHA-256 {detector.sha256}",
     )
-    if detector.name not in list_detectors(folder) and not confirm(f"Fetch it into {folder}?", options.yes):
-        say("nothing was written")
+    if detector.name not in list_detectors(folder) and not confirm(f"Download to {folder}?", options.yes):
+        say("nothing was downloaded")
         return 1
     with reporting(detector.name, in_bytes=True) as report:
         path = fetch_detector(detector, folder, report)

@@ -1,8 +1,8 @@
-"""Fetch single sequences of KITTI, or some of their frames.
+"""Download single sequences of KITTI, or a range of their frames.
 
-Images, calibration and true poses come straight out of the official archives: of sequences of the odometry
-benchmark (22 GB), or of a drive of the raw data, which becomes a sequence with the GPS/IMU path as its truth.
-Complete files are not fetched again: after an interruption, or with a larger range, call again.
+Images, calibration and ground truth are read from the official archives: those of the odometry benchmark (22
+GB), or of a drive of the raw data, which becomes a sequence with the GPS/IMU path as ground truth. Complete
+files are not downloaded again. After an interruption, or for more frames, repeat the command.
 
 examples:
   vo data get_kitti --raw 2011_09_26_drive_0013 --frames 0:80
@@ -39,20 +39,20 @@ ALL = ":"  # of --frames
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script."""
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--sequences", metavar="S,S-S,…", help="00 … 21; those of 00-10 have true poses")
+    which.add_argument("--sequences", metavar="S,S-S,…", help="00 … 21; 00-10 have ground truth")
     which.add_argument("--raw", metavar="DRIVE", help="a drive of the raw data")
     parser.add_argument("--frames", metavar="A:B", default=ALL, help="only the frames A … B-1, from 0")
-    parser.add_argument("--color", action="store_true", help="also image_2, image_3, better for detectors")
-    parser.add_argument("--root", type=Path, metavar="DIR", help=f"where to; default {kitti_root()}")
-    parser.add_argument("--from-zip", type=Path, nargs="+", metavar="FILE", help="archives already on disk")
-    parser.add_argument("--link", type=Path, metavar="DIR", help="link a KITTI tree that exists instead")
-    parser.add_argument("--yes", action="store_true", help="start without asking")
-    parser.add_argument("--jobs", default="4", metavar="N", help="files fetched at once (default 4)")
-    parser.add_argument("--host", default=HOST, metavar="URL", help=f"a mirror; default {HOST}")
+    parser.add_argument("--color", action="store_true", help="also colour images, better for detectors")
+    parser.add_argument("--root", type=Path, metavar="DIR", help=f"KITTI folder; default {kitti_root()}")
+    parser.add_argument("--from-zip", type=Path, nargs="+", metavar="FILE", help="archives on disk")
+    parser.add_argument("--link", type=Path, metavar="DIR", help="link an existing KITTI folder instead")
+    parser.add_argument("--yes", action="store_true", help="download without confirmation")
+    parser.add_argument("--jobs", default="4", metavar="N", help="parallel downloads; default 4")
+    parser.add_argument("--host", default=HOST, metavar="URL", help=f"server or mirror; default {HOST}")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Link, unpack or fetch what the options name."""
+    """Link, unpack or download the files of the options."""
     root: Path = options.root or kitti_root()
     parse_frames(options.frames, 0)
     if options.raw is not None:
@@ -62,46 +62,46 @@ def run(options: argparse.Namespace) -> int:
     elif options.from_zip is not None:
         names = list(EXPECTED_FRAMES)
     else:
-        raise DataError("say which: --sequences 07,04 (00-21 for all), or --raw 2011_09_26_drive_0013")
+        raise DataError("choose --sequences, such as 07,04 or 00-21, or --raw 2011_09_26_drive_0013")
     options.jobs = parse_whole("--jobs", options.jobs, most=MAX_CONNECTIONS)
     if not options.host.startswith(("http://", "https://")):
-        raise DataError(f"--host {options.host!r}: expected an address that begins with http:// or https://")
+        raise DataError(f"--host {options.host!r}: expected an address with http:// or https://")
     linked = [name for name in names if (root / "sequences" / name).is_symlink()]
     if options.link is not None:
         if options.frames != ALL:
-            raise DataError("--frames with --link: a tree is linked as a whole")
+            raise DataError("--frames with --link: only whole sequences can be linked")
         say(f"linked into {root}: {', '.join(link_tree(options.link, root, names))}")
         return 0
     if linked and (options.sequences or options.raw) is not None:
-        raise DataError("is a link into another tree; nothing is written", root / "sequences" / linked[0])
-    return take(root, set(names) - set(linked), options)
+        raise DataError("is a link to another folder; nothing is written", root / "sequences" / linked[0])
+    return fetch_missing(root, set(names) - set(linked), options)
 
 
-def take(root: Path, wanted: set[str], options: argparse.Namespace) -> int:
-    """Find out what is not there yet, say how much it is, ask, and write it."""
+def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) -> int:
+    """Determine the missing files, print their size, ask for confirmation, and write them."""
     if options.raw is None:
-        places, targets = sequence_archives(options.host, wanted, options.color)
+        places, targets = sequence_archives(options.host, sequences, options.color)
     else:
         places, targets = drive_archives(options.host, options.raw, options.color)
     if options.from_zip is not None:
-        # Calibration and poses last: they win over older copies beside the images.
+        # Calibration and poses last: they replace older copies in the image archives.
         places = [*map(str, sorted(options.from_zip, key=lambda path: path.name in (CALIB, POSES)))]
     with Archives() as archives:
         with reporting("reading the archives' directories") as report:
             members = plan(archives, places, targets, report)
         if not members:
-            raise DataError(f"nothing of the sequences {', '.join(sorted(wanted))} is in {', '.join(places)}")
+            raise DataError(f"{', '.join(places)}: no files of the sequences {', '.join(sorted(sequences))}")
         members, marks = select_frames(members, root, partial(parse_frames, options.frames), options.raw)
-        with reporting("looking at what is there") as report:
+        with reporting("checking the files present") as report:
             todo = absent(members, root, report)
         packed, size = sum(m.info.compress_size for m in todo), sum(m.info.file_size for m in todo)
-        say(f"{len(members) - len(todo)} of {len(members)} files are already whole in {root}")
+        say(f"{len(members) - len(todo)} of {len(members)} files are already complete in {root}")
         if todo:
             require_space(root, size)
             say(*LICENCE)
-            verb = "unpacks" if options.from_zip else "fetches"
-            say(f"{verb} {len(todo)} files, {in_words(packed)}; takes {in_words(size)} of disk")
-            if not confirm("Go on?", options.yes):
+            verb = "to unpack" if options.from_zip else "to download"
+            say(f"{verb}: {len(todo)} files, {in_words(packed)}, {in_words(size)} on disk")
+            if not confirm("Continue?", options.yes):
                 say("nothing was written")
                 return 1
         for folder, mark in marks.items():
@@ -110,12 +110,12 @@ def take(root: Path, wanted: set[str], options: argparse.Namespace) -> int:
             else:
                 (folder / PART).unlink(missing_ok=True)
         if todo:
-            with reporting("unpacking" if options.from_zip else "fetching", in_bytes=True) as report:
+            with reporting("unpacking" if options.from_zip else "downloading", in_bytes=True) as report:
                 fetch(archives, todo, root, options.jobs, report)
         for folder in marks if options.raw is not None else ():
             if note := write_drive_tables(folder):
                 say(f"note: {note}")
-        say("done. Check it: " + typed(f"vo data check_kitti --root {root}"))
+        say("done; to check the files: " + typed(f"vo data check_kitti --root {root}"))
         return 0
 
 

@@ -1,13 +1,13 @@
-"""Turn KITTI's labels into a data set for train_detector.
+"""Convert KITTI's labels to a data set for train_detector.
 
 examples:
   vo data kitti_to_yolo object kitti/training data/cars --mapping train_mapping.txt --order train_rand.txt
   vo data kitti_to_yolo tracking kitti/training data/cars --drive 0000=2011_09_26_drive_0005
 
-Car and Van become car, Truck truck, Tram train; all else has no label. Images
-of the raw drives behind the odometry sequences 00-10 are left out, and images of unknown origin are refused:
-a detector that learnt the images it is tested on makes the errors look smaller than they are. The object
-development kit's mapping folder holds the two files that tell each object image's drive.
+Car and Van become car, Truck becomes truck, Tram becomes train; other objects get no label. Images of the raw
+drives of the odometry sequences 00-10 are skipped, and images of unknown origin are refused: a detector
+tested on its training images makes the errors look too small. The mapping folder of the object development
+kit contains the two files with the drive of each object image.
 """
 
 from __future__ import annotations
@@ -33,40 +33,39 @@ from vo_lib.errors import DataError
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
-    parser.add_argument("kind", choices=("object", "tracking"), help="which of KITTI's benchmarks")
-    parser.add_argument("kitti", type=Path, help="its training folder, with label_2 or label_02")
-    parser.add_argument("out", type=Path, help="where the data set is written")
+    parser.add_argument("kind", choices=("object", "tracking"), help="KITTI's object or tracking benchmark")
+    parser.add_argument("kitti", type=Path, help="training folder of the benchmark, with label_2 or label_02")
+    parser.add_argument("out", type=Path, help="folder of the data set")
     parser.add_argument("--mapping", type=Path, metavar="FILE", help="train_mapping.txt, for object labels")
     parser.add_argument("--order", type=Path, metavar="FILE", help="train_rand.txt, for object labels")
     parser.add_argument(
         "--drive", action="append", default=[], metavar="0000=DRIVE", help="raw drive of a tracking sequence"
     )
     parser.add_argument(
-        "--valid", type=share, default=0.15, metavar="X", help="share to validate, default 0.15"
+        "--valid", type=share, default=0.15, metavar="X", help="share of validation images; default 0.15"
     )
-    parser.add_argument("--seed", default="0", metavar="N", help="of the choice of these, default 0")
-    parser.add_argument(
-        "--allow-evaluated", action="store_true", help="take evaluated and unknown drives too"
-    )
+    parser.add_argument("--seed", default="0", metavar="N", help="seed of the split; default 0")
+    text = "include odometry sequences and unknown drives"
+    parser.add_argument("--allow-evaluated", action="store_true", help=text)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Read the labels, leave out what is evaluated, write the data set."""
+    """Read the labels, skip images of evaluated sequences, write the data set."""
     if options.kind == "object":
-        found = read_object_set(options.kitti, options.mapping, options.order)
+        images = read_object_set(options.kitti, options.mapping, options.order)
     else:
-        found = read_tracking_set(options.kitti, parse_drives(options.drive))
-    used = check_origin(found, options.allow_evaluated)
-    if len(used) < 2:
-        raise DataError(f"{len(used)} images may be trained on: expected two or more", options.kitti)
-    parts = split(used, options.valid, parse_whole("--seed", options.seed, least=0))
+        images = read_tracking_set(options.kitti, parse_drives(options.drive))
+    allowed = check_origin(images, options.allow_evaluated)
+    if len(allowed) < 2:
+        raise DataError(f"{len(allowed)} images are left for training: expected two or more", options.kitti)
+    parts = split(allowed, options.valid, parse_whole("--seed", options.seed, least=0))
     with reporting("writing the data set") as report:
         write_set(parts, options.out, report)
-    kinds = [kind for one in used for kind in one.boxes.class_id.tolist()]
+    kinds = [kind for image in allowed for kind in image.boxes.class_id.tolist()]
     counts = ", ".join(f"{kinds.count(k)} {name}" for k, name in enumerate(NAMES))
-    sizes = f"{len(parts['train'])} images to train, {len(parts['valid'])} to validate"
+    sizes = f"{len(parts['train'])} images for training, {len(parts['valid'])} for validation"
     say(f"{options.out}: {sizes}; {counts}")
-    say(f"{len(found) - len(used)} images of evaluated odometry sequences were left out")
+    say(f"{len(images) - len(allowed)} images of evaluated odometry sequences were skipped")
     return 0
 
 
@@ -79,12 +78,12 @@ def share(text: str) -> float:
 
 
 def parse_drives(items: list[str]) -> dict[str, str]:
-    """Raw drive by tracking sequence."""
+    """Raw drives by tracking sequence."""
     drives = {}
     for item in items:
         sequence, equals, drive = item.partition("=")
         if not equals or not DRIVE.fullmatch(drive):
-            raise DataError(f"--drive {item!r}: expected such as 0000=2011_09_26_drive_0005")
+            raise DataError(f"--drive {item!r}: expected SEQUENCE=DRIVE, such as 0000=2011_09_26_drive_0005")
         drives[sequence] = drive
     return drives
 

@@ -1,10 +1,11 @@
-"""Draw a data set of streets with vehicle boxes, in YOLO form.
+"""Draw a data set of streets with vehicle boxes, in YOLO format.
 
 examples:
   vo data make_detection_set data/street --jobs 2
   vo data make_detection_set data/small --train 500 --valid 50
 
-The test split holds the kit's named scenes, which training never draws. A call that was stopped goes on.
+The test split has the kit's named scenes, which are not in the training split. After an interruption, repeat
+the command: it continues.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from vo_lib.commands.setting_options import add_settings, from_options
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options: every setting of the data set has one."""
-    parser.add_argument("folder", type=Path, help="where the data set is written")
-    parser.add_argument("--jobs", default="1", metavar="N", help="processes that draw (default 1)")
+    """Options of the script, one for every setting of the data set."""
+    parser.add_argument("folder", type=Path, help="folder of the data set")
+    parser.add_argument("--jobs", default="1", metavar="N", help="parallel processes; default 1")
     add_settings(parser, DetectionSetConfig)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Draw what is missing."""
+    """Draw the missing images."""
     config = from_options(options, DetectionSetConfig)
     with reporting("drawing streets") as report:
         write_street_set(options.folder, config, parse_whole("--jobs", options.jobs), report)

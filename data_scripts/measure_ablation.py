@@ -1,12 +1,12 @@
-"""Measure what each idea of the kit is worth: turn it off and compare.
+"""Measure the effect of each idea of the kit by turning it off.
 
 examples:
   vo data measure_ablation --sequences 00,01,kitti/drive_0013 --detector yolov8n.onnx
   vo data measure_ablation --jobs 2 --out notebooks/ablation.csv
 
-A row has the change that an idea's absence makes, mean and deviation over five seeds. A row without an idea
-has the errors themselves, the path's length in % more than the truth's, and milliseconds of the processor a
-frame. Rows that are not measured again stay in the file: of ideas that are gone, and of other sequences.
+A row has the change of the results without an idea, mean and deviation over five seeds. A row without the
+name of an idea has the errors themselves, the excess length of the path in %, and processor milliseconds per
+frame. Rows that are not measured again are kept in the file: those of removed ideas and of other sequences.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ from vo_lib.runs.front_end import find_matches
 from vo_lib.runs.matches import CachedMatches
 
 SEEDS = range(5)
-DRAWN_FRAMES = 100  # of a drawn scene, the first ones; all would take a night
+DRAWN_FRAMES = 100  # the first frames of a drawn scene; all frames would take a night
 
 
 def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
-    """TE, RE, length and ms a frame of each seed, (S, 4), without an idea; ms with matching if it differs."""
+    """TE, RE, length and ms per frame of each seed, (S, 4), without an idea; ms includes changed matching."""
     config = preset(idea.method, variant="kit")
     with ExitStack() as patches:
         patches.enter_context(single_threaded())
@@ -70,7 +70,7 @@ def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
 
 
 def figures(run: Run) -> tuple[float, float, float]:
-    """TE, RE and how much longer the path is than the truth's, %."""
+    """TE, RE and the excess length of the path, %."""
     assert run.sequence.truth is not None
     te, re = te_and_re(run.sequence, run.poses, SHORT_MEASURE, is_raw_drive(run.sequence))
     true, length = (trajectory_distances(T)[-1] for T in (run.sequence.truth, run.poses))
@@ -80,11 +80,11 @@ def figures(run: Run) -> tuple[float, float, float]:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
     add_inputs(parser)
-    parser.add_argument("--out", default="runs/ablation.csv", metavar="FILE", help="the table")
+    parser.add_argument("--out", default="runs/ablation.csv", metavar="FILE", help="CSV file of the table")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the kit as it is and without each idea; write the differences, print them as a table."""
+    """Run the kit with and without each idea; write the differences and print them as a table."""
     workers, out = parse_whole("--jobs", options.jobs), Path(options.out)
     sequences = [s.part(0, DRAWN_FRAMES) if s.name.startswith(SYNTHETIC) else s for s in open_all(options)]
     tasks = [(sequence, idea) for sequence in sequences for idea in (*WHOLE, *IDEAS)]
@@ -94,12 +94,12 @@ def run(options: argparse.Namespace) -> int:
         reporting(f"{len(tasks)} runs of {len(SEEDS)} seeds") as report,
         loky.ProcessPoolExecutor(workers) as pool,
     ):
-        for found in pool.map(measured, *zip(*tasks, strict=True), [options.cache] * len(tasks)):
+        for results in pool.map(measured, *zip(*tasks, strict=True), [options.cache] * len(tasks)):
             sequence, idea = tasks[len(rows)]
-            base = whole.setdefault((sequence.name, idea.method, idea.finds_matches), found)
-            errors = found - base if idea.lines else found
+            base = whole.setdefault((sequence.name, idea.method, idea.finds_matches), results)
+            errors = results - base if idea.lines else results
             numbers = np.stack([errors.mean(axis=0), errors.std(axis=0)], axis=1).ravel()[:-1]
-            key = idea.name, idea.method, sequence.name, str(idea.lines or ""), str(len(found))
+            key = idea.name, idea.method, sequence.name, str(idea.lines or ""), str(len(results))
             rows.append([*key, *(f"{x:.6f}" for x in numbers)])
             report(len(rows), len(tasks))
     new = {tuple(row[: len(KEY)]) for row in rows}

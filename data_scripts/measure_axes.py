@@ -1,12 +1,12 @@
-"""Find the constant angles between a camera's axes and those of its truth.
+"""Estimate the constant angles between a camera's axes and those of its ground truth.
 
 examples:
   vo data measure_axes truth.txt runs/00/poses.txt
   vo data measure_axes truth.txt runs/00/poses.txt --lengths 20,50,100 --step 1
 
-KITTI's truth is that of an inertial unit, brought to the camera by a calibration, whose error turns every
-motion. The pitch and yaw printed make the translation error TE smallest. This is no measure of KITTI's. Both
-files are in KITTI's format, one row a frame.
+KITTI's ground truth is measured by an inertial unit and transformed to the camera by a calibration, whose
+error rotates every motion. The printed pitch and yaw minimise the translation error TE. KITTI's benchmark has
+no such correction. Both files are in KITTI's format, one row per frame.
 """
 
 from __future__ import annotations
@@ -27,23 +27,25 @@ from vo_lib.report.page import number
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
-    parser.add_argument("truth", type=Path, help="true poses")
+    parser.add_argument("truth", type=Path, help="ground-truth poses")
     parser.add_argument("estimate", type=Path, help="estimated poses of the same frames")
     lengths = ",".join(f"{length:g}" for length in KITTI_LENGTHS)
-    parser.add_argument("--lengths", default=lengths, metavar="L,L", help="metres; default KITTI's")
-    step = f"frames between starts of sub-sequences; default {KITTI_STEP}"
+    parser.add_argument(
+        "--lengths", default=lengths, metavar="L,L", help="sub-sequence lengths in metres; default KITTI's"
+    )
+    step = f"frames from one sub-sequence start to the next; default {KITTI_STEP}"
     parser.add_argument("--step", default=str(KITTI_STEP), metavar="N", help=step)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the errors as measured and with the angles that make TE smallest."""
+    """Print the errors as measured, and with the angles that minimise TE."""
     lengths, step = parse_lengths(options.lengths), parse_whole("--step", options.step)
     truth, estimate = (read_kitti_poses(path) for path in (options.truth, options.estimate))
     if len(truth) != len(estimate):
         raise DataError(f"has {len(estimate)} rows, {options.truth} has {len(truth)}", options.estimate)
     measured, turned = kitti_errors(truth, estimate, lengths, step), fit_axes(truth, estimate, lengths, step)
     if not len(measured):
-        raise DataError(f"no sub-sequence is {min(lengths):g} m long: give shorter --lengths", options.truth)
+        raise DataError(f"is shorter than {min(lengths):g} m: choose smaller --lengths", options.truth)
     rows = [
         ["as measured", "0", "0", number(measured.te), number(measured.re)],
         [

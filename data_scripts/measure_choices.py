@@ -1,11 +1,11 @@
-"""Measure what the paper's open choices are worth.
+"""Measure the effect of the choices that the paper leaves open.
 
 examples:
   vo data measure_choices --sequences 00,01 --detector yolov8n.onnx --jobs 2 --out notebooks/choices.csv
 
-A row has what another choice changes in `published`: mean and deviation over five seeds, lengths in per cent.
-TE on real clips is that with the axes of the truth turned to fit, as in `vo data measure_axes`. Rows on
-thresholds and boxes are no differences: they have the errors over 50 m.
+A row has the change of the results of `published` with another choice, mean and deviation over five seeds,
+lengths in per cent. On real clips, TE is computed with the fitted axes of the truth, as in `vo data
+measure_axes`. Rows on thresholds and boxes have the errors over 50 m instead of differences.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ EARLIER = "vo_lib.paper.translation.earlier_rows"
 
 
 def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any, before: Any = None) -> Any:
-    """As `solve_translation` with two frames, the stacked rows as equation (3) has them, in metres."""
+    """The result of `solve_translation` for two frames, with the rows of equation (3) in metres."""
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     near = np.flatnonzero(depth <= config.max_depth)
     M, d = eliminate_points(*feature_rows(camera, matches[near], R_cp))
@@ -62,19 +62,19 @@ def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any, before: Any =
 
 
 def from_current(before: Any, pair: Any, matches: Any, config: Any) -> Any:
-    """Sub-pixel places with the feature on its whole pixel in the current left image."""
+    """Sub-pixel positions with the feature on an integer pixel in the current left image."""
     return backwards(finish(pair, before, backwards(matches), config))
 
 
 def backwards(m: Any) -> Any:
-    """Matches with the current pair as the previous one."""
+    """The matches with previous and current pair exchanged."""
     return replace(
         m, prev_left=m.cur_left, prev_right=m.cur_right, cur_left=m.prev_left, cur_right=m.prev_right
     )
 
 
 def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
-    """As `earlier_rows`, with places shifted by the fraction of a pixel at which the pair before ended."""
+    """The result of `earlier_rows` with positions shifted by the sub-pixel part of the earlier match."""
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
     now, then = matches[here], before.matches[there]
     shifted = replace(
@@ -86,7 +86,7 @@ def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
 
 
 def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> int:
-    """As `Odometry.select`; the winner becomes the principal vector of the best tenth of all sets' best."""
+    """`Odometry.select` with the principal vector of the best tenth of the best candidates as winner."""
     errors = truncated_errors(E, x_p, x_c, odometry.threshold)
     compete = competing(E, set_index, odometry.e_prev, odometry.config.selection)
     errors = np.where(compete, errors, np.inf)
@@ -99,7 +99,7 @@ def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c:
     return int(best[0])
 
 
-# Question, a setting or a function by its full name, and other answers.
+# Choice, setting or full name of a function, and alternatives.
 OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("as published", "seed", {"": 0}),
     ("weights of rows", "vo_lib.paper.odometry.solve_translation", {"metres": in_metres}),
@@ -122,7 +122,7 @@ OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("boxes of classes", "filter.classes", {"cars": (2,), "cars and trucks": (2, 7)}),
     ("boxes of score", "filter.score", {"0.1": 0.1, "0.5": 0.5}),
 ]
-# Chapter 5 draws these rows: errors, not differences, with all features and without those in boxes.
+# Rows for a figure of chapter 5: errors, not differences, with all features and without those in boxes.
 THRESHOLDS_PX = (0.25, 0.5, 1.0, 2.0)
 RULES = {"all features": "none", "boxes removed": "all"}
 ABSOLUTE, LENGTH_M = "threshold and boxes", 50.0
@@ -151,11 +151,11 @@ def measured(sequence: Sequence, name: str, value: Any, cache: Any) -> Array:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
     add_inputs(parser)
-    parser.add_argument("--out", default="runs/choices.csv", metavar="FILE", help="the table")
+    parser.add_argument("--out", default="runs/choices.csv", metavar="FILE", help="CSV file of the table")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run `published` as it is and with each other choice; write the differences."""
+    """Run `published` with its own and with each other choice; write the differences."""
     workers = parse_whole("--jobs", options.jobs)
     tasks = []
     for sequence in open_all(options, 0.1):
@@ -168,17 +168,18 @@ def run(options: argparse.Namespace) -> int:
     calls = [(s, name, value, options.cache) for s, _, name, _, value in tasks]
     rows = [["choice", "alternative", "sequence", "te", "te_sd", "re", "re_sd", "length", "length_sd"]]
     with reporting(f"{len(tasks)} runs of five seeds") as report, loky.ProcessPoolExecutor(workers) as pool:
-        for found in pool.map(measured, *zip(*calls, strict=True)):
+        for results in pool.map(measured, *zip(*calls, strict=True)):
             sequence, about, name, words, _ = tasks[len(rows) - 1]
             if name == "seed":
                 path, plain = sequence.truth, np.array([0.0, 0.0, 100.0])
-                whole = found[:, 2].mean() if path is None else trajectory_distances(path)[-1]
-            found = found * [1.0, 1.0, 100.0 / whole]
+                whole = results[:, 2].mean() if path is None else trajectory_distances(path)[-1]
+            results = results * [1.0, 1.0, 100.0 / whole]
             if name == ABSOLUTE:
-                found, plain = found * [1.0, 1.0, np.nan], np.zeros(3)
-            pairs = np.stack([(found - plain).mean(axis=0), (found - plain).std(axis=0)], axis=1).ravel()
+                results, plain = results * [1.0, 1.0, np.nan], np.zeros(3)
+            change_of = results - plain
+            pairs = np.stack([change_of.mean(axis=0), change_of.std(axis=0)], axis=1).ravel()
             rows.append([about, words, sequence.name, *(f"{x:.4f}" if np.isfinite(x) else "" for x in pairs)])
-            plain = found if name == "seed" else plain
+            plain = results if name == "seed" else plain
             report(len(rows) - 1, len(tasks))
     write_atomic(options.out, csv_text(rows))
     say(f"written to {options.out}")

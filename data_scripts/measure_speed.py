@@ -4,7 +4,7 @@ examples:
   vo data measure_speed
   vo data measure_speed --sequence kitti/00 --frames 200 --variant kit
 
-The times are beside the time for decoding the same images.
+For comparison, the script also measures the time for decoding the same images.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ METHOD = "feature_selection"
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
     parser.add_argument("--sequence", metavar="S", default=SCENE, help=f"name or folder; default {SCENE}")
-    parser.add_argument("--frames", metavar="N", default="200", help="frames from the first; default 200")
+    parser.add_argument("--frames", metavar="N", default="200", help="number of frames; default 200")
     add_variant(parser)
     add_cache(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Measure, then print a table."""
+    """Measure and print a table."""
     frames = parse_whole("--frames", options.frames)
     config = preset(METHOD, variant=options.variant or "published")
     sequence = open_with_bar(options.sequence, options.cache)
@@ -51,31 +51,31 @@ def run(options: argparse.Namespace) -> int:
         figures = measure(sequence, config, report)
     machine, camera = describe_machine(), sequence.camera
     say(", ".join(f"{name} {value}" for name, value in machine.items()))
-    whole, used, decoding = (figures[f"{name}_ms_a_frame"] for name in ("wall", "processor", "decoding"))
+    wall, processor, decoding = (figures[f"{name}_ms_a_frame"] for name in ("wall", "processor", "decoding"))
     rows = [[name, f"{ms:.2f} ms"] for name, ms in figures["stages_ms_a_frame"].items()]
     rows.append(["decoding the images in one thread", f"{decoding:.2f} ms"])
-    rows.append(["whole run, wall", f"{whole:.2f} ms, {whole / decoding:.1f} times the decoding"])
-    rows.append(["whole run, processor time", f"{used:.2f} ms, {used / decoding:.1f} times the decoding"])
+    for name, ms in (("wall", wall), ("processor", processor)):
+        rows.append([f"whole run, {name} time", f"{ms:.2f} ms, {ms / decoding:.1f} times the decoding"])
     size = f"{camera.width}×{camera.height} px"
     show_table(
         f"{sequence.name}, {len(sequence)} frames, {size}, {METHOD}, {config.variant}",
-        ["a frame", "time"],
+        ["stage", "time per frame"],
         rows,
     )
     return 0
 
 
 def measure(sequence: Sequence, config: MethodConfig, progress: Progress | None = None) -> dict[str, Any]:
-    """Run a method over a sequence, then decode its images alone; milliseconds a frame.
+    """Times of a method on a sequence, and of decoding its images, milliseconds per frame.
 
-    Stages by the wall clock; the whole run by the wall clock and by the processor time of all threads;
-    decoding by its processor time, in one thread.
+    Wall time for the stages; wall time and processor time of all threads for the whole run; processor time of
+    one thread for decoding.
     """
     count = len(sequence)
-    run_sequence(sequence.part(0, 2), config)  # work that a process does once belongs to no frame
-    wall, used = time.perf_counter(), time.process_time()
+    run_sequence(sequence.part(0, 2), config)  # excludes work that a process does only once
+    wall, processor = time.perf_counter(), time.process_time()
     result = run_sequence(sequence, config, progress)
-    wall, used = time.perf_counter() - wall, time.process_time() - used
+    wall, processor = time.perf_counter() - wall, time.process_time() - processor
     decoding = time.process_time()
     for index in range(count):
         sequence.stereo(index)
@@ -83,13 +83,13 @@ def measure(sequence: Sequence, config: MethodConfig, progress: Progress | None 
     return {
         "stages_ms_a_frame": timing(result)["ms_per_frame_of"],
         "wall_ms_a_frame": 1e3 * wall / count,
-        "processor_ms_a_frame": 1e3 * used / count,
+        "processor_ms_a_frame": 1e3 * processor / count,
         "decoding_ms_a_frame": 1e3 * decoding / count,
     }
 
 
 def describe_machine() -> dict[str, Any]:
-    """Processor, its cores, system, commit and versions."""
+    """Processor, number of cores, system, commit and versions."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

@@ -20,12 +20,12 @@ from vo_lib.settings import declared
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options: every setting of a scene has one."""
-    parser.add_argument("scene", help="scene to start from: " + ", ".join(SCENES))
+    """Options of the script, one for every setting of a scene."""
+    parser.add_argument("scene", help="named scene: " + ", ".join(SCENES))
     add_cache(parser)
-    parser.add_argument("--jobs", default="2", metavar="N", help="processes that draw (default 2)")
-    parser.add_argument("--frames", metavar="A:B", help="draw only frames A … B-1, in a folder of their own")
-    group = parser.add_argument_group("settings of the scene; default: those of the scene named")
+    parser.add_argument("--jobs", default="2", metavar="N", help="parallel processes; default 2")
+    parser.add_argument("--frames", metavar="A:B", help="draw only frames A … B-1, in a separate folder")
+    group = parser.add_argument_group("settings; default: those of the named scene")
     add_settings(group, SceneConfig, defaults=False)
 
 

@@ -5,10 +5,10 @@ examples:
   vo data train_detector roboflow/data.yaml --out runs/cars --weights yolov8n.pt --register cars
   vo data train_detector data/street --out runs/street --one-class vehicle --size 800
 
-Ultralytics does it, from the extra `[train]`, on a data set in YOLO form. Ultralytics and what it trains
-are AGPL-3.0: see https://www.ultralytics.com/license. A training that was stopped goes on at its last whole
-epoch. The folder gets data.yaml, train/ (weights, curves) and detector.onnx, which `vo run --detector` and
-`vo data write_labels` take.
+The training uses Ultralytics (extra `[train]`) and a data set in YOLO format. Ultralytics and the trained
+models are under AGPL-3.0: see https://www.ultralytics.com/license. An interrupted training continues after
+its last complete epoch. The output folder contains data.yaml, train/ (weights, curves) and detector.onnx, the
+model for `vo run --detector` and `vo data write_labels`.
 """
 
 from __future__ import annotations
@@ -33,30 +33,30 @@ from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 
 MODEL = "detector.onnx"
-FAILURES = (RuntimeError, AssertionError, ValueError, TypeError, OSError)  # Ultralytics', of damaged files
+FAILURES = (RuntimeError, AssertionError, ValueError, TypeError, OSError)  # of Ultralytics for damaged files
 LICENCE = "AGPL-3.0"
 FROM_SCRATCH = "yolov8n.yaml"  # the smallest YOLOv8, with random weights
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the training."""
-    parser.add_argument("data", type=Path, help="folder with data.yaml, or that file")
+    parser.add_argument("data", type=Path, help="data.yaml, or its folder")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the training")
-    parser.add_argument("--one-class", metavar="NAME", help="take all classes for one of this name")
+    parser.add_argument("--one-class", metavar="NAME", help="merge all classes into one of this name")
     parser.add_argument(
-        "--weights", type=Path, metavar="FILE", help="a .pt file to begin with; default: none"
+        "--weights", type=Path, metavar="FILE", help="initial weights, a .pt file; default: random"
     )
-    parser.add_argument("--epochs", default="400", metavar="N", help="default 400, as the paper's")
-    parser.add_argument("--size", default="640", metavar="PX", help="longer side of an image; default 640")
-    parser.add_argument("--batch", default="16", metavar="N", help="images in one step; default 16")
-    parser.add_argument("--seed", default="0", metavar="N", help="default 0")
+    parser.add_argument("--epochs", default="400", metavar="N", help="epochs; default 400, as in the paper")
+    parser.add_argument("--size", default="640", metavar="PX", help="longer side of the images; default 640")
+    parser.add_argument("--batch", default="16", metavar="N", help="images per step; default 16")
+    parser.add_argument("--seed", default="0", metavar="N", help="random seed; default 0")
     parser.add_argument("--device", default="cpu", help="cpu, or the number of a GPU; default cpu")
-    parser.add_argument("--register", metavar="NAME", help="keep the model under this name for --detector")
-    parser.add_argument("--allow-evaluated", action="store_true", help="train on KITTI odometry images too")
+    parser.add_argument("--register", metavar="NAME", help="register the model under this name")
+    parser.add_argument("--allow-evaluated", action="store_true", help="also train on KITTI odometry images")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Train, export, and say how good the exported model is."""
+    """Train and export a model, and print its quality."""
     epochs, size = parse_whole("--epochs", options.epochs), parse_whole("--size", options.size)
     batch, seed = parse_whole("--batch", options.batch), parse_whole("--seed", options.seed, least=0)
     data = open_set(options.data)
@@ -69,48 +69,54 @@ def run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     write_atomic(described, _description(data, options.one_class))
     last = options.out / "train" / "weights" / "last.pt"
-    say(f"Ultralytics and what it trains are {LICENCE}.")
+    say(f"Ultralytics and the trained models are under {LICENCE}.")
     try:
         if last.is_file() and not (last.parent / "finished").is_file():
             network = YOLO(str(last))
             network.train(resume=True)
         else:
             network = YOLO(str(options.weights or FROM_SCRATCH))
-            where = {"data": str(described), "project": str(options.out.resolve()), "name": "train"}
-            how = {"epochs": epochs, "imgsz": size, "batch": batch, "seed": seed, "device": options.device}
+            paths = {"data": str(described), "project": str(options.out.resolve()), "name": "train"}
+            parameters = {
+                "epochs": epochs,
+                "imgsz": size,
+                "batch": batch,
+                "seed": seed,
+                "device": options.device,
+            }
             merged = options.one_class is not None
-            network.train(**where, **how, single_cls=merged, exist_ok=True, amp=False, workers=2)
+            network.train(**paths, **parameters, single_cls=merged, exist_ok=True, amp=False, workers=2)
         best = YOLO(str(last.with_name("best.pt")))
         if options.one_class is not None:
-            best.model.names = {0: options.one_class}  # Ultralytics calls a single class "item"
+            best.model.names = {0: options.one_class}  # Ultralytics names a single class "item"
         split = "test" if data.images["test"] else "val"
-        found = best.val(data=str(described), split=split, imgsz=size, device=options.device, plots=False)
+        result = best.val(data=str(described), split=split, imgsz=size, device=options.device, plots=False)
         exported = Path(best.export(format="onnx", dynamic=True, simplify=False, imgsz=size))
     except FAILURES as error:
         words = (str(error).splitlines() or [type(error).__name__])[0]
         raise DataError(f"Ultralytics: {words[:160]}") from None
     write_atomic(model, exported.read_bytes())
     (last.parent / "finished").touch()
-    say(f"{model}: mAP50 {found.box.map50:.3f}, mAP50-95 {found.box.map:.3f} on {split}")
+    say(f"{model}: mAP50 {result.box.map50:.3f}, mAP50-95 {result.box.map:.3f} on {split}")
     if options.register is not None:
-        register(options.register, model, found.box.map50)
+        register(options.register, model, result.box.map50)
     return 0
 
 
 def register(name: str, model: Path, map50: float) -> None:
-    """Keep a model under a name; `DataError` for one that detected nothing in its test."""
+    """Register a model under a name; `DataError` if it detected nothing in its test."""
     if map50 == 0:
-        by_hand = f"vo data get_detector {name} --from {model}"
-        raise DataError(f"not registered: it detects nothing on the test images; by hand: {by_hand}", model)
+        command = f"vo data get_detector {name} --from {model}"
+        raise DataError(f"not registered: detects nothing on the test images; to force it: {command}", model)
     register_detector(name, model, detector_folder())
     say(f"registered: vo run … --detector {name}")
 
 
 def _ultralytics() -> Any:
-    """Ultralytics' class of models; it must neither report, nor install packages by itself."""
+    """Ultralytics' class of models, without its usage reports and its installation of packages."""
     os.environ.setdefault("YOLO_AUTOINSTALL", "false")
     try:
-        import onnx  # noqa: F401  (its export needs it)
+        import onnx  # noqa: F401  (needed for the export)
         from ultralytics import YOLO, settings
     except ImportError as error:
         raise DataError(f"{error.name} is missing: {install('train')}") from None
@@ -119,7 +125,7 @@ def _ultralytics() -> Any:
 
 
 def _description(data: DetectionSet, one_class: str | None) -> bytes:
-    """A data.yaml with full paths, as Ultralytics finds a data set wherever it lies."""
+    """A data.yaml with absolute paths, which Ultralytics finds from any folder."""
     full = {key: images[0].parent for split, key in SPLITS.items() if (images := data.images[split])}
     folders = {key: str(folder.resolve()) for key, folder in full.items()}
     names = [one_class] if one_class is not None else list(data.names)

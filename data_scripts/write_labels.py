@@ -1,10 +1,10 @@
-"""Keep a detector's boxes as label files beside the images.
+"""Write a detector's boxes as label files of a sequence.
 
 examples:
   vo data write_labels kitti/07 --model yolov8n.onnx
   vo data write_labels synthetic/traffic --model street --out runs/traffic_labels
 
-A call that was stopped goes on where it was. The folder's detector.json records the model's SHA-256.
+After an interruption, repeat the command: it continues. The folder's detector.json has the model's SHA-256.
 """
 
 from __future__ import annotations
@@ -23,22 +23,23 @@ from vo_lib.detection.yolo import PROVIDERS
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options: every setting of the detector has one."""
-    parser.add_argument("sequence", help="a KITTI-layout folder, or a name from `vo list`")
-    parser.add_argument("--model", required=True, help="street, a fetched detector's name, or an ONNX file")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="default: labels in the sequence's folder")
-    parser.add_argument("--replace", action="store_true", help="remove labels that were made otherwise")
-    parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help="default cpu")
+    """Options of the script, one for every setting of the detector."""
+    parser.add_argument("sequence", help="a name from `vo list`, or a folder in KITTI's layout")
+    parser.add_argument("--model", required=True, help="street, a downloaded model, or an ONNX file")
+    text = "label folder; default: labels in the sequence's folder"
+    parser.add_argument("--out", type=Path, metavar="DIR", help=text)
+    parser.add_argument("--replace", action="store_true", help="replace labels of another detector")
+    parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help="processor; default cpu")
     add_cache(parser)
     add_settings(parser, DetectorConfig)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Detect in the frames that lack a label file."""
+    """Detect vehicles in the frames without a label file."""
     config = from_options(options, DetectorConfig)
     sequence = open_with_bar(options.sequence, options.cache)
     folder = options.out or sequence.folder / "labels"
-    with reporting(f"detecting in {sequence.name}") as report:
+    with reporting(f"detecting vehicles in {sequence.name}") as report:
         count = write_label_folder(
             sequence,
             options.model,
@@ -48,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
             replace=options.replace,
             progress=report,
         )
-    say(f"{folder}: {len(sequence)} frames, {count} of them detected now; {RECORD} records the model")
+    say(f"{folder}: {len(sequence)} frames, {count} of them new; {RECORD} describes the model")
     return 0
 
 

@@ -57,7 +57,7 @@ def test_get_kitti_from_zip_and_by_link(
     assert "04, 07" in capsys.readouterr().out
     more = ["--root", str(trees[1]), "--host", kitti.url, "--yes"]
     assert main(["--sequences", "04", *more]) == 2
-    assert "is a link into another tree" in capsys.readouterr().err
+    assert "is a link to another folder" in capsys.readouterr().err
 
 
 def test_check_kitti_draws_a_tree_and_names_the_command(
@@ -94,7 +94,7 @@ def test_from_folder_checks_the_pair_and_writes_a_sequence(
     poses = ["--unit", "mm", "--poses", str(bands / "poses.txt")]
     assert main([*swapped, *camera, "500", *poses, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert "baseline 0.500 m, with true poses" in printed
+    assert "baseline 0.500 m, with truth" in printed
     assert f"vo run {out}" in printed
     # Names that are times replace the frame rate.
     for side in (left, right):

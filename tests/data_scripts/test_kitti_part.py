@@ -75,10 +75,10 @@ def test_frames_of_a_raw_drive_become_a_sequence_that_can_be_extended(
     assert "drive_0005: 3 of 3 pairs, complete" in printed
     assert f"a part: {mark}\n" in printed
     assert get(raw, root, *mark.split()) == 0
-    assert "13 of 13 files are already whole" in capsys.readouterr().out
+    assert "13 of 13 files are already complete" in capsys.readouterr().out
     (folder / "labels").mkdir()
     assert get(raw, root, "--raw", NAME, "--frames", "4:8") == 0
-    assert "fetches 9 files" in capsys.readouterr().out
+    assert "to download: 9 files" in capsys.readouterr().out
     assert_drive(folder, 2, 8)
     assert get(raw, root, "--raw", NAME) == 0
     assert_drive(folder, 0, 8)
@@ -106,7 +106,7 @@ def test_an_interrupted_drive_goes_on(
     assert f"vo data get_kitti --root {root} --raw {NAME} --frames 0:6\n" in printed
     raw.files[SYNC] = whole
     assert get(raw, root, "--raw", NAME, "--frames", "0:6") == 0
-    assert f"{6 + len(right)} of 22 files are already whole" in capsys.readouterr().out
+    assert f"{6 + len(right)} of 22 files are already complete" in capsys.readouterr().out
     assert_drive(folder, 0, 6)
 
 

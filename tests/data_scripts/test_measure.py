@@ -102,6 +102,6 @@ def test_clean_cache_removes_the_matches_of_other_code_alone(
     (stale / "bands.npz").write_bytes(bytes(1500))
     size = folder_size(kept.path)
     assert load("clean_cache")(["--cache", str(tmp_path)]) == 0
-    assert "1.5 kB removed" in capsys.readouterr().out
+    assert "1.5 kB deleted" in capsys.readouterr().out
     assert not stale.exists()
     assert folder_size(tmp_path / "matches") == size

@@ -112,7 +112,9 @@ def test_a_model_that_detects_nothing_is_not_registered(
 ) -> None:
     monkeypatch.setattr("train_detector.detector_folder", lambda: tmp_path / "kept")
     model = write_answering(tmp_path / "own.onnx", np.zeros((1, 5, 84), np.float32), names="['car']")
-    with pytest.raises(DataError, match=r"detects nothing on the test images; by hand: vo data get_detector"):
+    with pytest.raises(
+        DataError, match=r"detects nothing on the test images; to force it: vo data get_detector"
+    ):
         register("mine", model, 0.0)
     assert not (tmp_path / "kept").exists()
     register("mine", model, 0.001)
