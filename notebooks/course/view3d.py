@@ -109,8 +109,9 @@ class View:
             u = np.cos(YAW) * x - np.sin(YAW) * z
             v = np.cos(TILT) * y - np.sin(TILT) * (np.sin(YAW) * x + np.cos(YAW) * z)
             if shape.kind == "dots":
-                grey = shape.colour if isinstance(shape.colour, str) else np.minimum(shape.colour, PALEST)
-                axis.scatter(u, v, s=shape.width**2, c=grey, cmap="gray", vmin=0, vmax=255, linewidths=0)
+                one = isinstance(shape.colour, str)
+                colour = shape.colour if one else [f"{min(grey, PALEST) / 255:.2f}" for grey in shape.colour]
+                axis.scatter(u, v, s=shape.width**2, c=colour, linewidths=0)
             elif shape.kind == "area":
                 axis.fill(u, v, color=shape.colour, alpha=0.25)
             else:

@@ -6,13 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import inverse, rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
 from ..checker import Case, Exercise, When
-from ..frames import true_poses
 
 DISTANCE = 20.0  # metres
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, height=376)
@@ -47,19 +45,27 @@ def apart(T: Array, turned: bool = True) -> Array:
     return rigid(T[:3, :3].T if turned else T[:3, :3], -T[:3, 3])
 
 
-def steps(sequence: Sequence) -> Array:
-    """The steps (N - 1, 3) of the true path, metres."""
-    return np.asarray(np.diff(true_poses(sequence)[:, :3, 3], axis=0))
+def paths() -> list[Case]:
+    """Poses (N, 4, 4) on the way up a spiral: one step, then several."""
+    path = np.tile(np.eye(4), (6, 1, 1))
+    for k, pose in enumerate(path):
+        pose[:3, 3] = 3.0 * np.cos(0.5 * k), -0.4 * k, 3.0 * np.sin(0.5 * k)
+    return [(path[:2],), (path,)]
 
 
-def way(sequence: Sequence) -> float:
-    """Metres along the true path."""
-    return float(np.linalg.norm(steps(sequence), axis=1).sum())
+def steps(poses: Array) -> Array:
+    """The steps (N - 1, 3) of a path, metres."""
+    return np.asarray(np.diff(poses[:, :3, 3], axis=0))
 
 
-def beeline(sequence: Sequence) -> float:
-    """Metres from the start of the true path straight to its end."""
-    return float(np.linalg.norm(steps(sequence).sum(axis=0)))
+def way(poses: Array) -> float:
+    """Metres along a path."""
+    return float(np.linalg.norm(steps(poses), axis=1).sum())
+
+
+def beeline(poses: Array) -> float:
+    """Metres from the start of a path straight to its end."""
+    return float(np.linalg.norm(steps(poses).sum(axis=0)))
 
 
 right_chain = appended(inverse)
@@ -69,7 +75,7 @@ disparity_at_20_m = Exercise(
     rtol=0.01,
     task="The disparity in pixels of a point 20 m away.",
     praise="d = f b / Z = {right:.2f} px.",
-    hint="in the sketch, what is missing at the distance f is to b as f is to Z.",
+    hint="the two coloured triangles of the sketch are similar: d / f = b / Z.",
     line="camera.f * camera.baseline / 20",
     mistakes={
         "this is f / Z: which length is missing?": lambda camera: camera.f / DISTANCE,
@@ -146,16 +152,17 @@ chain = Exercise(
 
 path_length = Exercise(
     way,
-    atol=0.05,
-    task="The length of the true path, metres.",
-    praise="{right:.1f} m along the path; as the crow flies it is less.",
-    hint="positions are truth[:, :3, 3]. How long is each step from one to the next?",
-    line="np.linalg.norm(np.diff(sequence.truth[:, :3, 3], axis=0), axis=1).sum()",
+    paths,
+    task="A function: poses T_w_c (N, 4, 4) -> the length of the path, metres.",
+    praise="the lengths of all steps, added; hills count, too.",
+    hint="positions are poses[:, :3, 3]. How long is each step from one to the next?",
+    line="np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()",
     mistakes={
-        "{got:.1f} m is the straight way from start to end.": beeline,
-        "this is every step by itself: add them.": lambda s: np.linalg.norm(steps(s), axis=1),
-        "one norm of all steps: take it of each, along axis 1.": lambda s: np.linalg.norm(steps(s)),
-        "this adds squared lengths: the root is missing.": lambda s: (steps(s) ** 2).sum(),
+        "{got:.2f} m is the straight way from start to end.": beeline,
+        "the steps are not added: sum them.": lambda poses: np.linalg.norm(steps(poses), axis=1),
+        "one norm of all steps: take it of each, along axis 1.": lambda poses: np.linalg.norm(steps(poses)),
+        "this adds squared lengths: the root is missing.": lambda poses: (steps(poses) ** 2).sum(),
+        "the height y is left out.": lambda p: np.linalg.norm(steps(p)[:, ::2], axis=1).sum(),
     },
 )
 

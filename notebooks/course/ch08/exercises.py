@@ -30,7 +30,7 @@ def drift_of(poses: Array, sequence: Sequence) -> float:
     """How far the last pose is from the true one, in % of the true path."""
     truth = true_poses(sequence)
     end = (inverse(truth[0]) @ truth[-1])[:3, 3]
-    return 100.0 * float(np.linalg.norm((np.linalg.inv(poses[0]) @ poses[-1])[:3, 3] - end)) / way(sequence)
+    return 100.0 * float(np.linalg.norm((np.linalg.inv(poses[0]) @ poses[-1])[:3, 3] - end)) / way(truth)
 
 
 def measured(
@@ -62,17 +62,19 @@ drift = Exercise(
     line="100 * np.linalg.norm(yours[-1][:3, 3] - true[:3, 3]) / trajectory_distances(street.truth)[-1]",
     mistakes={
         "{got:.3g} m is the distance; the answer is in % of the true path.": lambda poses, sequence: (
-            drift_of(poses, sequence) / 100 * way(sequence)
+            drift_of(poses, sequence) / 100 * way(true_poses(sequence))
         ),
         "the starts differ: the truth of this part does not begin at the identity.": lambda poses, sequence: (
-            100.0 * float(np.linalg.norm((poses[-1] - true_poses(sequence)[-1])[:3, 3])) / way(sequence)
+            100.0
+            * float(np.linalg.norm((poses[-1] - true_poses(sequence)[-1])[:3, 3]))
+            / way(true_poses(sequence))
         ),
         "divided by the number of frames; a step is not a metre.": (
-            lambda poses, sequence: drift_of(poses, sequence) * way(sequence) / len(poses),
-            lambda poses, sequence: drift_of(poses, sequence) * way(sequence) / (len(poses) - 1),
+            lambda poses, sequence: drift_of(poses, sequence) * way(true_poses(sequence)) / len(poses),
+            lambda poses, sequence: drift_of(poses, sequence) * way(true_poses(sequence)) / (len(poses) - 1),
         ),
         "divided by the straight distance from start to end; the road has a bend.": lambda poses, sequence: (
-            drift_of(poses, sequence) * way(sequence) / beeline(sequence)
+            drift_of(poses, sequence) * way(true_poses(sequence)) / beeline(true_poses(sequence))
         ),
     },
 )
