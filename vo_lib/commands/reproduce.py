@@ -11,13 +11,14 @@ from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..evaluation.kitti import Measure
 from ..files import only_process
+from ..loops.settings import LoopConfig
 from ..report.entries import group_entries
 from ..report.printed import read_paper_table
 from ..report.reproduce import collect, default_sequences, plan_jobs, split_missing, write_table_files
 from ..report.table1 import layout_tables, results
 from ..runs.folder import run_folder
 from ..runs.jobs import run_jobs
-from . import common
+from . import closing, common
 from .console import reporting, say, show_report_table, tell
 
 
@@ -38,6 +39,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--out", default="runs/table1", metavar="DIR", help="folder; default %(default)s")
     common.add_detector(parser, " in sequences without labels")
     common.add_many(parser, parser)
+    closing.add_loops(parser)
     parser.set_defaults(command=reproduce)
 
 
@@ -71,11 +73,12 @@ def reproduce(options: argparse.Namespace, before: str = "", after: str = "") ->
         result = collect(outcomes, missing, measure)
         if not result.paths:  # an earlier table is kept
             raise DataError(" ".join(result.problems))
+        closed = closing.close_outcomes(outcomes, LoopConfig()) if options.loops else []
         groups = group_entries(result.entries)
         conclusions = [*results(groups), *filter(None, [after])]
         origin = [options.line, f"duration {time.perf_counter() - start:.0f} s, processes: {workers}"]
-        write_table_files(folder, result, paper, conclusions, origin)
-    for table in (table for group in groups for table in layout_tables(group, paper)):
+        write_table_files(folder, result, paper, conclusions, origin, closed)
+    for table in [*(table for group in groups for table in layout_tables(group, paper)), *closed]:
         show_report_table(table)
     tell("", *result.problems)
     say(*filter(None, [before]), f"Report with figures: {folder / 'report.html'}")

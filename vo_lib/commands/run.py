@@ -11,15 +11,16 @@ from ..config import CONFIG_CLASSES, change
 from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..files import write_atomic
+from ..geometry.types import Array
 from ..kit.settings import KitConfig
 from ..report.film import FILM_ENDING, Film, shown_frames
 from ..report.page import number
 from ..report.paths import ComparedPaths, evaluate_paths, evaluation_tables
 from ..report.plots import png, trajectories_figure
-from ..runs.folder import PICTURE, path_lost, run_folder, warnings_of
+from ..runs.folder import LOOPS, LOOPS_POSES, PICTURE, path_lost, run_folder, warnings_of
 from ..runs.jobs import run_once
 from ..runs.matches import CachedMatches, match_folder
-from . import common
+from . import closing, common
 from .console import reporting, say, show_report_table, show_table, tell
 from .script import SETTINGS_PAGE
 from .setting_options import add_option, option_values
@@ -56,8 +57,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
     text = f"film ({FILM_ENDING}) of features, boxes and path; a report includes the films in its run folders"
     option("--video", type=Path, metavar="FILE", help=text)
+    closing.add_loops(parser)
     option(SETTINGS_PAGE, action="store_true", help="list the options for the variant's thresholds")
-    for item in [*SETTINGS.values(), *DETECTOR_SETTINGS]:
+    for item in [*SETTINGS.values(), *DETECTOR_SETTINGS, *closing.LOOP_SETTINGS]:
         add_option(parser, item, item.name, shown=False)  # not in the short help
     parser.set_defaults(command=_run)
 
@@ -67,6 +69,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.help_settings:
         return _help_settings(config)
     config = changed_by_options(options, config)
+    loops = closing.loop_config(options)
     calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
     values = {
         name.removeprefix(DETECTOR): value
@@ -89,12 +92,18 @@ def _run(options: argparse.Namespace) -> int:
                 fresh=options.fresh,
                 progress=report,
             )
-        picture = trajectories_figure({label: (sequence.truth, {options.method: result.poses})})
+        closed = closing.close_run(folder, result, loops) if options.loops else None
+        paths, pairs = {options.method: result.poses}, []
+        if closed is not None:
+            paths, pairs = paths | {closing.CLOSED: closed.poses}, closing.loop_pairs(closed)
+        picture = trajectories_figure({label: (sequence.truth, paths)}, pairs)
         write_atomic(folder / PICTURE, png(picture))
-    _show(result, options.method)
+    _show(result, options.method, paths)
+    if closed is not None:
+        say(f"loops closed: {len(pairs)}, beyond the paper; {LOOPS_POSES} and {LOOPS}")
     say(f"written to {folder}")
     if options.video is not None:
-        with reporting("drawing frames") as report, Film(options.video, result, label) as film:
+        with reporting("drawing frames") as report, Film(options.video, result, label, pairs) as film:
             for frame in shown_frames(result, matches, calibration):
                 film.add(frame)
                 report(frame.index + 1, len(sequence))
@@ -104,14 +113,14 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _show(result: Run, method: str) -> None:
+def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
     """Print errors, removals, flags, time and warnings of a run."""
     sequence, motions = result.sequence, result.motions
     title = f"{sequence.name}, {method}, {result.config.variant}, {len(result.poses)} frames"
     if sequence.truth is None:
         say(f"{title}: no errors, since the sequence has no ground truth")
     else:
-        paths = ComparedPaths(title, sequence.truth, sequence.times, {method: result.poses})
+        paths = ComparedPaths(title, sequence.truth, sequence.times, estimates)
         for table in evaluation_tables(title, evaluate_paths(paths)):
             show_report_table(table)
     rows = [["matches per frame, median", number(result.matches_per_frame, 0)]]
@@ -135,7 +144,7 @@ def _help_settings(config: MethodConfig) -> int:
     """Print the thresholds of the variant and of the detector with their ranges and defaults."""
     usage = f"vo run … --variant {config.variant} [--SETTING X …]"
     page = argparse.ArgumentParser(usage=usage, add_help=False)
-    for item in [*settings.declared(type(config)), *DETECTOR_SETTINGS]:
+    for item in [*settings.declared(type(config)), *DETECTOR_SETTINGS, *closing.LOOP_SETTINGS]:
         add_option(page, item, item.name)
     page.print_help()
     return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,7 +36,7 @@ ENCODER_FPS = 5000
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
 WORDS_HEIGHT_PX = 60  # height of the lines of text at the bottom
 DARK, PALE, WHITE = (28, 28, 28), (110, 110, 110), (235, 235, 235)  # BGR
-TRUE_PATH_COLOUR, PATH_COLOUR = WHITE, (240, 190, 80)
+TRUE_PATH_COLOUR, PATH_COLOUR, LOOP_LINE_COLOUR = WHITE, (240, 190, 80), (167, 121, 204)
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,13 @@ def shown_frames(
 
 
 class Film:
-    """A video file of a run's frames; the file appears, complete, at the end of the context."""
+    """A video file of a run's frames; the file appears, complete, at the end of the context.
 
-    def __init__(self, path: Path, run: Run, label: str):
-        self.path, self.run, self.label = path, run, label
+    `loops` : pairs of frames at one place, drawn from the second of them on.
+    """
+
+    def __init__(self, path: Path, run: Run, label: str, loops: Sequence[tuple[int, int]] = ()):
+        self.path, self.run, self.label, self.loops = path, run, label, loops
         camera, truth = run.sequence.camera, run.sequence.truth
         side = max(camera.height, MIN_PATH_SIDE_PX)
         # Encoders require even numbers of pixels.
@@ -155,6 +158,8 @@ class Film:
         for line in truth:
             _draw_line(part, line, PALE, 1)
             _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, 1)
+        for visits in (list(pair) for pair in self.loops if pair[1] <= index):
+            _draw_line(part, path[visits], LOOP_LINE_COLOUR, 2)
         cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, PATH_COLOUR, -1, cv2.LINE_AA)
 
     def _write_words(self, part: Image, frame: Shown) -> None:
@@ -171,6 +176,9 @@ class Film:
         legend += [("removed", REMOVED), ("path", PATH_COLOUR)]
         if self._drift is not None:
             legend.append(("truth", TRUE_PATH_COLOUR))
+        if self.loops:
+            closed = sum(second <= index for _, second in self.loops)
+            legend.append((f"{closed} loops closed", LOOP_LINE_COLOUR))
         if frame.state is not None:
             legend.append(("boxes: solid moving, dashed parked, dotted unknown", WHITE))
         at = 12

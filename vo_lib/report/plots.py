@@ -36,7 +36,7 @@ CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E
 STYLED = PROPOSAL, "solution_selection", "viso2", "mesvo_f", "moving_selection"
 METHOD_COLOURS = dict(zip(STYLED, CYCLE, strict=False))
 METHOD_MARKERS = dict(zip(STYLED, "D^sov", strict=True))
-TRUTH_COLOUR = "#222222"
+TRUTH_COLOUR, LOOP_COLOUR = "#222222", "#CC79A7"
 LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; other lines have widths between these
 
 
@@ -109,7 +109,15 @@ def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None
     label_axis(axis, "along the path [m]", "distance from the truth [m]")
 
 
-def trajectories_figure(panels: Mapping[str, tuple[Array | None, dict[str, Array]]]) -> Figure:
+def draw_loops(axis: Axes, poses: Array, loops: Sequence[tuple[int, int]]) -> None:
+    """Lines between the two visits of each loop, pairs of frames, on a path from above (N, 4, 4)."""
+    ends = poses[np.array(loops).T][:, :, [0, 2], 3]
+    axis.plot(*np.moveaxis(ends, 2, 0), "-o", color=LOOP_COLOUR, markersize=3, linewidth=1.2)
+
+
+def trajectories_figure(
+    panels: Mapping[str, tuple[Array | None, dict[str, Array]]], loops: Sequence[tuple[int, int]] = ()
+) -> Figure:
     """A row per sequence (title: truth, named estimates): top view and, with truth, distance from it."""
     rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
@@ -118,6 +126,8 @@ def trajectories_figure(panels: Mapping[str, tuple[Array | None, dict[str, Array
     for row, (title, (truth, estimates)) in enumerate(panels.items()):
         axis = figure.add_subplot(rows, columns, row * columns + 1)
         draw_trajectories(axis, title, truth, estimates)
+        if loops:
+            draw_loops(axis, next(iter(estimates.values())), loops)
         lines = {str(line.get_label()): line for line in axis.get_lines()}
         labels |= {name: line for name, line in lines.items() if not name.startswith("_")}
         if truth is not None:

@@ -25,7 +25,7 @@ from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
 from .entries import BENCHMARK_FRAMES, Entry, Group, group_entries, measure_runs
 from .film import FILM_ENDING
-from .page import Picture, markdown, records_csv, render_report
+from .page import Picture, ReportTable, markdown, records_csv, render_report
 from .plots import errors_figure, png, trajectories_figure
 from .printed import PaperTable, printed_table
 from .table1 import VARIANT_WORDS, layout_tables, table_records
@@ -135,11 +135,19 @@ def collect(outcomes: list[Outcome], missing: list[str], measure: Measure | None
 
 
 def write_table_files(
-    folder: Path, result: Reproduction, paper: PaperTable, conclusions: Items[str], origin: list[str]
+    folder: Path,
+    result: Reproduction,
+    paper: PaperTable,
+    conclusions: Items[str],
+    origin: list[str],
+    below: Items[ReportTable] = (),
 ) -> None:
-    """Write `TABLE_FILES` and figures, with sentences of `conclusions`; `origin` : command and duration."""
+    """Write `TABLE_FILES` and figures, with sentences of `conclusions`; `origin` : command and duration.
+
+    `below` : tables that follow the paper's.
+    """
     groups = group_entries(result.entries)
-    tables = [table for group in groups for table in layout_tables(group, paper)]
+    tables = [*(table for group in groups for table in layout_tables(group, paper)), *below]
     printed = [printed_table()] if any(group.kitti for group in groups) else []
     pictures, films = _pictures(folder, result, groups), _films(folder, result)
     sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])

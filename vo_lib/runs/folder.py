@@ -33,7 +33,8 @@ POSES = "poses.txt"
 POSES_TUM = "poses_tum.txt"
 CALIBRATION = "calibration.json"
 PICTURE = "trajectory.png"
-RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE)
+LOOPS, LOOPS_POSES = "loops.csv", "poses_loops.txt"  # of a run whose loops were closed afterwards
+RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE, LOOPS, LOOPS_POSES)
 FRAME_INTERVALS_S = 1e-3, 10.0  # plausible range; nanoseconds or milliseconds in times.txt are outside
 COUNTS = {"matches": "matches", "removed": "removed_by_boxes", "used": "used", "inliers": "inliers"}
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
@@ -104,7 +105,7 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
         "lost": path_lost(result),
         "warnings": warnings_of(result),
     }
-    for name in (CONFIG, CALIBRATION):
+    for name in (CONFIG, CALIBRATION, LOOPS, LOOPS_POSES):
         (folder / name).unlink(missing_ok=True)
     write_atomic(folder / POSES, format_kitti_poses(result.poses))
     write_atomic(folder / POSES_TUM, format_tum(sequence.times, result.poses))
