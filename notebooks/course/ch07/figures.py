@@ -168,7 +168,7 @@ def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]], heig
     axis.set_position((0.27, box.y0, 0.57, box.height))  # room for names and for the legend
     lines = [(f"{name}: {words}", cells) for name, each in ratios.items() for words, cells in each.items()]
     sequences = list(dict.fromkeys(name for _, cells in lines for name in cells))
-    for place, (sequence, marker) in enumerate(zip(sequences, "os^vDP*X", strict=False)):
+    for place, (sequence, marker) in enumerate(zip(sequences, "os^vDP*Xh", strict=False)):
         x = [cells[sequence] for _, cells in lines]
         colour = CYCLE[place % len(CYCLE)]
         axis.plot(x, np.arange(len(lines)), marker, label=sequence, color=colour, markersize=7, alpha=0.9)
