@@ -139,14 +139,14 @@ def solve_five(x_p, x_c): return five_point(x_p, x_c)
     monkeypatch.setattr(sys, "argv", ["marks", str(anna), str(ben)])
     assert marks.main() == 2
     told = capsys.readouterr()
-    weights, select = "4.7  weights              passes", "3.5  select               not there"
+    weights, select = "4.8  weights              passes", "3.5  select               not there"
     for line in (f"1 of {len(marks.asked())} pass", weights, select, "hands the work to `five_point`"):
         assert line in told.out
     assert re.fullmatch("error: .*ben.py: it cannot be run.*\n", told.err)
     monkeypatch.setattr(sys, "argv", ["marks", "--json", str(anna)])
     assert marks.main() == 0
     functions = json.loads(capsys.readouterr().out)[str(anna)]["functions"]
-    assert functions["weights"] == {"exercise": "4.7", "passed": True, "says": ""}
+    assert functions["weights"] == {"exercise": "4.8", "passed": True, "says": ""}
 
 
 MOVED = "from vo_lib.core.geometry import inverse"

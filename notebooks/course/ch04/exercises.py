@@ -17,7 +17,7 @@ from vo_lib.paper.translation import feature_rows as library_rows
 from ..checker import Case, Exercise, When
 from .weightings import alone, seen, solve_all, spread_points
 
-CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1241, height=376)
+CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, height=376)
 R_CP = rotation_from_vector(np.array([0.01, 0.05, -0.02]))
 T_CP = np.array([0.05, -0.02, -0.9])
 FAR, NEAR = 40.0, 8.0  # metres
@@ -44,6 +44,12 @@ def eight_rows(
         rows = np.outer(x, [0, 0, 1]) - np.eye(3)[:2]
         M[2 * view : 2 * view + 2] = np.hstack([rows @ R_cp, rows] if view > 1 else [rows, 0.0 * rows])
     return M, c
+
+
+def times(x: float, y: float) -> Callable[..., tuple[Array, Array]]:
+    """The same equations, both sides of those in x and in y times a number."""
+    factors = np.tile([x, y], 4)
+    return lambda *case: (factors[:, None] * eight_rows(*case)[0], factors * eight_rows(*case)[1])
 
 
 def solve(M: Array, c: Array) -> Array:
@@ -102,26 +108,36 @@ feature_rows = Exercise(
     eight_rows,
     one_match,
     parts=("M", "c"),
+    also=(times(-1, -1), times(-1, 1), times(1, -1)),
     task="A function (x_pl, x_pr, x_cl, x_cr, R_cp, b) -> M (8, 6), c (8,) of equation (3) for one feature.",
-    praise="the library's rows, for one feature: M (Q, t) = c.",
-    hint="order: x and y in previous left, previous right, current left, current right.",
-    line="row = x[0] * e3 - e1; M.append(np.concatenate([row @ R_cp, row])), in the current pair",
+    praise="the library's rows (up to a sign), for one feature: M (Q, t) = c.",
+    hint="order of the rows: x and y in previous left, previous right, current left, current right.",
+    line="row = x[0] * e3 - e1; M.append(np.concatenate([row @ R_cp, row]))",
     library=("feature_rows",),
     mistakes={
         "the rotation is missing: in the current pair P = R Q + t.": with_rotation(lambda R: np.eye(3)),
-        "the rotation is used the other way round: the row stands left of R Q.": with_rotation(np.transpose),
-        "the unknowns stand in another order: columns are Q first, then t.": lambda *case: (
+        "R is transposed: the row multiplies R Q from the left, so the columns of Q are row @ R_cp.": (
+            with_rotation(np.transpose)
+        ),
+        "left and right images are exchanged.": lambda pl, pr, cl, cr, R_cp, b: (
+            eight_rows(pr, pl, cr, cl, R_cp, b)[0],
+            np.roll(eight_rows(pl, pr, cl, cr, R_cp, b)[1], -2),
+        ),
+        "the baseline is taken as 1: use `b`.": lambda pl, pr, cl, cr, R_cp, _: eight_rows(
+            pl, pr, cl, cr, R_cp, 1.0
+        ),
+        "the columns are in another order: Q first, then t.": lambda *case: (
             np.roll(eight_rows(*case)[0], 3, axis=1),
             eight_rows(*case)[1],
         ),
-        "the columns of Q are right, those of t are not: t enters in the current pair only, not turned.": When(
+        "the columns of Q are right, those of t are not: t appears in the current pair only, without R.": When(
             lambda M, *case: np.allclose(M[:, :3], eight_rows(*case)[0][:, :3])
         ),
-        "M is right, c is not: in a right image x (e3ᵀ P) = e1ᵀ P - b. In which rows does one look at x?": When(
+        "M is right, c is not: the baseline appears only in the x rows of the two right images.": When(
             lambda c, *case: c.shape == (8,)
         ),
     },
-    slips={"order": "the right rows in another order: x and y of one image together, then the next image."},
+    slips={"order": "the right rows in another order: x and y of one image, then those of the next image."},
 )
 
 one_feature = Exercise(
@@ -130,23 +146,23 @@ one_feature = Exercise(
     atol=1e-6,
     task="A function (M (8, 6), c (8,)) -> t_cp (3,), metres, from one feature.",
     praise="t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, -0.9).",
-    hint="least squares of M times the six unknowns = c, and of these the last three.",
+    hint="solve M q = c by least squares; t is the last three of the six numbers in q.",
     line="np.linalg.lstsq(M, c, rcond=None)[0][3:]",
     mistakes={
-        "this is (Q, t), six numbers; t are the last three.": solve,
-        "this is the point Q; t are the last three.": lambda M, c: solve(M, c)[:3],
+        "this is (Q, t), six numbers; t is the last three.": solve,
+        "this is the point Q; t is the last three numbers.": lambda M, c: solve(M, c)[:3],
     },
 )
 
 rank_at_infinity = Exercise(
     4,
     task="The rank of the 8×6 matrix of a feature whose disparity is zero in both pairs.",
-    praise="4: each pair keeps two of its four rows. Such a feature knows a direction, and no length.",
-    hint="x and x' are equal, y and y' as well: how many different rows does each pair have left?",
+    praise="4: each pair has two different rows. Such a feature gives a direction and no length.",
+    hint="left and right points are equal, so the rows of a pair repeat: count the different ones.",
     line="np.linalg.matrix_rank(rows_of_one(x, x, x, x, np.eye(3), 0.5)[0])",
     mistakes={
-        "then it would tell t; without a disparity, which two rows of a pair are equal?": 6,
-        "a matrix of six columns has no rank 8.": 8,
+        "with rank 6 the feature would determine t. Without a disparity, two rows of each pair repeat.": 6,
+        "a matrix with six columns has at most rank 6.": 8,
     },
 )
 
@@ -155,11 +171,11 @@ row_error = Exercise(
     rtol=0.01,
     task="How many times larger the error of a row is at 40 m than at 8 m, for the same error in pixels.",
     praise="Z: {right:g} times. So a row divided by Z has the same error, dx, at every depth.",
-    hint="by what does (x e3 - e1)ᵀ P change when x does?",
+    hint="by how much does (x e3 - e1)ᵀ P change when x changes by dx?",
     line="40 / 8",
     mistakes={
         "this is how the depth error grows; a row changes by dx · P₃.": (FAR / NEAR) ** 2,
-        "far rows are not better, and not equal: which factor stands beside x?": (NEAR / FAR, 1.0),
+        "the error of a row grows with the depth: dx is multiplied by P₃.": (NEAR / FAR, 1.0),
     },
 )
 
@@ -169,17 +185,15 @@ stack = Exercise(
     atol=1e-6,
     task="A function (A (N, 8, 3), B (N, 8, 3), c (N, 8)) -> t (3,): the least-squares t of A Q_i + B t = c.",
     praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, as the library's `eliminate_points` has it.",
-    hint="one N_i for each feature; two sums over all features, one (3, 3) and one (3,); one system at the end.",
+    hint="for each feature compute N_i; add up B_iᵀ N_i B_i and B_iᵀ N_i c_i; solve one 3×3 system at the end.",
     line="N = np.eye(8) - A_i @ np.linalg.pinv(A_i); H += B_i.T @ N @ B_i; g += B_i.T @ N @ c_i",
     library=("eliminate_points", "solve_translation", "robust_translation"),
     mistakes={
-        "this is the mean or the median of the features' own answers; one t has to suit all rows at once.": (
+        "this is the mean or the median of the single answers; solve for one t with all rows at once.": (
             lambda A, B, c: alone(A, B, c).mean(axis=0),
             lambda A, B, c: np.median(alone(A, B, c), axis=0),
         ),
-        "the points Q are left out; they have to be eliminated first.": lambda A, B, c: solve(
-            B.reshape(-1, 3), c.ravel()
-        ),
+        "the points Q are ignored; eliminate them first.": lambda A, B, c: solve(B.reshape(-1, 3), c.ravel()),
     },
 )
 
@@ -189,15 +203,14 @@ bias = Exercise(
     parts=("bias", "scatter"),
     atol=1e-6,
     task="A function (answers (S, 3), t_true (3,)) -> bias and scatter of their lengths, in % of the true one.",
-    praise="bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: the first stays when more draws are averaged, the "
-    "second does not.",
-    hint="take the length of every answer first, then compare with the true length.",
+    praise="bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: averaging over more features reduces the second only.",
+    hint="compute the length of each answer first, then compare it with the true length.",
     line="off = 100 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1); off.mean(), off.std()",
     mistakes={
-        "this is the mean distance from the true translation; scatter to the sides adds to it.": but_bias(
+        "this is the mean distance from the true translation, to which sideways scatter contributes.": but_bias(
             lambda answers, t: 100 * norm(answers - t).mean() / norm(t)
         ),
-        "this is the length of the mean answer; each answer's own length is wanted.": but_bias(
+        "this is the length of the mean answer; take the mean of the lengths.": but_bias(
             lambda answers, t: 100 * (norm(answers.mean(axis=0)) / norm(t) - 1)
         ),
         "the bias is in metres, not in % of the true length.": but_bias(
@@ -208,21 +221,34 @@ bias = Exercise(
 
 robust_weight = Exercise(
     cauchy,
-    lambda: [(np.array(r), 0.5) for r in ([0.0], [0.5], [-0.5], [0.0, 0.25, 0.5, -0.5, 2.0, 100.0])],
+    lambda: [
+        (s * np.array(r), s)
+        for s in (0.5, 0.8, 2.0)
+        for r in ([0.0], [1.0], [-1.0], [0.0, 0.5, 1.0, -1.0, 4.0, 200.0])
+    ],
     task="A function (r (N,), s) -> Cauchy weights (N,) of residuals.",
-    praise="1 for a perfect feature, ½ at the scale s, and next to nothing for a mismatch.",
-    hint="r counts in units of s; the formula stands above.",
+    praise="1 for a residual of zero, ½ at the scale s, and nearly 0 for a mismatch.",
+    hint="divide r by s, square the quotient, add 1, take the inverse.",
     line="1 / (1 + (r / s) ** 2)",
     mistakes={
         "r / s is not squared.": lambda r, s: 1 / (1 + np.abs(r) / s),
-        "these are the weights of Huber; Cauchy's fall from the start.": lambda r, s: np.minimum(
-            1.0, s / np.maximum(np.abs(r), 1e-12)
+        "these are Huber's weights; Cauchy's are below 1 for every residual but zero.": lambda r, s: (
+            np.minimum(1.0, s / np.maximum(np.abs(r), 1e-12))
         ),
         "this is all or nothing; the Cauchy weight falls smoothly.": lambda r, s: np.abs(r) <= s,
+        "the weights are divided by their sum; each depends on its own residual alone.": lambda r, s: (
+            cauchy(r, s) / cauchy(r, s).sum()
+        ),
+        "this is a Gaussian, which falls much faster than Cauchy's weight.": (
+            lambda r, s: np.exp(-((r / s) ** 2)),
+            lambda r, s: np.exp(-0.5 * (r / s) ** 2),
+        ),
+        "this is the square root of the weight.": lambda r, s: np.sqrt(cauchy(r, s)),
+        "the scale is fixed: use `s`.": lambda r, s: cauchy(r, 0.5),
         "a feature without residual has weight {got:.3g}, not 1: is this the cost, or the inverse?": (
             When(one_residual(0.0))
         ),
-        "at r = s the weight is {got:.3g}, not ½: is r divided by s, and only the quotient squared?": (
+        "at r = s the weight is {got:.3g}, not ½: divide r by s, then square the quotient.": (
             When(one_residual(1.0))
         ),
         "r and -r have different weights.": When(one_residual(-1.0)),
@@ -230,24 +256,27 @@ robust_weight = Exercise(
 )
 
 turned_sideways = Exercise(
-    {"error in x": -27.0, "error in z": -11.0}
-    | {"rotation error": 0.1, "wrong share": 0.0, "noise added": 0.1},
-    task="The panel shows an error above 20 mm in x, at most half of it in z, by a wrong rotation alone.",
-    praise="{error in x:.0f} mm in x, {error in z:.0f} mm in z: what turns too far seems to slip sideways.",
+    {"error in x": -35.0, "error in z": 10.0, "error in x / rotation error": 10.0, "depth limit": 15.0}
+    | {"rotation error": 0.2, "wrong share": 0.0, "noise added": 0.1},
+    task="Features nearer than 15 m only; an error above 30 mm in x, at most half of it in z, by the rotation alone.",
+    praise="{rotation error:.2f}° times {error in x / rotation error:.0f} m is {error in x:.0f} mm: near features "
+    "slip less, so the rotation error has to be larger than with all features.",
     mistakes={
         "the rotation is right here, so this error has another cause: move `rotation error`.": lambda now: (
             not abs(now["rotation error"]) > 0
         ),
-        "{wrong share:.0f} % of the matches are wrong, and {noise added:.2f} px of noise is added. Only the "
-        "rotation is to blame: set `wrong share` to 0 and `noise added` to 0.1 at most.": lambda now: (
+        "{wrong share:.0f} % of the matches are wrong, and {noise added:.2f} px of noise is added. Set `wrong share` "
+        "to 0 and `noise added` to 0.1 at most: the rotation alone should cause the error.": lambda now: (
             now["wrong share"] > 0 or now["noise added"] > 0.1
         ),
-        "the error in x is only {error in x:.1f} mm; turn the rotation a little, leave the rest.": lambda now: (
-            not abs(now["error in x"]) > 20.0
+        "features up to {depth limit:.0f} m are used: lower `depth limit` to 15 m.": lambda now: (
+            not now["depth limit"] <= 15.0
         ),
-        "{error in x:.0f} mm in x, but {error in z:.0f} mm in z as well. Take a weighting that bears what "
-        "disturbs z: the first of the list.": lambda now: (
-            not abs(now["error in x"]) > 2.0 * abs(now["error in z"])
+        "the error in x is only {error in x:.1f} mm: a slip is the depth times the angle, and these features are near."
+        "": lambda now: not abs(now["error in x"]) > 30.0,
+        "{error in x:.0f} mm in x, but {error in z:.0f} mm in z as well. Choose the first weighting of the list: with "
+        "the others, moving cars spoil z.": lambda now: (
+            not abs(now["error in x"]) >= 2.0 * abs(now["error in z"])
         ),
     },
 )

@@ -1,4 +1,4 @@
-"""Chapter 4, drawn: what each feature says alone, residuals by depth, the answer and how sure it is."""
+"""Chapter 4, drawn: answers of single features, residuals by depth, the joint answer with its covariance."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ def features_picture(image: Image, matches: StereoMatches, weight: Array, words:
     return caption(photo(picture, WIDTH, height), words)
 
 
-def residuals_chart(axis: Axes, depth: Array, residual: Array, scale: float, robust: bool) -> None:
-    """Residual of each feature over its depth; the line is where a weight is halved."""
+def residuals_chart(axis: Axes, depth: Array, residual: Array, limit: float | None) -> None:
+    """Residual of each feature over its depth; at the limit (the line) a weight is halved or becomes zero."""
     used = np.isfinite(residual)
-    heavy = used & ((residual <= scale) | (not robust))
+    heavy = used & (residual <= (np.inf if limit is None else limit))
     shown = np.clip(residual, LEAST, MOST)
     for chosen, colour, words in ((heavy, GOOD, "counts"), (used & ~heavy, BAD, "weight below ½")):
         axis.plot(depth[chosen], shown[chosen], ".", color=colour, markersize=4, label=words)
     lowest = np.full(np.count_nonzero(~used), LEAST)
     axis.plot(depth[~used], lowest, "|", color=PALE, markersize=8, label="not used")
-    if robust:
-        axis.axhline(scale, color=DARK, linewidth=1, linestyle=":")
+    if limit is not None:
+        axis.axhline(limit, color=DARK, linewidth=1, linestyle=":")
     log_axis(axis.xaxis, *DEPTHS, COARSE)
     log_axis(axis.yaxis, 0.8 * LEAST, MOST)
-    title = "what each feature leaves of its eight rows"
+    title = "residual of each feature's eight rows"
     finish(axis, title, "depth [m]", "residual [px]", "upper left", boxed=True)
 
 
@@ -85,22 +85,24 @@ def mark_reference(axis: Axes, name: str) -> None:
 def millimetres_from_above(axis: Axes, half: float, title: str) -> None:
     """Limits, names and a boxed legend for errors of a translation in the x-z plane."""
     ticks = [-half, -half / 2, 0, half / 2, half]
-    axis.set(xlim=(-half, half), ylim=(-half, half), xticks=ticks, yticks=ticks)
+    axis.set(xlim=(-half, half), ylim=(-half, half))
+    for each in (axis.xaxis, axis.yaxis):
+        each.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     finish(axis, title, "x, right [mm]", "z, forward [mm]", boxed=True)
 
 
-def spread_figure(depth: Array, error: Array, height: int = 260) -> Figure:
-    """What each feature says alone: errors of its t from above, and their length over its depth.
+def spread_figure(depth: Array, error: Array, reference: str, height: int = 260) -> Figure:
+    """The answer of each feature alone: errors of its t from above, and their length over its depth.
 
     Parameters
     ----------
-    depth : (N,); error : (N, 3) error of each feature's own translation; metres.
+    depth : (N,); error : (N, 3) of each feature's own translation, metres, against `reference`.
     """
     made, (above, axis) = figure(height, 2, (1.0, 1.6))
     length = np.linalg.norm(error, axis=1)
     for near, colour, words in ((depth < 15, GOOD, "nearer than 15 m"), (depth >= 15, PALE, "farther")):
         above.plot(*(MILLI * error[near][:, [0, 2]]).T, ".", color=colour, markersize=4, label=words)
-    mark_reference(above, "the truth")
+    mark_reference(above, reference)
     millimetres_from_above(above, 200.0, "t of each feature, from above")
     axis.plot(depth, np.clip(MILLI * length, 0.1, None), ".", color=GOOD, markersize=4, label="one feature")
     near = (depth > 5) & (depth < 80)
@@ -110,7 +112,7 @@ def spread_figure(depth: Array, error: Array, height: int = 260) -> Figure:
     log_axis(axis.xaxis, *DEPTHS, COARSE)
     axis.set_yscale("log")
     axis.minorticks_off()
-    finish(axis, "how wrong one feature is", "depth Z [m]", "error of t [mm]")
+    finish(axis, "error of one feature", "depth Z [m]", "error of t [mm]")
     return made
 
 
@@ -119,15 +121,15 @@ def variants_figure(tables: dict[str, dict[str, Array]], height: int = 290) -> F
     made, axes = figure(height, len(tables))
     for axis, (title, errors) in zip(axes, tables.items(), strict=True):
         for row, (name, values) in enumerate(errors.items()):
-            spread = np.linspace(-0.1, 0.2, len(values))
-            axis.plot(values, row + 0.1 + spread, ".", color=GOOD, markersize=4)
-            axis.plot(np.median(values), row + 0.15, "|", color=BAD, markersize=18, markeredgewidth=3)
+            spread = np.linspace(0.05, 0.35, len(values))
+            axis.plot(values, row + spread, ".", color=GOOD, markersize=4)
+            axis.plot([np.median(values)] * 2, [row, row + 0.4], color=BAD, linewidth=3)
             words = f"{name}: {np.median(values):.1f} mm"
-            axis.text(0.01, row - 0.22, words, fontsize=FONT_SIZE - 1, transform=axis.get_yaxis_transform())
+            axis.text(0.01, row - 0.15, words, fontsize=FONT_SIZE - 1, transform=axis.get_yaxis_transform())
         axis.set_xscale("log")
         log_axis(axis.xaxis, *axis.get_xlim())
         axis.set_yticks([])
-        axis.set_ylim(len(errors) - 0.6, -0.8)
+        axis.set_ylim(len(errors) - 0.5, -0.8)
         finish(axis, title, "error of t [mm]; orange: median")
     return made
 
@@ -156,7 +158,7 @@ def bias_figure(
 
 
 def weight_figure(scale: float, height: int = 200) -> Figure:
-    """What a feature's error costs and counts, least squares beside the robust weights."""
+    """Cost and weight of a residual: least squares beside Cauchy."""
     made, (cost, weight) = figure(height, 2)
     r = np.linspace(0.0, 3.0, 100)
     cost.plot(r, r**2, color=PALE, linewidth=1.5, label="least squares: r²")

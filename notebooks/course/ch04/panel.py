@@ -13,9 +13,9 @@ from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import rotation_from_vector
 from vo_lib.geometry.types import Array
-from vo_lib.kit.settings import KitTranslationConfig
-from vo_lib.kit.translation import robust_translation
-from vo_lib.paper.translation import feature_rows
+from vo_lib.kit.settings import KitConfig, KitTranslationConfig
+from vo_lib.paper.settings import TranslationConfig, TranslationLimits
+from vo_lib.paper.translation import feature_rows, solve_translation
 from vo_lib.settings import Checked, setting
 
 from ..ch02.panel import reference_rotation
@@ -25,21 +25,23 @@ from ..frames import Points, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 from .figures import MILLI, ellipse_chart, features_picture, residuals_chart
-from .weightings import ROBUST, WEIGHTINGS, alone, solve_by
+from .weightings import METHOD, WEIGHTINGS, alone, solve_by
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 GROUPS = 10  # of features that are solved apart, to see how the answers scatter
-TRUE, RECORDED = "the truth", "the recorded truth"
+TRUE, RECORDED, UNDISTURBED = "the truth", "the recorded truth", "the undisturbed published answer"
 
 
 @dataclass(frozen=True)
 class TranslationView(Checked):
     """What the panel of chapter 4 does to the matches and to the rotation of the frame."""
 
-    weighting: str = setting(ROBUST, "how the rows of all features are put together", choices=WEIGHTINGS)
+    weighting: str = setting(METHOD, "how the rows of all features are put together", choices=WEIGHTINGS)
     noise: float = setting(0.1, "noise added to each coordinate in all four images", unit="px", low=0, high=2)
     wrong: float = setting(0.0, "share of matches with a wrong place in the current pair", low=0, high=0.9)
-    turn: float = setting(0.0, "the rotation is turned to the right by this", unit="deg", low=-0.5, high=0.5)
+    turn: float = setting(
+        0.0, "the rotation is turned about the vertical axis by this", unit="deg", low=-0.5, high=0.5
+    )
     draw: int = setting(0, "draws other noise and other wrong matches", low=0, high=999)
 
 
@@ -63,17 +65,27 @@ def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
     return reference_rotation(sequence, frame, known)
 
 
+def reference(sequence: Sequence, points: Points, R_cp: Array) -> tuple[Array, str]:
+    """What a translation is compared with, (3,) metres, and its name."""
+    if points.T_cp is not None:
+        return np.asarray(points.T_cp[:3, 3]), RECORDED if truth(sequence) is None else TRUE
+    solved = solve_translation(sequence.camera, points.matches, R_cp, TranslationConfig())
+    if solved is None:
+        raise DataError("this frame's matches give no translation")
+    return solved[0], UNDISTURBED
+
+
 def covariance(
     camera: StereoCamera,
     matches: StereoMatches,
     R_cp: Array,
-    config: KitTranslationConfig,
-    weighting: str = ROBUST,
+    config: TranslationLimits,
+    weighting: str = METHOD,
 ) -> Array:
     """Covariance (3, 3) of the translation, m², from the data alone, for every weighting alike.
 
     The features are dealt into G groups which are solved apart. The mean of G answers that scatter with the
-    covariance S has S / G, and all features together are about as sure as that.
+    covariance S has S / G, and all features together are about as certain as that.
     """
     group = np.arange(len(matches)) % GROUPS
     solved = [solve_by(weighting, camera, matches[group == g], R_cp, config) for g in range(GROUPS)]
@@ -84,53 +96,61 @@ def covariance(
 class TranslationPanel(Panel):
     """One frame's translation: residuals by depth, and the error with its ellipse from above."""
 
-    start = preset("solution_selection", variant="kit")
     title = "From a rotation and stereo matches to a translation"
     view = TranslationView
     height = PHOTO_HEIGHT + CHART_HEIGHT
+    kit = preset("solution_selection", variant="kit")
     controls = (
         Control("view.weighting", "weighting"),
         Control("translation.max_depth", "depth limit", high=150, step=5),
+        Control("translation.agreement", "agreement", low=0.4, high=5, step=0.1),
         Control("translation.scale", "scale s", high=5, step=0.05),
-        Control("view.noise", "noise added", step=0.05),
+        Control("view.noise", "noise added", high=0.8, step=0.05),
         Control("view.wrong", "wrong share", step=0.05),
         Control("view.turn", "rotation error", step=0.01),
         Control("view.draw", "draw again", button=True),
     )
 
+    def idle(self, state: State) -> set[str]:
+        if state.view.weighting != METHOD:
+            return {"translation.agreement", "translation.scale"}
+        return {"translation.agreement"} if isinstance(state.config, KitConfig) else set()
+
     def draw(self, state: State) -> Drawing:
         sequence, frame, camera = state.sequence, state.frame, state.sequence.camera
-        config = state.kit.translation
-        points = frame_points(sequence, frame, state.kit)
+        config, view = state.config.translation, state.view
+        points = frame_points(sequence, frame, state.config)
         R_usual = usual_rotation(sequence, frame, points)
-        reference, words = _reference(camera, points, R_usual, truth(sequence) is not None)
-        R = rotation_from_vector(np.radians([0.0, state.view.turn, 0.0])) @ R_usual
-        matches = disturbed(points.matches, state.view)
-        weighting = state.view.weighting
-        solved = solve_by(weighting, camera, matches, R, config)
+        t_ref, words = reference(sequence, points, R_usual)
+        R = rotation_from_vector(np.radians([0.0, view.turn, 0.0])) @ R_usual
+        matches = disturbed(points.matches, view)
+        solved = solve_by(view.weighting, camera, matches, R, config)
         if solved is None:
-            raise DataError("no feature can be used: raise the depth limit")
+            raise DataError("no feature can be used, or none agrees: raise the depth limit or the agreement")
         t, residual, weight = solved
         used = np.isfinite(residual)
-        C = covariance(camera, matches, R, config, weighting)
+        C = covariance(camera, matches, R, config, view.weighting)
         chart, (left, right) = figure(CHART_HEIGHT, 2, (1.7, 1.0))
-        residuals_chart(left, points.X_p[:, 2], residual, config.scale, weighting == ROBUST)
-        ellipse_chart(right, alone(*feature_rows(camera, matches, R)), weight, t, C, reference, words)
+        limit = config.scale if isinstance(config, KitTranslationConfig) else config.agreement
+        residuals_chart(left, points.X_p[:, 2], residual, limit if view.weighting == METHOD else None)
+        ellipse_chart(right, alone(*feature_rows(camera, matches, R)), weight, t, C, t_ref, words)
         picture = features_picture(
             stereo(sequence, frame)[0],
             matches,
             weight,
-            f"frame {frame}: blue counts, orange hardly counts, grey is not used",
+            f"frame {frame}: blue counts, orange hardly or not, grey is beyond the depth limit",
             PHOTO_HEIGHT,
         )
-        error = MILLI * (t - reference)
-        step = float(np.linalg.norm(reference))
+        error, step = MILLI * (t - t_ref), float(np.linalg.norm(t_ref))
+        length = float(np.linalg.norm(t)) / step - 1.0 if step > 0 else np.nan
+        slip = abs(float(error[0]) / MILLI / np.radians(view.turn)) if view.turn else np.nan
         sentence = (
             f"{np.count_nonzero(used)} of {len(matches)} features give t_cp = ({t[0]:.3f}, {t[1]:.3f}, "
-            f"{t[2]:.3f}) m. It is {np.linalg.norm(error):.1f} mm from {words}, for a step of {step:.2f} m."
+            f"{t[2]:.3f}) m. It is {np.linalg.norm(error):.1f} mm from {words}, for a step of {step:.2f} m "
+            f"({round(length, 3) + 0.0:+.1%} in length)."
         )
         if words == RECORDED:
-            sentence += " Over one frame that truth is itself only good to some centimetres."
+            sentence += " One frame does not tell an error of the calibration from one of the recorded truth."
         facts = (
             Fact("error", float(np.linalg.norm(error)), "mm", 1),
             Fact("error in x", float(error[0]), "mm", 1),
@@ -140,18 +160,10 @@ class TranslationPanel(Panel):
             Fact("features used", int(np.count_nonzero(used))),
             Fact("median residual", float(np.median(residual[used])), "px", 2),
             Fact("weight below ½", int(np.count_nonzero(weight < 0.5))),
-            Fact("rotation error", state.view.turn, "°", 2),
-            Fact("wrong share", 100 * state.view.wrong, "%"),
-            Fact("noise added", state.view.noise, "px", 2),
+            Fact("error in x / rotation error", slip, "m", 1),
+            Fact("depth limit", config.max_depth, "m"),
+            Fact("rotation error", view.turn, "°", 2),
+            Fact("wrong share", 100 * view.wrong, "%"),
+            Fact("noise added", view.noise, "px", 2),
         )
         return Drawing(stack([picture, chart], self.height), sentence, facts)
-
-
-def _reference(camera: StereoCamera, points: Points, R_cp: Array, drawn: bool) -> tuple[Array, str]:
-    """What the translation is compared with, metres, and what to call it."""
-    if points.T_cp is not None:
-        return np.asarray(points.T_cp[:3, 3]), TRUE if drawn else RECORDED
-    solved = robust_translation(camera, points.matches, R_cp, KitTranslationConfig())
-    if solved is None:
-        raise DataError("this frame's matches give no translation")
-    return solved[0], "the undisturbed answer"

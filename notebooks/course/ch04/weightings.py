@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from course.simulation.tracks import TrackConfig
-from vo_lib.config import preset
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import transform
@@ -13,12 +12,15 @@ from vo_lib.geometry.types import Array
 from vo_lib.kit.settings import KitTranslationConfig
 from vo_lib.kit.translation import robust_translation
 from vo_lib.paper import translation as paper
+from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 
 from ..lessons import CAMERA, drive, estimated_rotations
 
-ROBUST, PUBLISHED, PIXELS, METRES = "robust", "published", "rows in pixels", "rows in metres"
+# How all features' rows are put together: as the configuration's own method does, or in a plain way.
+METHOD, PIXELS, METRES = "the method's own", "rows in pixels", "rows in metres"
 MEDIAN, MEAN = "median of features", "mean of features"
-WEIGHTINGS = (ROBUST, PUBLISHED, PIXELS, METRES, MEDIAN, MEAN)
+WEIGHTINGS = (METHOD, PIXELS, METRES, MEDIAN, MEAN)
+PUBLISHED, ROBUST = "published", "robust (kit)"
 
 
 def spread_points(count: int, seed: int, nearest: float, farthest: float) -> Array:
@@ -52,14 +54,14 @@ def solve_all(M: Array, d: Array, weight: Array) -> Array:
 
 
 def solve_by(
-    weighting: str, camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: KitTranslationConfig
+    weighting: str, camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: TranslationLimits
 ) -> tuple[Array, Array, Array] | None:
     """The translation t_cp (3,), metres, that a weighting gives.
 
     With it the residual norm (N,) of each feature's eight rows, pixels (infinite beyond the largest depth), and
     the weight (N,) that it has beside its depth (NaN: not used). None where there is no answer.
     """
-    if weighting == ROBUST:
+    if weighting == METHOD and isinstance(config, KitTranslationConfig):
         solved = robust_translation(camera, matches, R_cp, config)
         if solved is None:
             return None
@@ -72,9 +74,9 @@ def solve_by(
     rows = paper.feature_rows(camera, matches[used], R_cp)
     M, d = paper.eliminate_points(*rows)
     weight = np.ones(len(used))
-    if weighting == PUBLISHED:
-        settings = preset("solution_selection", variant="published").translation
-        found = paper.solve_translation(camera, matches[used], R_cp, settings)
+    if weighting == METHOD:
+        assert isinstance(config, TranslationConfig)
+        found = paper.solve_translation(camera, matches[used], R_cp, config)
         if found is None:
             return None
         t, weight = found[0], found[1].astype(np.float64)
@@ -90,10 +92,12 @@ def solve_by(
 
 def weighting_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str, Array]:
     """Translation error of each frame, millimetres, by weighting; the same estimated rotations for all."""
-    errors: dict[str, list[float]] = {name: [] for name in WEIGHTINGS}
+    ways = {PUBLISHED: METHOD, ROBUST: METHOD} | {name: name for name in WEIGHTINGS[1:]}
+    errors: dict[str, list[float]] = {name: [] for name in ways}
     for frame, R_cp in estimated_rotations(drive(frames), tracks, seed):
-        for name in WEIGHTINGS:
-            solved = solve_by(name, CAMERA, frame.matches, R_cp, KitTranslationConfig())
+        for name, way in ways.items():
+            config = KitTranslationConfig() if name == ROBUST else TranslationConfig()
+            solved = solve_by(way, CAMERA, frame.matches, R_cp, config)
             assert solved is not None
             errors[name].append(1e3 * float(np.linalg.norm(solved[0] - frame.T_cp[:3, 3])))
     return {name: np.array(values) for name, values in errors.items()}
