@@ -297,6 +297,7 @@ far_off = Exercise(
     praise="{rotation error of solution 1:.1f}° from five matches of this frame. Such a set shows only when its "
     "solutions are compared with all other matches.",
     mistakes={
+        "this sequence has no ground truth: choose one that has.": lambda now: np.isnan(now[FIRST]),
         "{noise added:.2f} px of noise are added: set the noise to 0.": lambda now: now["noise added"] != 0,
         "solution {solution:.0f} is {rotation error of this solution:.1f}° wrong, but solution 1 of the same five "
         "matches only {rotation error of solution 1:.2f}°. `solution` only moves between the solutions of one set: "

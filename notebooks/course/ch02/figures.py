@@ -11,7 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vo_lib.geometry.camera import StereoCamera
-from vo_lib.geometry.motion import decompose_essential, rotation_angle
+from vo_lib.geometry.motion import (
+    decompose_essential,
+    essential_from_motion,
+    inverse,
+    rigid,
+    rotation_angle,
+    rotation_from_vector,
+    transform,
+)
 from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.paper.five_point import (
     EXPONENTS,
@@ -19,12 +27,17 @@ from vo_lib.paper.five_point import (
     determinant,
     eliminate,
     epipolar_rows,
+    five_point,
     null_space,
 )
 from vo_lib.paper.real_roots import DEGREE, real_roots
+from vo_lib.paper.sampson import sampson_distance
 
 from ..colours import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr
 from ..drawing import figure, finish, log_axis, photo, room
+from ..simulation.problems import FOCAL, Motion, random_problems
+from ..view3d import Shape
+from ..view3d import camera as view_of
 
 # Of the polynomial's largest value: smaller values are shown as they are, larger compressed.
 COMPRESSED = 1e-3
@@ -80,7 +93,10 @@ def pixels(x: Array, camera: StereoCamera) -> Array:
 def lines_picture(
     image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, names: Sequence[int]
 ) -> Image:
-    """The current image with M matches (M, 2), named, each with its epipolar line under its own E (M, 3, 3)."""
+    """The current image with M matches (M, 2), named, each with its epipolar line under its own E (M, 3, 3).
+
+    Of one match, the lines are numbered.
+    """
     picture = photo(image, image.shape[1])
     colours = [CYCLE[number % len(CYCLE)] for number in range(len(E))]
     for each, point, colour in zip(E, x_p, colours, strict=True):
@@ -88,6 +104,8 @@ def lines_picture(
     one = len(set(names)) == 1
     for uv, colour, name in zip(pixels(x_c, camera), colours, names, strict=True):
         draw_dot(picture, uv, "#FFFFFF" if one else colour, 6, str(name))
+    for number, colour in enumerate(colours if one else ()):
+        draw_dot(picture, np.array([20.0 + 50 * number, camera.height - 14.0]), colour, 8, str(number + 1))
     return photo(picture)
 
 
@@ -128,7 +146,7 @@ def polynomial_chart(axis: Axes, polynomial: Polynomial) -> None:
     finish(axis, title, "direction of (z, w) [deg]", "det C, compressed")
 
 
-def errors_chart(axis: Axes, errors: Array, winner: float) -> None:
+def errors_chart(axis: Axes, errors: Array, winner: float, what: str = "rotation error") -> None:
     """Histogram of rotation errors, degrees, on a logarithmic axis, and the error of the winner."""
     edges = np.logspace(-3, 2, 41)
     counts = np.histogram(np.clip(errors, edges[0], edges[-1]), edges)[0]
@@ -136,7 +154,7 @@ def errors_chart(axis: Axes, errors: Array, winner: float) -> None:
     axis.axvline(max(winner, edges[0]), color=BAD, linewidth=2)
     log_axis(axis.xaxis, edges[0], edges[-1])
     axis.set_ylim(0, room(1.05 * float(counts.max()), least=1.0))
-    finish(axis, "each set's best solution (line: consensus winner)", "rotation error [deg]", "sets")
+    finish(axis, "each set's best solution (line: consensus winner)", f"{what} [deg]", "sets")
 
 
 class TwoViewMotion(NamedTuple):
@@ -171,26 +189,83 @@ def four_motions(E: Array, x_p: Array, x_c: Array) -> list[TwoViewMotion]:
     return motions
 
 
-def four_motions_figure(motions: list[TwoViewMotion], x_p: Array, height: int = 300) -> Figure:
-    """The scene from above as each of the four motions would have it, each with axes that fit its points."""
-    made, axes = figure(height, 4)
-    for axis, motion in zip(axes, motions, strict=True):
-        x, z = motion.depth_p * x_p[:, 0], motion.depth_p
-        for chosen, colour in ((motion.front, GOOD), (~motion.front, BAD)):
-            axis.plot(x[chosen], z[chosen], ".", color=colour, markersize=3)
-        reach = room(1.1 * float(np.percentile(np.abs(z), 90)), least=2.0)
-        axis.set(xlim=(-0.6 * reach, 0.6 * reach), ylim=(-reach, reach))
-        # The cameras are a unit apart: their views are drawn large, the previous one behind the other.
-        previous = np.zeros(3), np.array([0.0, 0.0, 1.0]), DARK, 0.45
-        place_c = -motion.R.T @ motion.t
-        for place, ahead, colour, share in (previous, (place_c, motion.R[2], FOURTH, 0.3)):
-            arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 2.0}
-            end = place + share * reach * ahead
-            axis.annotate("", end[[0, 2]].tolist(), place[[0, 2]].tolist(), arrowprops=arrow)
-        turn = float(np.degrees(rotation_angle(motion.R)))
-        words = f"{turn:.0f}°, {'forward' if place_c[2] > 0 else 'backward'}: {np.mean(motion.front):.0%}"
-        finish(axis, words, "x / |t|", "z / |t|")
-    return made
+TOY = rigid(rotation_from_vector(np.array([0.0, -0.3, 0.0])), np.array([-0.7, 0.0, -0.6]))  # T_cp
+TOY_X = np.array([0.9, -0.5, 2.6])  # the point seen by both cameras, in the previous one
+
+
+def two_views(motion: TwoViewMotion, x_p: Array, words: str = "", at: float = 0.0) -> list[Shape]:
+    """Both cameras of a motion and the rays of a match x_p (2,) to where they meet, all shifted by `at` to the right.
+
+    Rays are orange where they meet behind a camera.
+    """
+    shift = rigid(np.eye(3), np.array([at, 0.0, 0.0]))
+    T_p_c = shift @ inverse(rigid(motion.R, motion.t))
+    X = transform(shift, (motion.depth_p[0] * np.append(x_p, 1.0))[None])[0]
+    rays = [
+        Shape(np.stack([T[:3, 3], X]), GOOD if motion.front[0] else BAD, name=words * (T is shift))
+        for T in (shift, T_p_c)
+    ]
+    return [*view_of(shift), *view_of(T_p_c, colour=FOURTH), *rays]
+
+
+def epipolar_plane() -> list[Shape]:
+    """Two cameras, a point, the plane through the three, and the line where it cuts the current image."""
+    T_p_c, c, size = inverse(TOY), inverse(TOY)[:3, 3], 1.2
+    x_p, x_c = (X[:2] / X[2] for X in (TOY_X, transform(TOY, TOY_X[None])[0]))
+    epipole = TOY[:2, 3] / TOY[2, 3]
+    ends = size * np.array([np.append(x_c + k * (epipole - x_c), 1.0) for k in (-0.3, 1.1)])
+    return [
+        *view_of(np.eye(4), "previous camera", size=size),
+        *view_of(T_p_c, "current camera", FOURTH, size=size),
+        Shape(np.stack([np.zeros(3), TOY_X, c, np.zeros(3)]), GOOD, "area"),
+        Shape(np.stack([size * np.append(x_p, 1.0), TOY_X]), GOOD, name="ray of the previous camera"),
+        Shape(np.stack([np.zeros(3), c]), DARK, name="t", width=3.0),
+        Shape(np.stack([np.zeros(3), TOY_X]), GOOD),
+        Shape(np.stack([TOY_X, c]), GOOD, name="point"),
+        Shape(transform(T_p_c, ends), BAD, name="epipolar line", width=3.0),
+    ]
+
+
+def four_views() -> list[Shape]:
+    """The four motions of one essential matrix beside each other, each with the rays of the same match."""
+    x = [(X[:2] / X[2])[None] for X in (TOY_X, transform(TOY, TOY_X[None])[0])]
+    motions = four_motions(essential_from_motion(TOY[:3, :3], TOY[:3, 3]), *x)
+    words = [f"motion {k}" for k in range(1, 5)]
+    return [s for k, m in enumerate(motions) for s in two_views(m, x[0][0], words[k], 3.5 * k)]
+
+
+def degeneracies(noise_px: float, count: int = 200) -> dict[str, tuple[float, float, float]]:
+    """By kind of scene: how many solutions of five points fit sixty others, and, with noise, errors of the best.
+
+    The errors are medians over the problems, in degrees: of the rotation, and of the direction of t.
+    """
+    found = {}
+    kinds: dict[str, Motion] = {
+        "general": "general", "points at one place": "general", "a plane": "planar", "pure rotation": "pure_rotation"
+    }  # fmt: skip
+    for name, kind in kinds.items():
+        given = random_problems(np.random.default_rng(0), count, 65, kind)
+        five = np.tile(np.arange(5), (count, 1))
+        if name == "points at one place":
+            five = np.argsort(np.linalg.norm(given.x_c - given.x_c[:, :1], axis=2), axis=1)[:, :5]
+        x_p, x_c = (np.take_along_axis(x, five[..., None], axis=1) for x in (given.x_p, given.x_c))
+        E, of = five_point(x_p, x_c)
+        fits = [
+            np.abs(sampson_distance(e, given.x_p[k], given.x_c[k])).max() < 1e-7
+            for e, k in zip(E, of, strict=True)
+        ]
+        noise = np.random.default_rng(1).normal(0.0, noise_px / FOCAL, (2, *x_p.shape))
+        E, of = five_point(x_p + noise[0], x_c + noise[1])
+        R, t = decompose_essential(E)
+        turn = rotation_angle(np.swapaxes(R, -1, -2) @ given.R_cp[of, None]).min(axis=-1)
+        order = np.lexsort((turn, of))
+        best = order[np.unique(of[order], return_index=True)[1]]
+        along = np.abs(np.sum(t[best] * given.t_cp[of[best]], axis=1))
+        way = np.median(np.arccos(np.clip(along, 0.0, 1.0)))
+        found[name] = sum(fits) / count, *np.degrees([np.median(turn[best]), way]).tolist()
+        if kind == "pure_rotation":  # every [t]× R is a solution, and no t is the true one
+            found[name] = np.inf, found[name][1], np.nan
+    return found
 
 
 POWERS = [["", name, f"{name}²", f"{name}³"] for name in "xyzw"]
@@ -199,14 +274,18 @@ MONOMIALS = ["".join(names[power] for names, power in zip(POWERS, row, strict=Tr
 
 def cubics_figure(before: Array, after: Array, height: int = 250) -> Figure:
     """The ten cubics (10, 20) before and after elimination: how large each coefficient is; white is none."""
-    made, axes = figure(height, 2)
+    made, (*axes, bar) = figure(height, 3, (1.0, 1.0, 0.02))
     titles = "the ten cubics", "x³, y³, x²y, xy² eliminated"
     for axis, matrix, title in zip(axes, (before, after), titles, strict=True):
         size = np.log10(np.maximum(np.abs(matrix) / np.abs(matrix).max(), 1e-9))
-        axis.imshow(np.where(size > -8, size, np.nan), cmap="viridis", vmin=-4, vmax=0, aspect="auto")
+        shown = axis.imshow(np.where(size > -8, size, np.nan), cmap="viridis", vmin=-4, vmax=0, aspect="auto")
         axis.set_xticks(range(20), MONOMIALS, rotation=90)
         axis.set_yticks(range(0, 10, 3), [f"{row + 1}" for row in range(0, 10, 3)])
         axis.plot([3.5, 3.5], [-0.5, 9.5], color=BAD, linewidth=1.5)
         axis.plot([-0.5, 19.5], [3.5, 3.5], color=BAD, linewidth=1.5 if title[0] == "x" else 0)
         finish(axis, title)
+    made.colorbar(shown, cax=bar)
+    bar.yaxis.set_ticks_position("left")
+    bar.yaxis.set_label_position("left")
+    finish(bar, "", y="log10 |coefficient / largest|")
     return made

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import decompose_essential, essential_from_motion, rotation_angle
 from vo_lib.geometry.types import Array, BoolArray, Image, Index
-from vo_lib.kit.selection import sample_sets
 from vo_lib.paper.five_point import five_point
-from vo_lib.paper.selection import truncated_errors
+from vo_lib.paper.selection import draw_sets, sampson_inliers, truncated_errors
 from vo_lib.settings import Checked, setting
 
-from ..colours import BAD, CYCLE, PALE, THIRD
+from ..colours import BAD, CYCLE, DARK, PALE, THIRD
 from ..controls import Control
 from ..drawing import WIDTH, caption, figure, photo, stack
 from ..frames import Memory, Points, consensus_rotation, frame_points, key_of, stereo
@@ -26,7 +26,6 @@ from . import figures as draw
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
 FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
-THRESHOLD = 1.0  # pixels; the image error is truncated here
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,9 @@ class FivePointView(Checked):
     candidate: int = setting(1, "which solution of the set is shown, the best first", low=1, high=10)
     noise: float = setting(0.0, "noise added to every coordinate", unit="px", low=0, high=3)
     sets: int = setting(200, "five-point sets in the histogram", low=10, high=2000)
+    spread: str = setting(
+        "anywhere", "where the matches of a drawn set are", choices=("anywhere", "side by side")
+    )
 
 
 _rotations: Memory[Array] = Memory(16)
@@ -81,11 +83,19 @@ def first_of_each_set(errors: Array, set_index: Index, count: int = 1) -> BoolAr
     return np.isin(np.arange(len(order)), order[rank < count])
 
 
-def set_errors(points: Points, R_true: Array, sets: int, focal: float) -> tuple[Array, float]:
+def sets_of(points: Points, seed: Any, sets: int, spread: str) -> Index:
+    """Matches of five-point sets, (sets, 5): drawn by chance or, "side by side", each one with its four nearest."""
+    chosen = draw_sets(np.random.default_rng(seed), len(points.x_c), sets)
+    if spread == "anywhere":
+        return chosen
+    away = np.linalg.norm(points.x_c[chosen[:, :1]] - points.x_c, axis=2)
+    return np.argsort(away, axis=1)[:, :5]
+
+
+def set_errors(points: Points, R_true: Array, chosen: Index, threshold: float) -> tuple[Array, float]:
     """Rotation error, degrees, of each set's best candidate by image error (S,), and of the best of all."""
-    chosen = sample_sets(np.random.default_rng(2), len(points.x_p), sets)
     found = five_point(points.x_p[chosen], points.x_c[chosen])
-    image_errors = truncated_errors(found.E, points.x_p, points.x_c, THRESHOLD / focal)
+    image_errors = truncated_errors(found.E, points.x_p, points.x_c, threshold)
     best = np.flatnonzero(first_of_each_set(image_errors, found.set_index))
     errors = rotation_errors(found.E[best], R_true)
     return errors, float(errors[np.argmin(image_errors[best])])
@@ -94,6 +104,7 @@ def set_errors(points: Points, R_true: Array, sets: int, focal: float) -> tuple[
 class FivePointPanel(Panel):
     """Five matches of a frame, all essential matrices through them, and how good they are."""
 
+    kit = preset("solution_selection", variant="kit")
     title = "Five matches and every essential matrix through them"
     view = FivePointView
     height = PHOTO_HEIGHT + CHART_HEIGHT
@@ -102,6 +113,8 @@ class FivePointPanel(Panel):
         Control("view.points", "your five matches"),
         Control("view.match", "chosen match", step=0.005),
         Control("view.candidate", "solution"),
+        Control("view.spread", "five matches"),
+        Control("selection.threshold", "inlier threshold", high=5, step=0.05),
         Control("view.noise", "noise", step=0.05),
         Control("view.sets", "sets in the histogram", step=10, high=1000),
     )
@@ -110,59 +123,72 @@ class FivePointPanel(Panel):
         sequence, frame, view, camera = state.sequence, state.frame, state.view, state.sequence.camera
         clean = frame_points(sequence, frame, state.config)
         points = with_noise(clean, view.noise, camera.f)
-        chosen = self._five(view, len(points.x_p))
+        chosen = self._five(view, points)
+        threshold = state.config.selection.threshold / camera.f
         R_true = reference_rotation(sequence, frame, clean)
         x_p, x_c = points.x_p[chosen], points.x_c[chosen]
         E = five_point(x_p[None], x_c[None]).E
         if len(E) == 0:
             raise DataError("these five matches determine no essential matrix: are two of them the same?")
-        image_errors = truncated_errors(E, points.x_p, points.x_c, THRESHOLD / camera.f)
+        image_errors = truncated_errors(E, points.x_p, points.x_c, threshold)
         order = np.argsort(image_errors)
         shown = order[min(view.candidate, len(order)) - 1]
-        key = (*key_of(sequence, frame), view.noise)
-        spread, winner = _errors.get(
-            (*key, view.sets), lambda: set_errors(points, R_true, view.sets, camera.f)
-        )
+        inlier = sampson_inliers(E[shown], points.x_p, points.x_c, threshold)
+        sets = sets_of(points, 2, view.sets, view.spread)
+        key = (*key_of(sequence, frame), state.config.variant, view.noise, view.sets, view.spread, threshold)
+        spread, winner = _errors.get(key, lambda: set_errors(points, R_true, sets, threshold))
         match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
-        picture = self._picture(state, points, chosen, match, E[shown])
+        picture = self._picture(state, points, chosen, match, E[shown], inlier)
         charts, (left, right) = figure(CHART_HEIGHT, 2)
         draw.polynomial_chart(left, draw.polynomial_of(x_p, x_c))
-        draw.errors_chart(right, spread, winner)
+        draw.errors_chart(
+            right, spread, winner, "rotation error" if clean.T_cp is not None else "from the estimate"
+        )
         line = draw.epipolar_line(E[shown], points.x_p[match], camera)
         distance = abs(float(line @ [*draw.pixels(points.x_c[match], camera), 1.0]))
         error, best_error = rotation_errors(E[[shown, order[0]]], R_true).tolist()
-        known = "the truth" if clean.T_cp is not None else "the best estimate (there is no truth)"
+        what, than = "rotation error", "the true one"
+        if clean.T_cp is None:
+            what, than = (
+                "turn from the estimate",
+                "the estimate from all matches (this sequence has no truth)",
+            )
         sentence = (
-            f"{len(E)} essential matrices fit the matches {', '.join(map(str, chosen))} exactly. Solution "
-            f"{min(view.candidate, len(E))} turns {error:.3f}° differently from {known}. Match {match} lies "
-            f"{distance:.2f} px from its epipolar line (orange)."
+            f"{len(E)} essential matrices fit the matches {', '.join(map(str, chosen))} exactly. The rotation of "
+            f"solution {min(view.candidate, len(E))} differs by {error:.3f}° from {than}. Match {match} is "
+            f"{distance:.2f} px from its epipolar line (orange); {np.count_nonzero(inlier)} of {len(inlier)} matches "
+            "are inliers."
         )
         facts = (
             Fact("real solutions", len(E)),
-            Fact("rotation error of this solution", error, "°", 3),
-            Fact("rotation error of solution 1", best_error, "°", 3),
+            Fact("inliers", int(np.count_nonzero(inlier))),
+            Fact(f"{what} of this solution", error, "°", 3),
+            Fact(f"{what} of solution 1", best_error, "°", 3),
             Fact("its image error", float(image_errors[shown]), "", 3),
             Fact("chosen match to its line", distance, "px", 2),
-            Fact("median error of a set", float(np.median(spread)), "°", 3),
-            Fact("error of the consensus winner", winner, "°", 3),
+            Fact(f"{what}: median of the sets", float(np.median(spread)), "°", 3),
+            Fact(f"{what}: consensus winner", winner, "°", 3),
             Fact("solution", min(view.candidate, len(order))),
             Fact("noise added", view.noise, "px", 2),
         )
         return Drawing(stack([picture, charts], self.height), sentence, facts)
 
-    def _five(self, view: FivePointView, count: int) -> NDArray[np.intp]:
+    def _five(self, view: FivePointView, points: Points) -> Index:
         """Indices of the five matches, typed or drawn."""
+        count = len(points.x_p)
         if view.points:
             if len(set(view.points)) != 5 or max(view.points) >= count:
                 raise DataError(f"your five matches: expected five different numbers from 0 to {count - 1}")
             return np.array(view.points)
-        return np.asarray(sample_sets(np.random.default_rng([3, view.draw]), count, 1)[0])
+        return np.asarray(sets_of(points, [3, view.draw], 1, view.spread)[0])
 
-    def _picture(self, state: State, points: Points, chosen: NDArray[np.intp], match: int, E: Array) -> Image:
+    def _picture(
+        self, state: State, points: Points, chosen: Index, match: int, E: Array, inlier: BoolArray
+    ) -> Image:
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
         starts, ends = draw.pixels(points.x_p, camera), draw.pixels(points.x_c, camera)
-        draw.draw_flow(picture, starts, ends, [PALE] * len(starts), 2)
+        draw.draw_flow(picture, starts, ends, [PALE if each else DARK for each in inlier], 2)
         if points.T_cp is not None:
             E_true = essential_from_motion(points.T_cp[:3, :3], points.T_cp[:3, 3])
             if np.any(E_true):
@@ -170,5 +196,7 @@ class FivePointPanel(Panel):
         draw.draw_line(picture, draw.epipolar_line(E, points.x_p[match], camera), BAD, 2)
         for index, colour in zip([match, *chosen], (BAD, *FIVE), strict=True):
             draw.draw_dot(picture, ends[index], colour, 6, str(index))
-        words = f"left image, frame {state.frame}: five matches, and the epipolar line of match {match}"
-        return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words + " (orange; green: true)")
+        words = (
+            f"frame {state.frame}: five matches; line of match {match} (orange; green: true); black: outliers"
+        )
+        return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
