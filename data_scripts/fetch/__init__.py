@@ -1,1 +1,1 @@
-"""Getting data: downloads, KITTI's archives and raw drives, detectors, stereo images of one's own."""
+"""Download and import of data: KITTI's archives and raw drives, detectors, a user's stereo images."""

@@ -1,4 +1,4 @@
-"""A vehicle detector fetched by name, or registered from disk."""
+"""Download of a vehicle detector by name, or registration from disk."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ YOLOV8 = (
 
 @dataclass(frozen=True)
 class Detector:
-    """A fetchable ONNX file: name, address, bytes, SHA-256, description."""
+    """An ONNX file for download: name, address, bytes, SHA-256, description."""
 
     name: str
     url: str
@@ -66,7 +66,7 @@ FETCHABLE = {detector.name: detector for detector in _YOLOX}
 
 
 def fetch_detector(detector: Detector, folder: Path, progress: Progress | None = None) -> Path:
-    """Fetch a detector, verified; one that is there with the right hash is left as it is."""
+    """Download and verify a detector; a file with the right hash is kept."""
     path = folder / f"{detector.name}.onnx"
     if not (path.is_file() and file_sha256(path) == detector.sha256):
         download(detector.url, path, detector.size, detector.sha256, progress)
@@ -74,11 +74,11 @@ def fetch_detector(detector: Detector, folder: Path, progress: Progress | None =
 
 
 def register_detector(name: str, source: Path, folder: Path) -> Path:
-    """Copy an ONNX file from disk under a name; a fetchable detector's name is for that detector only."""
+    """Copy an ONNX file from disk under a name; names of downloadable detectors are reserved."""
     if not NAME.fullmatch(name):
-        raise DataError(f"{name!r} is no name: expected letters, digits, - and _")
+        raise DataError(f"{name!r} is not a valid name: expected letters, digits, - and _")
     data = read_bytes(source)
-    YoloDetector(source)  # a `DataError` where the kit cannot run it
+    YoloDetector(source)  # raises `DataError` for an unusable model
     if name in FETCHABLE and file_sha256(source) != FETCHABLE[name].sha256:
         raise DataError(f"is not the official {name}; register it under another name", source)
     path = folder / f"{name}.onnx"

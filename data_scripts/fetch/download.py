@@ -1,4 +1,4 @@
-"""One file over HTTP, fetched whole and verified."""
+"""Download of a single file over HTTP, with verification."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 from vo_lib.geometry.types import Progress
 
-ATTEMPTS = 5  # tries without a single new byte before a transfer is given up
-PAUSE_S = 1.0  # before the second try; each further one waits longer
-TIMEOUT_S = (10.0, 30.0)  # to connect, and to wait for the next bytes
+ATTEMPTS = 5  # attempts without progress before a download fails
+PAUSE_S = 1.0  # pause before the second attempt; later pauses are longer
+TIMEOUT_S = (10.0, 30.0)  # for the connection, and for the next bytes
 CHUNK_BYTES = 1 << 18
-MAX_CONNECTIONS = 16  # to one server at once
-SPARE_BYTES = 100_000_000  # of the disk, left free beside the file
+MAX_CONNECTIONS = 16  # parallel connections to one server
+SPARE_BYTES = 100_000_000  # disk space that must stay free
 
 LOST = (requests.RequestException, urllib3.exceptions.HTTPError)
 
 
 def open_session() -> requests.Session:
-    """A session that keeps connections open and tries again where a server is not there for a moment."""
+    """A session with persistent connections that repeats failed requests."""
     session = requests.Session()
     retry = urllib3.Retry(
         total=ATTEMPTS - 1,
@@ -37,13 +37,13 @@ def open_session() -> requests.Session:
     )
     for scheme in ("http://", "https://"):
         session.mount(scheme, HTTPAdapter(max_retries=retry, pool_maxsize=MAX_CONNECTIONS))
-    # Compressed answers would break ranges and sizes.
+    # With compressed responses, ranges and sizes would be wrong.
     session.headers["Accept-Encoding"] = "identity"
     return session
 
 
 def what_failed(error: BaseException | None, url: str) -> str:
-    """A failed request in words a person can act on."""
+    """The cause of a failed request and the remedy, as text."""
     host = urlsplit(url).hostname
     if (response := getattr(error, "response", None)) is not None:
         return f"{url}: {host} answers with HTTP {response.status_code}"
@@ -55,7 +55,7 @@ def what_failed(error: BaseException | None, url: str) -> str:
 
 
 def in_words(size: int) -> str:
-    """A number of bytes as a person reads it: "23.4 MB"."""
+    """A number of bytes as text, such as "23.4 MB"."""
     value = float(size)
     for unit in ("bytes", "kB", "MB"):
         if value < 1000:
@@ -65,7 +65,7 @@ def in_words(size: int) -> str:
 
 
 def require_space(folder: Path, size: int) -> None:
-    """`DataError` unless `size` bytes, and some to spare, are free where `folder` is or will be."""
+    """`DataError` unless `size` bytes and a reserve are free on the disk of `folder`."""
     there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
     free = shutil.disk_usage(there).free
     if free < size + SPARE_BYTES:
@@ -74,14 +74,14 @@ def require_space(folder: Path, size: int) -> None:
 
 
 def confirm(question: str, yes: bool) -> bool:
-    """Whether a person agrees; `yes` answers for them.
+    """Whether the user agrees, or `yes` is set.
 
-    Raises `DataError` where nobody can be asked.
+    Raises `DataError` without a terminal.
     """
     if yes:
         return True
     if not sys.stdin.isatty():
-        raise DataError("nobody is there to answer: say --yes to start without a question")
+        raise DataError("no terminal for the question: add --yes to start without confirmation")
     try:
         answer = input(f"{question} [y/N] ")
     except EOFError:
@@ -90,12 +90,12 @@ def confirm(question: str, yes: bool) -> bool:
 
 
 def download(url: str, path: Path, size: int, sha256: str, progress: Progress | None = None) -> None:
-    """Fetch one file into memory, and write it when size and SHA-256 are right.
+    """Download a file into memory, and write it after a check of size and SHA-256.
 
-    size, sha256 : bytes and 64 hexadecimal digits of the file; any other file is refused.
-    progress : called with (bytes done, bytes in all).
+    size, sha256 : bytes, and 64 hexadecimal digits; any other file is refused.
+    progress : called with (bytes done, total bytes).
 
-    Raises `DataError`: no connection, a wrong file, a full disk.
+    Raises `DataError` without a connection, for a wrong file, or for a full disk.
     """
     require_space(path.parent, size)
     data = bytearray()
@@ -111,12 +111,12 @@ def download(url: str, path: Path, size: int, sha256: str, progress: Progress | 
     except requests.RequestException as error:
         raise DataError(what_failed(error, url)) from None
     if len(data) != size or hashlib.sha256(data).hexdigest() != sha256:
-        raise DataError(f"{url}: this is not the file expected: {size} bytes with SHA-256 {sha256[:12]}…")
+        raise DataError(f"{url}: unexpected file: expected {size} bytes with SHA-256 {sha256[:12]}…")
     write_file(path, bytes(data))
 
 
 def write_file(path: Path, data: bytes | str) -> None:
-    """Write as `write_atomic`, in a folder that is made where it is missing."""
+    """Write a file like `write_atomic`, and create its folder if missing."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

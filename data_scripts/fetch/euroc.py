@@ -19,21 +19,21 @@ from vo_lib.geometry.motion import inverse, rigid
 from vo_lib.geometry.types import Array
 
 TRUTH = Path("state_groundtruth_estimate0") / "data.csv"
-MAX_POSE_DELAY_S = 0.003  # from an image to its pose; the truth has 200 Hz
+MAX_POSE_DELAY_S = 0.003  # largest time difference of an image and its pose; the truth has 200 Hz
 MOMENT = re.compile(r"[0-9]{1,19}")
-MAX_CAMERA_NUMBER = 1e5  # pixels, metres
+MAX_CAMERA_NUMBER = 1e5  # largest plausible number in a calibration, pixels or metres
 LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  # of a 4×4 pose
 
 
 def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
-    """A folder mav0, or the one it is in; `DataError` with the file, where something is missing or wrong.
+    """The drive in a folder mav0 or its parent; `DataError` with the file for missing or invalid data.
 
-    Images go together with the nearest in time, at most `max_delay` seconds away; others are left out. Pairs
-    without a true pose are left out at the start and the end; without truth all are taken.
+    Each image is paired with the nearest in time, within `max_delay` seconds; other images are skipped. At
+    the start and the end, pairs without a true pose are skipped; without ground truth all are used.
     """
     base = folder / "mav0" if (folder / "mav0").is_dir() else folder
     if not (base / "cam0").is_dir():
-        raise DataError("is no EuRoC folder: expected mav0/cam0 and mav0/cam1 in it", folder)
+        raise DataError("is not a EuRoC folder: expected mav0/cam0 and mav0/cam1", folder)
     notes: list[str] = []
     images = [_images(base / f"cam{camera}", notes) for camera in (0, 1)]
     moments = [np.sort(np.array([*side], np.int64)) for side in images]
@@ -65,29 +65,29 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
 
 
 def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
-    """Image files of a camera by their time, nanoseconds, as data.csv lists them up to an absent one."""
+    """Image files of a camera by time, nanoseconds, from data.csv up to the first absent file."""
     path = camera / "data.csv"
-    found: dict[int, Path] = {}
+    images: dict[int, Path] = {}
     for number, cells in read_csv(path):
         words = [word.strip() for word in cells]
         if len(words) != 2 or not MOMENT.fullmatch(words[0]):
             raise DataError("expected a time in ns and a file name, with a comma between", path, number)
-        if int(words[0]) in found:
-            raise DataError(f"names the time {words[0]} twice", path, number)
+        if int(words[0]) in images:
+            raise DataError(f"repeats the time {words[0]}", path, number)
         image = camera / "data" / words[1]
-        if not os.path.isfile(image):  # a name may be too long for any file
+        if not os.path.isfile(image):  # false also for a name that is too long
             missing = f"names {words[1]}, which is missing in {camera / 'data'}"
-            if not found:
+            if not images:
                 raise DataError(missing, path, number)
             notes.append(f"{path}, line {number}, {missing}: read up to there")
             break
-        found[int(words[0])] = image
-    return found
+        images[int(words[0])] = image
+    return images
 
 
 def _rig(base: Path) -> tuple[Rig, Array]:
     """The rig of both cameras, and T_body_camera (4, 4) of the rectified left one."""
-    found: dict[str, Array] = {}
+    matrices: dict[str, Array] = {}
     T_body, sizes = [], []
     for number, camera in (("1", "cam0"), ("2", "cam1")):
         path = base / camera / "sensor.yaml"
@@ -96,22 +96,22 @@ def _rig(base: Path) -> tuple[Rig, Array]:
         if model not in ("radial-tangential", "radtan"):
             raise DataError(f"distortion_model {model}: only radial-tangential is rectified", path)
         fu, fv, cu, cv = _numbers(sensor, "intrinsics", 4, path)
-        found[f"K{number}"] = np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
-        found[f"D{number}"] = _numbers(sensor, "distortion_coefficients", 4, path)
+        matrices[f"K{number}"] = np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
+        matrices[f"D{number}"] = _numbers(sensor, "distortion_coefficients", 4, path)
         sizes.append(_numbers(sensor, "resolution", 2, path))
         if (sizes[-1] < 1).any() or (sizes[-1] % 1).any():
             raise DataError("resolution: expected a width and a height, pixels", path)
         T = _numbers(sensor, "T_BS", 16, path).reshape(4, 4)
         if not is_rotation(T[:3, :3]) or (T[3] != LAST_ROW).any():
-            raise DataError("T_BS is no pose: expected a rotation and a translation, row by row", path)
+            raise DataError("T_BS is not a pose: expected a rotation and a translation, row by row", path)
         T_body.append(T)
     if (sizes[0] != sizes[1]).any():
         raise DataError("resolution differs from that of cam0", base / "cam1" / "sensor.yaml")
     T_10 = inverse(T_body[1]) @ T_body[0]
     width, height = (int(side) for side in sizes[0])
-    found |= {"R": T_10[:3, :3], "T": T_10[:3, 3]}
-    rig = rig_from_matrices(found, (width, height), base / "cam0" / "sensor.yaml")
-    # Rectification turns the left camera by R1, from its own axes to the rectified ones.
+    matrices |= {"R": T_10[:3, :3], "T": T_10[:3, 3]}
+    rig = rig_from_matrices(matrices, (width, height), base / "cam0" / "sensor.yaml")
+    # R1 rotates from the axes of the left camera to the rectified axes.
     return rig, T_body[0] @ rigid(rig.R1.T, np.zeros(3))
 
 
@@ -120,7 +120,7 @@ def _numbers(sensor: dict[str, Any], name: str, count: int, path: Path) -> Array
     value: Any = sensor.get(name)
     try:
         value = value["data"] if isinstance(value, dict) else value
-        numbers = np.array([float(word) for word in value])  # PyYAML takes 1e-05 for a word
+        numbers = np.array([float(word) for word in value])  # PyYAML reads 1e-05 as text
     except (KeyError, TypeError, ValueError, OverflowError):
         numbers = np.zeros(0)
     if len(numbers) != count or not (np.abs(numbers) < MAX_CAMERA_NUMBER).all():

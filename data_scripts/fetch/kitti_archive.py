@@ -1,4 +1,4 @@
-"""Single sequences out of KITTI's odometry archives: over HTTP ranges, from zip files, from another tree."""
+"""Single sequences of KITTI's odometry archives: by HTTP ranges, from zip files, or as links."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vo_lib.errors import DataError
 from vo_lib.files import read_bytes
 from vo_lib.geometry.types import Progress
 
-# The links of PAGE under "odometry data set"; sizes as the page states them.
+# The links of PAGE under "odometry data set", with the sizes stated there.
 PAGE = "https://www.cvlibs.net/datasets/kitti/eval_odometry.php"
 HOST = "https://s3.eu-central-1.amazonaws.com/avg-kitti/"
 GRAY = "data_odometry_gray.zip"  # 22 GB: image_0, image_1
@@ -29,12 +29,12 @@ LICENCE = (
     f"that the page asks for before it shows its download links: {PAGE}",
 )
 
-# Paths below the root by the names of members: a pattern of a name's end, and what it becomes.
+# Pattern for the end of a member's name, and the path below the root.
 Targets = dict[str, str]
 
 
 def sequence_archives(host: str, sequences: Iterable[str], color: bool = False) -> tuple[list[str], Targets]:
-    """Addresses of the benchmark's archives, and the targets of some sequences, "00" … "21"."""
+    """Addresses of the benchmark's archives, and the targets of given sequences, "00" … "21"."""
     kinds, names = [GRAY, *([COLOR] if color else []), CALIB, POSES], f"(?:{'|'.join(sequences)})"
     inside = rf"(sequences/{names}/(?:image_[0-3]/\d+\.png|calib\.txt|times\.txt)|poses/{names}\.txt)"
     return [f"{host.rstrip('/')}/{kind}" for kind in kinds], {inside: r"\1"}
@@ -43,29 +43,27 @@ def sequence_archives(host: str, sequences: Iterable[str], color: bool = False) 
 def plan(
     archives: Archives, places: list[str], targets: Targets, progress: Progress | None = None
 ) -> list[Member]:
-    """The members of some archives that have a target, each target once, in the order of the targets.
+    """The members of archives that have a target, one per target, in the order of the targets.
 
-    Parameters
-    ----------
-    places : paths or URLs. What several archives have is taken from the last: KITTI's calibration archive
-        replaces the older calib.txt in the image archives.
-    progress : called with (archives looked into, archives in all).
+    Parameters ---------- places : paths or URLs. A file in several archives is taken from the last one:
+    KITTI's calibration archive replaces the older calib.txt in the image archives. progress : called with
+    (archives read, total archives).
     """
-    found: dict[PurePosixPath, Member] = {}
+    chosen_members: dict[PurePosixPath, Member] = {}
     patterns = [(re.compile(f"(?:.*/)?{inside}", re.ASCII), path) for inside, path in targets.items()]
     for number, place in enumerate(places, start=1):
         for info, end in archives.directory(place):
             for pattern, path in patterns:
                 if match := pattern.fullmatch(info.filename):
                     below = PurePosixPath(match.expand(path))
-                    found[below] = Member(place, info, end, below)
+                    chosen_members[below] = Member(place, info, end, below)
         if progress is not None:
             progress(number, len(places))
-    return [found[below] for below in sorted(found)]
+    return [chosen_members[below] for below in sorted(chosen_members)]
 
 
 def absent(members: list[Member], root: Path, progress: Progress | None = None) -> list[Member]:
-    """The members that are not below `root` yet with the right size and checksum."""
+    """The members without a file of the right size and checksum below `root`."""
     todo = []
     for number, member in enumerate(members, start=1):
         path = root / member.target
@@ -80,13 +78,13 @@ def absent(members: list[Member], root: Path, progress: Progress | None = None) 
 def fetch(
     archives: Archives, members: list[Member], root: Path, jobs: int = 4, progress: Progress | None = None
 ) -> None:
-    """Write members below `root`, several at once, each file whole or not at all.
+    """Write members below `root`, several in parallel, each file atomically.
 
-    The first failure ends it; what is complete stays, so that another call goes on from there.
+    The first failure ends the download; complete files are kept, so a second call continues.
 
     Parameters
     ----------
-    progress : called with (bytes of the archive done, bytes in all).
+    progress : called with (bytes done, total bytes).
     """
     total, done = sum(member.info.compress_size for member in members), 0
 
@@ -95,7 +93,7 @@ def fetch(
 
     pool = ThreadPoolExecutor(max_workers=jobs)
     try:
-        # In the order of the archive the server reads ahead.
+        # Requests in the archive's order are faster for the server.
         waiting: dict[Future[None], Member] = {pool.submit(take, member): member for member in members}
         for future in as_completed(waiting):
             future.result()
@@ -107,7 +105,7 @@ def fetch(
 
 
 def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:
-    """Links below `root` to the sequences and poses of a KITTI tree elsewhere; returns those linked."""
+    """Link the sequences and poses of another KITTI folder below `root`; return the names linked."""
     tree = tree / "dataset" if (tree / "dataset" / "sequences").is_dir() else tree
     linked = [name for name in sequences if (tree / "sequences" / name).is_dir()]
     for name in linked:
@@ -115,7 +113,7 @@ def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:
         if (tree / "poses" / f"{name}.txt").is_file():
             _link(tree / "poses" / f"{name}.txt", root / "poses" / f"{name}.txt")
     if not linked:
-        raise DataError("has none of these sequences; expected sequences/00 and so on in it", tree)
+        raise DataError("has none of these sequences; expected folders such as sequences/00", tree)
     return linked
 
 
@@ -123,7 +121,7 @@ def _link(source: Path, link: Path) -> None:
     if link.is_symlink() and link.resolve() == source.resolve():
         return
     if os.path.lexists(link):
-        raise DataError("is there already; move it away first", link)
+        raise DataError("already exists; move it away first", link)
     try:
         link.parent.mkdir(parents=True, exist_ok=True)
         link.symlink_to(source.resolve(), target_is_directory=source.is_dir())

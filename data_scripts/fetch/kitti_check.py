@@ -1,4 +1,4 @@
-"""Whether a KITTI odometry tree is complete: frames, pairs, sizes, calibration, times, poses, images."""
+"""Check of a KITTI folder: frames, pairs, sizes, calibration, times, poses, images."""
 
 from __future__ import annotations
 
@@ -20,16 +20,12 @@ LAST_WITH_POSES = "10"
 
 @dataclass(frozen=True)
 class SequenceReport:
-    """What was found of one sequence.
+    """The result of the check of one sequence.
 
-    Attributes
-    ----------
-    name : of the sequence.
-    part : options of `vo data get_kitti` that fetch this part of a sequence; "" for a whole one.
-    pairs, expected : stereo pairs found, and how many the part or the benchmark has (None for a sequence of
-        one's own).
-    parts : (part, what was found) in words, in a fixed order.
-    problems : what is missing or wrong, a sentence each; none where the sequence is complete.
+    Attributes ---------- name : the sequence's name. part : options of `vo data get_kitti` for this part of a
+    sequence; "" for a whole sequence. pairs, expected : stereo pairs present, and in the part or benchmark
+    (None for a user's own sequence). parts : (part, content) as text, in a fixed order. problems : missing or
+    invalid files, a sentence each; empty for a complete sequence.
     """
 
     name: str
@@ -41,31 +37,33 @@ class SequenceReport:
 
 
 def parse_numbers(text: str) -> list[str]:
-    """Sequences of the benchmark named as "07,04" or "00-10", each once; `DataError` for any other name."""
+    """Sequences of the benchmark in "07,04" or "00-10", without repetition; `DataError` for other names."""
     names = [name.removeprefix("kitti/") for name in parse_sequences(text)]
     for name in names:
         if name not in kitti.EXPECTED_FRAMES:
-            raise DataError(f"--sequences {text!r}: {name!r} is no sequence; expected numbers of 00 … 21")
+            raise DataError(
+                f"--sequences {text!r}: unknown sequence {name!r}; expected numbers from 00 to 21"
+            )
     return list(dict.fromkeys(names))
 
 
 def check_tree(
     root: Path, names: Iterable[str] | None = None, deep: bool = False, progress: Progress | None = None
 ) -> list[SequenceReport]:
-    """A report of each sequence named, or of all that are there.
+    """Reports of the named sequences, by default of all in the folder.
 
     Parameters
     ----------
-    deep : decode every image, on all cores; else only their names are read.
-    progress : called with (sequences looked at, sequences in all).
+    deep : decode every image, on all cores; otherwise only file names are checked.
+    progress : called with (sequences checked, total sequences).
 
     Raises
     ------
-    DataError : there is no tree.
+    DataError : the folder is missing.
     """
     root = root / "dataset" if (root / "dataset" / "sequences").is_dir() else root
     if not (root / "sequences").is_dir():
-        raise DataError("no KITTI tree: expected the folder sequences, with 00 … 21, in it", root)
+        raise DataError("not a KITTI folder: expected the folder sequences, with 00 … 21", root)
     if names is None:
         names = sorted(p.name for p in (root / "sequences").iterdir() if p.is_dir())
     reports, names = list[SequenceReport](), list(names)
@@ -77,7 +75,7 @@ def check_tree(
 
 
 def _by_number(folder: Path) -> dict[int, str]:
-    """File names of the images in a folder by image number; empty where the folder is missing."""
+    """File names of the images in a folder by image number; empty for a missing folder."""
     return {int(path.stem): path.name for path in sorted(folder.glob("*.png")) if path.stem.isdecimal()}
 
 
@@ -88,7 +86,7 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
     part = kitti.read_part(folder)
     wanted = kitti.wanted_frames(folder)
     expected = None if wanted is None else len(wanted)
-    if wanted is None:  # a clip of one's own may start anywhere
+    if wanted is None:  # a user's own clip may start with any number
         everything = set().union(*sides.values())
         wanted = range(min(everything, default=0), max(everything, default=-1) + 1)
     frames = len(wanted)
@@ -127,7 +125,7 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
 
 
 def _look_at_images(folder: Path, images: dict[int, str]) -> tuple[str, list[str]]:
-    """The size that most images have, in words, and what is wrong with single images."""
+    """The most frequent image size as text, and problems of single images."""
 
     def look(name: str) -> tuple[str, str]:
         try:
@@ -153,7 +151,7 @@ def _camera(path: Path) -> str:
     return f"f {camera.f:.1f} px, baseline {camera.baseline:.3f} m"
 
 
-def _rows(found: int, frames: int) -> str:
-    if found < frames:
-        raise DataError(f"{found} rows for {frames} frames")
-    return f"{found} rows"
+def _rows(rows: int, frames: int) -> str:
+    if rows < frames:
+        raise DataError(f"{rows} rows for {frames} frames")
+    return f"{rows} rows"

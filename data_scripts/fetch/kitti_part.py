@@ -1,4 +1,4 @@
-"""Parts of KITTI's sequences, and drives of its raw data as sequences: members, marks, tables."""
+"""Parts of KITTI's sequences, and drives of its raw data as sequences: members, part.txt, tables."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ def drive_archives(host: str, drive: str, color: bool = False) -> tuple[list[str
 def select_frames(
     members: list[Member], root: Path, frames: Callable[[int], tuple[int, int]], drive: str | None = None
 ) -> tuple[list[Member], dict[Path, str]]:
-    """The members of some frames and of the frames of earlier calls, and the text of each folder's mark.
+    """The members for given frames and for those of earlier calls, and the text of each part.txt.
 
     Parameters
     ----------
-    members : of whole sequences. root : of the tree.
+    members : members of whole sequences. root : KITTI folder.
     frames : start and stop of the frames, for the number of frames of a sequence.
-    drive : the raw drive that the members are of; None for the odometry benchmark.
+    drive : the raw drive of the members; None for the odometry benchmark.
 
-    The mark of a whole sequence is "". Raises `DataError` for frames that the sequence does not have or that
-    leave a gap to those of earlier calls, and for a folder with images of another source.
+    The text for a whole sequence is "". Raises `DataError` for frames outside the sequence or with a gap to
+    those of earlier calls, and for a folder with images of another source.
     """
     counts, parts, marks = dict[str, int](), dict[str, range](), dict[Path, str]()
     for target in (m.target for m in members if m.target.match("sequences/*/image_?/*.png")):
@@ -64,7 +64,9 @@ def select_frames(
         part, images = read_part(folder), any(folder.glob("image_[01]/*.png"))
         foreign = images and drive is not None if part is None else not part[0].startswith(f"{source} ")
         if foreign:
-            raise DataError(f"has images of another source than {drive or name}; move it away first", folder)
+            raise DataError(
+                f"contains images of another source than {drive or name}; move the folder away first", folder
+            )
         if part is not None:
             old, size = part[1], stop - start
             start, stop = min(start, old.start), max(stop, old.stop)
@@ -72,7 +74,7 @@ def select_frames(
                 gap = f"has the frames {old.start}:{old.stop}; --frames {start}:{stop} leaves no gap"
                 raise DataError(gap, folder)
         parts[name] = range(start, stop)
-        # A folder with images but no mark has a whole sequence, or the start of one.
+        # A folder with images but without part.txt has a whole sequence, or its start.
         whole = drive is None and (stop - start == count or (images and part is None))
         marks[folder] = "" if whole else f"{source} --frames {start}:{stop}"
 
@@ -84,7 +86,7 @@ def select_frames(
 
 
 def write_drive_tables(folder: Path) -> str:
-    """Write calib.txt, times.txt and poses.txt of a fetched drive; returns a note on missing truth, or "".
+    """Write calib.txt, times.txt and poses.txt of a drive; return a note on missing truth, or "".
 
     The first frame has time 0 and the identity as its pose.
     """

@@ -17,21 +17,21 @@ from vo_lib.files import read_text
 from vo_lib.geometry.motion import inverse, nearest_rotation, rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
-EARTH_RADIUS_M = 6378137.0  # at the equator
-# Latitude and longitude, degrees; altitude, metres; roll, pitch, yaw, radians. The map ends before the poles.
+EARTH_RADIUS_M = 6378137.0  # equatorial radius
+# Limits of latitude and longitude, degrees (without the poles); altitude, metres; roll, pitch, yaw, radians.
 OXTS_LIMITS = np.array([85.0, 180.0, 1e5, 7.0, 7.0, 7.0])
-MAX_SENSOR_DISTANCE_M = 100.0  # between sensors of one vehicle
+MAX_SENSOR_DISTANCE_M = 100.0  # largest distance of two sensors on one vehicle
 MOMENT = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?", re.ASCII)
 
 
 def read_raw_drive(drive: Path, skip_unpaired: bool = False) -> Drive:
-    """A drive folder such as 2011_09_26_drive_0005_sync, with its calibration in it or above it.
+    """The drive in a folder such as 2011_09_26_drive_0005_sync, with calibration in it or its parent.
 
     Raises `DataError` with the file, where something needed is missing or wrong.
     """
     left, right = (drive / f"image_0{camera}" / "data" for camera in (0, 1))
     if not left.is_dir() or not right.is_dir():
-        raise DataError("is no raw drive: expected image_00/data and image_01/data in it", drive)
+        raise DataError("is not a raw drive: expected image_00/data and image_01/data", drive)
     return describe_drive(drive, pair_images(left, right, skip_unpaired=skip_unpaired).paths)
 
 
@@ -53,7 +53,7 @@ def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:
     if (width, height) != tuple(size):
         raise DataError(
             f"the image is {width}×{height}, the rectified ones are {size[0]:.0f}×{size[1]:.0f}: "
-            "take the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
+            "use the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
             first,
         )
     moments = _timestamps(drive / "image_00" / "timestamps.txt")
@@ -66,16 +66,16 @@ def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:
 
 def read_calibration_file(path: Path) -> dict[str, Array]:
     """The lines `name: numbers` of a KITTI calibration file; other lines are skipped."""
-    found = {}
+    values = {}
     for line in read_text(path).splitlines():
         name, _, rest = line.partition(":")
         with suppress(ValueError):  # a date
-            found[name.strip()] = np.array([float(word) for word in rest.split()])
-    return found
+            values[name.strip()] = np.array([float(word) for word in rest.split()])
+    return values
 
 
-def _matrix(found: dict[str, Array], name: str, shape: tuple[int, ...], path: Path) -> Array:
-    values = found.get(name, np.zeros(0))
+def _matrix(matrices: dict[str, Array], name: str, shape: tuple[int, ...], path: Path) -> Array:
+    values = matrices.get(name, np.zeros(0))
     if len(values) != np.prod(shape) or not np.isfinite(values).all():
         raise DataError(f"expected a line '{name}: ' with {np.prod(shape)} numbers", path)
     return values.reshape(shape)
@@ -111,7 +111,7 @@ def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]
     wrong = (np.abs(rows[:, :6]) > OXTS_LIMITS).any(axis=1)
     if wrong.any():
         path = packets[int(np.argmax(wrong))]
-        raise DataError("no latitude, longitude, altitude and roll, pitch, yaw on Earth", path, 1)
+        raise DataError("invalid latitude, longitude, altitude, roll, pitch or yaw", path, 1)
     T_w_imu = imu_poses(rows)
     T = T_cam_imu @ inverse(T_w_imu[:1]) @ T_w_imu @ inverse(T_cam_imu)
     return T, ""
@@ -121,12 +121,12 @@ def _rigid(path: Path) -> Array:
     found = read_calibration_file(path)
     T = _matrix(found, "T", (3,), path)
     if np.abs(T).max() > MAX_SENSOR_DISTANCE_M:
-        raise DataError(f"T: expected metres on one vehicle, at most {MAX_SENSOR_DISTANCE_M:g}", path)
+        raise DataError(f"T: expected a translation of at most {MAX_SENSOR_DISTANCE_M:g} m", path)
     return rigid(nearest_rotation(_rotation(found, "R", path)), T)
 
 
-def _rotation(found: dict[str, Array], name: str, path: Path) -> Array:
-    R = _matrix(found, name, (3, 3), path)
+def _rotation(matrices: dict[str, Array], name: str, path: Path) -> Array:
+    R = _matrix(matrices, name, (3, 3), path)
     if not is_rotation(R):
         raise DataError(f"{name}: expected a rotation", path)
     return R

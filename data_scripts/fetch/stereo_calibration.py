@@ -1,4 +1,4 @@
-"""Calibration of a user's own stereo pair: numbers or OpenCV YAML files, and rectification."""
+"""Calibration of a user's stereo camera, from numbers or OpenCV YAML files, and rectification."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ MAX_BRACKETS = 1000  # opening brackets and dashes in a file; a calibration has 
 
 @dataclass(frozen=True)
 class Rig:
-    """A stereo pair after rectification.
+    """A rectified stereo camera.
 
     Attributes
     ----------
-    f, cx, cy : pixels; baseline : metres, negative where the calibration puts the right camera on the left.
-    maps : for each camera the two maps of `cv2.remap` that rectify it, or None where images are rectified.
-    R1 : (3, 3) from the left camera's axes to the rectified ones.
+    f, cx, cy : pixels; baseline : metres, negative if the calibration has the right camera on the left.
+    maps : two rectifying maps of `cv2.remap` per camera, or None for rectified images.
+    R1 : (3, 3) rotation from the left camera's axes to the rectified ones.
     """
 
     f: float
@@ -53,40 +53,42 @@ class Rig:
     R1: Array = field(default_factory=lambda: np.eye(3))
 
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
-        """The rectified pair, (H, W) uint8 each. `DataError` where it is not of the size calibrated."""
+        """The rectified pair, (H, W) uint8 each; `DataError` for another size than in the calibration."""
         if self.maps is None:
             return left, right
         for image, maps in zip((left, right), self.maps, strict=True):
             if image.shape != maps[0].shape[:2]:
-                found, wanted = (f"{shape[1]}×{shape[0]}" for shape in (image.shape, maps[0].shape))
-                raise DataError(f"an image is {found}, the first one was {wanted}: all must be of one size")
+                actual, expected = (f"{shape[1]}×{shape[0]}" for shape in (image.shape, maps[0].shape))
+                raise DataError(
+                    f"an image is {actual}, but the first one is {expected}: all images must have one size"
+                )
         pair = zip((left, right), self.maps, strict=True)
-        done = [
+        rectified = [
             np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
             for image, maps in pair
         ]
-        return done[0], done[1]
+        return rectified[0], rectified[1]
 
 
 def read_opencv(paths: list[Path]) -> dict[str, Array]:
     """The matrices of NAMES found in one or more OpenCV storage files (YAML, XML or JSON)."""
-    found: dict[str, Array] = {}
+    matrices: dict[str, Array] = {}
     for path in paths:
         for name, matrix in _matrices(path).items():
             plain = name.lower().replace("_", "")
             for key, names in NAMES.items():
                 if plain in names:
-                    found[key] = _shaped(key, matrix, path)
-    if not found:
-        raise DataError("no calibration in it: expected OpenCV matrices K1 D1 K2 D2 R T, or P1 P2", paths[0])
-    return found
+                    matrices[key] = _shaped(key, matrix, path)
+    if not matrices:
+        raise DataError("no calibration: expected OpenCV matrices K1 D1 K2 D2 R T, or P1 P2", paths[0])
+    return matrices
 
 
 def _matrices(path: Path) -> dict[str, Array]:
     text = read_text(path)
-    # OpenCV reads nested brackets by recursion and crashes where they are nested deep.
+    # OpenCV reads nested brackets by recursion and crashes for deep nesting.
     if sum(map(text.count, ("[", "{", "<", "- ", "-\t"))) > MAX_BRACKETS:
-        raise DataError("is no stereo calibration: it has too many brackets", path)
+        raise DataError("is not a stereo calibration: too many brackets", path)
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         root = storage.root()
@@ -102,8 +104,8 @@ def _matrices(path: Path) -> dict[str, Array]:
 
 
 def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
-    """A matrix, checked first: OpenCV writes beyond its end where the numbers are more than rows × cols."""
-    sizes = node.getNode("sizes")  # in place of rows and cols where it has one side
+    """A matrix, after a check: OpenCV overflows its buffer if there are more than rows × cols numbers."""
+    sizes = node.getNode("sizes")  # instead of rows and cols for a vector
     sides = [sizes.at(i) for i in range(sizes.size())] or [node.getNode("rows"), node.getNode("cols")]
     shape = [int(side.real()) if side.isInt() else 0 for side in sides]
     kind = re.fullmatch(r"(\d?)[a-z]", node.getNode("dt").string())  # "2f": two numbers each
@@ -129,23 +131,22 @@ def _shaped(name: str, matrix: Array, path: Path) -> Array:
 
 
 def rig_from_matrices(
-    found: dict[str, Array], size: tuple[int, int], path: Path, rectified: bool = False, unit: float = 1.0
+    matrices: dict[str, Array], size: tuple[int, int], path: Path, rectified: bool = False, unit: float = 1.0
 ) -> Rig:
     """The rig of calibration matrices.
 
-    With K, D of both cameras and R, T between them the rectification is computed (`cv2.stereoRectify`, only
-    pixels that both images have); with R1, P1, R2, P2 in place of R, T it is taken as given. P1 and P2 alone
-    mean images that are rectified.
+    The rectification is computed from K, D of both cameras and R, T between them (`cv2.stereoRectify`, only
+    common pixels), or taken from R1, P1, R2, P2. With P1 and P2 alone, the images are rectified already.
 
     Parameters
     ----------
     size : width and height of the images, pixels.
-    rectified : the images are rectified whatever else the file has; P1 and P2 hold.
-    unit : metres of one unit of T.
+    rectified : the images are rectified; only P1 and P2 are used.
+    unit : unit of T, metres.
     """
-    raw = {"K1", "D1", "K2", "D2"} <= found.keys()
-    if not rectified and raw and {"R", "T"} <= found.keys():
-        K1, D1, K2, D2, R, T = (found[name] for name in ("K1", "D1", "K2", "D2", "R", "T"))
+    raw = {"K1", "D1", "K2", "D2"} <= matrices.keys()
+    if not rectified and raw and {"R", "T"} <= matrices.keys():
+        K1, D1, K2, D2, R, T = (matrices[name] for name in ("K1", "D1", "K2", "D2", "R", "T"))
         try:
             R1, R2, P1, P2 = cv2.stereoRectify(
                 K1, D1, K2, D2, size, R, T.reshape(3, 1), flags=cv2.CALIB_ZERO_DISPARITY, alpha=0
@@ -154,36 +155,38 @@ def rig_from_matrices(
             if not all(np.isfinite(matrix).all() for matrix in computed.values()):
                 raise ValueError
         except (cv2.error, ValueError):
-            raise DataError("no rectification follows from these matrices", path) from None
-        found = {**found, **{name: np.asarray(matrix, np.float64) for name, matrix in computed.items()}}
-    if not {"P1", "P2"} <= found.keys():
-        missing = ", ".join(sorted({"K1", "D1", "K2", "D2", "R", "T"} - found.keys()))
+            raise DataError("these matrices do not define a rectification", path) from None
+        matrices = {**matrices, **{name: np.asarray(matrix, np.float64) for name, matrix in computed.items()}}
+    if not {"P1", "P2"} <= matrices.keys():
+        missing = ", ".join(sorted({"K1", "D1", "K2", "D2", "R", "T"} - matrices.keys()))
         wanted = "P1 and P2" if rectified else f"{missing} (or P1 and P2 of rectified images)"
         raise DataError(f"the calibration lacks {wanted}", path)
-    P1, P2 = found["P1"], found["P2"]
+    P1, P2 = matrices["P1"], matrices["P2"]
     if abs(P2[1, 3]) > abs(P2[0, 3]):
-        raise DataError("the second camera stands above or below the first one, not beside it", path)
+        raise DataError("the second camera is above or below the first one, not next to it", path)
     f = float(P1[0, 0])
     if f <= 0 or np.abs(P1[:, :3] - P2[:, :3]).max() > 1e-3 * f or abs(P1[1, 1] - f) > 1e-3 * f:
-        raise DataError("P1 and P2 are not those of a rectified pair: f, cx, cy must be equal", path)
+        raise DataError("P1 and P2 do not belong to a rectified pair: f, cx, cy must be equal", path)
     rig = rig_from_numbers(f, float(P1[0, 2]), float(P1[1, 2]), unit * float(-P2[0, 3] / f), path)
-    if rectified or not raw or not {"R1", "R2"} <= found.keys():
+    if rectified or not raw or not {"R1", "R2"} <= matrices.keys():
         return rig
-    return replace(rig, maps=(_maps(found, size, "1"), _maps(found, size, "2")), R1=found["R1"])
+    return replace(rig, maps=(_maps(matrices, size, "1"), _maps(matrices, size, "2")), R1=matrices["R1"])
 
 
-def _maps(found: dict[str, Array], size: tuple[int, int], camera: str) -> tuple[Image, Image]:
-    K, D, R, P = (found[name + camera] for name in "KDRP")
+def _maps(matrices: dict[str, Array], size: tuple[int, int], camera: str) -> tuple[Image, Image]:
+    K, D, R, P = (matrices[name + camera] for name in "KDRP")
     maps = cv2.initUndistortRectifyMap(K, D, R, P[:, :3], size, cv2.CV_16SC2)
     return maps[0], maps[1]  # type: ignore[return-value]
 
 
 def rig_from_numbers(f: float, cx: float, cy: float, baseline: float, path: Path | None = None) -> Rig:
-    """A rig of plain numbers, pixels and metres; `DataError` where they are no camera's."""
+    """A rig from numbers, pixels and metres; `DataError` for impossible values."""
     if not np.isfinite([f, cx, cy, baseline]).all() or f <= 0:
         raise DataError(f"focal length {f:g} px, centre {cx:g},{cy:g} px: expected positive numbers", path)
     if baseline == 0:
         raise DataError("the baseline is 0 m: expected the distance between the two cameras", path)
     if abs(baseline) > MAX_BASELINE_M:
-        raise DataError(f"the baseline is {abs(baseline):g} m: is it in millimetres? say --unit mm", path)
+        raise DataError(
+            f"the baseline is {abs(baseline):g} m: if the unit is millimetres, add --unit mm", path
+        )
     return Rig(f, cx, cy, baseline)

@@ -1,4 +1,4 @@
-"""Whether images are those of a rectified stereo pair, seen on a sample: order, rows, disparities."""
+"""Check of a sample of stereo pairs: order of the images, rows, disparities."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from vo_lib.geometry.types import Array, Image
 from vo_lib.kit.settings import KitMatchingConfig
 
 SAMPLE_PAIRS = 6
-SIFT_FEATURES = 1500  # in an image
-MAX_SIFT_SIDE_PX = 4096  # larger images are scaled down: SIFT needs 170 bytes a pixel
-NEAREST_RATIO = 0.75  # a match is nearer than the second nearest by this factor (Lowe 2004)
-MIN_MATCHES_A_PAIR = 20  # on average; fewer allow no statement
+SIFT_FEATURES = 1500  # per image
+MAX_SIFT_SIDE_PX = 4096  # larger images are scaled down, since SIFT needs 170 bytes per pixel
+NEAREST_RATIO = 0.75  # largest ratio of nearest and second nearest descriptor distance (Lowe 2004)
+MIN_MATCHES_PER_PAIR = 20  # average number needed for a result
 MAX_ROW_SHIFT = 0.25  # share of the image height; matches with a larger shift are wrong
-MANY_NEGATIVE = 0.7  # share of negative disparities of a pair that is swapped
-MIN_DISPARITY_PX = 1.0  # smaller disparities do not show the order of the images
+MANY_NEGATIVE = 0.7  # smallest share of negative disparities of a swapped pair
+MIN_DISPARITY_PX = 1.0  # smaller disparities do not determine the order of the images
 
 
 @dataclass(frozen=True)
 class PairStatistics:
-    """What matches between left and right images say, over all pairs of a sample.
+    """Statistics of matches between left and right images over a sample of pairs.
 
     Attributes
     ----------
-    pairs, matches : how many were looked at and found.
+    pairs, matches : numbers of pairs and of matches.
     disparity : median of u_left - u_right, pixels.
     negative : share of disparities below -1 px, in [0, 1].
     row : median of v_right - v_left, pixels: 0 in a rectified pair.
@@ -45,7 +45,7 @@ class PairStatistics:
 
 
 def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
-    """Match each pair by SIFT in all directions, so that swapped and unrectified pairs match as well."""
+    """Statistics of SIFT matches without constraints, which also match swapped and unrectified pairs."""
     shifts = [_shifts(left, right) for left, right in pairs]
     disparity, row = np.concatenate([np.zeros((0, 2)), *shifts]).T * [[-1.0], [1.0]]
     if not len(row):
@@ -75,7 +75,7 @@ def _shifts(left: Image, right: Image) -> Array:
     if not points_l or not points_r:
         return np.zeros((0, 2))
     nearest = cv2.BFMatcher(cv2.NORM_L2).knnMatch(descriptors_l, descriptors_r, k=2)
-    # Images of different scenes have nearest neighbours too, but none that is much nearer than the next.
+    # The ratio test rejects nearest neighbours in images of different scenes.
     good = [
         pair[0] for pair in nearest if len(pair) == 2 and pair[0].distance < NEAREST_RATIO * pair[1].distance
     ]
@@ -84,23 +84,23 @@ def _shifts(left: Image, right: Image) -> Array:
     return np.asarray(shift[np.abs(shift[:, 1]) <= MAX_ROW_SHIFT * left.shape[0]], np.float64)
 
 
-def complaints(found: PairStatistics, baseline: float) -> list[str]:
-    """What is wrong with a pair and the sign of its baseline, a sentence each; nothing where all is well.
+def complaints(stats: PairStatistics, baseline: float) -> list[str]:
+    """Problems of a pair and of its baseline's sign, a sentence each; empty without problems.
 
     Parameters
     ----------
-    baseline : metres, as the calibration gives it; negative where it puts the right camera on the left.
+    baseline : baseline of the calibration, metres; negative if the right camera is on the left.
     """
-    if found.matches < MIN_MATCHES_A_PAIR * max(found.pairs, 1):
+    if stats.matches < MIN_MATCHES_PER_PAIR * max(stats.pairs, 1):
         return [
-            f"only {found.matches} matches between left and right in {found.pairs} pairs: do the two show "
+            f"only {stats.matches} matches between left and right in {stats.pairs} pairs: do the two show "
             "the same scene at the same time?"
         ]
-    if found.disparity == found.row_spread == 0.0:
+    if stats.disparity == stats.row_spread == 0.0:
         return ["left and right are the same images: there is no depth in them"]
     words = []
-    seen = f"{100 * found.negative:.0f} % of {found.matches} matches have a negative disparity"
-    if found.negative > MANY_NEGATIVE:
+    seen = f"{100 * stats.negative:.0f} % of {stats.matches} matches have a negative disparity"
+    if stats.negative > MANY_NEGATIVE:
         also = ", and the baseline is negative too" if baseline <= 0 else ""
         words.append(f"left and right are swapped: {seen}{also}; exchange the two (--swap)")
     elif baseline <= 0:
@@ -109,9 +109,9 @@ def complaints(found: PairStatistics, baseline: float) -> list[str]:
             "must be positive (T of the calibration: from the left camera to the right one, its x negative)"
         )
     tolerance = KitMatchingConfig().row_tolerance
-    if found.row_spread > tolerance or abs(found.row) > tolerance:
+    if stats.row_spread > tolerance or abs(stats.row) > tolerance:
         words.append(
-            f"rows do not match: the right image is {found.row:+.1f} ± {found.row_spread:.1f} px lower than "
+            f"rows do not match: the right image is {stats.row:+.1f} ± {stats.row_spread:.1f} px lower than "
             "the left one; rectify the images or give the full calibration"
         )
     return words

@@ -1,4 +1,4 @@
-"""A user's own stereo pairs, looked at and written as a folder in KITTI's layout."""
+"""Import of a user's stereo pairs: check, rectification, and a folder in KITTI's layout."""
 
 from __future__ import annotations
 
@@ -32,21 +32,23 @@ def rig_of(
     rectified: bool,
     unit: float,
 ) -> Rig:
-    """The rig of a source, from its numbers or its calibration files; `DataError` unless given one of them.
+    """The rig of a source, from numbers or from calibration files; `DataError` for both or none.
 
     Parameters
     ----------
     numbers : focal length, pixels; principal point such as "607.2,185.2", pixels; baseline, units.
-    rectified : the images are rectified, whatever else the files hold. unit : metres.
+    rectified : the images are rectified already. unit : unit of lengths, metres.
     """
     focal, centre, baseline = numbers
     if files is not None:
         if any(number is not None for number in numbers):
-            raise DataError("give either --calibration or --focal, --centre and --baseline")
+            raise DataError("use either --calibration, or --focal, --centre and --baseline")
         height, width = next(iter(source.pairs()))()[0].shape
         return rig_from_matrices(read_opencv(files), (width, height), files[0], rectified, unit)
     if focal is None or centre is None or baseline is None:
-        raise DataError("say the calibration: --focal, --centre and --baseline, or --calibration FILE")
+        raise DataError(
+            "the calibration is missing: add --focal, --centre and --baseline, or --calibration FILE"
+        )
     try:
         cx, cy = (float(word) for word in centre.split(","))
     except ValueError:
@@ -55,14 +57,14 @@ def rig_of(
 
 
 def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[str]:
-    """Findings of a sample of pairs, a line each; `DataError` where they cannot be right.
+    """Results of the check of a sample, a line each; `DataError` for impossible results.
 
-    `anyway` : doubts are said as warnings; a wrong sign of the baseline is refused all the same.
-    `nearest` : metres, the least median depth that is believed.
+    `anyway` : problems are only warnings, except a wrong sign of the baseline. `nearest` : smallest plausible
+    median depth, metres.
     """
-    found = measure_pairs(rig.rectify(*pair) for pair in source.sample())
-    wrong = complaints(found, rig.baseline)
-    if not wrong and (metres := rig.f * rig.baseline / max(found.disparity, 1e-9)) < nearest:
+    statistics = measure_pairs(rig.rectify(*pair) for pair in source.sample())
+    wrong = complaints(statistics, rig.baseline)
+    if not wrong and (metres := rig.f * rig.baseline / max(statistics.disparity, 1e-9)) < nearest:
         wrong.append(
             f"the median depth would be {metres:.2f} m with a baseline of {rig.baseline:g} m: is that in "
             f"another unit (--unit)? Outdoors it is {nearest:g} m and more"
@@ -70,11 +72,13 @@ def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[s
     if wrong and (not anyway or rig.baseline <= 0):
         hint = "" if rig.baseline <= 0 else " (--anyway writes it all the same)"
         raise DataError("; ".join(wrong) + hint)
-    depth = "far away" if found.disparity <= 0 else f"{rig.f * rig.baseline / found.disparity:.1f} m"
+    depth = (
+        "far away" if statistics.disparity <= 0 else f"{rig.f * rig.baseline / statistics.disparity:.1f} m"
+    )
     return [
         *(f"warning: {sentence}" for sentence in wrong),
-        f"{found.matches} matches in {found.pairs} pairs: rows differ by {found.row:+.2f} ± "
-        f"{found.row_spread:.2f} px, median disparity {found.disparity:.1f} px, a depth of {depth}",
+        f"{statistics.matches} matches in {statistics.pairs} pairs: rows differ by {statistics.row:+.2f} ± "
+        f"{statistics.row_spread:.2f} px, median disparity {statistics.disparity:.1f} px, a depth of {depth}",
     ]
 
 
@@ -87,15 +91,14 @@ def write_sequence(
     copy: bool = False,
     progress: Progress | None = None,
 ) -> int:
-    """Write a sequence in KITTI's layout; the folder appears whole or not at all.
+    """Write a sequence in KITTI's layout; the folder appears only when complete.
 
     PNG images that are rectified are linked (copied with `copy`, or where links are impossible); others
     are rectified and written as grey PNG.
 
     Parameters
     ----------
-    times : (N,) seconds, or frames a second.
-    poses : (N, 4, 4) true poses T_w_c, or None.
+    times : (N,) seconds, or frames per second. poses : (N, 4, 4) true poses T_w_c, or None.
 
     Returns
     -------
@@ -108,21 +111,21 @@ def write_sequence(
         else:
             count = _write_images(source, rig, folder, progress)
         if count < 2:
-            raise DataError(f"expected two stereo pairs or more, found {count}")
+            raise DataError(f"expected two or more stereo pairs, found {count}")
         rows = np.arange(count) / times if isinstance(times, float) else times
         for name, length in (("times", len(rows)), ("poses", count if poses is None else len(poses))):
             if length != count:
-                raise DataError(f"{length} rows of {name} for {count} pairs: expected one row a pair")
+                raise DataError(f"{length} rows of {name} for {count} pairs: expected one row per pair")
         write_tables(folder, rig, rows, poses)
         try:
             open_sequence(folder)
-        except DataError as error:  # nothing is left behind that cannot be opened
+        except DataError as error:  # an unusable sequence is not kept
             raise DataError(str(error).replace(str(folder), str(out))) from None
     return count
 
 
 def write_tables(folder: Path, rig: Rig, times: Array, poses: Array | None) -> None:
-    """Write calib.txt, times.txt of (N,) seconds and, where there are true poses (N, 4, 4), poses.txt."""
+    """Write calib.txt, times.txt of (N,) seconds and, with true poses (N, 4, 4), poses.txt."""
     camera = StereoCamera(rig.f, rig.cx, rig.cy, rig.baseline)
     write_atomic(folder / "calib.txt", calibration_text(camera))
     write_atomic(folder / "times.txt", "".join(f"{seconds:.9f}\n" for seconds in times))
@@ -131,14 +134,14 @@ def write_tables(folder: Path, rig: Rig, times: Array, poses: Array | None) -> N
 
 
 def require_new(out: Path) -> None:
-    """`DataError` where `out` is a file or a folder with something in it."""
+    """`DataError` if `out` is a file or a folder that is not empty."""
     if os.path.lexists(out) and (not out.is_dir() or any(out.iterdir())):
-        raise DataError("is there already and not empty; name another folder", out)
+        raise DataError("already exists and is not empty; choose another folder", out)
 
 
 @contextmanager
 def _new_folder(out: Path) -> Iterator[Path]:
-    """A folder beside `out` that takes its name when all went well, and goes away otherwise."""
+    """A temporary folder that is renamed to `out` after success and deleted after a failure."""
     require_new(out)
     working = out.with_name(f".{out.name}.{os.getpid()}.tmp")
     try:
@@ -163,7 +166,7 @@ def _take_files(files: list[tuple[Path, Path]], folder: Path, copy: bool, progre
                     target.symlink_to(path.resolve())
                     continue
                 except OSError:
-                    copy = True  # a system without links
+                    copy = True  # the system has no links
             shutil.copyfile(path, target)
         if progress is not None:
             progress(number + 1, len(files))
@@ -171,7 +174,7 @@ def _take_files(files: list[tuple[Path, Path]], folder: Path, copy: bool, progre
 
 
 def _write_images(source: Source, rig: Rig, folder: Path, progress: Progress | None) -> int:
-    """Rectify and write all pairs, a few at once, with as few in memory."""
+    """Rectify and write all pairs, a few of them in parallel."""
     total = source.size_hint()
 
     def write(number: int, read: Callable[[], Pair]) -> None:

@@ -1,4 +1,4 @@
-"""Where a user's stereo pairs come from: two folders of images, or a video with both side by side."""
+"""Sources of a user's stereo pairs: two folders of images, or a video with both side by side."""
 
 from __future__ import annotations
 
@@ -22,21 +22,24 @@ from vo_lib.geometry.types import Array, Image
 Pair = tuple[Image, Image]
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
-MAX_DELAY_S = 0.005  # between left and right image; a car at 50 km/h drives 7 cm in this time
-NANOSECONDS, SECONDS = re.compile(r"\d{18,19}"), re.compile(r"\d{9,10}\.\d+")  # names that are times
-VIDEO_SAMPLE_STEP = 10  # frames of a video from one pair of the sample to the next
+MAX_DELAY_S = 0.005  # between left and right image; at 50 km/h a car drives 7 cm in this time
+NANOSECONDS, SECONDS = (
+    re.compile(r"\d{18,19}"),
+    re.compile(r"\d{9,10}\.\d+"),
+)  # patterns of names that are times
+VIDEO_SAMPLE_STEP = 10  # frames of a video between pairs of the sample
 
 
 @dataclass(frozen=True)
 class Drive:
-    """N stereo pairs of a data set that says itself what its cameras are.
+    """N stereo pairs of a data set with its own calibration.
 
     Attributes
     ----------
-    paths : image files, left and right. rig : what rectifies them.
-    times : (N,) seconds, as the data set counts them.
+    paths : image files, left and right. rig : the rectified camera.
+    times : (N,) seconds of the data set's clock.
     poses : (N, 4, 4) T_w_c of the rectified left camera, the first one the identity; None without truth.
-    note : what was left out and why, or "".
+    note : a sentence on skipped images, or "".
     """
 
     paths: list[tuple[Path, Path]]
@@ -48,7 +51,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class FolderSource:
-    """N pairs of image files; `times` (N,), seconds, where names say them; `note` as a `Drive` has it."""
+    """N pairs of image files; `times` (N,), seconds, if the names are times; `note` as in `Drive`."""
 
     paths: list[tuple[Path, Path]]
     times: Array | None = None
@@ -64,19 +67,19 @@ class FolderSource:
         return (partial(_read_pair, paths) for paths in self.paths)
 
     def size_hint(self) -> int:
-        """How many there are."""
+        """The number of pairs."""
         return len(self.paths)
 
 
 @dataclass(frozen=True)
 class VideoSource:
-    """A video whose frames hold both images side by side."""
+    """A video with both images side by side in every frame."""
 
     path: Path
     swap: bool = False
 
     def sample(self) -> list[Pair]:
-        """Pairs of the first frames: videos are read in order."""
+        """Pairs of the first frames, since videos are read in order."""
         some = itertools.islice(self.pairs(), 0, SAMPLE_PAIRS * VIDEO_SAMPLE_STEP, VIDEO_SAMPLE_STEP)
         return [read() for read in some]
 
@@ -93,11 +96,11 @@ class VideoSource:
             video.release()
 
     def size_hint(self) -> int:
-        """As many as the video says it has."""
+        """The number of frames in the video's header."""
         return int(self._property(cv2.CAP_PROP_FRAME_COUNT))
 
     def fps(self) -> float:
-        """Frames a second, or 0 where the video does not say."""
+        """Frames per second, or 0 if unknown."""
         return self._property(cv2.CAP_PROP_FPS)
 
     def _property(self, number: int) -> float:
@@ -111,13 +114,14 @@ class VideoSource:
             raise DataError("the file is missing", self.path)
         video = cv2.VideoCapture(str(self.path))
         if not video.isOpened():
-            raise DataError("is no video that OpenCV can read", self.path)
+            raise DataError("is not a video that OpenCV can read", self.path)
         return video
 
     def _halves(self, frame: Image) -> Pair:
         if frame.shape[1] % 2:
             raise DataError(
-                f"frames are {frame.shape[1]} px wide: two images side by side are even", self.path
+                f"frames are {frame.shape[1]} px wide: expected an even width, two images side by side",
+                self.path,
             )
         grey = np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame, np.uint8)
         half = grey.shape[1] // 2
@@ -125,18 +129,18 @@ class VideoSource:
         return (second, first) if self.swap else (first, second)
 
 
-# Stereo pairs in order: a sample to judge them by, all of them, each read when it is called.
+# Stereo pairs in order: a sample for the check, and all pairs, read one at a time.
 Source = FolderSource | VideoSource
 
 
 def pair_images(
     left: Path, right: Path, max_delay: float = MAX_DELAY_S, skip_unpaired: bool = False
 ) -> FolderSource:
-    """Left and right image files that belong together, each side a folder or a pattern such as `S/I1_*.png`.
+    """Pairs of left and right image files; each side is a folder or a pattern such as `S/I1_*.png`.
 
-    Names that are times, whole nanoseconds or seconds with decimals, go together with the nearest, at most
-    `max_delay` seconds away. Other names go together where they, or the parts that the star stands for, are
-    equal; where none is, images go together in the order of their numbers.
+    If the names are times, nanoseconds or seconds with decimals, each image is paired with the nearest in
+    time, within `max_delay` seconds. Otherwise equal names, or equal parts for the star, are paired; without
+    equal names, images are paired in the order of their numbers.
 
     Raises `DataError` for places without images, for different numbers of images without equal names, and
     for an image without a partner unless `skip_unpaired` leaves it out.
@@ -159,7 +163,7 @@ def pair_images(
     files = [list(side.values()) for side in sides]
     single = [f[n] for f, c in zip(files, chosen, strict=True) for n in sorted({*range(len(f))} - {*c})]
     if single and not skip_unpaired:
-        raise DataError("the image has no partner; --skip-unpaired leaves such images out", single[0])
+        raise DataError("the image has no partner; --skip-unpaired skips such images", single[0])
     if single:
         notes.append(f"{len(single)} images without a partner are left out")
     paths = [(files[0][n], files[1][m]) for n, m in zip(*chosen, strict=True)]
@@ -167,7 +171,7 @@ def pair_images(
 
 
 def _images(place: Path) -> dict[str, Path]:
-    """Images of a folder by their names without ending, or those of a pattern by the part that varies."""
+    """Images of a folder by file stem, or images of a pattern by the text for the star."""
     head, star, tail = place.name.partition("*") if "*" in place.name else ("", "", "")
     folder = place.parent if star else place
     if not folder.is_dir():
@@ -178,19 +182,19 @@ def _images(place: Path) -> dict[str, Path]:
         if p.suffix.lower() in ENDINGS and p.name.startswith(head) and p.name.endswith(tail)
     }
     if len(named) < 2:
-        raise DataError(f"expected two images or more, found {len(named)}", place)
+        raise DataError(f"expected two or more images, found {len(named)}", place)
     return {name: named[name] for name in sorted(named, key=_by_number)}
 
 
 def _seconds(names: list[str]) -> Array | None:
-    """Times (N,), seconds, that names say; None where one is no time."""
+    """Times (N,), seconds, from file names; None if a name is not a time."""
     if all(NANOSECONDS.fullmatch(name) for name in names):
         return 1e-9 * np.array(names, np.float64)
     return np.array(names, np.float64) if all(SECONDS.fullmatch(name) for name in names) else None
 
 
 def _by_number(name: str) -> list[tuple[int, str]]:
-    """Sorts img2 before img10."""
+    """Sort key that orders img2 before img10."""
     return [(int(part or 0), word) for word, part in re.findall(r"(\D*)(\d*)", name)]
 
 

@@ -1,4 +1,4 @@
-"""Zip archives on disk or on a web server: members listed and read, over lost connections too."""
+"""Zip archives on disk or on a web server, read member by member, with repeated requests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from fetch.download import LOST, open_session, what_failed
 from vo_lib.errors import DataError
 
 Answer = TypeVar("Answer")
-HEADER_BYTES = 30  # before a member's name; the lengths of name and extra field end it
+HEADER_BYTES = (
+    30  # length of the header before a member's name; it ends with the lengths of name and extra field
+)
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,7 @@ class Member:
     Attributes
     ----------
     archive : the archive's path or URL; info : the member's entry in the directory.
-    end : position in the archive behind the member.
-    target : where it goes below the root.
+    end : position of the member's end in the archive. target : path below the root.
     """
 
     archive: str
@@ -40,7 +41,7 @@ class Member:
 
 
 class Archives:
-    """Archives whose members several threads may read, each by one request, with its checksum verified."""
+    """Archives for several threads; each member is read by one request, with a check of its checksum."""
 
     def __init__(self) -> None:
         self._session = open_session()
@@ -53,7 +54,7 @@ class Archives:
         self._session.close()
 
     def directory(self, place: str) -> list[tuple[zipfile.ZipInfo, int]]:
-        """Entries of an archive, each with the position behind its member; `DataError` where unreadable."""
+        """Entries of an archive, each with the position of its member's end; `DataError` if unreadable."""
 
         def ask() -> tuple[list[zipfile.ZipInfo], int]:
             remote, options = _is_url(place), {"session": self._session, "timeout": download.TIMEOUT_S}
@@ -63,10 +64,10 @@ class Archives:
         members, end = self._again(place, ask)
         members = sorted(members, key=lambda info: info.header_offset)
         ends = [*(info.header_offset for info in members[1:]), end]
-        return list(zip(members, ends, strict=False))  # one end too many without members
+        return list(zip(members, ends, strict=False))  # without members, there is one end too many
 
     def read(self, member: Member) -> bytes:
-        """Content of a member, its checksum verified; `DataError` where it is damaged or cannot be read."""
+        """Content of a member after a check of its checksum; `DataError` if damaged or unreadable."""
 
         def ask() -> bytes:
             data = self._bytes(member.archive, member.info.header_offset, member.end)
@@ -91,7 +92,7 @@ class Archives:
             return bytes(answer.raw.read())
 
     def _again(self, place: str, ask: Callable[[], Answer], member: str = "") -> Answer:
-        """The answer of `ask`, which is asked again after a lost connection or a wrong checksum."""
+        """The result of `ask`, which is called again after a lost connection or a wrong checksum."""
         for attempt in range(download.ATTEMPTS):
             time.sleep(download.PAUSE_S * attempt)
             try:
@@ -99,7 +100,9 @@ class Archives:
             except RangeNotSupported:
                 remedy = "download the archive as a whole and call again with --from-zip FILE"
                 raise DataError(f"the server gives only whole files: {remedy}", place) from None
-            except Exception as error:  # those of zip files and of their compressions share no other base
+            except (
+                Exception
+            ) as error:  # errors of zipfile and its compressions have no other common base class
                 failure = error.__context__ if isinstance(error, RemoteZipError) else error
                 if isinstance(failure, requests.RequestException) or not _is_url(place):
                     break
@@ -110,7 +113,7 @@ class Archives:
 
 
 def _close_unread(response: requests.Response, *details: object, **options: object) -> None:
-    """Close answers that nobody reads: refusals, and a whole file where a part was asked for."""
+    """Close unused responses: refusals, and whole files instead of a range."""
     if response.status_code >= 400 or (response.status_code == 200 and "Range" in response.request.headers):
         response.close()
 

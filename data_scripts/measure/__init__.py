@@ -1,1 +1,1 @@
-"""What the measure_… scripts share."""
+"""Code shared by the measure_… scripts."""

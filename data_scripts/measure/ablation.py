@@ -1,4 +1,4 @@
-"""The kit's ideas, how each of them is turned off for a run, and the table of what that changes."""
+"""The kit's ideas, the changes that turn each of them off, and the table of the effects."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PROPOSAL, MOVING = "feature_selection", "moving_selection"
 KLT, ALIGN, ODO, RIG = (f"vo_lib.kit.{name}" for name in ("klt", "alignment", "odometry", "rig"))
 FRONT_END = ("matching.", "vo_lib.runs.front_end", KLT, ALIGN)
 KEY = ("idea", "method", "sequence")
-# Titles of the tables, and what changes.
+# Titles of the tables, and their quantities.
 CHANGES = {
     "Change of TE, %,": "te",
     "Change of RE, %,": "re",
@@ -38,10 +38,10 @@ class Idea:
 
     Attributes
     ----------
-    name : what the table calls it; lines : of code that go with it.
+    name : its name in the table; lines : number of its lines of code.
     off : settings by dotted name, functions and constants by full name, with the values that turn it off.
     method : the system in which it is turned off.
-    stays : why it stays where the errors do not ask for it.
+    stays : reason to keep an idea that does not reduce the errors.
     """
 
     name: str
@@ -52,11 +52,11 @@ class Idea:
 
     @property
     def finds_matches(self) -> bool:
-        """Whether the matches are others without it."""
+        """Whether turning the idea off changes the matches."""
         return any(name.startswith(FRONT_END) for name in self.off)
 
 
-# The kit as it is; the front end's ideas are timed with their matching.
+# The complete kit; the time of ideas of the front end includes the matching.
 WHOLE = (
     Idea("", 0, {}),
     Idea("", 0, {}, MOVING),
@@ -84,54 +84,54 @@ def searched_once(self: Any, before: Any, features: Any, pair: Any) -> Any:
 
 
 def square_in_stereo(slope: Array) -> Array:
-    """`stereo_warp` of windows that stay square."""
+    """`stereo_warp` for square windows."""
     return np.tile(np.eye(2), (len(slope), 1, 1))
 
 
 def square_over_time(camera: Any, uv: Array, *_: Any) -> Array:
-    """`motion_warp` of windows that stay square."""
+    """`motion_warp` for square windows."""
     return square_in_stereo(uv)
 
 
 def coarse_over_time(
     camera: Any, before: Any, pair: Any, previous: Any, slope: Any, start: Any, *_: Any
 ) -> Any:
-    """`refine_over_time` that leaves the places as they are."""
+    """`refine_over_time` without a change of the positions."""
     return (*start, np.ones(len(slope), np.bool_))
 
 
 def coarse_in_stereo(pair: Any, coarse: Any, left: Array, right: Array, config: Any) -> Any:
-    """`refine_stereo` that leaves the places as they are."""
+    """`refine_stereo` without a change of the positions."""
     surface = fit_surface(coarse, left, left[:, 0] - right[:, 0])
     ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance
     return right, surface.slope, ok & (surface.share >= config.surface_share) & is_stereo(left, right, config)
 
 
 def papers_translation(camera: Any, matches: Any, R_cp: Array, config: Any) -> Any:
-    """`robust_translation` by the paper's `solve_translation`."""
+    """`robust_translation` replaced by the paper's `solve_translation`."""
     solved = solve_translation(camera, matches, R_cp, TranslationConfig())
     return solved and (solved[0], np.where(solved[1], 0.0, np.inf))
 
 
 def least_squares(system: Any, limit: float) -> Array:
-    """`robust_start` from all features alike."""
+    """`robust_start` by least squares over all features."""
     return np.asarray(np.linalg.solve(system.W.sum(axis=1)[FULL], system.right_sides().sum(axis=1)))
 
 
 def as_estimated(self: Any, estimate: Array, covariance: Array) -> None:
-    """`Rig.know` that uses every error as it is estimated."""
+    """`Rig.know` without shrinking."""
     self.estimate, self.covariance, self.errors = estimate, covariance, estimate.copy()
 
 
 def without(*names: str) -> dict[str, Any]:
-    """Errors that begin with these names are taken to be zero."""
+    """The change that sets errors to zero whose names begin like this."""
     share = np.where([name.startswith(names) for name in rig.ERROR_NAMES], 1e-4, 1.0)
     prior = rig.prior_covariance() * np.outer(share, share)
     return {f"{RIG}.prior_covariance": lambda: prior}
 
 
 def without_faults(*names: str) -> dict[str, Any]:
-    """Faults that begin with these names are taken to be impossible."""
+    """The change that removes faults whose names begin like this."""
     left = {name: fault for name, fault in rig.RIG_FAULTS.items() if not name.startswith(names)}
     return {f"{RIG}.RIG_FAULTS": left}
 
@@ -221,7 +221,7 @@ IDEAS = (
 
 
 def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
-    """Change of TE, of RE and of the length without each idea, of the rows of the CSV file, a table each."""
+    """Tables of the change of TE, of RE and of the length without each idea, from rows of the CSV file."""
     records = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
     whole = {(r["method"], r["sequence"]): r for r in records if not r["idea"]}
     sequences = sorted(
@@ -270,7 +270,7 @@ def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
 
 
 def _cell(row: dict[str, str], kind: str, whole: dict[str, str]) -> str:
-    """A change, in % of the whole kit's error, of the length in percentage points, ± deviation."""
+    """A change ± deviation as text, in % of the complete kit's error (length: percentage points)."""
     scale, digits = (1.0, 2) if kind == "length" else (100.0 / float(whole[kind]), 1)
     change, spread = (f"{scale * float(row[key]):.{digits}f}" for key in (kind, f"{kind}_sd"))
     signed = change if change.startswith("-") else f"+{change}"

@@ -19,9 +19,9 @@ GRID_SHRINK, GRIDS = 0.6, 40  # the last grid is 1e-9° wide
 
 @dataclass(frozen=True)
 class TurnedErrors:
-    """KITTI errors of an estimate whose axes are turned by `pitch` and `yaw`, degrees.
+    """KITTI errors of an estimate with axes rotated by `pitch` and `yaw`, degrees.
 
-    In the truth's axes the camera looks up by a positive pitch (y is down), right by a positive yaw.
+    In the truth's axes, the camera points up for a positive pitch (y is down), right for a positive yaw.
     """
 
     pitch: float
@@ -30,13 +30,13 @@ class TurnedErrors:
 
 
 def axes_rotation(angles: ArrayLike) -> Array:
-    """C (..., 3, 3), camera to truth, of rotation vectors (pitch, yaw, 0): angles (..., 2), degrees."""
+    """Rotations C (..., 3, 3), camera to truth, of angles (pitch, yaw), (..., 2), degrees."""
     angles = np.radians(angles)
     return rotation_from_vector(np.concatenate([angles, np.zeros_like(angles[..., :1])], axis=-1))
 
 
 def turn_axes(poses: Array, C: Array) -> Array:
-    """Poses C T C⁻¹ (N, 4, 4): the same path as a camera with axes turned by C (3, 3) would write it."""
+    """Poses C T C⁻¹ (N, 4, 4) of the same path for a camera with axes rotated by C (3, 3)."""
     turn = rigid(C, np.zeros(3))
     return np.asarray(turn @ poses @ turn.T)
 
@@ -44,10 +44,10 @@ def turn_axes(poses: Array, C: Array) -> Array:
 def fit_axes(
     truth: Array, estimate: Array, lengths: Items[float] = KITTI_LENGTHS, step: int = KITTI_STEP
 ) -> TurnedErrors:
-    """Errors with the pitch and yaw, at most `MAX_ANGLE_DEG`, that make TE least; 0° without sub-sequences.
+    """Errors with the pitch and yaw, at most `MAX_ANGLE_DEG`, that minimise TE; 0° without sub-sequences.
 
     The translation error of inverse(C Δest C⁻¹) Δgt is as long as t_gt - C t_est. Its mean is nearly convex
-    in the two angles: a grid of 5×5 around the best so far, each time smaller, finds the least.
+    in the two angles: ever smaller 5×5 grids around the best point find the minimum.
     """
     errors = kitti_errors(truth, estimate, lengths, step)
     if not len(errors):
@@ -55,7 +55,7 @@ def fit_axes(
     motions = (np.linalg.inv(poses[errors.first]) @ poses[errors.last] for poses in (truth, estimate))
     t_gt, t_est = (motion[:, :3, 3] for motion in motions)
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 5)]), axis=-1).reshape(-1, 2)
-    grid = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")]  # of equals, the nearest is kept
+    grid = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")]  # the nearest of equally good points
     best, width = np.zeros(2), MAX_ANGLE_DEG
     for _ in range(GRIDS):
         tried = np.clip(best + width * grid, -MAX_ANGLE_DEG, MAX_ANGLE_DEG)
@@ -68,12 +68,12 @@ def fit_axes(
 
 
 def is_raw_drive(sequence: Sequence) -> bool:
-    """Whether the truth is that of KITTI's raw data, from the GPS/INS, whose axes are turned."""
+    """Whether the truth comes from KITTI's raw data, whose GPS/INS axes are rotated."""
     return sequence.name.rpartition("/")[2].startswith("drive_")
 
 
 def te_and_re(sequence: Sequence, poses: Array, measure: Measure, turned: bool) -> tuple[float, float]:
-    """TE in % and RE in deg/100 m of a path; TE with the truth's axes `turned` to fit; NaN without either."""
+    """TE in % and RE in deg/100 m of a path, or NaN; `turned` : TE with fitted axes."""
     assert sequence.truth is not None
     errors = kitti_errors(sequence.truth, poses, measure.lengths, measure.step)
     of_te = fit_axes(sequence.truth, poses, measure.lengths, measure.step).kitti if turned else errors

@@ -1,4 +1,4 @@
-"""What `measure_results` runs of each sequence, and the tables it makes of the runs."""
+"""The runs of `measure_results` for each sequence, and the tables of their results."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from vo_lib.runs.jobs import Job
 SEEDS = range(5)
 RULES = ("none", "all", "moving", "truth")
 RULED = ("viso2", "solution_selection")
-# Rules under which a method is a preset of its own: not run twice.
+# Box rules that are methods of their own, which are not run twice.
 PRESET_OF_RULE = {
     ("solution_selection", "all"): "feature_selection",
     ("solution_selection", "moving"): "moving_selection",
 }
-# TE % / RE deg/100 m of libviso2 and of ORB-SLAM2's published trajectory, a start at every frame.
+# TE % / RE deg/100 m of libviso2 and of ORB-SLAM2's published trajectory, from every frame.
 OTHERS: dict[tuple[str, tuple[float, ...]], tuple[str, str]] = {
     ("kitti/00", (50.0,)): ("1.61 / 1.88", "1.51 / 2.13"),
     ("kitti/00", (100.0,)): ("1.44 / 1.17", "1.41 / 1.64"),
@@ -43,11 +43,11 @@ Key = tuple[str, str, str]  # sequence, variant, method or "method rule"
 
 
 def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int], Job]]:
-    """Every method of both variants, and box rules that are no method of their own."""
+    """Jobs for every method of both variants, and for the other box rules."""
     wanted = {
         (variant, name): config for variant, methods in VARIANTS.items() for name, config in methods.items()
     }
-    # Nobody knows the truth of what moves but in drawn scenes.
+    # Only drawn scenes have the truth about moving vehicles.
     rules = RULES if (sequence.folder / "truth").is_dir() else RULES[:-1]
     for method in RULED:
         for rule in rules[1:]:
@@ -65,7 +65,7 @@ def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int],
 
 
 def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
-    """What a sequence is judged by: KITTI's measure, or short pieces one length a row."""
+    """Measures of a sequence: KITTI's, or one short length per row."""
     assert sequence.truth is not None
     whole = sequence.name.startswith(SYNTHETIC) and suitable_measure(sequence.truth) == KITTI_MEASURE
     if whole:
@@ -85,7 +85,7 @@ def _cell(runs: list[Run], measure: Measure) -> str:
 
 
 def systems(sequences: list[Sequence], runs: dict[Key, list[Run]], variant: str) -> ReportTable:
-    """The methods of a variant over all sequences."""
+    """Table of the methods of a variant on all sequences."""
     methods = list(VARIANTS[variant])
     rows = [
         [label, *(_cell(runs[sequence.name, variant, method], measure) for method in methods)]
@@ -97,7 +97,7 @@ def systems(sequences: list[Sequence], runs: dict[Key, list[Run]], variant: str)
 
 
 def box_rules(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> ReportTable:
-    """The kit's way under each box rule, with the share of features removed."""
+    """Table of variant `kit` with each box rule, and the share of removed features."""
     rows = []
     for sequence in sequences:
         label, measure = _measures(sequence)[-1 if sequence.name.startswith(SYNTHETIC) else 0]
@@ -105,27 +105,27 @@ def box_rules(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> ReportTa
             cells = []
             for rule in RULES:
                 name = method if rule == "none" else PRESET_OF_RULE.get((method, rule), f"{method} {rule}")
-                found = runs.get((sequence.name, "kit", name))
-                removed = "" if found is None else f" {100 * found[0].removed_share:.0f} % gone"
-                cells.append("–" if found is None else _cell(found, measure) + removed)
+                rule_runs = runs.get((sequence.name, "kit", name))
+                removed = "" if rule_runs is None else f" {100 * rule_runs[0].removed_share:.0f} % gone"
+                cells.append("–" if rule_runs is None else _cell(rule_runs, measure) + removed)
             rows.append([f"{label}, {method}", *cells])
     return ReportTable("Box rules, the kit's way", ["sequence, method", *RULES], rows, [])
 
 
 def _judged(sequence: Sequence) -> str:
-    """The method that shows what learning the calibration does."""
+    """The method for the comparison with and without estimated calibration errors."""
     return "feature_selection" if sequence.name.startswith(SYNTHETIC) else "solution_selection"
 
 
 def calibrations(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> ReportTable:
-    """The kit's way with and without learning; on real clips the axes of the truth, and other systems."""
+    """Table of variant `kit` with and without estimation; real clips: fitted axes, other systems."""
     rows = []
     for sequence in sequences:
         measures = _measures(sequence)
         for label, measure in measures[-1:] if sequence.name.startswith(SYNTHETIC) else measures:
             method = _judged(sequence)
             learnt, off = (runs[sequence.name, "kit", name] for name in (method, f"{method} off"))
-            cells = [_cell(found, measure) for found in (learnt, off)]
+            cells = [_cell(part, measure) for part in (learnt, off)]
             if set(cells) == {"–"}:
                 continue
             cells += [_turned(sequence, learnt, measure), _turned(sequence, off, measure)]
@@ -144,7 +144,7 @@ def calibrations(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> Repor
 
 
 def _turned(sequence: Sequence, runs: list[Run], measure: Measure) -> str:
-    """TE of the first seed with the axes turned, and by how much; drawn scenes have the true axes."""
+    """TE of the first seed with fitted axes, and the angles; "" for drawn scenes."""
     if sequence.name.startswith(SYNTHETIC) or sequence.truth is None:
         return "–"
     turned = fit_axes(sequence.truth, runs[0].poses, measure.lengths, measure.step)
@@ -152,7 +152,7 @@ def _turned(sequence: Sequence, runs: list[Run], measure: Measure) -> str:
 
 
 def _length(sequence: Sequence, runs: list[Run]) -> str:
-    """How much longer the path is than the truth's, mean over seeds, percent."""
+    """Excess length of the path, mean over seeds, percent."""
     assert sequence.truth is not None
-    true, *found = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
-    return f"{100 * (np.mean(found) / true - 1):+.2f} %"
+    true, *lengths = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
+    return f"{100 * (np.mean(lengths) / true - 1):+.2f} %"

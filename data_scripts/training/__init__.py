@@ -1,1 +1,1 @@
-"""Training a vehicle detector: data sets in YOLO form, network, loss, loop and export (extra `[train]`)."""
+"""Data sets in YOLO format for the training of a vehicle detector (extra `[train]`)."""

@@ -1,4 +1,4 @@
-"""Data sets in YOLO form: `data.yaml`, and for each split a folder of images and one of label files."""
+"""Data sets in YOLO format: `data.yaml`, and for each split a folder of images and one of label files."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SPLITS = {"train": "train", "valid": "val", "test": "test"}  # our name and the 
 
 @dataclass(frozen=True)
 class DetectionSet:
-    """A data set in YOLO form.
+    """A data set in YOLO format.
 
     Attributes
     ----------
-    names : of the classes that the labels number.
+    names : class names, in the order of the class numbers in the labels.
     images : image files of each split.
     """
 
@@ -33,7 +33,7 @@ class DetectionSet:
 def open_set(where: Path) -> DetectionSet:
     """The data set of a folder, or of its `data.yaml`: drawn by us, converted, or a Roboflow YOLO export.
 
-    Raises `DataError` where the file is not understood or nothing is there to train or validate on.
+    Raises `DataError` for an invalid file, or without images for training or validation.
     """
     path = where / "data.yaml" if where.is_dir() else where
     about = read_yaml(path)
@@ -44,32 +44,40 @@ def open_set(where: Path) -> DetectionSet:
         names = [names.get(k) for k in range(len(names))]
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         raise DataError("expected `names:` with a list of class names", path)
-    found = {}
+    images_of = {}
     for split, key in SPLITS.items():
         images = _images(path, about.get(key))
         if split != "test" and not images:
             raise DataError(f"expected `{key}:` with a folder of images; found {about.get(key)!r}", path)
-        found[split] = images
-    return DetectionSet(tuple(names), found)
+        images_of[split] = images
+    return DetectionSet(tuple(names), images_of)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """What a YAML file names; nothing where it is no mapping. `DataError` where it is not YAML."""
+    """The mapping in a YAML file; empty for other YAML content. `DataError` if the file is not YAML."""
     text = read_text(path)
     try:
         about = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:  # of dates too
+    except (
+        yaml.YAMLError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+    ) as error:  # also raised for invalid dates
         mark = getattr(error, "problem_mark", None)
         raise DataError("is not YAML", path, None if mark is None else mark.line + 1) from None
     return about if isinstance(about, dict) else {}
 
 
 def _images(path: Path, entry: Any) -> tuple[Path, ...]:
-    """Image files of a split. Roboflow's entries begin with ../ though the folders are beside the file."""
+    """Image files of a split. Roboflow's entries begin with ../, but the folders are next to the file."""
     if not isinstance(entry, str):
         return ()
     places = [path.parent / entry, path.parent / entry.removeprefix("../")]
-    folder = next((place for place in places if os.path.isdir(place)), None)  # of any length
+    folder = next(
+        (place for place in places if os.path.isdir(place)), None
+    )  # false also for a name that is too long
     if folder is None:
         return ()
     return tuple(sorted(file for file in folder.iterdir() if file.suffix.lower() in IMAGE_ENDINGS))

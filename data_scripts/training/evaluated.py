@@ -1,7 +1,7 @@
-"""Images that the odometry is evaluated on must not teach its detector: which ones these are.
+"""Images used for the evaluation of the odometry, which are forbidden for the training of a detector.
 
-A detector that has seen the test images removes their vehicles better than it will on any new street: the
-errors measured would be too small.
+A detector trained on the test images removes their vehicles better than those of a new street, so the
+measured errors would be too small.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ WHY = "a detector that learnt the images it is tested on makes the errors look s
 
 
 def evaluated_sequence(text: str) -> str | None:
-    """The odometry sequence, "07", that a path or a drive's name belongs to; None for any other."""
+    """The odometry sequence, such as "07", of a path or a drive's name; None for others."""
     for drive in DRIVE.findall(text):
         if drive in ODOMETRY_DRIVES:
             return ODOMETRY_DRIVES[drive]
-    found = SEQUENCE.search(text)
-    return found[1] if found else None
+    match = SEQUENCE.search(text)
+    return match[1] if match else None
 
 
 def refuse_evaluated(images: Iterable[Path]) -> None:
-    """Raise `DataError` for the first image whose path or name tells a KITTI odometry sequence."""
+    """Raise `DataError` for the first image with the path or name of a KITTI odometry sequence."""
     for image in images:
         sequence = evaluated_sequence(str(image)) or evaluated_sequence(str(image.resolve()))
         if sequence is not None:

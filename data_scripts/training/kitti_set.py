@@ -1,7 +1,7 @@
-"""KITTI's object and tracking labels as a data set in YOLO form.
+"""KITTI's object and tracking labels as a data set in YOLO format.
 
-Class mapping: Car and Van become car, Truck truck, Tram train. All else, and boxes lower than 8 px, have no
-label: a detector learns them as background.
+Car and Van become car, Truck becomes truck, Tram becomes train. Other objects, and boxes lower than 8 px,
+have no label and are background for the detector.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ NUMBER = re.compile(r"[0-9]{1,9}")
 
 @dataclass(frozen=True)
 class Labelled:
-    """One image with its labels, and the raw drive it comes from; "" where that is not known.
+    """An image with its labels and its raw drive, "" if unknown.
 
     Attributes
     ----------
-    boxes : class_id is the place in `NAMES`.
+    boxes : boxes whose class_id is an index of `NAMES`.
     """
 
     image: Path
@@ -45,7 +45,7 @@ class Labelled:
 
     @property
     def stem(self) -> str:
-        """Name in the data set: it tells the drive, so that evaluated ones are found again."""
+        """Name in the data set, which contains the drive, so that evaluated drives can be detected."""
         folder = self.image.parent.name
         return f"{self.drive or folder}_{self.image.stem}"
 
@@ -55,14 +55,11 @@ def read_object_set(
 ) -> list[Labelled]:
     """KITTI's object images: `image_2` with `label_2`.
 
-    Parameters
-    ----------
-    root : folder of both; KITTI's `training`.
-    mapping, permutation : `train_mapping.txt` and `train_rand.txt` of the object development kit, which tell
-        the raw drive of each image.
+    Parameters ---------- root : folder of both; KITTI's `training`. mapping, permutation :
+    `train_mapping.txt` and `train_rand.txt` of the object development kit, with the raw drive of each image.
     """
     drives = _object_drives(mapping, permutation)
-    found = []
+    images = []
     for path in _listed(root / "label_2", "*.txt"):
         rows = [(number, line.split()) for number, line in enumerate(read_text(path).splitlines(), 1)]
         boxes = _boxes([(number, words) for number, words in rows if words], path)
@@ -73,16 +70,16 @@ def read_object_set(
         image = root / "image_2" / f"{path.stem}.png"
         if not image.is_file():
             raise DataError("the image is missing", image)
-        found.append(Labelled(image, drive, boxes))
-    return found
+        images.append(Labelled(image, drive, boxes))
+    return images
 
 
 def read_tracking_set(root: Path, drives: dict[str, str] | None = None) -> list[Labelled]:
     """KITTI's tracking sequences: `image_02/0000/000000.png` with `label_02/0000.txt`.
 
-    `drives` gives the raw drive of a sequence, {"0000": "2011_09_26_drive_0005"}.
+    `drives` : raw drives by sequence, {"0000": "2011_09_26_drive_0005"}.
     """
-    found = []
+    images = []
     for path in _listed(root / "label_02", "*.txt"):
         frames: dict[int, list[tuple[int, list[str]]]] = {}
         for number, line in enumerate(read_text(path).splitlines(), 1):
@@ -90,12 +87,12 @@ def read_tracking_set(root: Path, drives: dict[str, str] | None = None) -> list[
             if words:
                 if not NUMBER.fullmatch(words[0]) or len(words) < 10:
                     raise DataError("expected frame, track, type and at least 7 numbers", path, number)
-                # Behind frame and track the fields are those of the object labels.
+                # After frame and track, the fields are those of the object labels.
                 frames.setdefault(int(words[0]), []).append((number, words[2:]))
         for image in _listed(root / "image_02" / path.stem, "*.png"):
             boxes = _boxes(frames.get(int(image.stem), []), path)
-            found.append(Labelled(image, (drives or {}).get(path.stem, ""), boxes))
-    return found
+            images.append(Labelled(image, (drives or {}).get(path.stem, ""), boxes))
+    return images
 
 
 def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
@@ -109,7 +106,7 @@ def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
         if len(corners) != 4 or not np.isfinite(corners).all():
             raise DataError("expected type, 3 numbers, then left, top, right and bottom", path, number)
         if words[0] not in (*CLASS_OF, *OTHERS):
-            raise DataError(f"{words[0]!r} is no class of KITTI's", path, number)
+            raise DataError(f"{words[0]!r} is not a class of KITTI", path, number)
         good = corners[3] - corners[1] >= MIN_HEIGHT and corners[2] > corners[0]
         if words[0] in CLASS_OF and good:
             kept.append((CLASS_OF[words[0]], corners))
@@ -118,13 +115,13 @@ def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
 
 
 def _listed(folder: Path, pattern: str) -> list[Path]:
-    """Files of a folder, all of which are called by a number."""
+    """Files of a folder, whose names must be numbers."""
     files = sorted(folder.glob(pattern))
     if not files:
         raise DataError(f"expected files {pattern}", folder)
     for path in files:
         if not NUMBER.fullmatch(path.stem):
-            raise DataError(f"does not belong here: expected names such as 000000{path.suffix}", path)
+            raise DataError(f"unexpected file: expected names such as 000000{path.suffix}", path)
     return files
 
 
@@ -146,41 +143,41 @@ def _object_drives(mapping: Path | None, permutation: Path | None) -> list[str]:
     return [names[k - 1] for k in order]
 
 
-def check_origin(found: list[Labelled], allow_evaluated: bool) -> list[Labelled]:
-    """The images that may be trained on: none of an evaluated drive, none of unknown origin.
+def check_origin(images: list[Labelled], allow_evaluated: bool) -> list[Labelled]:
+    """The images allowed for training, without those of evaluated drives.
 
-    Evaluated drives are left out; `DataError` where the origin is not known at all. `allow_evaluated`: all.
+    Raises `DataError` for images of unknown origin. `allow_evaluated` : all images are allowed.
     """
     if allow_evaluated:
-        return found
-    unknown = next((one for one in found if not one.drive), None)
+        return images
+    unknown = next((image for image in images if not image.drive), None)
     if unknown is not None:
         raise DataError(
-            f"the raw drive it comes from is not known, so it may belong to an odometry sequence: {WHY}; "
-            "tell the drives, or allow it with --allow-evaluated",
+            f"its raw drive is unknown, so it may belong to an odometry sequence: {WHY}; "
+            "give the drives, or allow it with --allow-evaluated",
             unknown.image,
         )
-    return [one for one in found if evaluated_sequence(one.drive) is None]
+    return [image for image in images if evaluated_sequence(image.drive) is None]
 
 
-def split(found: list[Labelled], share: float, seed: int) -> dict[str, list[Labelled]]:
-    """Training and validation part; whole drives where these are known, so that no street is in both."""
-    units = sorted({one.drive or one.stem for one in found})
+def split(images: list[Labelled], share: float, seed: int) -> dict[str, list[Labelled]]:
+    """Training and validation images, split by drives if known, so that no street is in both."""
+    units = sorted({image.drive or image.stem for image in images})
     order = np.random.default_rng([seed, 30]).permutation(len(units))
     count = min(max(1, round(share * len(units))), len(units) - 1)
     valid = {units[k] for k in order[:count]} if count > 0 else set()
     parts: dict[str, list[Labelled]] = {"train": [], "valid": []}
-    for one in found:
-        parts["valid" if (one.drive or one.stem) in valid else "train"].append(one)
+    for image in images:
+        parts["valid" if (image.drive or image.stem) in valid else "train"].append(image)
     if not parts["valid"]:
-        # One drive alone: its last frames validate.
-        last = max(1, round(share * len(found)))
-        parts = {"train": found[:-last], "valid": found[-last:]}
+        # With a single drive, its last frames are for validation.
+        last = max(1, round(share * len(images)))
+        parts = {"train": images[:-last], "valid": images[-last:]}
     return parts
 
 
 def write_set(parts: dict[str, list[Labelled]], folder: Path, progress: Progress | None = None) -> None:
-    """Write a data set; images are hard links where the disk allows it, else copies."""
+    """Write a data set; images are hard links if possible, or else copies."""
     total, done = sum(len(part) for part in parts.values()), 0
     for name, part in parts.items():
         for kind in ("images", "labels"):

@@ -1,7 +1,7 @@
-"""A detection data set drawn by the kit: left images of many streets, with exact boxes, in YOLO form.
+"""A drawn detection data set in YOLO format: left images of many streets, with exact boxes.
 
-Every street has its own seed and settings drawn by chance; only a few frames far apart are taken from each.
-The test split holds scenes that training never draws: the kit's named scenes and further seeds of them.
+Every street has its own seed and random settings, and only a few frames, far apart, are used. The test split
+has scenes that are not in the training split: the kit's named scenes and further seeds of them.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from vo_street.truth_files import visible_boxes
 from vo_street.world import make_world
 
 NAMES = ("car", "bus", "truck")
-CLASS_OF = {2: 0, 5: 1, 7: 2}  # COCO number to place in NAMES
+CLASS_OF = {2: 0, 5: 1, 7: 2}  # index in NAMES by COCO number
 # Seeds of the splits; far apart, so that no street is in two of them.
 TRAIN_SEED, VALID_SEED, TEST_SEED = 100_000, 200_000, 300_000
-TEST_SEEDS = 2  # of each named scene
-MIN_PIXELS, MIN_HEIGHT = 40, 8  # of a vehicle in sight, below which it has no label
+TEST_SEEDS = 2  # seeds per named scene
+MIN_PIXELS, MIN_HEIGHT = 40, 8  # smallest visible vehicle with a label
 JPEG_QUALITY = 92
 
 
 @dataclass(frozen=True)
 class DetectionSetConfig(Checked):
-    """The drawn data set that a detector of the synthetic street is trained on."""
+    """Settings of the drawn data set for the training of a detector of drawn streets."""
 
     seed: int = setting(0, "shifts all seeds of the streets", low=0, high=99_999)
     train: int = setting(4000, "images to train on", low=1, high=1_000_000)
@@ -44,7 +44,7 @@ class DetectionSetConfig(Checked):
 
 @dataclass(frozen=True)
 class Street:
-    """One street to draw: its split, its number there, its settings and the frames taken."""
+    """A street to draw: its split, number, settings and frames."""
 
     split: str
     number: int
@@ -52,12 +52,12 @@ class Street:
     frames: int
 
     def stem(self, k: int) -> str:
-        """File name, without ending, of the k-th image taken."""
+        """File stem of the k-th image."""
         return f"{self.number:04d}_{k:02d}"
 
 
 def random_scene(seed: int) -> SceneConfig:
-    """Settings of one training street: layout, traffic, light, weather and camera by chance."""
+    """Random settings of a training street: layout, traffic, light, weather and camera."""
     rng = np.random.default_rng([seed, 20])
 
     def between(low: float, high: float) -> float:
@@ -89,12 +89,12 @@ def random_scene(seed: int) -> SceneConfig:
 
 
 def streets(config: DetectionSetConfig) -> list[Street]:
-    """All streets of a data set: the same settings give the same list."""
+    """All streets of a data set; equal settings give equal lists."""
     frames = config.frames
-    found = []
+    result = []
     for split, first, images in (("train", TRAIN_SEED, config.train), ("valid", VALID_SEED, config.valid)):
         count = -(-images // frames)
-        found += [
+        result += [
             Street(split, k, random_scene(config.seed + first + k), min(frames, images - k * frames))
             for k in range(count)
         ]
@@ -102,21 +102,21 @@ def streets(config: DetectionSetConfig) -> list[Street]:
     for seed in range(TEST_SEEDS):
         for name in TABLE_SCENES:
             scene = SCENES[name] if seed == 0 else scene_config(name, seed=config.seed + TEST_SEED + number)
-            found.append(Street("test", number, scene, frames))
+            result.append(Street("test", number, scene, frames))
             number += 1
-    return found
+    return result
 
 
 def draw_street(street: Street, folder: Path) -> int:
-    """Draw the images of one street that are not there yet; returns how many the street has.
+    """Draw the missing images of a street; return its number of images.
 
-    An image's label file is written last: where it is, the image is whole.
+    An image's label file is written last, so an image with a label file is complete.
     """
     root = folder / street.split
     missing = [k for k in range(street.frames) if not (root / "labels" / f"{street.stem(k)}.txt").exists()]
     if not missing:
         return street.frames
-    cv2.setNumThreads(1)  # the processes share the work by streets
+    cv2.setNumThreads(1)  # each process draws other streets
     world = make_world(street.scene)
     renderer, exposure = Renderer(world), exposures(street.scene, world.drive.times)
     places = np.linspace(0, len(world.drive.times) - 1, street.frames).round().astype(int)
@@ -137,7 +137,7 @@ def draw_street(street: Street, folder: Path) -> int:
 def write_street_set(
     folder: Path, config: DetectionSetConfig, jobs: int = 1, progress: Progress | None = None
 ) -> None:
-    """Draw a whole data set; called again it draws what is missing.
+    """Draw a data set; a second call draws the missing images.
 
     Layout: `data.yaml`; `train`, `valid` and `test`, each with `images` and `labels`.
     """
@@ -155,6 +155,6 @@ def write_street_set(
 
 
 def data_yaml(names: tuple[str, ...], test: bool = True) -> str:
-    """The description of a data set as YOLO trainers and Roboflow write it, with or without a test split."""
+    """The text of data.yaml in the format of YOLO trainers and Roboflow, with or without a test split."""
     lines = ["train: train/images", "val: valid/images", *(["test: test/images"] if test else [])]
     return "\n".join([*lines, f"nc: {len(names)}", "names:", *(f"  - {name}" for name in names), ""])

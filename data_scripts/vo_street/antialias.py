@@ -18,21 +18,21 @@ Int = NDArray[np.int32]
 
 
 def soften_edges(
-    light: Float32, inverse_depth: Float32, seen: Int, edges: Array, camera: StereoCamera
+    light: Float32, inverse_depth: Float32, faces: Int, edges: Array, camera: StereoCamera
 ) -> Float32:
     """Brightness (H, W) with smooth outlines.
 
     Parameters
     ----------
     light, inverse_depth : (H, W) brightness and 1/Z at the pixel centres.
-    seen : (H, W) face of each pixel.
+    faces : (H, W) face of each pixel.
     edges : (F, 4, 3) a point (x, y, 1) is inside a face where all four products are >= 0.
     camera : its f, cx and cy.
     """
-    height, width = seen.shape
+    height, width = faces.shape
     change = np.zeros(light.size, np.float32)
     total = np.zeros(light.size, np.float32)
-    flat, face, inverse = light.ravel(), seen.ravel(), inverse_depth.ravel()
+    flat, face, inverse = light.ravel(), faces.ravel(), inverse_depth.ravel()
     x: Array = (np.arange(width, dtype=np.float64) - camera.cx) / camera.f
     y: Array = (np.arange(height, dtype=np.float64) - camera.cy) / camera.f
     for axis, stride in ((0, 1), (1, width)):

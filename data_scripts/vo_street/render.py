@@ -128,16 +128,16 @@ class Renderer:
                 inside &= sign * (value - border * z) / np.hypot(1.0, border) > -radius
         return np.asarray(inside)
 
-    def _shade(self, seen: Int, table: FaceTable) -> tuple[Float32, Float32]:
+    def _shade(self, faces: Int, table: FaceTable) -> tuple[Float32, Float32]:
         """Brightness and 1/Z of every pixel (H, W), from its face and its place in the face's texture."""
         camera, atlas = self.camera, self.world.atlas
-        light = np.empty(seen.shape, np.float32)
-        inverse_depth = np.empty(seen.shape, np.float32)
+        light = np.empty(faces.shape, np.float32)
+        inverse_depth = np.empty(faces.shape, np.float32)
         x = ((np.arange(camera.width) - camera.cx) / camera.f).astype(np.float32)[None]
         y = ((np.arange(camera.height) - camera.cy) / camera.f).astype(np.float32)[:, None]
         for start in range(0, camera.height, ROWS_AT_ONCE):
             rows = slice(start, start + ROWS_AT_ONCE)
-            face = seen[rows]
+            face = faces[rows]
             places, shares, inverse_depth[rows] = self._texels(face, table, x, y[rows])
             taps = [[cv2.remap(atlas.texels, u, v, cv2.INTER_LINEAR) for u in places[0]] for v in places[1]]
             upper = taps[0][0] + shares[0] * (taps[0][1] - taps[0][0])
@@ -146,7 +146,7 @@ class Renderer:
         # Towards the horizon the sky is brighter and its clouds melt together.
         clear, haze = np.float32(HORIZON), np.clip(-y / np.float32(0.1), 0.0, 1.0)
         sky = clear + haze * (light - clear) + np.float32(60.0) * np.clip(y, -0.6, 0.0) + np.float32(30.0)
-        light = np.where(seen == 0, sky, light)
+        light = np.where(faces == 0, sky, light)
         return light, inverse_depth
 
     def _texels(

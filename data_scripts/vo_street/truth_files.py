@@ -28,10 +28,10 @@ MIN_PIXELS, MIN_HEIGHT, MIN_SHARE = 100, 12, 0.2
 
 def encode_depth(inverse_depth: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Depth codes (H, W) of 1/Z (H, W), 1/metre; 0 means sky."""
-    seen = inverse_depth > 0
-    z = 1.0 / np.where(seen, inverse_depth, 1.0)
+    visible = inverse_depth > 0
+    z = 1.0 / np.where(visible, inverse_depth, 1.0)
     share = np.log(np.clip(z, MIN_CODED_DEPTH_M, MAX_CODED_DEPTH_M) / MIN_CODED_DEPTH_M) / LOG_DEPTH_RANGE
-    return np.asarray(np.where(seen, 1.5 + 65534.0 * share, 0.0), np.uint16)
+    return np.asarray(np.where(visible, 1.5 + 65534.0 * share, 0.0), np.uint16)
 
 
 def decode_depth(code: NDArray[np.uint16]) -> Array:

@@ -54,7 +54,7 @@ def test_a_model_of_ones_own_is_registered(onnx: Path, tmp_path: Path) -> None:
 def test_other_names_and_files_are_refused(onnx: Path, tmp_path: Path) -> None:
     (tmp_path / "page.onnx").write_text("<html>", encoding="utf-8")
     for name, path, words in (
-        ("../up", onnx, "is no name"),
+        ("../up", onnx, "is not a valid name"),
         ("yolox-tiny", onnx, "is not the official yolox-tiny"),
         ("mine", tmp_path / "page.onnx", "not a model that ONNX Runtime can load"),
     ):

@@ -39,7 +39,7 @@ def test_a_file_is_fetched_and_reported(server: FileServer, path: Path) -> None:
 def test_a_file_that_is_not_the_one_expected_is_thrown_away(server: FileServer, path: Path) -> None:
     for other in (DATA[:-1] + b"x", DATA + b"more"):
         server.files["model.onnx"] = other
-        with pytest.raises(DataError, match="not the file expected"):
+        with pytest.raises(DataError, match="unexpected file"):
             get(server, path)
         assert not path.exists()
 

@@ -117,5 +117,5 @@ def test_a_tree_elsewhere_is_linked(tmp_path: Path) -> None:
     assert (root / "poses" / "07.txt").read_text(encoding="utf-8") == "poses"
     link.unlink()
     link.mkdir()
-    with pytest.raises(DataError, match="is there already"):
+    with pytest.raises(DataError, match="already exists"):
         link_tree(tree, root, ["07"])

@@ -57,7 +57,7 @@ def test_the_permutation_leads_to_each_images_drive(objects: Path) -> None:
     kept = check_origin(found, allow_evaluated=False)
     assert [one.image.stem for one in kept] == ["000001", "000002", "000003", "000004"]
     assert check_origin(found, allow_evaluated=True) == found
-    with pytest.raises(DataError, match=r"drive it comes from is not known, .* --allow-evaluated"):
+    with pytest.raises(DataError, match=r"raw drive is unknown, .* --allow-evaluated"):
         check_origin(read_object_set(objects), allow_evaluated=False)
 
 

@@ -67,7 +67,7 @@ def test_patterns_find_both_cameras_in_one_folder_and_an_image_without_partner_i
     found = pair_images(*patterns, skip_unpaired=True)
     assert numbers(found, bands) == [f"I1_{n}.png I2_{n}.png" for n in (0, 1, 2, 4, 5)]
     assert found.note == "1 images without a partner are left out"
-    with pytest.raises(DataError, match="expected two images or more, found 0"):
+    with pytest.raises(DataError, match="expected two or more images, found 0"):
         pair_images(bands / "I1_*.png", bands / "I3_*.png")
 
 
@@ -105,7 +105,7 @@ def test_truth_and_times_come_along(source: FolderSource, tmp_path: Path) -> Non
     sequence = open_sequence(tmp_path / "mine")
     np.testing.assert_allclose(sequence.times, times)
     np.testing.assert_allclose(np.asarray(sequence.truth), poses)
-    with pytest.raises(DataError, match="expected one row a pair"):
+    with pytest.raises(DataError, match="expected one row per pair"):
         write_sequence(source, RIG, tmp_path / "other", times, poses[:4])
     assert not (tmp_path / "other").exists()
 

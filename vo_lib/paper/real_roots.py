@@ -71,7 +71,7 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
     width = 2.0 / PIECES
     low = np.repeat(-1.0 + width * np.arange(PIECES), p.size)
     p = np.tile(p, PIECES)
-    found: tuple[list[Intervals], list[Intervals]] = [], []
+    groups: tuple[list[Intervals], list[Intervals]] = [], []
     for cut in range(CUTS):
         positive = b >= 0.0
         changes = np.sum((positive[1:] != positive[:-1]).view(np.int8), axis=0, dtype=np.int8)
@@ -81,7 +81,7 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
             magnitude = np.abs(b)
             faint = np.where(many, magnitude.max(axis=0), magnitude.min(axis=0)) < noise[p]
             hidden = (faint & ~single) | (many & (cut + 1 == CUTS))
-        for group, chosen in zip(found, (single, hidden), strict=True):
+        for group, chosen in zip(groups, (single, hidden), strict=True):
             k = np.flatnonzero(chosen)
             group.append(Intervals(low[k], np.full(k.size, width), p[k], b.take(k, axis=1)))
         more = np.flatnonzero(many & ~hidden)
@@ -93,7 +93,7 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
         b = (TO_PARTS @ b.take(more, axis=1)).reshape(DEGREE + 1, -1)
     first, second = (
         Intervals(*(np.concatenate(column, axis=-1) for column in zip(*group, strict=True)))
-        for group in found
+        for group in groups
     )
     return first, second
 

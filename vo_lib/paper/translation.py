@@ -70,8 +70,8 @@ def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefor
     n = len(matches)
     A, c = np.zeros((n, 2, 2, 3)), np.zeros((n, 2, 2))
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
-    seen, T = before.matches[there], inverse(before.T_cp)
-    for view, uv in enumerate((seen.prev_left, seen.prev_right)):
+    earlier, T = before.matches[there], inverse(before.T_cp)
+    for view, uv in enumerate((earlier.prev_left, earlier.prev_right)):
         rows = view_rows(camera, uv)
         A[here, view], c[here, view] = rows @ T[:3, :3], -rows @ T[:3, 3]
     c[here, 1, 0] -= camera.baseline
