@@ -73,7 +73,7 @@ def test_every_control_changes_the_picture_and_the_same_state_gives_the_same_one
     back: dict[str, Any] = {}
     for key, values in driven.items():
         awake = AWAKE.get(key, {"variant": "kit"}) if key in grey else {}
-        begun, seen = {name: widget_of[name].value for name in (key, *awake)}, {first}
+        begun, seen = {name: back.get(name, widget_of[name].value) for name in (key, *awake)}, {first}
         if awake:
             panel.set(**{**back, **awake})
             assert not panel.knobs[key].shown.disabled, f"{key} is grey under {awake}"

@@ -1,8 +1,6 @@
-"""Chapter 1, drawn: detector responses, the loop of four images by hand, matches by what became of them."""
+"""Chapter 1, drawn: windows, descriptors, the loop of four images, matches by what became of them."""
 
 from __future__ import annotations
-
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -12,25 +10,23 @@ from numpy.typing import NDArray
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array, Image
+from vo_lib.paper.features import DESCRIPTOR_OFFSETS
 
 from ..ch02.figures import draw_dot, draw_flow
 from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
-from ..drawing import COARSE, FONT_SIZE, WIDTH, caption, finish, log_axis, photo, room
+from ..drawing import COARSE, FONT_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room, say
 from ..frames import stereo
-from .trace import KEPT, REASONS, Trace
+from .exercises import eigenvalues
+from .trace import CHECKS, LOST, OPEN, Trace
 
-HALF = WIDTH // 2
+HALF, SQUARE = WIDTH // 2, WIDTH // 4
 AGES = {1: PALE, 2: "#56B4E9", 4: GOOD, 8: FIFTH, 16: BAD}  # from so many frames on
 SURPLUS = "bucket is full"
 CHOSEN = "kept"
-# What becomes of a feature, in the order of the checks, with its colour.
-FATES = {
-    **dict(zip(REASONS, (PALE, FOURTH, THIRD, FIFTH, BAD), strict=True)),
-    SURPLUS: "#56B4E9",
-    CHOSEN: GOOD,
-}
+# What becomes of a feature, with its colour.
+FATES = {OPEN: "#D8D8D8", LOST: PALE, **dict(zip(CHECKS, (FOURTH, THIRD, FIFTH, BAD), strict=True))}
+FATES |= {SURPLUS: "#56B4E9", CHOSEN: GOOD}
 SIDES = ("previous left", "previous right", "current right", "current left")
-WINDOW, LEVELS = 15, 5  # of plain Lucas-Kanade, round the loop by hand
 LEAST, MOST = 0.01, 100.0  # pixels shown of an error
 NAMES = 0.055  # of a figure's width, for the names of the fates
 
@@ -41,14 +37,42 @@ def grey_picture(response: NDArray[np.float32], middle: float = 0.0) -> Image:
     return photo(np.clip(middle + scale * response, 0, 255).astype(np.uint8), HALF)
 
 
+def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
+    """The flattest window of an image, its clearest edge and its clearest corner, (2 half + 1)² pixels each.
+
+    Beside each: the difference of the image from the window, shifted by up to `reach` pixels; black is none.
+    """
+    values = np.sort(cv2.cornerEigenValsAndVecs(image, 2 * half + 1, 3)[:, :, :2], axis=2)
+    values = values[half + reach : -half - reach, half + reach : -half - reach]
+    small, large = values[:, :, 0], values[:, :, 1]
+    wanted = {"flat": -large, "edge": np.where(small < 0.002 * large, large, 0.0), "corner": small}
+    size, gap, parts = WIDTH // 6 - 4, ((0, 0), (0, 4), (0, 0)), []
+    for name, score in wanted.items():
+        uv = np.array(np.unravel_index(np.argmax(score), score.shape), np.float64)[::-1] + half + reach
+        around, window = (surroundings(image, uv, radius)[0] for radius in (half + reach, half))
+        gy, gx = np.gradient(window.astype(float))
+        difference = np.sqrt(cv2.matchTemplate(around, window, cv2.TM_SQDIFF))
+        tones = np.asarray(np.clip(255.0 * difference / (90.0 * len(window)), 0, 255), np.uint8)
+        for each, words in (
+            (around, name),
+            (tones, "roots {:.0f} and {:.0f}".format(*np.sqrt(eigenvalues(gx, gy)))),
+        ):
+            large_one = np.asarray(cv2.resize(each, (size, size), interpolation=cv2.INTER_NEAREST), np.uint8)
+            parts.append(caption(photo(large_one, size), words))
+        low, high = (round(size * at / len(around)) for at in (reach, reach + len(window)))
+        cv2.rectangle(parts[-2], (low, low), (high, high), bgr(BAD), 1)
+    return np.concatenate([np.pad(part, gap, constant_values=255) for part in parts], axis=1)
+
+
 def points_picture(
-    image: Image, uv: Array, cell: int, words: str, age: NDArray[np.int64] | None = None
+    image: Image, uv: Array, words: str, cell: int = 0, age: NDArray[np.int64] | None = None
 ) -> Image:
-    """Points (N, 2) on an image with a grid of squares of `cell` pixels, coloured by their `age` (N,) in frames."""
+    """Points (N, 2) on an image, with a grid of squares of `cell` pixels, coloured by their `age` (N,) in frames."""
     picture = photo(image, image.shape[1])
-    grid = picture.copy()
-    grid[cell::cell] = grid[:, cell::cell] = bgr(PALE)
-    picture = np.asarray(cv2.addWeighted(picture, 0.65, grid, 0.35, 0.0), np.uint8)
+    if cell:
+        grid = picture.copy()
+        grid[cell::cell] = grid[:, cell::cell] = bgr(PALE)
+        picture = np.asarray(cv2.addWeighted(picture, 0.65, grid, 0.35, 0.0), np.uint8)
     ages, colours = (np.ones(len(uv)), {1: GOOD}) if age is None else (age, AGES)
     for least, colour in colours.items():
         for place in uv[ages >= least]:
@@ -69,13 +93,24 @@ def surroundings(image: Image, uv: Array, radius: int) -> tuple[Image, NDArray[n
     return np.asarray(padded[rows, columns], np.uint8), middle
 
 
-def descriptor_picture(image: Image, uv: Array, offsets: Array, radius: int = 10, size: int = 300) -> Image:
+def descriptor_figure(images: dict[str, Image], left: Array, right: Array, difference: Array) -> Image:
+    """A feature `left` (2,), the most alike of its candidates `right` (N, 2), and the `difference` (N,) of all."""
+    made, (axis,) = figure(SQUARE, width=2 * SQUARE)
+    axis.plot(left[0] - right[:, 0], difference / 1000, "o", color=GOOD, markersize=4)
+    axis.set_ylim(bottom=0)
+    finish(axis, "all candidates of the feature", "disparity [px]", "difference [1000 grey levels]")
+    places = {SIDES[0]: left, SIDES[1]: right[np.argmin(difference)]}
+    pictures = [caption(descriptor_picture(images[side], uv), side) for side, uv in places.items()]
+    return np.hstack([*pictures, raster(made)])
+
+
+def descriptor_picture(image: Image, uv: Array, radius: int = 10, size: int = SQUARE) -> Image:
     """The surroundings of a feature, enlarged; arrows are the gradients at the places that describe it."""
     crop, _ = surroundings(image, uv, radius)
     scale = size / (2 * radius + 1)
     picture = photo(np.asarray(cv2.resize(crop, (size, size), interpolation=cv2.INTER_NEAREST)), size)
     gradients = np.stack([cv2.Sobel(crop, cv2.CV_64F, 1, 0), cv2.Sobel(crop, cv2.CV_64F, 0, 1)], axis=-1)
-    at = np.asarray(offsets, np.int64) + radius
+    at = DESCRIPTOR_OFFSETS + radius
     arrows = np.asarray(gradients[at[:, 1], at[:, 0]], np.float64)
     starts = np.asarray((at + 0.5) * scale, np.float64)
     ends = np.asarray(starts + 1.6 * scale * arrows / max(float(np.abs(arrows).max()), 1.0), np.float64)
@@ -89,43 +124,15 @@ def four_images(sequence: Sequence, frame: int) -> dict[str, Image]:
     return dict(zip(SIDES, (prev_left, prev_right, cur_right, cur_left), strict=True))
 
 
-def walk(images: dict[str, Image], uv: Array) -> tuple[StereoMatches, Array, NDArray[np.bool_]]:
-    """Follow points (N, 2) of the previous left image once round the loop, back to where they started.
-
-    Returns
-    -------
-    Matches of all N, the places "back" (N, 2) in the previous left image, and which were found in every
-    image, (N,) bool.
-    """
-    places, found = [uv], np.ones(len(uv), np.bool_)
-    for here, there in pairwise([*SIDES, SIDES[0]]):
-        moved, status, _ = cv2.calcOpticalFlowPyrLK(
-            images[here],
-            images[there],
-            places[-1].astype(np.float32),
-            places[-1].astype(np.float32),
-            winSize=(WINDOW, WINDOW),
-            maxLevel=LEVELS,
-        )
-        places.append(np.asarray(moved, np.float64).reshape(-1, 2))
-        found &= status.ravel() == 1
-    prev_left, prev_right, cur_right, cur_left, back = places
-    number = np.arange(len(uv))
-    matches = StereoMatches(
-        prev_left, prev_right, cur_left, cur_right, np.ones_like(number), np.zeros(len(uv)), number
-    )
-    return matches, back, found
-
-
 def loop_picture(
     images: dict[str, Image], matches: StereoMatches, back: Array, number: int, radius: int = 45
 ) -> Image:
     """The surroundings of one match in the four images, in the order of the loop, and where the loop ends."""
-    scale, parts = HALF // 2 / (2 * radius + 1), []
+    scale, parts = SQUARE / (2 * radius + 1), []
     places = (matches.prev_left, matches.prev_right, matches.cur_right, matches.cur_left)
     for side, uv in zip(SIDES, places, strict=True):
         crop, middle = surroundings(images[side], uv[number], radius)
-        part = photo(crop, HALF // 2)
+        part = photo(crop, SQUARE)
         for place, colour, size in ((uv[number], GOOD, 4), (back[number], BAD, 3)):
             if colour == GOOD or side == SIDES[0]:
                 draw_dot(part, np.asarray((place - middle + radius + 0.5) * scale - 0.5), colour, size)
@@ -135,8 +142,8 @@ def loop_picture(
 
 def fates(trace: Trace, chosen: NDArray[np.int64]) -> NDArray[np.str_]:
     """In one word what became of each feature (N,); `chosen` are the numbers of those the buckets keep."""
-    names = np.array([*REASONS, SURPLUS])[trace.reason]
-    names[(trace.reason == KEPT) & np.isin(trace.id, chosen)] = CHOSEN
+    names = np.array([*trace.reasons, SURPLUS])[trace.reason]
+    names[(names == SURPLUS) & np.isin(trace.id, chosen)] = CHOSEN
     return np.asarray(names)
 
 
@@ -160,33 +167,36 @@ def fates_picture(
     return caption(photo(picture, WIDTH, 298), words)
 
 
-def fates_chart(axis: Axes, fate: NDArray[np.str_], wrong: NDArray[np.bool_] | None) -> None:
-    """How many features met which fate; the dark part is truly wrong, where that is known, (N,) bool."""
-    counts = np.array([np.count_nonzero(fate == name) for name in FATES])
-    bars = axis.barh(list(FATES), counts, 0.7, color=list(FATES.values()))
+def fates_chart(axis: Axes, trace: Trace, fate: NDArray[np.str_], wrong: NDArray[np.bool_] | None) -> None:
+    """How many features met which fate; the dark part is truly wrong, where that is known, (M,) of those found."""
+    names = [*trace.reasons, SURPLUS, CHOSEN]
+    counts = np.array([np.count_nonzero(fate == name) for name in names])
+    bars = axis.barh(names, counts, 0.7, color=[FATES[name] for name in names])
     words, x = [str(count) for count in counts], "features"
     if wrong is not None:
-        bad = [np.count_nonzero(wrong[fate == name]) for name in FATES]
-        axis.barh(list(FATES), bad, 0.7, color=DARK, alpha=0.6)
-        words = [f"{word} ({some})" for word, some in zip(words, bad, strict=True)]
-        words[0] = str(counts[0])  # of features that were not found again nothing is right or wrong
-        x = "features (wrong ones in brackets, and dark)"
+        bad = [np.count_nonzero(wrong[fate[trace.index] == name]) for name in names]
+        axis.barh(names, bad, 0.7, color=DARK, alpha=0.6)
+        # Of features that were not found again nothing is right or wrong.
+        words = [w if n in (OPEN, LOST) else f"{w} ({b})" for n, w, b in zip(names, words, bad, strict=True)]
+        x = "features (in brackets and dark: wrong by more than 1 px)"
     axis.bar_label(bars, words, padding=4, fontsize=FONT_SIZE - 1)
     box = axis.get_position()
     axis.set_position((box.x0 + NAMES, box.y0, box.width - NAMES, box.height))
     axis.tick_params(axis="y", length=0)
-    axis.set(xlim=(0, room(1.3 * max(int(counts.max()), 1))), ylim=(len(FATES) - 0.4, -0.6))
+    axis.set(xlim=(0, room(1.3 * max(int(np.max(counts)), 1))), ylim=(len(names) - 0.4, -0.6))
     finish(axis, "what became of the features", x)
 
 
 def by_fate(fate: NDArray[np.str_], error: Array) -> dict[str, Array]:
     """Errors (M,) of the features found again, kept and dropped ones apart."""
-    dropped = (fate != CHOSEN) & (fate != SURPLUS)
-    return {"kept": error[fate == CHOSEN], "dropped by a check": error[dropped]}
+    return {"kept": error[fate == CHOSEN], "dropped by a check": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
 
 
 def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "how far from the truth") -> None:
     """By name, the share of the matches with an error up to so many pixels; NaN where the truth is not known."""
+    if not any(np.isfinite(values).any() for values in errors.values()):
+        say(axis, "this sequence has no truth for single matches")
+        return
     for (name, values), colour in zip(errors.items(), CYCLE, strict=False):
         known = np.sort(values[np.isfinite(values)])
         share = 100 * np.arange(1, len(known) + 1) / max(len(known), 1)
@@ -195,7 +205,7 @@ def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "how far fro
     axis.axvline(1.0, color=DARK, linewidth=1, linestyle=":")
     log_axis(axis.xaxis, LEAST, MOST)
     axis.set_ylim(0, 102)
-    finish(axis, title, "error [px]", "matches up to there [%]", "lower right")
+    finish(axis, title, "error [px]", "matches up to there [%]", "upper left")
 
 
 def depths_chart(axis: Axes, depth: Array) -> None:

@@ -13,24 +13,21 @@ from numpy.typing import NDArray
 
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.matches import StereoMatches
-from vo_lib.geometry.types import Array
-from vo_lib.paper.matching import DescribedPair
-from vo_lib.paper.settings import MethodConfig, StereoLimits
+from vo_lib.geometry.types import Array, Index
+from vo_lib.paper.matching import DescribedPair, close_loop
+from vo_lib.paper.settings import MethodConfig, PublishedConfig, StereoLimits
 from vo_lib.runs.drive import single_threaded
 
 from ..frames import Memory, before_step, key_of
 
-# What happens to a match that fails a check, and values of its settings that switch it off; the paper's way has
-# the second and last.
+# What happens to a match that fails a check, and values of its settings that switch it off.
 CHECKS: dict[str, dict[str, Any]] = {
     "looks different": {"max_difference": 255.0},
     "rows, disparity": {"row_tolerance": 10.0, "min_disparity": 0.05},
     "off its surface": {"surface_tolerance": 10.0, "surface_share": 0.0},
-    "loop stays open": {"loop_tolerance": 10.0},
+    "two ways differ": {"loop_tolerance": 10.0},
 }
-LOST = "not found again"
-REASONS = (LOST, *CHECKS)
-KEPT = len(REASONS)
+OPEN, LOST = "loop stays open", "not found again"
 
 _histories: Memory[tuple[Any, Any]] = Memory(6)
 _steps: Memory[StereoMatches] = Memory(48)
@@ -43,13 +40,15 @@ class Trace:
     Attributes
     ----------
     left : (N, 2) pixels in the previous left image; id : (N,) their numbers.
-    reason : (N,) index into REASONS of what they were dropped for; KEPT for those that pass every check.
+    reasons : what a feature can be dropped for, in the order of the checks.
+    reason : (N,) index into them of what they were dropped for; their number for those that pass every check.
     found : the M of them that were found again, whatever the checks say; index : (M,) of these among the N.
     kept : matches that pass.
     """
 
     left: Array
     id: NDArray[np.int64]
+    reasons: tuple[str, ...]
     reason: NDArray[np.int64]
     found: StereoMatches
     index: NDArray[np.int64]
@@ -64,11 +63,14 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     usual = dataclasses.replace(config, matching=type(config.matching)())
     base = *key_of(sequence, frame), usual.features, usual.matching
     before, pair = _histories.get(base, lambda: before_step(sequence, frame, usual))
+    # The paper's way has some of the checks.
+    checks = {
+        name: off for name, off in CHECKS.items() if all(hasattr(config.matching, each) for each in off)
+    }
     stages = []
-    for on in range(len(CHECKS) + 1):
-        off = {name: value for check in [*CHECKS.values()][on:] for name, value in check.items()}
-        known = {name: value for name, value in off.items() if hasattr(config.matching, name)}
-        stages.append(dataclasses.replace(config.matching, **known))
+    for on in range(len(checks) + 1):
+        off = {name: value for check in [*checks.values()][on:] for name, value in check.items()}
+        stages.append(dataclasses.replace(config.matching, **off))
 
     def step(stage: StereoLimits) -> StereoMatches:
         def make() -> StereoMatches:
@@ -83,15 +85,32 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
         results = list(pool.map(step, stages))
     left, number = _candidates(before)
+    reasons, passed = (LOST, *checks), [result.id for result in results]
+    if isinstance(config, PublishedConfig):
+        closed = close_loop(before._previous, pair, config.matching.search_radius)[0]
+        reasons, passed = (OPEN, *reasons), [before._id[closed], *passed]
     reason = np.zeros(len(number), np.int64)
     alive = np.ones(len(number), np.bool_)
-    for result in results:
-        alive &= np.isin(number, result.id)
+    for each in passed:
+        alive &= np.isin(number, each)
         reason[alive] += 1
     order = np.argsort(number)
     index = order[np.searchsorted(number, results[0].id, sorter=order)]
-    kept = results[-1][np.isin(results[-1].id, number[reason == KEPT])]
-    return Trace(left, number, reason, results[0], index, kept)
+    kept = results[-1][np.isin(results[-1].id, number[reason == len(reasons)])]
+    return Trace(left, number, reasons, reason, results[0], index, kept)
+
+
+def whole_pixels(before: DescribedPair, now: DescribedPair, pl_pr: Index, pr_cr: Index) -> StereoMatches:
+    """Where the best matches of each previous left feature lead, in whole pixels; without meaning where one is -1."""
+    cur_right = pr_cr[pl_pr]
+    cur_left, number = now.to_left[cur_right], np.arange(len(pl_pr))
+    places = (
+        before.in_left.uv,
+        before.in_right.uv[pl_pr],
+        now.in_left.uv[cur_left],
+        now.in_right.uv[cur_right],
+    )
+    return StereoMatches(*places, np.ones_like(number), before.in_left.strength, number)
 
 
 def _candidates(front_end: Any) -> tuple[Array, NDArray[np.int64]]:

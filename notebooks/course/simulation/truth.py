@@ -43,12 +43,14 @@ def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array,
     return left, right, has_depth & inside.all(axis=(0, 2))
 
 
-def match_errors(truth: Truth, matches: StereoMatches, frame: int) -> Array:
+def match_errors(truth: Truth | None, matches: StereoMatches, frame: int) -> Array:
     """Largest distance (N,) of matches from their true places, pixels; NaN where these are not known.
 
     The matches are those of the pair `frame` with the one before. Their places in the three images other
     than the previous left one are judged.
     """
+    if truth is None:
+        return np.full(len(matches), np.nan)
     _, right_p, valid_p = predict(truth, frame - 1, frame - 1, matches.prev_left)
     left, right, valid_c = predict(truth, frame - 1, frame, matches.prev_left)
     away = np.stack([matches.prev_right - right_p, matches.cur_left - left, matches.cur_right - right])
