@@ -1,4 +1,4 @@
-"""Appendix: a rig with known faults, what they do to the length of a step, and what the kit learns."""
+"""Appendix: a rig with given faults, what they do to the length of a step, and what the kit learns."""
 
 from __future__ import annotations
 
@@ -80,28 +80,27 @@ def learn(
 ) -> tuple[Rig, dict[str, Array]]:
     """Spoil matches by errors (ERROR_COUNT,) and learn them from frame to frame, of the disparities only these terms.
 
-    Returns what is known of the rig, and the steps' lengths (N,) as shares of the true ones, "as measured"
+    Returns the estimate of the rig, and the steps' lengths (N,) as shares of the true ones, "as measured"
     and "corrected".
     """
-    known = Rig(camera, CalibrationConfig(drift=0.0))
-    if (
-        terms != DISPARITY_TERMS
-    ):  # the others are known to be zero, and the rows, learnt apart, tell nothing of them
+    learnt = Rig(camera, CalibrationConfig(drift=0.0))
+    if terms != DISPARITY_TERMS:
+        # The others are given as zero; the rows, which are learnt apart, say nothing about them.
         free = np.isin([*DISPARITY_TERMS, *[terms[0]] * (ERROR_COUNT - len(DISPARITY_TERMS))], terms)
-        known.know(known.estimate, np.diag(np.diag(known.covariance) * np.where(free, 1.0, 1e-8)))
+        learnt.know(learnt.estimate, np.diag(np.diag(learnt.covariance) * np.where(free, 1.0, 1e-8)))
     shares: dict[str, list[float]] = {"as measured": [], "corrected": []}
     for frame in tracks:
         R_cp, t_cp = frame.T_cp[:3, :3], frame.T_cp[:3, 3]
         length = float(np.linalg.norm(t_cp))
-        spoiled = known.correct(frame.matches, -true)
-        known.learn_rows(spoiled)
-        corrected = known.correct(spoiled)
+        spoiled = learnt.correct(frame.matches, -true)
+        learnt.learn_rows(spoiled)
+        corrected = learnt.correct(spoiled)
         for name, matches in zip(shares, (spoiled, corrected), strict=True):
             solved = robust_translation(camera, matches, R_cp, KitTranslationConfig())
             t_cp = t_cp if solved is None else solved[0]
             shares[name].append(float(np.linalg.norm(t_cp)) / length if length > REST else np.nan)
-        known.update(corrected, R_cp, t_cp)
-    return known, {name: np.array(values) for name, values in shares.items()}
+        learnt.update(corrected, R_cp, t_cp)
+    return learnt, {name: np.array(values) for name, values in shares.items()}
 
 
 def third_frame(
@@ -113,9 +112,9 @@ def third_frame(
     """
     shares: dict[str, list[float]] = {"two frames": [], "three frames": []}
     before: dict[str, PairBefore | None] = dict.fromkeys(shares)
-    known = Rig(camera, CalibrationConfig())
+    learnt = Rig(camera, CalibrationConfig())
     for frame in tracks:
-        matches, R_cp = known.correct(frame.matches, -true), frame.T_cp[:3, :3]
+        matches, R_cp = learnt.correct(frame.matches, -true), frame.T_cp[:3, :3]
         for name in shares:
             solved = solve_translation(camera, matches, R_cp, config, before[name])
             assert solved is not None
@@ -207,7 +206,7 @@ class CalibrationView(Checked):
 class CalibrationPanel(Panel):
     """A rig's field over the image, what is learnt of it, and the length of the steps."""
 
-    title = "Faults of a rig, and what 40 simulated frames along the drive tell of them"
+    title = "Faults of a rig, and their estimate from 40 simulated frames"
     view = CalibrationView
     height = 2 * MAP_HEIGHT + CHART_HEIGHT
     controls = (
@@ -220,16 +219,16 @@ class CalibrationPanel(Panel):
     def draw(self, state: State) -> Drawing:
         camera, (*sizes, terms) = state.sequence.camera, astuple(state.view)
         true = rig(dict(zip(KITTI_01, sizes, strict=True)))
-        known, lengths = learn(camera, tracks_of(state.sequence, state.frame), true, TERMS[terms])
-        found, image = known.errors, stereo(state.sequence, state.frame)[0]
-        maps = field_maps(image, camera, {"the rig's": true, "learnt": found})
-        left = np.abs(field_at(true - found, *image_grid(camera).T)).max(axis=1)
+        learnt, lengths = learn(camera, tracks_of(state.sequence, state.frame), true, TERMS[terms])
+        errors, image = learnt.errors, stereo(state.sequence, state.frame)[0]
+        maps = field_maps(image, camera, {"the rig's": true, "learnt": errors})
+        left = np.abs(field_at(true - errors, *image_grid(camera).T)).max(axis=1)
         facts = (
             *(Fact(f"steps too long, {name}", too_long(share), "%", 2) for name, share in lengths.items()),
             Fact("disparities still wrong by up to", float(left[0]), "px", 2),
             Fact("rows still wrong by up to", float(left[1]), "px", 2),
         )
-        sentence = f"Learnt in {len(lengths['corrected'])} frames: {describe_errors(found, known.covariance, camera)}."
+        sentence = f"Learnt in {len(lengths['corrected'])} frames: {describe_errors(errors, learnt.covariance, camera)}."
         return Drawing(stack([maps, lengths_figure(lengths, CHART_HEIGHT)], self.height), sentence, facts)
 
 

@@ -32,8 +32,8 @@ def true_path(sequence: Sequence) -> Array:
 
 def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
     """Error of each step, (N - 1,): of the rotation in degrees, of the translation in millimetres."""
-    found = relative_error(true_poses(sequence), poses)
-    return np.degrees(found.rotation), 1e3 * found.translation
+    errors = relative_error(true_poses(sequence), poses)
+    return np.degrees(errors.rotation), 1e3 * errors.translation
 
 
 def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
@@ -83,14 +83,14 @@ def claim_figure(
         path.plot(poses[:, 0, 3], poses[:, 2, 3], **style)
     for axis in (turns, lengths):
         highest = max(float(np.asarray(line.get_ydata(), np.float64).max()) for line in axis.get_lines())
-        axis.set_ylim(0, room(1.35 * highest))  # the legend stands above the lines
+        axis.set_ylim(0, room(1.35 * highest))  # room for the legend above the lines
         if frame is not None:
             axis.axvline(frames[frame - 1], ymax=0.7, color=PALE, linewidth=1)
     reach = max(float(np.abs(places[:, 0, 3]).max()) for places in runs.values())
     path.set_xlim(-room(1.2 * reach, least=0.5), room(1.2 * reach, least=0.5))
     finish(turns, "rotation error of each step [deg]", "frame", "", "upper left")
     finish(lengths, "translation error of each step [mm]", "frame")
-    finish(path, "where the car believes it is", "x, right [m]", "z, forward [m]", "lower left")
+    finish(path, "estimated path", "x, right [m]", "z, forward [m]", "lower left")
     return made
 
 

@@ -328,7 +328,7 @@ box_moves = Exercise(
         "the street behind the car is in its box as well: not all features need to move.": judged(
             lambda steps: np.linalg.norm(steps, axis=1).min()
         ),
-        "two features tell nothing of a box: return None.": (
+        "two features say nothing about a box: return None.": (
             judged(middle, few=True),
             judged(middle, few=False),
         ),
@@ -346,7 +346,7 @@ sparing_rule = Exercise(
         "nothing is removed: choose another rule than `none`, and a score below 1.": lambda now: (
             not now["removed"] > 0
         ),
-        "nothing that moves stays and nothing that stands goes: this is the rule `truth`. It reads the answer "
+        "nothing that moves stays and nothing that stands still goes: this is the rule `truth`. It reads the answer "
         "from the drawn scene. Find a rule that a car on a real road could use.": lambda now: (
             now[KEPT] == now[LOST] == 0
         ),

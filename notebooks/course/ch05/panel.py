@@ -90,7 +90,7 @@ def filtered_frame(
     """
     rule = config.filter
     if rule.rule == "truth" and truth(sequence) is None:
-        raise DataError("the rule `truth` needs a drawn scene: only there it is known what moves")
+        raise DataError("the rule `truth` needs a drawn scene: no other sequence says what moves")
     first = max(frame - HISTORY, 1) if rule.rule == "moving" else frame
     before = frame_boxes(sequence, first - 1, view.model, rule.score, view.nms)
     if not isinstance(rule, KitFilterConfig):
@@ -102,8 +102,8 @@ def filtered_frame(
     for index in range(first, frame + 1):
         matches = frame_matches(sequence, index, config)
         boxes = frame_boxes(sequence, index, view.model, rule.score, view.nms)
-        known = matches_on_moving(sequence, index, matches) if rule.rule == "truth" else None
-        result = judge.step(matches, boxes, known)
+        on_moving = matches_on_moving(sequence, index, matches) if rule.rule == "truth" else None
+        result = judge.step(matches, boxes, on_moving)
     return result, boxes
 
 
@@ -211,7 +211,7 @@ class FilteringPanel(Panel):
         sentence = f"With {len(shown)} boxes here and those of the image before, "
         sentence += f"the rule removes {removed} of {len(matches)} features. "
         if T_true is None:
-            sentence += f"That moves the translation by {change:.1f} mm; the truth is not known here."
+            sentence += f"That moves the translation by {change:.1f} mm; this sequence has no truth."
         else:
             sentence += f"The translation is {sizes[0]:.1f} mm from the truth with all features, "
             sentence += f"{sizes[1]:.1f} mm with those kept."
