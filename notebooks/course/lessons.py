@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from course.simulation.problems import random_problems
 from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
+from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
-from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import essential_vector, rigid, rotation_angle, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray, Progress
-from vo_lib.kit.selection import choose, motion_of_winner
+from vo_lib.kit.selection import guarded, motion_of_winner
 from vo_lib.kit.settings import KitSelectionConfig
 from vo_lib.paper.five_point import Candidates, five_point
 from vo_lib.paper.selection import (
@@ -27,7 +27,7 @@ from vo_lib.paper.selection import (
 )
 from vo_lib.paper.settings import SelectionConfig
 
-from .frames import Points, consensus_rotation
+from .frames import Points
 
 CAMERA = StereoCamera(f=718.856, cx=607.19, cy=185.22, baseline=0.537, width=1241, height=376)
 
@@ -60,18 +60,21 @@ SELECTIONS = {
 }
 
 
+def candidates_of(given: Points | Pair, sets: int, draw: int) -> Candidates:
+    """All solutions of so many five-point sets of a frame's matches; `DataError` where there is none."""
+    chosen = draw_sets(np.random.default_rng([5, draw]), len(given.x_p), sets)
+    found = five_point(given.x_p[chosen], given.x_c[chosen])
+    if len(found.E) == 0:
+        raise DataError("no five of the matches determine an essential matrix: the camera may stand still")
+    return found
+
+
 def winner_of(
-    found: Candidates,
-    given: Points | Pair,
-    e_prev: Array | None,
-    config: SelectionConfig,
-    focal: float,
-    errors: Array,
+    found: Candidates, errors: Array, e_prev: Array | None, config: SelectionConfig
 ) -> tuple[int, bool]:
-    """Index of the winner among a frame's candidates with these errors (M,), and whether the prior was dropped."""
-    if isinstance(config, KitSelectionConfig):
-        return choose(*found, given.x_p, given.x_c, e_prev, config, focal)
-    return int(np.argmin(np.where(competing(*found, e_prev, config), errors, np.inf))), False
+    """Index of the winner among candidates with these errors (M,), and whether the kit's guard dropped the prior."""
+    ratio = config.prior_rejection_ratio if isinstance(config, KitSelectionConfig) else np.inf
+    return guarded(errors, competing(*found, e_prev, config), ratio)
 
 
 def motion_of(
@@ -106,8 +109,7 @@ def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:
         )
         yield from map(Pair, given.x_p, given.x_c, given.X_p, given.R_cp)
         return
-    for frame in simulate_tracks(drive(frames), CAMERA, scene.tracks, seed):
-        yield _pair(frame.matches, frame.T_cp[:3, :3])
+    yield from map(pair_of, simulate_tracks(drive(frames), CAMERA, scene.tracks, seed))
 
 
 def turned(R: Array, R_other: Array | None) -> float:
@@ -115,75 +117,60 @@ def turned(R: Array, R_other: Array | None) -> float:
     return np.nan if R_other is None else float(np.degrees(rotation_angle(R.T @ R_other)))
 
 
-def _pair(matches: StereoMatches, R_cp: Array) -> Pair:
-    X_p = CAMERA.triangulate(matches.prev_left, matches.prev_right)
-    near = np.isfinite(X_p[:, 2])
-    x_p, x_c = CAMERA.normalise(matches.prev_left[near]), CAMERA.normalise(matches.cur_left[near])
-    return Pair(x_p, x_c, X_p[near], R_cp)
+def pair_of(frame: SimulatedFrame) -> Pair:
+    """The matches of a simulated frame that have a depth."""
+    X_p = CAMERA.triangulate(frame.matches.prev_left, frame.matches.prev_right)
+    seen = frame.matches[np.isfinite(X_p[:, 2])]
+    x_p, x_c = CAMERA.normalise(seen.prev_left), CAMERA.normalise(seen.cur_left)
+    return Pair(x_p, x_c, X_p[np.isfinite(X_p[:, 2])], frame.T_cp[:3, :3])
 
 
-def selection_errors(
-    scene: Scene, configs: Mapping[str, SelectionConfig], frames: int, seed: int
+def errors_along(
+    pairs: Iterable[Pair], ways: Mapping[str, SelectionConfig], sets: int, draw: int, focal: float
 ) -> dict[str, Array]:
-    """Rotation error of each frame, (frames,) degrees, by selection; all choose from the same candidates."""
-    e_prev: dict[str, Array | None] = dict.fromkeys(configs)
-    errors: dict[str, list[float]] = {name: [] for name in configs}
-    for number, pair in enumerate(frames_of(scene, frames, seed)):
-        sets = draw_sets(np.random.default_rng([seed, number]), len(pair.x_p), 200)
-        found = five_point(pair.x_p[sets], pair.x_c[sets])
-        measured: dict[float, Array] = {}
-        for name, config in configs.items():
-            limit = config.threshold / CAMERA.f
+    """Rotation error of each frame, degrees, by way of selection; all choose from the same candidates."""
+    e_prev: dict[str, Array | None] = dict.fromkeys(ways)
+    errors: dict[str, list[float]] = {name: [] for name in ways}
+    for number, pair in enumerate(pairs):
+        found, measured = candidates_of(pair, sets, 1000 * draw + number), dict[float, Array]()
+        for name, way in ways.items():
+            limit = way.threshold / focal
             if limit not in measured:
                 measured[limit] = truncated_errors(found.E, pair.x_p, pair.x_c, limit)
-            winner, _ = winner_of(found, pair, e_prev[name], config, CAMERA.f, measured[limit])
-            R, e_prev[name], _ = motion_of(found.E[winner], pair, config, CAMERA.f)
+            winner, _ = winner_of(found, measured[limit], e_prev[name], way)
+            R, e_prev[name], _ = motion_of(found.E[winner], pair, way, focal)
             errors[name].append(turned(R, pair.R_cp))
     return {name: np.array(values) for name, values in errors.items()}
 
 
-def errors_by_seed(
-    scenes: Sequence[Scene],
-    configs: Mapping[str, SelectionConfig],
-    frames: int,
-    seeds: int,
-    progress: Progress,
+def selection_errors(
+    scene: Scene, ways: Mapping[str, SelectionConfig], frames: int, seed: int
 ) -> dict[str, Array]:
-    """Median rotation error over the frames of a run, (seeds, scenes) degrees, by selection."""
-    medians = {name: np.zeros((seeds, len(scenes))) for name in configs}
+    """`errors_along` so many frames of a scene."""
+    return errors_along(frames_of(scene, frames, seed), ways, 200, seed, CAMERA.f)
+
+
+def errors_by_seed(scenes: list[Scene], frames: int, seeds: int, progress: Progress) -> dict[str, Array]:
+    """Median rotation error over the frames of a run, (seeds, scenes) degrees, by `SELECTIONS`."""
+    medians = {name: np.zeros((seeds, len(scenes))) for name in SELECTIONS}
     for seed, i in np.ndindex(seeds, len(scenes)):
         progress(seed * len(scenes) + i, seeds * len(scenes))
-        for name, errors in selection_errors(scenes[i], configs, frames, seed).items():
+        for name, errors in selection_errors(scenes[i], SELECTIONS, frames, seed).items():
             medians[name][seed, i] = np.median(errors)
     return medians
 
 
-def adaptive_stopping(
-    found: Candidates, given: Points, threshold: float, orders: int
-) -> tuple[Array, Array, Array]:
+def adaptive_stopping(found: Candidates, given: Points, limit: float, orders: int) -> tuple[Array, ...]:
     """Sets drawn one by one, in several orders, until the inliers of the best candidate so far ask for no more.
 
-    Returns
-    -------
     After each set, (orders, sets), the number needed for one right set with 99 %, and the smallest image error
     so far; and the number where drawing stops, (orders,).
     """
     sets, first = np.unique(found.set_index, return_index=True)
     order = np.array([np.random.default_rng(seed).permutation(len(sets)) for seed in range(orders)])
-    share, best = (
-        np.minimum.accumulate(
-            np.minimum.reduceat(measure(found.E, given.x_p, given.x_c, threshold), first)[order], axis=1
-        )
-        for measure in (outlier_shares, truncated_errors)
+    measured = (
+        measure(found.E, given.x_p, given.x_c, limit) for measure in (outlier_shares, truncated_errors)
     )
+    share, best = (np.minimum.accumulate(np.minimum.reduceat(e, first)[order], axis=1) for e in measured)
     needed = np.log(0.01) / np.log1p(-(np.clip(1.0 - share, 1e-3, 1.0 - 1e-9) ** 5))
     return needed, best, 1 + (needed <= np.arange(1, len(sets) + 1)).argmax(axis=1)
-
-
-def estimated_rotations(
-    poses: Array, tracks: TrackConfig, seed: int
-) -> Iterator[tuple[SimulatedFrame, Array]]:
-    """Simulated frames along a path, each with the rotation (3, 3) of the candidate that fits its matches best."""
-    for frame in simulate_tracks(poses, CAMERA, tracks, seed):
-        x_p, x_c, X_p, _ = _pair(frame.matches, frame.T_cp[:3, :3])
-        yield frame, consensus_rotation(x_p, x_c, X_p, np.random.default_rng([seed, frame.frame]), CAMERA.f)

@@ -46,15 +46,22 @@ def choose(
     E, set_index : all candidates of a frame, from `five_point`; x_p, x_c : (N, 2) normalised points.
     e_prev : (9,) previous essential vector, or None, in which case consensus decides.
 
-    Returns ------- The winner's index, and whether the prior was dropped: its best candidate is worse than
-    the overall best by more than `config.prior_rejection_ratio`, as in a sharp turn or after a wrong
-    essential vector.
+    Returns
+    -------
+    The winner's index, and whether the prior was dropped.
     """
-    kept = competing(E, set_index, e_prev, config)
     errors = MEASURES[config.winner](E, x_p, x_c, config.threshold / focal)
-    winner = int(np.argmin(errors))
-    choice = int(np.argmin(np.where(kept, errors, np.inf)))
-    dropped = bool(errors[choice] > config.prior_rejection_ratio * errors[winner])
+    return guarded(errors, competing(E, set_index, e_prev, config), config.prior_rejection_ratio)
+
+
+def guarded(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
+    """The best of the candidates kept, and whether the prior was dropped for the best of all.
+
+    The best one kept is then worse than the best of all by more than the ratio, as in a sharp turn or after a
+    wrong essential vector. errors, kept : (M,).
+    """
+    winner, choice = int(np.argmin(errors)), int(np.argmin(np.where(kept, errors, np.inf)))
+    dropped = bool(errors[choice] > ratio * errors[winner])
     return (winner if dropped else choice), dropped
 
 

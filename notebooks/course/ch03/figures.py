@@ -6,16 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from vo_lib.geometry.types import Array
+from vo_lib.geometry.types import Array, BoolArray, Image
 
-from ..colours import BAD, DARK, GOOD, PALE
-from ..drawing import figure, finish, log_axis, say
+from ..ch02.figures import draw_flow
+from ..colours import BAD, DARK, FIFTH, GOOD, PALE, bgr
+from ..drawing import WIDTH, caption, figure, finish, log_axis, photo, say
 
+PHOTO_HEIGHT = 298
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
 SMALLEST = 1e-5  # of a unit; smaller errors over frames are drawn there
 ALIKE = 0.02  # curves that nowhere differ by a larger share cannot be told apart
@@ -37,10 +39,31 @@ class Field:
     angle: Array
     image_error: Array
     rotation_error: Array
-    kept: NDArray[np.bool_]
+    kept: BoolArray
     consensus: int
     selected: int
     dropped: bool
+
+
+def features_picture(
+    image: Image,
+    start: Array,
+    end: Array,
+    weight: Array | BoolArray,
+    words: str,
+    ringed: BoolArray | None = None,
+) -> Image:
+    """An image with a line from each start (N, 2) to a dot at its end (N, 2): blue counts, orange hardly, grey not.
+
+    weight : (N,) in [0, 1], or a mask of inliers; NaN where a match is not used. ringed : (N,), those in rings.
+    """
+    picture = photo(image, image.shape[1])
+    for place in () if ringed is None else np.rint(16 * end[ringed]).astype(int).tolist():
+        cv2.circle(picture, place, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
+    order = np.argsort(np.nan_to_num(-1.0 * weight, nan=-2.0))  # outliers on top
+    colours = np.where(np.isnan(weight), PALE, np.where(weight >= 0.5, GOOD, BAD))[order]
+    draw_flow(picture, start[order], end[order], colours.tolist(), 2.5)
+    return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
 
 
 def field_figure(field: Field, result: float | None = None, height: int = 260) -> Figure:

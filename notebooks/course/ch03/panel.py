@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import (
     essential_angle,
@@ -18,24 +17,23 @@ from vo_lib.geometry.motion import (
     rotation_from_vector,
     transform,
 )
-from vo_lib.geometry.types import Array, BoolArray, Image, Progress
-from vo_lib.paper.five_point import Candidates, five_point
-from vo_lib.paper.selection import competing, draw_sets, truncated_errors
+from vo_lib.geometry.types import Array, BoolArray, Progress
+from vo_lib.paper.five_point import Candidates
+from vo_lib.paper.selection import competing, truncated_errors
 from vo_lib.paper.settings import MethodConfig, SelectionConfig
 from vo_lib.settings import Checked, setting
 
-from ..ch02.figures import draw_flow, pixels
+from ..ch02.figures import pixels
 from ..ch02.panel import reference_rotation, rotation_errors
-from ..colours import BAD, FIFTH, GOOD, bgr
 from ..controls import Control
-from ..drawing import WIDTH, caption, photo, stack
+from ..drawing import stack
 from ..frames import Memory, Points, frame_points, key_of, stereo, true_poses
-from ..lessons import motion_of, turned, winner_of
+from ..lessons import Pair, candidates_of, errors_along, motion_of, turned, winner_of
 from ..panel import Drawing, Panel, State
 from ..results import Fact
-from .figures import Field, errors_figure, field_figure
+from .figures import PHOTO_HEIGHT, Field, errors_figure, features_picture, field_figure
 
-PHOTO_HEIGHT, CHART_HEIGHT = 298, 260
+CHART_HEIGHT = 260
 FRAMES = 30  # of the long job
 WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m
 # How the thing moves from frame to frame that the matches are put on: a bus that turns into our street.
@@ -123,15 +121,6 @@ def previous_vector(sequence: Sequence, frame: int, config: MethodConfig) -> Arr
     return _priors.get(key, estimate)
 
 
-def candidates_of(points: Points, sets: int, draw: int) -> Candidates:
-    """All solutions of so many five-point sets of a frame's matches; `DataError` where there is none."""
-    chosen = draw_sets(np.random.default_rng([5, draw]), len(points.x_p), sets)
-    found = five_point(points.x_p[chosen], points.x_c[chosen])
-    if len(found.E) == 0:
-        raise DataError("no five of the matches determine an essential matrix: the camera may stand still")
-    return found
-
-
 def field_of(
     found: Candidates,
     points: Points,
@@ -144,23 +133,10 @@ def field_of(
     nothing = np.full(len(found.E), np.nan)
     angle = nothing if e_prev is None else np.degrees(essential_angle(essential_vector(found.E), e_prev))
     errors = truncated_errors(found.E, points.x_p, points.x_c, config.threshold / focal)
-    consensus, _ = winner_of(found, points, None, config, focal, errors)
-    selected, dropped = winner_of(found, points, e_prev, config, focal, errors)
+    consensus, _ = winner_of(found, errors, None, config)
+    selected, dropped = winner_of(found, errors, e_prev, config)
     wrong = nothing if R_true is None else rotation_errors(found.E, R_true)
     return Field(angle, errors, wrong, competing(*found, e_prev, config), consensus, selected, dropped)
-
-
-def vote_picture(
-    sequence: Sequence, frame: int, points: Points, inliers: BoolArray, touched: BoolArray, words: str
-) -> Image:
-    """A frame's left image and its matches: inliers (N,) blue, outliers orange, those `touched` (N,) in rings."""
-    camera = sequence.camera
-    picture = photo(stereo(sequence, frame)[0], camera.width)
-    starts, ends = pixels(points.x_p, camera), pixels(points.x_c, camera)
-    for place in np.rint(16 * ends[touched]).astype(int).tolist():
-        cv2.circle(picture, place, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
-    draw_flow(picture, starts, ends, np.where(inliers, GOOD, BAD).tolist(), 2)
-    return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
 
 
 class SelectionPanel(Panel):
@@ -201,7 +177,9 @@ class SelectionPanel(Panel):
         error, apart = turned(R, R_true), turned(R, R_consensus)
         chart = field_figure(field, error, CHART_HEIGHT)
         words = f"frame {state.frame}: inliers of the winner blue, outliers orange, disturbed ones in rings"
-        photo_above = vote_picture(state.sequence, state.frame, points, inliers, touched, words)
+        image, camera = stereo(state.sequence, state.frame)[0], state.sequence.camera
+        start, end = pixels(points.x_p, camera), pixels(points.x_c, camera)
+        photo_above = features_picture(image, start, end, inliers, words, touched)
         picture = stack([photo_above, chart], self.height)
         same = "the same as" if field.selected == field.consensus else "another than"
         refined = getattr(selection, "mode", "") == "refined"
@@ -229,23 +207,21 @@ class SelectionPanel(Panel):
 
     def work(self, state: State, progress: Progress) -> Drawing:
         """Both ways over the next frames, each with its own previous vector."""
-        true_poses(state.sequence)  # errors need them
+        poses = true_poses(state.sequence)
         selection, frames = state.config.selection, range(state.frame, len(state.sequence))[:FRAMES]
-        prior, focal = replace(selection, prior=True), state.sequence.camera.f
+        prior = replace(selection, prior=True)
         ways = {"consensus": replace(selection, prior=False)}
         ways |= {f"k = {keep}": replace(prior, keep=keep) for keep in sorted({1, selection.keep})}
-        e_prev: dict[str, Array | None] = dict.fromkeys(ways)
-        errors = {name: np.zeros(len(frames)) for name in ways}
-        for done, frame in enumerate(frames):
-            progress(done, len(frames))
-            view = replace(state.view, draw=(state.view.draw + frame) % 1000)
-            points, _ = disturbed_frame(state.sequence, frame, state.config, view)
-            assert points.T_cp is not None
-            found = candidates_of(points, selection.sets, view.draw)
-            for name, way in ways.items():
-                field = field_of(found, points, e_prev[name], points.T_cp[:3, :3], way, focal)
-                R, e_prev[name], _ = motion_of(found.E[field.selected], points, way, focal)
-                errors[name][done] = turned(R, points.T_cp[:3, :3])
+
+        def pairs() -> Iterator[Pair]:
+            for done, frame in enumerate(frames):
+                progress(done, len(frames))
+                points, _ = disturbed_frame(state.sequence, frame, state.config, state.view)
+                yield Pair(
+                    points.x_p, points.x_c, points.X_p, poses[frame][:3, :3].T @ poses[frame - 1][:3, :3]
+                )
+
+        errors = errors_along(pairs(), ways, selection.sets, state.view.draw, state.sequence.camera.f)
         sentence = f"Rotation error of frames {frames[0]} to {frames[-1]}; move a control to come back."
         facts = tuple(Fact(f"median, {name}", float(np.median(v)), "°", 3) for name, v in errors.items())
         chart = errors_figure(errors, frames, height=self.height)

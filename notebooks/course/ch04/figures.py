@@ -8,30 +8,14 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from vo_lib.geometry.matches import StereoMatches
-from vo_lib.geometry.types import Array, Image
+from vo_lib.geometry.types import Array
 
-from ..ch02.figures import draw_flow
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE
-from ..drawing import COARSE, FONT_SIZE, WIDTH, caption, figure, finish, log_axis, photo, room
+from ..drawing import COARSE, FONT_SIZE, figure, finish, log_axis, room
 
 DEPTHS = 2.0, 200.0  # metres shown
 LEAST, MOST = 0.01, 100.0  # pixels shown of a residual
 MILLI = 1e3
-
-
-def features_picture(image: Image, matches: StereoMatches, weight: Array, words: str, height: int) -> Image:
-    """The current image; each match a line to a dot: blue counts, orange hardly counts, grey is not used.
-
-    Parameters
-    ----------
-    weight : (N,) robust weight in [0, 1]; NaN where a feature is not used.
-    """
-    picture = photo(image, image.shape[1])
-    order = np.argsort(np.nan_to_num(-weight, nan=-2.0))  # the outliers on top
-    colours = np.where(np.isnan(weight), PALE, np.where(weight >= 0.5, GOOD, BAD))[order]
-    draw_flow(picture, matches.prev_left[order], matches.cur_left[order], colours.tolist(), 2.5)
-    return caption(photo(picture, WIDTH, height), words)
 
 
 def residuals_chart(axis: Axes, depth: Array, residual: Array, limit: float | None) -> None:

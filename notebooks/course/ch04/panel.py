@@ -19,15 +19,16 @@ from vo_lib.paper.translation import feature_rows, solve_translation
 from vo_lib.settings import Checked, setting
 
 from ..ch02.panel import reference_rotation
+from ..ch03.figures import PHOTO_HEIGHT, features_picture
 from ..controls import Control
 from ..drawing import figure, stack
 from ..frames import Points, frame_points, stereo, truth
 from ..panel import Drawing, Panel, State
 from ..results import Fact
-from .figures import MILLI, ellipse_chart, features_picture, residuals_chart
+from .figures import MILLI, ellipse_chart, residuals_chart
 from .weightings import METHOD, WEIGHTINGS, alone, solve_by
 
-PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
+CHART_HEIGHT = 290
 GROUPS = 10  # of features that are solved apart, to see how the answers scatter
 TRUE, RECORDED, UNDISTURBED = "the truth", "the recorded truth", "the undisturbed published answer"
 
@@ -121,7 +122,7 @@ class TranslationPanel(Panel):
         config, view = state.config.translation, state.view
         points = frame_points(sequence, frame, state.config)
         R_usual = usual_rotation(sequence, frame, points)
-        t_ref, words = reference(sequence, points, R_usual)
+        t_ref, name = reference(sequence, points, R_usual)
         R = rotation_from_vector(np.radians([0.0, view.turn, 0.0])) @ R_usual
         matches = disturbed(points.matches, view)
         solved = solve_by(view.weighting, camera, matches, R, config)
@@ -133,23 +134,19 @@ class TranslationPanel(Panel):
         chart, (left, right) = figure(CHART_HEIGHT, 2, (1.7, 1.0))
         limit = config.scale if isinstance(config, KitTranslationConfig) else config.agreement
         residuals_chart(left, points.X_p[:, 2], residual, limit if view.weighting == METHOD else None)
-        ellipse_chart(right, alone(*feature_rows(camera, matches, R)), weight, t, C, t_ref, words)
-        picture = features_picture(
-            stereo(sequence, frame)[0],
-            matches,
-            weight,
-            f"frame {frame}: blue counts, orange hardly or not, grey is beyond the depth limit",
-            PHOTO_HEIGHT,
-        )
+        ellipse_chart(right, alone(*feature_rows(camera, matches, R)), weight, t, C, t_ref, name)
+        words = f"frame {frame}: blue counts, orange hardly or not, grey is beyond the depth limit"
+        image = stereo(sequence, frame)[0]
+        picture = features_picture(image, matches.prev_left, matches.cur_left, weight, words)
         error, step = MILLI * (t - t_ref), float(np.linalg.norm(t_ref))
         length = float(np.linalg.norm(t)) / step - 1.0 if step > 0 else np.nan
         slip = abs(float(error[0]) / MILLI / np.radians(view.turn)) if view.turn else np.nan
         sentence = (
             f"{np.count_nonzero(used)} of {len(matches)} features give t_cp = ({t[0]:.3f}, {t[1]:.3f}, "
-            f"{t[2]:.3f}) m. It is {np.linalg.norm(error):.1f} mm from {words}, for a step of {step:.2f} m "
+            f"{t[2]:.3f}) m. It is {np.linalg.norm(error):.1f} mm from {name}, for a step of {step:.2f} m "
             f"({round(length, 3) + 0.0:+.1%} in length)."
         )
-        if words == RECORDED:
+        if name == RECORDED:
             sentence += " One frame does not tell an error of the calibration from one of the recorded truth."
         facts = (
             Fact("error", float(np.linalg.norm(error)), "mm", 1),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from course.simulation.tracks import TrackConfig
+from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import transform
@@ -14,7 +14,8 @@ from vo_lib.kit.translation import robust_translation
 from vo_lib.paper import translation as paper
 from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 
-from ..lessons import CAMERA, drive, estimated_rotations
+from ..frames import consensus_rotation
+from ..lessons import CAMERA, drive, pair_of
 
 # How all features' rows are put together: as the configuration's own method does, or in a plain way.
 METHOD, PIXELS, METRES = "the method's own", "rows in pixels", "rows in metres"
@@ -94,7 +95,9 @@ def weighting_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str, A
     """Translation error of each frame, millimetres, by weighting; the same estimated rotations for all."""
     ways = {PUBLISHED: METHOD, ROBUST: METHOD} | {name: name for name in WEIGHTINGS[1:]}
     errors: dict[str, list[float]] = {name: [] for name in ways}
-    for frame, R_cp in estimated_rotations(drive(frames), tracks, seed):
+    for frame in simulate_tracks(drive(frames), CAMERA, tracks, seed):
+        x_p, x_c, X_p, _ = pair_of(frame)
+        R_cp = consensus_rotation(x_p, x_c, X_p, np.random.default_rng([seed, frame.frame]), CAMERA.f)
         for name, way in ways.items():
             config = KitTranslationConfig() if name == ROBUST else TranslationConfig()
             solved = solve_by(way, CAMERA, frame.matches, R_cp, config)
