@@ -1,6 +1,6 @@
 """Absolute (ATE) and relative (RPE) trajectory error, and the alignment of trajectories.
 
-Both are those of Sturm et al., IROS 2012. All poses are `T_w_c`, (N, 4, 4), metres.
+Definitions: Sturm et al., IROS 2012. All poses are `T_w_c`, (N, 4, 4), metres.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from ..geometry.types import Array, Index
 
 
 class Alignment(Enum):
-    """What may be moved before positions are compared."""
+    """Transformation of the estimate before the comparison of positions."""
 
     NONE = "none"
-    ORIGIN = "origin"  # first poses made equal
+    ORIGIN = "origin"  # equal first poses
     SE3 = "se3"  # best rotation and translation
-    SIM3 = "sim3"  # and the best scale
+    SIM3 = "sim3"  # best rotation, translation and scale
 
     @property
     def words(self) -> str:
@@ -49,7 +49,7 @@ class AbsoluteError:
 
 
 class Delta(NamedTuple):
-    """How far poses are apart whose relative error is taken: frames, or metres along the true path."""
+    """Interval of the relative error, in frames or in metres along the true path."""
 
     size: float = 1
     unit: str = "frames"
@@ -69,7 +69,7 @@ class RelativeError:
     rotation: Array
 
     def to_dict(self) -> dict[str, Any]:
-        """Distance of the poses and statistics, for JSON; None where the trajectory is shorter than delta."""
+        """Interval and statistics, for JSON; None if the trajectory is shorter than delta."""
         return {
             f"delta_{self.delta.unit}": self.delta.size,
             "translation": _in("m", self.translation),
@@ -78,23 +78,23 @@ class RelativeError:
 
 
 def rmse(errors: Array) -> float | None:
-    """Root of the mean square; None of nothing."""
+    """Root of the mean square; None without errors."""
     return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else None
 
 
 def motion_error(truth: Array, estimate: Array, first: Index, last: Index) -> Array:
     """Error motions inverse(Δest) Δgt, (S, 4, 4), with Δ = inverse(T[first]) T[last]."""
-    # A general inverse: printed rotations are orthonormal to 1e-7 only, and the transpose would turn
+    # A general inverse: rotations in files are orthonormal only to 1e-7, and the transpose would turn
     # that into up to 0.05° of rotation error.
     true_motion = np.linalg.inv(truth[first]) @ truth[last]
     return np.asarray(np.linalg.inv(np.linalg.inv(estimate[first]) @ estimate[last]) @ true_motion)
 
 
 def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, float]:
-    """The estimate moved onto the truth.
+    """The estimate aligned with the truth.
 
     SE3 and SIM3 minimise the squared distances of positions (Umeyama 1991, equations 38-43). On a straight
-    path the rotation about the path is not determined: distances are still the smallest, orientations not.
+    path the rotation about the path is undetermined: distances are minimal, but orientations are arbitrary.
 
     Returns
     -------
@@ -129,8 +129,8 @@ def relative_error(
 ) -> RelativeError:
     """RPE over the frames 0 to delta, delta to 2·delta, … (evo's default pairs); needs no alignment.
 
-    path : (N,) metres from the first true pose to each. With it delta is in metres: from a pose to the first
-    one so far ahead, and on from that (evo's pairs with `--pairs_from_reference`).
+    path : (N,) metres from the first true pose to each pose; delta is then in metres. A pair ends at the
+    first pose that is delta ahead, and the next pair starts there (evo with `--pairs_from_reference`).
     """
     check_pair(truth, estimate)
     if path is None:
@@ -147,7 +147,7 @@ def relative_error(
 
 
 def statistics(errors: Array) -> dict[str, float | None]:
-    """Root of the mean square, mean, median and largest of errors (N,); None of nothing."""
+    """Root of the mean square, mean, median and maximum of errors (N,); None without errors."""
     if not len(errors):
         return dict.fromkeys(("rmse", "mean", "median", "max"))
     mean, median, largest = float(np.mean(errors)), float(np.median(errors)), float(np.max(errors))
@@ -159,7 +159,7 @@ def _in(unit: str, errors: Array) -> dict[str, float | None]:
 
 
 def check_pair(truth: Array, estimate: Array, where: str = "") -> None:
-    """Raise `DataError` unless both trajectories have as many poses, all finite."""
+    """Raise `DataError` unless both trajectories have the same number of poses, all finite."""
     if len(truth) != len(estimate) or len(truth) == 0:
         raise DataError(
             f"{where}truth has {len(truth)} poses and the estimate {len(estimate)}; "

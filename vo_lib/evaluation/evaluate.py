@@ -1,4 +1,4 @@
-"""All errors of trajectories: KITTI's over sub-sequences, with ATE and RPE beside them."""
+"""Errors of trajectories: KITTI's errors over sub-sequences, ATE and RPE."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ONE_FRAME = Delta()
 
 @dataclass(frozen=True)
 class SequenceResult:
-    """All errors of a path by its name; `distance` is the length of the true path, metres."""
+    """All errors of a named path; `distance` is the length of the true path, metres."""
 
     name: str
     frames: int
@@ -44,9 +44,9 @@ class Evaluation:
     step: int
 
     def to_dict(self, key: str = "sequences") -> dict[str, Any]:
-        """Everything but the single sub-sequences, for JSON: no NaN, None where there is no number.
+        """All results except the single sub-sequences, for JSON, with None for missing numbers.
 
-        `key` : what the names are of.
+        `key` : key of the named paths.
         """
         return {
             "lengths_m": list(self.lengths),
@@ -70,7 +70,7 @@ def evaluate(
 ) -> Evaluation:
     """KITTI errors, ATE and RPE of (name, truth, estimate) triples, poses (N, 4, 4) each.
 
-    `times` : (N,) seconds of the frames of each name, where they are known. `delta` : of RPE.
+    `times` : (N,) seconds of the frames by name, if known. `delta` : interval of the RPE.
 
     Raises
     ------

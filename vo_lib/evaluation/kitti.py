@@ -1,8 +1,8 @@
-"""Chapter 6: KITTI's trajectory errors over sub-sequences.
+"""KITTI's trajectory errors over sub-sequences (chapter 6).
 
-KITTI's odometry benchmark (Geiger, Lenz, Urtasun, CVPR 2012) compares motions over stretches of 100 to
-800 m of path. TE is the translation error in % of the stretch, RE the rotation error in deg/100 m.
-All poses are `T_w_c`, (N, 4, 4), metres. ATE and RPE are in `ate_rpe.py`.
+KITTI's odometry benchmark (Geiger, Lenz, Urtasun, CVPR 2012) compares motions over sub-sequences of 100 to
+800 m of path. TE is the translation error in % of their length, RE the rotation error in deg/100 m. All poses
+are `T_w_c`, (N, 4, 4), metres. ATE and RPE are in `ate_rpe.py`.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from ..geometry.rows import Rows
 from ..geometry.types import Array, Index
 from .ate_rpe import check_pair, motion_error
 
-# For paths too short for these lengths: from every frame, and labelled as such.
+# Lengths for short paths, from every frame, labelled as such.
 SHORT_LENGTHS = (20.0, 50.0, 100.0)  # metres
 KITTI_LENGTHS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)  # metres
 KITTI_STEP = 10  # frames from one start to the next
 KITTI_SPEEDS = tuple(float(v) for v in range(2, 25, 2))  # bin centres, m/s
-KITTI_FRAME_TIME = 0.1  # seconds; the devkit knows no other
-KITTI_BIN_MINIMUM = 3  # the devkit draws no point of a curve from fewer sub-sequences
+KITTI_FRAME_TIME = 0.1  # seconds; fixed in the devkit
+KITTI_BIN_MINIMUM = 3  # smallest number of sub-sequences for a point of the devkit's curves
 
 
 @dataclass(frozen=True, eq=False)
 class KittiErrors(Rows):
-    """KITTI errors of S sub-sequences; empty where the path is shorter than every length.
+    """KITTI errors of S sub-sequences; empty for a path shorter than every length.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class KittiErrors(Rows):
         return 100.0 * math.degrees(self.r_err.mean()) if len(self) else None
 
     def by_length(self, lengths: Sequence[float] = KITTI_LENGTHS) -> dict[float, KittiErrors]:
-        """The sub-sequences of each nominal length, metres; empty where there are none."""
+        """The sub-sequences by nominal length, metres; possibly empty."""
         return {float(length): self[self.length == length] for length in lengths}
 
     def by_speed(self) -> dict[float, KittiErrors]:
@@ -76,7 +76,7 @@ class KittiErrors(Rows):
         return [(at, e.te, e.re) for at, e in bins.items() if len(e) >= KITTI_BIN_MINIMUM]
 
     def to_dict(self) -> dict[str, Any]:
-        """Count and means, for JSON; None where there is no sub-sequence."""
+        """Count and means, for JSON; None without sub-sequences."""
         return {"subsequences": len(self), "te_percent": self.te, "re_deg_per_100m": self.re}
 
     def to_tables(self, lengths: Sequence[float] = KITTI_LENGTHS) -> dict[str, Any]:
@@ -94,7 +94,7 @@ def trajectory_distances(T: Array) -> Array:
 
 
 def _devkit_distances(T: Array) -> NDArray[np.float32]:
-    """Path length to each pose, (N,), metres, with the devkit's rounding, which decides where a path ends.
+    """Path length to each pose, (N,), metres, with the devkit's rounding.
 
     Squares and their sum are in single precision, the root and each addition in double, each total in single.
     """
@@ -111,7 +111,7 @@ def _norm(t: NDArray[Any]) -> Array:
 def _sizes(error: Array, length: Array, dtype: type[np.floating[Any]]) -> tuple[Array, Array]:
     """Translation (no unit) and angle (rad/m) of error motions (S, 4, 4) over lengths (S,), metres.
 
-    `dtype` : the precision of what the devkit keeps in variables of single precision.
+    `dtype` : precision of the variables that have single precision in the devkit.
     """
     a, b, c = (error[:, axis, axis].astype(dtype) for axis in range(3))
     cosine = (0.5 * ((a + b + c).astype(np.float64) - 1.0)).astype(dtype)
@@ -129,20 +129,20 @@ def kitti_errors(
     step: int = KITTI_STEP,
     times: Array | None = None,
 ) -> KittiErrors:
-    """Errors of all sub-sequences of one sequence, as KITTI's development kit computes them.
+    """Errors of all sub-sequences of a sequence, equal to those of KITTI's development kit.
 
     From every `step`-th frame and for each length, a sub-sequence ends at the first frame whose true path
     exceeds start + length. Both errors of inverse(Δest) Δgt are divided by the nominal length.
 
-    Over KITTI's own lengths numbers have the devkit's single precision, to agree with it to the last digit.
-    It knows angles to some 0.02° only, too coarse for shorter paths: other lengths are in double precision.
+    For KITTI's lengths, numbers have the devkit's single precision and agree with it to the last digit. Its
+    resolution of angles, 0.02°, is too coarse for shorter paths, so other lengths use double precision.
 
     Parameters
     ----------
     truth, estimate : (N, 4, 4) poses.
     lengths : nominal lengths, metres.
     step : frames between starts.
-    times : (N,) seconds of the frames, for the speed; None: ten frames a second, counted as the devkit does.
+    times : (N,) seconds of the frames, for the speed; None: ten frames per second, as in the devkit.
 
     Returns
     -------
@@ -164,21 +164,21 @@ def kitti_errors(
     single, double = (_sizes(error, length, dtype) for dtype in (np.float32, np.float64))
     t_err, r_err = np.where(np.isin(length, KITTI_LENGTHS), single, double)
     seconds = KITTI_FRAME_TIME * (last - first + 1) if times is None else times[last] - times[first]
-    speed = length / np.maximum(seconds, 1e-9)  # a file of times may say nothing
-    # Rounded as the devkit's, so that a speed on the edge of a bin falls on the same side.
+    speed = length / np.maximum(seconds, 1e-9)  # all times may be equal
+    # The devkit's rounding, so that a speed on the edge of a bin falls on the same side.
     return KittiErrors(first, last, length, t_err, r_err, speed.astype(np.float32).astype(np.float64))
 
 
 @dataclass(frozen=True)
 class Measure:
-    """Which sub-sequences errors are taken over: their lengths, metres, and the frames between starts."""
+    """The sub-sequences of TE and RE: lengths, metres, and frames between starts."""
 
     lengths: tuple[float, ...]
     step: int
 
     @property
     def words(self) -> str:
-        """As a table's label says it: "100, 200, … 800 m, every 10 frames (as KITTI)"."""
+        """The measure as text for a table: "100, 200, … 800 m, every 10 frames (as KITTI)"."""
         numbers = [f"{length:g}" for length in self.lengths]
         if len(numbers) > 4:
             numbers = [*numbers[:2], f"… {numbers[-1]}"]
@@ -191,5 +191,5 @@ SHORT_MEASURE = Measure(SHORT_LENGTHS, 1)
 
 
 def suitable_measure(truth: Array) -> Measure:
-    """KITTI's measure where the true path (N, 4, 4) holds a sub-sequence of it, else that of short paths."""
+    """KITTI's measure if the true path (N, 4, 4) has such a sub-sequence, otherwise that of short paths."""
     return KITTI_MEASURE if len(kitti_errors(truth, truth)) else SHORT_MEASURE

@@ -19,7 +19,7 @@ class Boxes(Rows):
     Attributes
     ----------
     xyxy : (K, 4) left, top, right, bottom, pixels (pixel centres at integers).
-    class_id : (K,) int; COCO numbers unless the labels say otherwise.
+    class_id : (K,) int; COCO numbers, unless the label files have others.
     score : (K,) in [0, 1]; 1 for labels without a score.
     """
 
@@ -34,7 +34,7 @@ def area(xyxy: Array) -> Array:
 
 
 def common_area(a: Array, b: Array) -> Array:
-    """Area (M, K), pixels², that boxes (M, 4) share with boxes (K, 4)."""
+    """Areas (M, K), pixels², of the intersections of boxes (M, 4) with boxes (K, 4)."""
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum(a[:, None, 2:], b[None, :, 2:])
     return np.asarray(np.prod(np.maximum(high - low, 0.0), axis=2))
@@ -47,5 +47,5 @@ def overlap(a: Array, b: Array) -> Array:
 
 
 def no_boxes() -> Boxes:
-    """The boxes of an image without any."""
+    """The boxes of an image without boxes."""
     return Boxes(np.zeros((0, 4)), np.zeros(0, np.int64), np.zeros(0))

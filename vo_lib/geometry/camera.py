@@ -32,7 +32,7 @@ class StereoCamera:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height of the image, pixels; where unknown, twice the principal point's place."""
+        """Width and height of the image, pixels; if unknown, twice the principal point."""
         return self.width or 2 * self.cx, self.height or 2 * self.cy
 
     @property

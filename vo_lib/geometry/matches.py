@@ -1,4 +1,4 @@
-"""What passes from the front end to the method: features seen in all four images of two stereo pairs."""
+"""Matches, the result of a front end: features in all four images of two stereo pairs."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from .types import Array, IntArray
 
 @dataclass(frozen=True, eq=False)
 class StereoMatches(Rows):
-    """N features seen in all four images of two stereo pairs.
+    """N features in all four images of two stereo pairs.
 
     Attributes
     ----------
     prev_left, prev_right, cur_left, cur_right : (N, 2) float, pixels (u, v), sub-pixel.
-    age : (N,) int, frames for which the feature has been followed, >= 1.
+    age : (N,) int, number of frames in which the feature has been tracked, >= 1.
     strength : (N,) float, the detector's response; larger is better.
-    id : (N,) int, the same number for the same feature in every frame that sees it.
+    id : (N,) int, number of the feature, equal in all its frames.
     """
 
     prev_left: Array
@@ -32,7 +32,7 @@ class StereoMatches(Rows):
 
 
 def empty_matches() -> StereoMatches:
-    """Matches of a frame in which nothing was found."""
+    """The matches of a frame without matches."""
     uv = np.zeros((0, 2))
     whole = np.zeros(0, np.int64)
     return StereoMatches(uv, uv, uv, uv, whole, np.zeros(0), whole)

@@ -1,8 +1,8 @@
 """Rigid motions, rotations and the essential matrix.
 
-Conventions of the whole kit: `X_c = R_cp X_p + t_cp` takes a point from the previous left camera (p)
-into the current one (c); `T_cp` is the 4×4 matrix of the same motion; `T_w_c` is the pose of camera c
-in the world. Metres and radians.
+Conventions of the kit: `X_c = R_cp X_p + t_cp` transforms a point from the previous left camera (p) to the
+current one (c); `T_cp` is the 4×4 matrix of the same motion; `T_w_c` is the pose of camera c in the world.
+Metres and radians.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def rotation_from_vector(w: Array) -> Array:
 def rotation_angle(R: Array) -> Array:
     """Angle of rotation matrices (..., 3, 3), radians, in [0, π].
 
-    From both the trace and the antisymmetric part, so that small angles keep their digits.
+    Computed from both the trace and the antisymmetric part, for precision at small angles.
     """
     R = np.asarray(R, dtype=np.float64)
     axis = np.stack(
@@ -51,7 +51,7 @@ def rotation_angle(R: Array) -> Array:
 
 
 def nearest_rotation(M: Array) -> Array:
-    """The rotation nearest to M (3, 3) in Frobenius norm; takes rounding drift out of long products."""
+    """The rotation nearest to M (3, 3) in Frobenius norm, against rounding errors in long products."""
     U, _, Vt = np.linalg.svd(M)
     U[:, -1] *= np.linalg.det(U) * np.linalg.det(Vt)
     return np.asarray(U @ Vt)
@@ -85,7 +85,7 @@ def rigid(R: Array, t: Array) -> Array:
 
 
 def inverse(T: Array) -> Array:
-    """Inverse of rigid motions (..., 4, 4), without a general matrix inverse."""
+    """Inverses of rigid motions (..., 4, 4), from the transposed rotations."""
     R_t = np.swapaxes(T[..., :3, :3], -1, -2)
     out = np.zeros_like(T)
     out[..., :3, :3] = R_t
@@ -119,7 +119,7 @@ def decompose_essential(E: Array) -> tuple[Array, Array]:
     """The two rotations (..., 2, 3, 3) and the unit translation (..., 3) of E; t may have either sign.
 
     E = U diag(1, 1, 0) Vᵀ gives R = U W Vᵀ or U Wᵀ Vᵀ and t = ± the last column of U
-    (Hartley and Zisserman, result 9.19). The four pairs (R, ±t) are told apart by known depth.
+    (Hartley and Zisserman, result 9.19). Known depths select one of the four pairs (R, ±t).
     """
     U, _, Vt = np.linalg.svd(E)
     U = U * np.linalg.det(U)[..., None, None]

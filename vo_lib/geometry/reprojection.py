@@ -1,4 +1,4 @@
-"""Reprojection residuals in both current images, and a robust motion from a start near it."""
+"""Reprojection residuals in both current images, and a robust fit of a motion."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .camera import StereoCamera
 from .motion import rotation_from_vector
 from .types import Array
 
-CONVERGED_STEP = 1e-9  # a smaller step, radians and metres, ends an iteration
+CONVERGED_STEP = 1e-9  # step at which the iteration ends, radians and metres
 MAX_AGREEMENT_RESIDUAL_PX = (
     2.0  # pixels; a match agrees with a motion that leaves less in its four current coordinates
 )
@@ -28,7 +28,7 @@ def fit_motion(
     iterations: int = 8,
     tolerance: float = CONVERGED_STEP,
 ) -> tuple[Array, Array, Array]:
-    """Robust motion that takes points of the previous frame to their pixels in the current pair.
+    """Robust motion from points of the previous frame and their pixels in the current pair.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def fit_motion(
     R_cp, t_cp : start of the iteration.
     scale : pixel residual at which a point's weight is halved (Cauchy weights, 1 / (1 + r² / scale²)),
         or the median residual while that is larger.
-    tolerance : a smaller step, radians and metres, is the last.
+    tolerance : step at which the iteration ends, radians and metres.
 
     Returns
     -------
@@ -52,8 +52,8 @@ def fit_motion(
         residual = np.where(depth > 0, np.sqrt(np.sum(r * r, axis=1)), np.inf)
         if step == iterations:
             break
-        # Far from the solution all residuals are large: a scale that shrinks with their median keeps
-        # the near points, which know the translation, from being taken for outliers.
+        # Far from the solution all residuals are large. A scale that follows their median keeps the weights
+        # of near points, which determine the translation, high.
         current = max(scale, float(np.median(residual)))
         in_front = np.isfinite(residual)
         weight = 1.0 / (

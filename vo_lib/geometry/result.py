@@ -10,35 +10,35 @@ from .types import Array
 
 
 class Flag(StrEnum):
-    """Remark on a frame, as frames.csv has it."""
+    """Remark on a frame in frames.csv."""
 
-    STANDSTILL = "standstill"  # the features do not move
+    STANDSTILL = "standstill"  # no optical flow
     FEW_MATCHES = "few_matches"  # no motion: too few matches
-    NO_MOTION = "no_motion"  # no motion: the matches agree on none
-    # The kit's own:
-    FILTER_OFF = "filter_off"  # boxes would have left too few matches
-    PRIOR_DROPPED = "prior_dropped"  # the prior's best candidate was clearly worse than the best of all
+    NO_MOTION = "no_motion"  # no motion with enough inliers
+    # Only in variant `kit`:
+    FILTER_OFF = "filter_off"  # no features removed, since too few would remain
+    PRIOR_DROPPED = "prior_dropped"  # best candidate of the prior clearly worse than the overall best
     DOUBTFUL_SPEED = "doubtful_speed"  # beyond the limits of a vehicle
     DOUBTFUL_TURN = "doubtful_turn"
     DOUBTFUL_TILT = "doubtful_tilt"
 
 
-MAX_MISSING_FRAMES = 10  # in a row without a motion; with more, tracking is lost
+MAX_MISSING_FRAMES = 10  # largest number of frames in a row without a motion; with more, tracking is lost
 WITHOUT_MOTION = frozenset((Flag.FEW_MATCHES, Flag.NO_MOTION))
 DOUBTFUL = frozenset((Flag.DOUBTFUL_SPEED, Flag.DOUBTFUL_TURN, Flag.DOUBTFUL_TILT))
 
 
 @dataclass(frozen=True)
 class FrameResult:
-    """Motion of one frame and how it came about.
+    """Motion of a frame, with counts, flags and times.
 
     Attributes
     ----------
     T_cp : (4, 4) motion from the previous to the current left camera, metres.
-    matches : matches found; removed : matches removed by boxes; used : left after bucketing.
-    inliers : matches in use that agree with the epipolar geometry.
+    matches, removed, used : numbers of matches, of those removed in boxes, and of those after bucketing.
+    inliers : number of used matches that agree with the epipolar geometry.
     prior_angle : angle to the previous essential vector, degrees; NaN without one.
-    flags : remarks; empty when nothing was unusual.
+    flags : remarks on unusual frames.
     ms : milliseconds of each stage.
     """
 
@@ -53,24 +53,24 @@ class FrameResult:
 
     @property
     def measured(self) -> bool:
-        """Whether the images of this frame gave a motion; else an earlier one stands in."""
+        """Whether the motion is from the images of this frame; if not, it is an earlier motion."""
         return not WITHOUT_MOTION.intersection(self.flags)
 
     @property
     def in_doubt(self) -> bool:
-        """Whether the images gave no motion, or one beyond the limits of a vehicle."""
+        """Whether the motion is not measured or exceeds the limits of a vehicle."""
         return not self.measured or bool(DOUBTFUL.intersection(self.flags))
 
 
 class Clock:
-    """Milliseconds of stages, each measured from the end of the one before."""
+    """A clock of consecutive stages, milliseconds."""
 
     def __init__(self) -> None:
         self.ms: dict[str, float] = {}
         self._last = time.perf_counter()
 
     def stage(self, name: str) -> None:
-        """End a stage; the time of a stage that comes again is added."""
+        """End a stage; times of stages with equal names are added."""
         now = time.perf_counter()
         self.ms[name] = self.ms.get(name, 0.0) + 1e3 * (now - self._last)
         self._last = now

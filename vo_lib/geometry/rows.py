@@ -1,4 +1,4 @@
-"""Data that passes between rooms: arrays whose rows belong together."""
+"""Data that passes between packages: arrays with corresponding rows."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ AnyRows = TypeVar("AnyRows", bound="Rows")
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Base of frozen dataclasses whose fields are arrays of N rows each: row i of all is one thing.
+    """Base of frozen dataclasses with arrays of N rows: the rows i of all arrays describe one item.
 
-    They compare and hash by identity, so subclasses are declared with `eq=False` too.
+    Comparison and hash are by identity; subclasses need `eq=False` too.
     """
 
     def __len__(self) -> int:
@@ -25,12 +25,12 @@ class Rows:
         return len(first)
 
     def __getitem__(self: AnyRows, index: BoolArray | Index) -> AnyRows:
-        """The rows that a boolean mask or an index array chooses."""
+        """The rows selected by a boolean mask or an index array."""
         return type(self)(*(array[index] for array in vars(self).values()))
 
 
 def joined(parts: Iterable[AnyRows]) -> AnyRows:
-    """The rows of several, one behind the other; at least one is needed."""
+    """The concatenated rows of one or more objects."""
     parts = list(parts)
     columns = zip(*(vars(part).values() for part in parts), strict=True)
     return type(parts[0])(*map(np.concatenate, columns))

@@ -1,4 +1,4 @@
-"""Many symmetric 3×3 matrices at once, as six rows: xx, yy, zz, xy, xz, yz."""
+"""Arrays of symmetric 3×3 matrices, stored as six rows: xx, yy, zz, xy, xz, yz."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from .types import Array
 
 ROW, COLUMN = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
-FULL = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places of the nine entries among the six
+FULL = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # index of each of the nine entries in the six rows
 
 
 def outer(v: Array) -> Array:

@@ -7,11 +7,11 @@ import numpy as np
 from .motion import inverse, rotation_angle, rotation_from_vector, skew
 from .types import Array, IntArray
 
-SMALL_ANGLE_RAD = 1e-4  # below it, series take the place of quotients
+SMALL_ANGLE_RAD = 1e-4  # series instead of quotients are used below this angle
 
 
 def twist_from_motion(T: Array) -> Array:
-    """Twists (..., 6) of motions (..., 4, 4) that turn by less than π."""
+    """Twists (..., 6) of motions (..., 4, 4) with rotations of less than π."""
     R, angle = T[..., :3, :3], rotation_angle(T[..., :3, :3])[..., None]
     difference = R - np.swapaxes(R, -1, -2)
     axis = np.stack([difference[..., 2, 1], difference[..., 0, 2], difference[..., 1, 0]], axis=-1)
@@ -41,7 +41,7 @@ def motion_from_twist(xi: Array) -> Array:
 
 
 def adjoint(T: Array) -> Array:
-    """Matrices (..., 6, 6) that take a twist in the second frame of T (..., 4, 4) to the first."""
+    """Matrices (..., 6, 6) that transform a twist from the second frame of T (..., 4, 4) to the first."""
     R = T[..., :3, :3]
     out = np.zeros((*T.shape[:-2], 6, 6))
     out[..., :3, :3] = out[..., 3:, 3:] = R
@@ -58,9 +58,9 @@ def bracket(xi: Array) -> Array:
 
 
 def carried_along(poses: Array, frames: IntArray, places: Array) -> Array:
-    """Poses (N, 4, 4) of all frames after some (K,), the first one 0, have moved to `places` (K, 4, 4).
+    """Poses (N, 4, 4) after frames (K,), the first of them 0, have been moved to `places` (K, 4, 4).
 
-    The change between two places is spread evenly over the frames between them, as a twist.
+    The change between two places is distributed evenly over the frames between them, as a twist.
     """
     part = np.searchsorted(frames, np.arange(len(poses)), side="right") - 1
     old, change = poses[frames], np.zeros((len(frames), 6))

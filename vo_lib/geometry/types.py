@@ -1,4 +1,4 @@
-"""Names of the array types and of the progress function that the whole kit uses."""
+"""Types of arrays and of progress functions."""
 
 from __future__ import annotations
 
@@ -13,5 +13,5 @@ Index = NDArray[np.intp]
 IntArray = NDArray[np.int64]
 Image = NDArray[np.uint8]  # (H, W) grey, or (H, W, 3) BGR
 
-# Called with (steps done, steps in all).
+# Called with (steps done, total steps).
 Progress = Callable[[int, int], None]

@@ -1,4 +1,4 @@
-"""Chapter 1: the choice of features by bucket, age and strength."""
+"""Bucketing: selection of features by bucket, age and strength (chapter 1)."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from .settings import BucketConfig
 
 
 def square_numbers(uv: Array, side: int) -> IntArray:
-    """A number (N,) for each pixel (N, 2), the same for those in one square of the image, `side` wide."""
+    """Number (N,) of the image square, `side` wide, of each pixel (N, 2)."""
     column, row = (uv // side).astype(np.int64).T
     return np.asarray(row * (column.max(initial=0) + 1) + column)
 
 
 def select_by_bucket(uv: Array, age: IntArray, strength: Array, config: BucketConfig) -> Index:
-    """Of each bucket the oldest features, of equally old ones the strongest (section 1, from earlier work).
+    """The oldest features of each bucket, of equally old ones the strongest (section 1, from earlier work).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Chapter 1: blobs and corners of an image, described by Sobel responses and compared.
+"""Blobs and corners of an image, their Sobel descriptors, and the comparison of descriptors (chapter 1).
 
 Features are the extrema of two 5×5 masks; each is compared only with features of its own kind, by the sum
 of absolute differences of 16 places of the two Sobel images around it.
@@ -24,14 +24,14 @@ CORNER = np.zeros((5, 5), np.float32)
 CORNER[:2, :2] = CORNER[3:, 3:] = -1
 CORNER[:2, 3:] = CORNER[3:, :2] = 1
 
-# Sixteen places of an 11×11 neighbourhood (u, v) where the two Sobel images are read.
+# Sixteen positions (u, v) in an 11×11 neighbourhood at which the two Sobel images are sampled.
 DESCRIPTOR_OFFSETS = np.array(
     [(u, v) for v in (-5, -1, 1, 5) for u in (-5, 5)] + [(u, v) for v in (-3, -1, 1, 3) for u in (-1, 1)],
     np.intp,
 )
-DESCRIPTOR_RADIUS_PX = 6  # pixels that a descriptor reaches: 5, and one more of the Sobel mask
+DESCRIPTOR_RADIUS_PX = 6  # 5 px of the descriptor and 1 px of the Sobel mask
 BATCH_FEATURES = 128  # features compared at once, of neighbouring columns: most others are too far for all
-MAX_ROW_DIFFERENCE_PX = 2  # pixels by which whole-pixel rows of a stereo pair may differ
+MAX_ROW_DIFFERENCE_PX = 2  # largest row difference in a stereo pair, whole pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ def describe(image: Image, config: FeatureConfig) -> Described:
     A feature is a pixel with the largest response of a square round it, `config.blob_cell` pixels wide, if
     that is above `config.blob_quality`.
     """
-    # 16-bit integers hold every response exactly, and take half the time of floats.
+    # 16-bit integers represent every response exactly, and take half the time of floats.
     responses = [np.asarray(cv2.filter2D(image, cv2.CV_16S, m), np.int16) for m in (BLOB, CORNER)]
     peaks = [_peaks(response, config) for each in responses for response in (each, -each)]
     places, strength = (np.concatenate(each) for each in zip(*peaks, strict=True))
@@ -73,13 +73,13 @@ def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, A
     border = max(config.border, DESCRIPTOR_RADIUS_PX)
     inner = slice(border, -border)
     peak = (response == top)[inner, inner] & (response[inner, inner] > int(config.blob_quality))
-    # NumPy looks through a list ten times as fast as through an image.
+    # NumPy searches a one-dimensional array ten times as fast as an image.
     row, column = (part + border for part in np.divmod(np.flatnonzero(peak), max(peak.shape[1], 1)))
     return np.stack([column, row], axis=1).astype(np.float64), response[row, column].astype(np.float64)
 
 
 def stereo_matches(left: Described, right: Described, max_disparity: int) -> tuple[Index, Index]:
-    """For each left feature the right one of its kind that looks most alike, and the other way round.
+    """For each left feature the most similar right feature of its kind, and vice versa.
 
     Two features are compared if their rows differ by `MAX_ROW_DIFFERENCE_PX` at most and their disparity
     is 0 … max_disparity, pixels. These pairs are few: all are compared at once.
@@ -99,7 +99,8 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
     possible = (disparity >= 0) & (disparity <= max_disparity)
     i, j = i[possible], j[possible]
     difference = np.abs(left.descriptor[i] - right.descriptor[j]).sum(axis=1)
-    # The last pair written for a feature stays: the most alike; of equals the first in the features' order.
+    # The last pair written for a feature is kept: the most similar; of equals, the first in the features'
+    # order.
     order = np.argsort(difference, kind="stable")[::-1]
     to_right, to_left = (np.full(len(side.kind), -1, np.intp) for side in (left, right))
     to_right[i[order]], to_left[j[order]] = j[order], i[order]
@@ -107,7 +108,7 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
 
 
 def best_matches(query: Described, train: Described, radius: int) -> Index:
-    """For each query feature the train feature of its kind that looks most alike near the same place.
+    """For each query feature the most similar train feature of its kind near the same position.
 
     Parameters
     ----------

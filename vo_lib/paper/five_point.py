@@ -1,19 +1,19 @@
-"""The five-point problem: every essential matrix that fits five matches, for many sets at once.
+"""Five-point solver: all essential matrices that fit five matches, for many sets at once.
 
 Nistér, "An efficient solution to the five-point relative pose problem", PAMI 2004; the ten constraints as
 in Stewénius, Engels and Nistér, "Recent developments on direct relative orientation", 2006.
 
-Each step is one function, to be called one by one. Sets lie along the last axis of every array in
-between: numpy then does each operation for all sets in one sweep of memory.
+Each step is a function. The last axis of the intermediate arrays is that of the sets, so that NumPy does each
+operation for all sets in one pass over memory.
 
     epipolar_rows (5, 9, S) -> null_space (4, 3, 3, S) -> cubic_constraints (10, 20, S)
     -> eliminate (6, 16, S) -> determinant (11, S) -> real_roots -> back_substitute (4, M) -> polish
     -> E = x E0 + y E1 + z E2 + w E3
 
-Two things differ from the paper. Nistér sets w = 1; here (z, w) is a point of the projective line, and no
-solution lies at infinity. He divides by the pivots of ten monomials, which may be small; here four are
-eliminated by reflections and the other six stay in the determinant: the same polynomial with, in the
-worst twentieth of the sets, a hundred to a thousand times less rounding noise.
+Two steps differ from Nistér's paper. Nistér sets w = 1; here (z, w) is a point of the projective line, and no
+solution is at infinity. He divides by the pivots of ten monomials, which may be small; here four are
+eliminated by reflections and the other six stay in the determinant: the same polynomial with, in the worst
+twentieth of the sets, a hundred to a thousand times less rounding noise.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ NODES = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
 _ORDER = np.arange(DEGREE + 1)
 POLYNOMIAL_FROM_VALUES = np.linalg.inv(NODES[0][:, None] ** _ORDER[::-1] * NODES[1][:, None] ** _ORDER)
 
-SOLVING_TURNS = 2  # how often a set is solved: a doubtful one again, along other axes
+SOLVING_TURNS = 2  # number of solutions of a doubtful set, along other axes each time
 POLISH_STEPS, POLISH_DONE, CONVERGED = 8, 1e-8, 1e-6  # steps at most; length of the last step: good, enough
 MAX_POLISH_MOVE = (
     1e-3  # where polishing moves a candidate farther, another solution may be missing: the set is doubtful
 )
-SAME_CANDIDATE_DISTANCE = 1e-7  # candidates of one set nearer than this are one solution found twice
+SAME_CANDIDATE_DISTANCE = 1e-7  # nearer candidates of a set are duplicates of one solution
 
 
 class Candidates(NamedTuple):
@@ -66,7 +66,7 @@ class Candidates(NamedTuple):
 
 
 def five_point(x_p: Array, x_c: Array) -> Candidates:
-    """All real essential matrices through five matches, for S sets at once. Nothing is chosen here.
+    """All real essential matrices through five matches, for S sets at once, without a selection.
 
     Parameters
     ----------
@@ -74,13 +74,13 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
 
     Returns
     -------
-    Candidates, up to ten a set. A set has none when its matches are dependent (a point twice) or when a
-    whole family of E fits them (no parallax and no noise). Takes about 10 kB of memory a set.
+    Candidates, up to ten per set. A set has none when its matches are dependent (a point twice) or when a
+    whole family of E fits them (no parallax and no noise). The memory use is about 10 kB per set.
     """
     basis, independent = null_space(epipolar_rows(x_p, x_c))
     solutions, indices, todo = [np.empty((4, 0))], [np.empty(0, dtype=np.intp)], np.flatnonzero(independent)
     for turn in range(SOLVING_TURNS):
-        # Solutions that share z/w are hard to tell apart; along other axes they are far from each other.
+        # Solutions with nearly equal z/w are hard to separate; along other axes they are far from each other.
         axes = (np.arange(4) + turn) % 4
         v, index, doubtful = _solve(basis[axes].take(todo, axis=-1))
         solutions.append(v[np.argsort(axes)])
@@ -89,7 +89,7 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
         if not todo.size:
             break
     v, index = np.concatenate(solutions, axis=1), np.concatenate(indices)
-    # Within a set, sorted by |x|: a solution found twice then stands beside itself.
+    # Within a set, sorted by |x|, so that duplicates of a solution are neighbours.
     order = np.argsort(index + 0.99 * np.abs(v[0]))
     v, index = v.take(order, axis=1), index[order]
     keep = np.ones(index.size, dtype=bool)
@@ -121,8 +121,8 @@ def epipolar_rows(x_p: Array, x_c: Array) -> Array:
 def householder(A: Array, columns: int) -> Array:
     """Make the first `columns` columns of A (m, n, S) upper triangular by Householder reflections, in place.
 
-    Reflections need no pivoting to be stable, so every set takes the same path. What stands below the
-    diagonal afterwards is of no use. Returns A.
+    Reflections need no pivoting to be stable, so every set takes the same path. The entries below the
+    diagonal are undefined afterwards. Returns A.
     """
     buffer = np.empty_like(A)
     for k in range(columns):
@@ -202,9 +202,9 @@ def back_substitute(rows: Array, z: Array, w: Array, index: Index) -> Array:
 
 @DEGENERATE_SETS
 def polish(basis: Array, v: Array, index: Index) -> tuple[Array, BoolArray]:
-    """Newton steps on the constraints themselves, from v (4, M); also (M,) whether they converged.
+    """Solutions (4, M) after Newton steps on the constraints, from v (4, M), and a mask (M,) of convergence.
 
-    The constraints still have the digits that the polynomial has lost. Most candidates need one step.
+    The constraints are more precise than the polynomial. Most candidates need one step.
     """
     v, converged, todo = v.copy(), np.zeros(v.shape[1], dtype=bool), np.arange(v.shape[1])
     N, old = basis.take(index, axis=-1), v.copy()
@@ -248,7 +248,7 @@ def newton_step(N: Array, v: Array) -> Array:
     J = np.stack([G[0, 0] - G[1, 1], G[0, 1] + G[1, 0]])
     J_det = np.einsum("jm,ajm->am", cross, P[2])
     # The constraints are homogeneous: J v = (2 r0, 2 r1, r2). So the step r + J (v' - v) = 0 with v·v' = 1
-    # reads (J - (r0, r1, 0) vᵀ) v' = 0: v' is the cross product of three rows, found without division.
+    # becomes (J - (r0, r1, 0) vᵀ) v' = 0, and v' is the cross product of three rows, without a division.
     J -= 0.5 * np.einsum("kam,am->km", J, v)[:, None] * v
     minors = _SIGNS.reshape(16, 16) @ (J[0][:, None] * J[1]).reshape(16, -1)
     return _unit(np.einsum("ilm,lm->im", minors.reshape(4, 4, -1), J_det))

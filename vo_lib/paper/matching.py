@@ -1,9 +1,9 @@
-"""Chapter 1: features matched in a loop through two stereo pairs (paper, section 2).
+"""Matching of features in a loop through two stereo pairs (chapter 1; paper, section 2).
 
     left previous -> right previous -> right current -> left current -> left previous
 
-Each step takes the feature of the same kind that looks most alike; the loop must end where it began. That
-gives whole pixels; Lucas-Kanade then moves each place by a fraction of one.
+Each step takes the most similar feature of the same kind; the loop must end at its start. The result is in
+whole pixels; Lucas-Kanade then refines it to a fraction of a pixel.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..geometry.types import Array, BoolArray, Image, Index, IntArray
 from .features import Described, best_matches, describe, stereo_matches
 from .settings import FeatureConfig, MatchingConfig, StereoLimits
 
-MAX_FINISH_MOVE_PX = 2.0  # pixels that the sub-pixel finish may move a place
+MAX_FINISH_MOVE_PX = 2.0  # largest displacement by the sub-pixel refinement
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class DescribedPair:
     Attributes
     ----------
     left, right : (H, W) uint8; in_left, in_right : their features.
-    to_right : (N,) for each left feature the right one most alike, -1 where none is; to_left : (M,) likewise.
+    to_right : (N,) most similar right feature of each left one, -1 for none; to_left : (M,) likewise.
     """
 
     left: Image
@@ -42,15 +42,15 @@ class DescribedPair:
 def describe_pair(
     pair: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
 ) -> DescribedPair:
-    """Features of a left and a right image, and for each the one most alike in the other image."""
+    """Features of a left and a right image, with the most similar feature in the other image."""
     left, right = (describe(image, features) for image in pair)
     return DescribedPair(*pair, left, right, *stereo_matches(left, right, matching.max_disparity))
 
 
 class LoopMatcher:
-    """Blobs and corners matched round the loop, pair by pair.
+    """The matcher of blobs and corners in the loop, pair by pair.
 
-    A feature found again is one frame older and keeps its number.
+    A feature that is matched again is one frame older and keeps its number.
     """
 
     def __init__(self, features: FeatureConfig, matching: MatchingConfig):
@@ -62,11 +62,11 @@ class LoopMatcher:
         self._next_id = 0
 
     def prepare(self, pair: tuple[Image, Image]) -> DescribedPair:
-        """What needs no other pair; may run in other threads, ahead."""
+        """The work on a single pair, which may run ahead in other threads."""
         return describe_pair(pair, self.features, self.config)
 
     def step(self, pair: DescribedPair) -> StereoMatches:
-        """Matches of the pair before with this one; empty for the first pair."""
+        """Matches of the previous pair with this one; empty for the first pair."""
         before, self._previous = self._previous, pair
         number = len(pair.in_left.kind)
         age, identity = np.ones(number, np.int64), np.full(number, -1, np.int64)
@@ -93,13 +93,14 @@ class LoopMatcher:
 
 
 def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple[Index, ...]:
-    """Features whose loop through the four images ends where it began.
+    """Features whose loop through the four images is closed.
 
     Returns
     -------
     Their indices (N,) in the previous left and right, and in the current left and right image.
     """
-    # Left features with the same right feature share the rest of the loop: each right one is matched once.
+    # Left features with the same right feature share the rest of the loop, so each right feature is matched
+    # once.
     prev_right = np.unique(before.to_right[before.to_right >= 0])
     cur_right = best_matches(before.in_right[prev_right], pair.in_right, radius)
     prev_right, cur_right = (each[cur_right >= 0] for each in (prev_right, cur_right))
@@ -115,11 +116,11 @@ def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple
 def finish(
     before: DescribedPair, pair: DescribedPair, matches: StereoMatches, config: MatchingConfig
 ) -> StereoMatches:
-    """The good ones of matches in whole pixels, with sub-pixel places.
+    """The matches in whole pixels that pass the checks, with sub-pixel positions.
 
-    A feature stays where the previous left image has it. Lucas-Kanade finds it from there in the previous
-    right and in the current left image, and from each of these in the current right one: there the two ways
-    round the loop must meet. A match that fails is not followed further.
+    The position in the previous left image is kept. Lucas-Kanade tracks it to the previous right and to the
+    current left image, and from both to the current right image, where the two positions must agree. A match
+    that fails a check is not tracked further.
     """
     side = config.finish_window
     prev_right, ok, _ = track(before.left, before.right, matches.prev_left, matches.prev_right, side)
@@ -133,7 +134,7 @@ def finish(
 
 
 def is_stereo(left: Array, right: Array, config: StereoLimits) -> BoolArray:
-    """Which pixels (N, 2) can be a stereo match: rows agree, the disparity is large enough. (N,) bool."""
+    """Mask (N,) of possible stereo matches (N, 2): equal rows, and a sufficient disparity."""
     disparity, row = (left - right).T
     return np.asarray((disparity >= config.min_disparity) & (np.abs(row) <= config.row_tolerance))
 
@@ -148,16 +149,14 @@ def track(
     levels: int = 0,
     ends: tuple[int, float] = (20, 0.005),
 ) -> tuple[Array, BoolArray, Array]:
-    """Lucas-Kanade: where windows round `uv` (N, 2) of an image lie in `target`, near `start` (N, 2), pixels.
+    """Positions in `target`, by Lucas-Kanade, of windows around `uv` (N, 2) of an image, from `start` (N, 2).
 
-    Parameters
-    ----------
-    side : of a window, and reach : farthest from the start, pixels; levels : of pyramids above the images.
-    ends : after so many steps, or one shorter than so many pixels.
+    Parameters ---------- side : side of a window, pixels; reach : largest distance from the start, pixels;
+    levels : pyramid levels. ends : largest number of steps, and length of the last step, pixels.
 
     Returns
     -------
-    Pixels (N, 2), which were found (N,), and the mean absolute difference of their windows (N,), grey levels.
+    Pixels (N, 2), a mask (N,) of successes, and mean absolute differences (N,) of the windows, grey levels.
     """
     if len(uv) == 0:
         return start, np.zeros(0, np.bool_), np.zeros(0)

@@ -1,4 +1,4 @@
-"""The paper's method: matches and boxes of a frame in, its motion out, in seven steps."""
+"""The paper's method: the motion of a frame from its matches and boxes, in seven steps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .translation import PairBefore, solve_translation
 
 
 class Rotation(NamedTuple):
-    """What the winner of a frame gives: R_cp (3, 3), its E (3, 3), and its inliers (N,) among the matches."""
+    """Results of a frame's winner: R_cp (3, 3), E (3, 3), and a mask (N,) of inliers."""
 
     R_cp: Array
     E: Array
@@ -30,14 +30,14 @@ class Rotation(NamedTuple):
 
 
 class Odometry:
-    """The paper's method along a sequence, frame by frame.
+    """The paper's method on a sequence, frame by frame.
 
-    Flags of a frame: `standstill`, and `few_matches` or `no_motion`, where the last motion is used again.
+    Flags of a frame: `standstill`, and `few_matches` or `no_motion`, for which the previous motion is used.
 
     Attributes
     ----------
-    e_prev : (9,) essential vector of the last frame that moved, the paper's E_prev; None before.
-    clock : times the stages of the frame at hand.
+    e_prev : (9,) essential vector of the last moving frame, the paper's E_prev; None at the start.
+    clock : clock of the current frame's stages.
     """
 
     def __init__(self, camera: StereoCamera, config: MethodConfig):
@@ -51,7 +51,7 @@ class Odometry:
         self._before: PairBefore | None = None
 
     def start(self, boxes: Boxes) -> None:
-        """The first frame: nothing but its boxes is needed."""
+        """Store the boxes of the first frame."""
         self._boxes = boxes
 
     def step(self, matches: StereoMatches, boxes: Boxes) -> FrameResult:
@@ -68,13 +68,13 @@ class Odometry:
         else:
             motion = self.motion(chosen) or FrameResult(self._last, flags=(Flag.NO_MOTION,))
         self._last = motion.T_cp
-        # Only a motion of the frame's own is known well enough to place features of the pair before.
+        # Only a measured motion is precise enough for the features of the previous pair.
         self._before = None if motion.flags else PairBefore(static, motion.T_cp)
         removed = len(matches) - len(static)
         return replace(motion, matches=len(matches), removed=removed, used=len(chosen), ms=self.clock.ms)
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
-        """Rotation from the essential matrix, then the translation; None where the matches show none."""
+        """Rotation from the essential matrix, then the translation; None without a result."""
         x_p, x_c = self.points(matches)
         sets = self.draw_sets(x_p, x_c)
         E, set_index = five_point(x_p[sets], x_c[sets])
@@ -95,7 +95,7 @@ class Odometry:
         return matches[~on_vehicles(matches, before, boxes, self.config.filter)]
 
     def bucketed(self, matches: StereoMatches) -> StereoMatches:
-        """Step 2 (section 1): a few matches of each square of the image."""
+        """Step 2 (section 1): the selected matches of each bucket."""
         kept = select_by_bucket(matches.cur_left, matches.age, matches.strength, self.config.buckets)
         return matches[kept]
 
@@ -104,13 +104,13 @@ class Odometry:
         return draw_sets(self.random(), len(x_p), self.config.selection.sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
-        """Step 4 (section 2.2): the best of the candidates that are near the previous frame's E."""
+        """Step 4 (section 2.2): index of the best candidate among those near the previous frame's E."""
         errors = MEASURES[self.config.selection.winner](E, x_p, x_c, self.threshold)
         compete = competing(E, set_index, self.e_prev, self.config.selection)
         return int(np.argmin(np.where(compete, errors, np.inf)))
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
-        """Step 5 (section 2.1): of the four motions of the winner E the one that agrees with stereo depth."""
+        """Step 5 (section 2.1): the one of the winner's four motions that agrees with stereo depth."""
         x_p, x_c = self.points(matches)
         inliers = sampson_inliers(E, x_p, x_c, self.threshold)
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
@@ -118,7 +118,7 @@ class Odometry:
         return Rotation(R_cp, E, inliers)
 
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
-        """Step 6 (equations 2 and 3): t_cp (3,), metres, from the winner's inliers; None where few agree."""
+        """Step 6 (equations 2 and 3): t_cp (3,), metres, from the winner's inliers; None with too few."""
         config = self.config.translation
         assert isinstance(config, TranslationConfig)
         before = self._before if config.pairs == 3 else None
@@ -138,7 +138,7 @@ class Odometry:
         return median_flow(matches) < self.config.selection.standstill_flow
 
     def rest(self, matches: StereoMatches) -> FrameResult:
-        """The motion of a camera that stands still: none. E_prev is kept."""
+        """The identity, for a camera that is still; E_prev is kept."""
         return FrameResult(np.eye(4), flags=(Flag.STANDSTILL,))
 
     def points(self, matches: StereoMatches) -> tuple[Array, Array]:
@@ -146,7 +146,7 @@ class Odometry:
         return self.camera.normalise(matches.prev_left), self.camera.normalise(matches.cur_left)
 
     def random(self) -> np.random.Generator:
-        """Random numbers of this frame: of the seed and the frame's number alone."""
+        """Random generator of this frame, from the seed and the frame number."""
         return np.random.default_rng([self.config.seed, self._frame])
 
     @property

@@ -1,8 +1,8 @@
 """All real roots of many polynomials of degree 10 at once, for the five-point solver.
 
-The polynomials are homogeneous in (z, w), so no root lies at infinity: roots in [-1, 1] of z/w, then of w/z.
+The polynomials are homogeneous in (z, w), so no root is at infinity: roots in [-1, 1] of z/w, then of w/z.
 Intervals with one root each are found by the sign changes of Bernstein coefficients (Descartes' rule), then
-each root by Newton's method. Polynomials lie along the last axis.
+each root by Newton's method. The last axis of the arrays is that of the polynomials.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from ..geometry.types import Array, BoolArray, Index
 
 DEGREE = 10
 _ORDER = np.arange(DEGREE + 1)
-PIECES, PARTS = 17, 8  # first cut of [-1, 1], odd to keep the special root 0 off the cuts; and further cuts
+PIECES, PARTS = 17, 8  # intervals of [-1, 1], odd so that 0 is not a border; parts of an interval
 CUTS = 16
-SAMPLES = 6  # starting points for polishing, taken from an interval in which roots cannot be told apart
+SAMPLES = 6  # starting points for polishing in an interval whose roots cannot be separated
 ROUNDING_ERROR = (
     5e-13,
     1e-19,
 )  # rounding error of the polynomial: relative to its largest coefficient, absolute
-ZERO_POLYNOMIAL = 1e-25  # a polynomial no larger is zero: its set has a whole family of solutions
+ZERO_POLYNOMIAL = 1e-25  # a polynomial of at most this size is zero: its set has a family of solutions
 ROOT_STEPS, ROOT_DONE = 20, 1e-7
 
 
@@ -59,10 +59,10 @@ class Intervals(NamedTuple):
 def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
     """Intervals that each hold one real root in [-1, 1] of polynomials (11, P), coefficients of t¹⁰ … 1.
 
-    The number of roots in an interval is at most the number of sign changes among the Bernstein
-    coefficients there (Descartes): none means no root, one means one. Other intervals are cut into parts.
-    Returned apart, as the second, are those in which rounding noise hides the number of roots: all
-    coefficients of an interval to be cut, or the smallest of one without a sign change, are no larger.
+    The number of roots in an interval is at most the number of sign changes among the Bernstein coefficients
+    there (Descartes): none means no root, one means one. Other intervals are cut into parts. The second
+    result has the intervals in which rounding noise hides the number of roots: all coefficients of an
+    interval to be cut, or the smallest one without a sign change, are below the noise.
     """
     size = np.max(np.abs(polynomials), axis=0)
     noise = np.maximum(ROUNDING_ERROR[0] * size, ROUNDING_ERROR[1])
@@ -98,14 +98,16 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
     return first, second
 
 
-@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # degenerate ones drop out at the end
+@np.errstate(
+    divide="ignore", invalid="ignore", over="ignore"
+)  # degenerate polynomials are removed at the end
 def real_roots(polynomials: Array) -> tuple[Array, Array, Index, BoolArray]:
     """All real roots (z, w), max(|z|, |w|) = 1, of polynomials (11, S).
 
     Returns
     -------
     z, w : (M,) roots; index : (M,) the polynomial of each; doubtful : (S,) polynomials with roots so near
-    each other that their number is uncertain. Samples of such an interval are returned in their place.
+    each other that their number is uncertain. Samples of such an interval are returned instead.
     """
     sets = polynomials.shape[1]
     both = np.concatenate([polynomials, polynomials[::-1]], axis=1)  # in z/w, and in w/z

@@ -15,11 +15,11 @@ from ..geometry.types import Array, Index
 
 Floats = NDArray[np.floating]
 
-MIN_DIVISOR = 1e-20  # the divisor, where a match says nothing
+MIN_DIVISOR = 1e-20  # lower bound of the divisor
 
 
 class MatchTerms(NamedTuple):
-    """Monomials of N matches, or what they are multiplied with.
+    """Monomials of N matches, or their coefficients for essential matrices.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class MatchTerms(NamedTuple):
         return np.asarray(self.outer[6:9]), np.asarray(self.outer[[2, 5, 8]])
 
     def take(self, index: Index) -> MatchTerms:
-        """Those of some matches."""
+        """The monomials of selected matches."""
         return MatchTerms(self.outer.take(index, axis=1), self.squares.take(index, axis=1))
 
 
@@ -66,7 +66,7 @@ def denominator_forms(E: Array) -> Array:
 
 
 def candidate_terms(E: Array, dtype: DTypeLike = np.float64) -> MatchTerms:
-    """What the monomials of matches are multiplied with: vec(E) (9, M) and `denominator_forms` (11, M)."""
+    """Coefficients of the monomials of matches: vec(E) (9, M) and `denominator_forms` (11, M)."""
     return MatchTerms(
         np.ascontiguousarray(E.reshape(-1, 9).T, dtype), np.ascontiguousarray(denominator_forms(E).T, dtype)
     )

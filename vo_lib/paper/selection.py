@@ -1,8 +1,8 @@
-"""Chapter 3: one essential matrix out of many, and its rotation (paper, section 2.2).
+"""Selection of an essential matrix from many candidates, and its rotation (chapter 3; paper, section 2.2).
 
-Of the candidates of each five-point set the k nearest to the previous frame's essential vector are kept; the
-one with the smallest error wins. That the error is taken over all matches is our reading. Without the prior,
-and with the number of inliers in place of the error, this is RANSAC: MESVO_F by our reading.
+Of the candidates of each five-point set, the k nearest to the previous frame's essential vector are kept; the
+candidate with the smallest error wins. In our interpretation, the error is over all matches. Without the
+prior, and with the number of inliers instead of the error, this is RANSAC, our interpretation of MESVO_F.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .settings import SelectionConfig
 
 def draw_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
     """Five different indices below `number` for each set, all equally likely, (sets, 5)."""
-    # The first five of a random order are a random choice.
+    # The first five of a random permutation are a random set.
     return np.argpartition(rng.random((sets, number)), 4, axis=1)[:, :5]
 
 
@@ -41,7 +41,7 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
 def outlier_shares(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
     """Share of the matches beyond the threshold of each candidate, (M,); parameters as in `truncated_errors`.
 
-    The smallest share belongs to the candidate with the most inliers, which RANSAC takes.
+    The candidate with the smallest share has the most inliers; RANSAC selects it.
     """
     d2 = squared_distances(candidate_terms(E, np.float32), match_terms(x_p, x_c, np.float32))
     return np.asarray((d2 >= d2.dtype.type(threshold**2)).mean(axis=1))
@@ -52,7 +52,7 @@ MEASURES = {"error": truncated_errors, "inliers": outlier_shares}
 
 
 def sampson_inliers(E: Array, x_p: Array, x_c: Array, threshold: float) -> BoolArray:
-    """Which matches (N,) lie within `threshold`, in the unit of the points, of one E (3, 3)."""
+    """Mask (N,) of matches within `threshold`, in the unit of the points, of one E (3, 3)."""
     return np.asarray(np.abs(sampson_distance(E, x_p, x_c)) < threshold)
 
 
@@ -78,14 +78,14 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Bo
 
 
 def competing(E: Array, set_index: Index, e_prev: Array | None, config: SelectionConfig) -> BoolArray:
-    """Which candidates (M,) may win: those near the previous vector; all of them without one, or no prior."""
+    """Mask (M,) of candidates near the previous essential vector; all without that vector or the prior."""
     if not config.prior or e_prev is None:
         return np.ones(len(E), np.bool_)
     return nearest_to_prior(E, set_index, e_prev, config.keep)
 
 
 def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:
-    """Of the four (R, ±t) of E the one that agrees with the stereo depth of the matches.
+    """The one of the four motions (R, ±t) of E that agrees with the stereo depth of the matches.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Arra
     -------
     R_cp (3, 3) and the unit direction of t_cp (3,).
 
-    Each pair is given its best common length s, by least squares on x_c × (R X_p + s t) = 0; its sign
-    chooses between t and -t, and the median residual angle between the two rotations.
+    For each rotation, the best length s of t is computed by least squares on x_c × (R X_p + s t) = 0. Its
+    sign selects t or -t; the median residual angle selects the rotation.
     """
     rotations, t = decompose_essential(E)
     ray = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
@@ -107,7 +107,8 @@ def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Arra
     for R in rotations:
         rotated = X_p @ R.T
         along, across = np.sum(ray * rotated, axis=1), rotated @ t
-        # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer points know the length better: weight 1 / |X|².
+        # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer points determine the length better: weight 1 /
+        # |X|².
         s = -np.sum((across - ray_t * along) / length2) / max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
         moved = np.sqrt(np.maximum(length2 + 2.0 * s * across + s * s, 1e-12))
         cosine = float(np.median((along + s * ray_t) / moved))

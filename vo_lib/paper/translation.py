@@ -1,13 +1,14 @@
-"""Chapter 4: the translation by the pseudo-inverse, equations (2) and (3) of the paper.
+"""The translation by the pseudo-inverse, equations (2) and (3) of the paper (chapter 4).
 
-With R known, a feature seen at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image:
-(x e3 - e1)ᵀ P = 0 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where
-P = Q in the previous pair and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). The paper has
-Q in the current frame, and calls the projection matrix P. Divided by the feature's depth a row is in pixels
-over f, as (2) projects with its factor α; in metres far features weigh most, and steps come out too long.
+With known R, a feature at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image: (x e3 - e1)ᵀ P = 0
+and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where P = Q in the previous pair
+and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). The paper has Q in the current frame, and
+calls the projection matrix P. Divided by the feature's depth, a row is in pixels over f, like the projection
+in (2) with its factor α. In metres, far features would weigh most, and steps would be too long.
 
-Section 2 asks for the constraints of three consecutive frames. A feature that the pair before saw too has
-four more rows: there P = R' Q + t', where (R', t') undoes the last motion. These rows hold Q alone.
+Section 2 requires the constraints of three consecutive frames. A feature that was also matched in the pair
+before has four more rows with P = R' Q + t', where (R', t') is the inverse of the last motion. These rows
+depend only on Q.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ SOLVING_ROUNDS = 2
 
 
 class PairBefore(NamedTuple):
-    """The matches that ended in the previous frame, and the motion T_cp (4, 4) that they gave, metres."""
+    """The matches up to the previous frame, and their motion T_cp (4, 4), metres."""
 
     matches: StereoMatches
     T_cp: Array
@@ -62,10 +63,8 @@ def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> t
 def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefore) -> tuple[Array, Array]:
     """The rows A Q = c of the frame before the previous one, for N features of the present pair.
 
-    Returns
-    -------
-    A (N, 4, 3), c (N, 4). Rows: x and y in the left, then in the right image; zeros for a feature
-    that was not seen there.
+    Returns ------- A (N, 4, 3), c (N, 4). Rows: x and y in the left, then in the right image; zeros for a
+    feature without a match there.
     """
     n = len(matches)
     A, c = np.zeros((n, 2, 2, 3)), np.zeros((n, 2, 2))
@@ -79,9 +78,9 @@ def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefor
 
 
 def eliminate_points(A: Array, B: Array, c: Array) -> tuple[Array, Array]:
-    """The rows M t = d that are left of every feature when I - A A⁺ takes out its point Q.
+    """The rows M t = d of every feature after the elimination of its point Q by I - A A⁺.
 
-    A, B (N, K, 3) and c (N, K), K rows a feature, as `feature_rows` gives them; M (N, K, 3), d (N, K).
+    A, B (N, K, 3) and c (N, K), K rows per feature, from `feature_rows`; M (N, K, 3), d (N, K).
     """
     A_plus = np.linalg.solve(A.swapaxes(1, 2) @ A, A.swapaxes(1, 2))
     projector = np.eye(A.shape[1]) - A @ A_plus
@@ -97,8 +96,8 @@ def solve_translation(
 ) -> tuple[Array, BoolArray] | None:
     """One translation for all features: equation (3) stacked and solved by the pseudo-inverse.
 
-    A single feature gives a translation already. The median of all of these is the start; features whose
-    rows it does not fit are left out of the stacked system; then the same once more, from its solution.
+    Each feature alone gives a translation; the median of these is the start. Features whose rows do not fit
+    are removed from the stacked system. This step is then repeated from its solution.
 
     Parameters
     ----------
@@ -107,10 +106,10 @@ def solve_translation(
 
     Returns
     -------
-    t_cp (3,), metres, and which features fit it, (N,). None where no feature can be used, or too few to tell.
+    t_cp (3,), metres, and a mask (N,) of inliers. None without a usable feature, or with too few inliers.
     """
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
-    near = np.flatnonzero(depth <= config.max_depth)  # no depth is NaN, which compares false
+    near = np.flatnonzero(depth <= config.max_depth)  # an undefined depth is NaN, which fails the comparison
     if len(near) == 0:
         return None
     A, B, c = feature_rows(camera, matches[near], R_cp)

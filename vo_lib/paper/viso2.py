@@ -1,7 +1,7 @@
 """The VISO2 estimator of Table 1 (StereoScan: Geiger, Ziegler, Stiller, IV 2011).
 
 Gauss-Newton on the reprojection error in both current images: many motions from three points of known depth
-each, the best one refitted.
+each, and a refit of the best one.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from ..geometry.types import Array, BoolArray, Index
 from .odometry import Odometry
 from .settings import ReprojectionConfig
 
-MIN_MATCHES_FOR_FIT = 6  # matches that a motion needs; three would do without one wrong among them
+MIN_MATCHES_FOR_FIT = 6  # smallest number of matches for a motion; three would suffice without outliers
 
 
 class Viso2(Odometry):
-    """VISO2 along a sequence: StereoScan's estimator in place of the essential matrix and equation (3)."""
+    """VISO2 on a sequence: StereoScan's estimator instead of the essential matrix and equation (3)."""
 
     def stands_still(self, matches: StereoMatches) -> bool:
-        """No special case: the reprojection error is defined for a camera at rest."""
+        """False: the reprojection error is also defined for a still camera."""
         return False
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
-        """Rotation and translation in one fit; None where too few matches agree on them."""
+        """Rotation and translation from one fit; None with too few inliers."""
         solution = self.fit(matches)
         self.clock.stage("rotation")
         if solution is None:
@@ -37,7 +37,7 @@ class Viso2(Odometry):
         return FrameResult(rigid(R_cp, t_cp), inliers=int(np.count_nonzero(inliers)))
 
     def fit(self, matches: StereoMatches) -> tuple[Array, Array, BoolArray] | None:
-        """Rotation, translation and inliers (N,); None where too few matches agree on them."""
+        """Rotation, translation and inliers (N,); None with too few inliers."""
         solution = ransac_motion(self.camera, matches, self.random(), self.config.reprojection)
         enough = solution is not None and np.count_nonzero(solution[2]) >= self.config.min_matches
         return solution if enough else None
@@ -51,7 +51,7 @@ def ransac_motion(
     Returns
     -------
     R_cp (3, 3), t_cp (3,) metres, and the inliers (N,): residual norm over the four coordinates below the
-    threshold. None where fewer than six matches have depth or agree on a motion.
+    threshold. None with fewer than six matches with depth, or fewer than six inliers.
     """
     usable = np.flatnonzero(matches.prev_left[:, 0] > matches.prev_right[:, 0])
     if len(usable) < MIN_MATCHES_FOR_FIT:
@@ -67,7 +67,7 @@ def ransac_motion(
     if len(agreed) < MIN_MATCHES_FOR_FIT:
         return None
     R_cp, t_cp = refit_motion(camera, matches[agreed], R[best], t[best], config)
-    # The refit moves the border: say which matches agree with the motion that is returned.
+    # The refit changes the inliers, so they are computed again for the final motion.
     final = np.zeros(len(matches), np.bool_)
     final[usable] = (_residuals(camera, X, measured, R_cp[None], t_cp[None]) < config.threshold)[0]
     return R_cp, t_cp, final
@@ -76,7 +76,7 @@ def ransac_motion(
 def refit_motion(
     camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array, config: ReprojectionConfig
 ) -> tuple[Array, Array]:
-    """Least squares over matches with depth, from a motion near the answer: R_cp (3, 3), t_cp (3,)."""
+    """Least squares over matches with depth, from a start near the solution: R_cp (3, 3), t_cp (3,)."""
     X_p, measured, weight = observed(camera, matches, config)
     data = X_p[None], measured[None], weight[None]
     R, t = _gauss_newton(camera, *data, R_cp[None], t_cp[None], config.iterations, CONVERGED_STEP)
@@ -89,7 +89,7 @@ def observed(
     """Points X_p (N, 3), metres, their current pixels (N, 4), and the weights (N,) of their residuals.
 
     StereoScan's weight is 1 / (|u - cu| / |cu| + centre): calibration errors grow towards the left and right
-    border of the image, so the middle counts more.
+    border of the image, so the centre has larger weights.
     """
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     weight = 1.0 / (np.abs(matches.cur_left[:, 0] - camera.cx) / abs(camera.cx) + config.centre)
@@ -108,7 +108,7 @@ def _gauss_newton(
 ) -> tuple[Array, Array]:
     """Least squares of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N), R, t to start.
 
-    A problem whose last step was below the tolerance is left alone; one that runs away stays where it was.
+    A converged problem is not changed any more; a divergent problem keeps its last state.
     """
     R, t = R.copy(), t.copy()
     active = np.arange(len(R))
@@ -118,7 +118,7 @@ def _gauss_newton(
         w = weight[active][:, :, None]
         r, jac = (w * r).reshape(len(active), -1, 1), (w[..., None] * jac).reshape(len(active), -1, 6)
         jac_t = np.swapaxes(jac, 1, 2)
-        # Three points on one line leave a rotation open; closing it gently keeps the batch solvable.
+        # Three points on one line do not fix the rotation; a small regularisation keeps the batch solvable.
         H = jac_t @ jac
         H += 1e-9 * np.trace(H, axis1=1, axis2=2)[:, None, None] * np.eye(6)
         delta = np.asarray(np.linalg.solve(H, jac_t @ r)[:, :, 0], np.float64)
@@ -136,7 +136,7 @@ def _gauss_newton(
 def _triples(rng: np.random.Generator, number: int, trials: int) -> Index:
     """Three different indices below `number` for each trial, (trials, 3), all triples equally likely."""
     first, second, third = (rng.integers(0, number - k, trials) for k in range(3))
-    # Each is drawn among those that are left, and steps over those already taken.
+    # Each index is drawn from the remaining ones, and skips the indices already used.
     second += second >= first
     for lower in np.sort([first, second], axis=0):
         third += third >= lower
@@ -144,7 +144,7 @@ def _triples(rng: np.random.Generator, number: int, trials: int) -> Index:
 
 
 def _residuals(camera: StereoCamera, X_p: Array, measured: Array, R: Array, t: Array) -> Array:
-    """Residual norm of N matches under M motions, (M, N) pixels; infinite behind the camera."""
+    """Residual norms (M, N) of N matches for M motions, pixels; infinite behind the camera."""
     x, y, z = np.moveaxis(R @ X_p.T + t[:, :, None], 1, 0)
     front = z > 0
     s = camera.f / np.where(front, z, 1.0)
