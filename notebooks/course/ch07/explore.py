@@ -50,7 +50,7 @@ class ExplorePanel(Panel):
     kit = preset("feature_selection", variant="kit")
     height = 240
     controls = (
-        Control("view.method", "of Table 1"),
+        Control("view.method", "system"),
         Control("selection.sets", "five-point sets", high=400),
         Control("selection.threshold", "inlier threshold", high=5, step=0.05),
         Control("selection.refine_scale", "refinement width", high=10, step=0.1),

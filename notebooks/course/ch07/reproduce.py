@@ -46,7 +46,7 @@ class ReproducePanel(Panel):
     height = PATHS_HEIGHT + ERRORS_HEIGHT
     long_job = "Run the methods"
     controls = (
-        Control("view.methods", "methods"),
+        Control("view.methods", "systems"),
         Control("view.model", "boxes"),
         Control("view.frames", "frames", step=20),
         Control("view.seeds", "seeds", high=5),

@@ -131,13 +131,21 @@ def residuals(M: Array, c: Array, t: Array) -> Array:
 
 
 def film(
-    path: Path, mine: Joined, sequence: Sequence, matches: Iterable[TimedMatches], poses: Array
+    path: Path,
+    mine: Joined,
+    sequence: Sequence,
+    matches: Iterable[TimedMatches],
+    poses: Array,
+    every: int = 1,
 ) -> Image:
-    """Write a film of poses (N, 4, 4) with the features that your stages keep; its last picture, BGR."""
+    """Write a film of poses (N, 4, 4) with the features that your stages keep, of `every` so many frames.
+
+    Returns its last picture, BGR.
+    """
     camera, run = sequence.camera, Run(sequence, preset("feature_selection"), poses, [])
     with Film(path, run, "your path and features") as made, np.errstate(all="ignore"):
         for index, (seen, _) in enumerate(matches):
-            if index == 0:
+            if index == 0 or index % every:
                 continue
             before, boxes = sequence.boxes(index - 1), sequence.boxes(index)
             keep = mine.keep_outside(seen.prev_left, seen.cur_left, before.xyxy, boxes.xyxy)
