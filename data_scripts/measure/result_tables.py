@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from measure.axes import fit_axes, is_raw_drive, te_and_re
+from measure.layout import Cell, Cells, compared, plain, tables
 from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -33,12 +35,13 @@ PRESET_OF_RULE = {
     ("solution_selection", "all"): "feature_selection",
     ("solution_selection", "moving"): "moving_selection",
 }
-# TE % / RE deg/100 m of libviso2 and of ORB-SLAM2's published trajectory, from every frame.
-OTHERS: dict[tuple[str, tuple[float, ...]], tuple[str, str]] = {
-    ("kitti/00", (50.0,)): ("1.61 / 1.88", "1.51 / 2.13"),
-    ("kitti/00", (100.0,)): ("1.44 / 1.17", "1.41 / 1.64"),
-    ("kitti/01", (20.0,)): ("7.84 / 2.70", "5.47 / 2.54"),
+# TE % and RE deg/100 m of libviso2 and of ORB-SLAM2's published trajectory, from every frame.
+OTHERS: dict[str, dict[str, tuple[float, float]]] = {
+    "kitti/00, 50 m": {"libviso2": (1.61, 1.88), "ORB-SLAM2": (1.51, 2.13)},
+    "kitti/00, 100 m": {"libviso2": (1.44, 1.17), "ORB-SLAM2": (1.41, 1.64)},
+    "kitti/01, 20 m": {"libviso2": (7.84, 2.70), "ORB-SLAM2": (5.47, 2.54)},
 }
+BESIDE = "viso2", "feature_selection"  # the methods beside them
 Key = tuple[str, str, str]  # sequence, variant, method or "method rule"
 
 
@@ -75,41 +78,111 @@ def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
     return [(f"{sequence.name}, {length:g} m{axes}", Measure((length,), 1)) for length in lengths]
 
 
-def _cell(runs: list[Run], measure: Measure) -> str:
-    """TE / RE, mean ± deviation over the seeds."""
+def _cell(runs: list[Run] | None, measure: Measure) -> Cell:
+    """TE and RE, mean and deviation over the seeds, (2, 2); None where there is no number."""
+    if runs is None:
+        return None
     turned = is_raw_drive(runs[0].sequence)
     errors = np.array([te_and_re(run.sequence, run.poses, measure, turned) for run in runs])
-    if not np.isfinite(errors).all():
-        return "–"
-    return " / ".join(f"{v.mean():.3f} ± {v.std():.3f}" for v in errors.T)
+    return np.stack([errors.mean(axis=0), errors.std(axis=0)], axis=1) if np.isfinite(errors).all() else None
 
 
-def systems(sequences: list[Sequence], runs: dict[Key, list[Run]], variant: str) -> ReportTable:
-    """Table of the methods of a variant on all sequences."""
-    methods = list(VARIANTS[variant])
-    rows = [
-        [label, *(_cell(runs[sequence.name, variant, method], measure) for method in methods)]
-        for sequence in sequences
-        for label, measure in _measures(sequence)
-    ]
-    rows = [row for row in rows if set(row[1:]) != {"–"}]
-    return ReportTable(VARIANT_WORDS[variant].capitalize(), ["sequence", *methods], rows, [])
-
-
-def box_rules(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> ReportTable:
-    """Table of variant `kit` with each box rule, and the share of removed features."""
-    rows = []
+def result_tables(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> list[ReportTable]:
+    """All tables of the page: the systems of both variants, other systems, box rules, the calibration."""
+    system_cells = {
+        variant: {
+            label: {method: _cell(runs[sequence.name, variant, method], measure) for method in methods}
+            for sequence in sequences
+            for label, measure in _measures(sequence)
+        }
+        for variant, methods in VARIANTS.items()
+    }
+    rules, removed, learning = {}, {}, {}
+    axes: dict[str, dict[str, float | None]] = {}
     for sequence in sequences:
-        label, measure = _measures(sequence)[-1 if sequence.name.startswith(SYNTHETIC) else 0]
+        drawn = sequence.name.startswith(SYNTHETIC)
+        label, measure = _measures(sequence)[-1 if drawn else 0]
         for method in RULED:
-            cells = []
-            for rule in RULES:
-                name = method if rule == "none" else PRESET_OF_RULE.get((method, rule), f"{method} {rule}")
-                rule_runs = runs.get((sequence.name, "kit", name))
-                removed = "" if rule_runs is None else f" {100 * rule_runs[0].removed_share:.0f} % gone"
-                cells.append("–" if rule_runs is None else _cell(rule_runs, measure) + removed)
-            rows.append([f"{label}, {method}", *cells])
-    return ReportTable("Box rules, the kit's way", ["sequence, method", *RULES], rows, [])
+            names = {rule: PRESET_OF_RULE.get((method, rule), f"{method} {rule}") for rule in RULES} | {
+                "none": method
+            }
+            found = {rule: runs.get((sequence.name, "kit", name)) for rule, name in names.items()}
+            rules[f"{label}, {method}"] = {rule: _cell(each, measure) for rule, each in found.items()}
+            removed[f"{label}, {method}"] = {
+                rule: None if each is None else 100 * each[0].removed_share for rule, each in found.items()
+            }
+        method = _judged(sequence)
+        learnt, off = (runs[sequence.name, "kit", name] for name in (method, f"{method} off"))
+        for label, measure in _measures(sequence)[-1:] if drawn else _measures(sequence):
+            label = f"{label}, {method}"
+            learning[label] = {"off": _cell(off, measure), "learnt": _cell(learnt, measure)}
+            axes[label] = {"length %, learnt": _length(sequence, learnt)}
+            for name, each in (("off", off), ("learnt", learnt)):
+                values: list[float | None] = [None] * 3
+                if not drawn and sequence.truth is not None:
+                    turned = fit_axes(sequence.truth, each[0].poses, measure.lengths, measure.step)
+                    values = [turned.kitti.te, turned.pitch, turned.yaw]
+                axes[label] |= dict(
+                    zip((f"{x}, {name}" for x in ("TE %", "pitch °", "yaw °")), values, strict=True)
+                )
+    return page_tables(system_cells, rules, removed, learning, axes)
+
+
+Numbers = Mapping[str, Mapping[str, float | None]]
+
+
+def page_tables(
+    systems: Mapping[str, Cells], rules: Cells, removed: Numbers, learning: Cells, axes: Numbers
+) -> list[ReportTable]:
+    """The tables of the page, with sentences computed from their numbers."""
+    made = []
+    for variant, cells in systems.items():
+        cells = {label: row for label, row in cells.items() if any(each is not None for each in row.values())}
+        said = compared(cells, "solution_selection", "feature_selection", "Removal of the features in boxes")
+        made += tables(VARIANT_WORDS[variant].capitalize(), cells, said)
+    made += other_systems(systems)
+    ours = {label: row for label, row in rules.items() if label.endswith(RULED[1])}
+    said = compared(ours, "none", "moving", f"Of {RULED[1]}, the rule `moving`, against no removal,")
+    made += tables("Box rules, the kit's way", rules, said, "sequence, method")
+    made.append(plain("Box rules, the kit's way: features removed, %", "sequence, method", removed, 0))
+    learning = {
+        label: row for label, row in learning.items() if any(each is not None for each in row.values())
+    }
+    said = compared(learning, "off", "learnt", "Learning the calibration")
+    made += tables("What learning the calibration does", learning, said, "sequence, method")
+    made.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))
+    made[-1].notes.append(
+        "TE, pitch and yaw: with the rotation between camera and truth that minimises TE (`vo data "
+        "measure_axes`), seed 0. Length: of all steps, relative to the truth. The settings of the learning "
+        "were chosen on 00, 01, KITTI's raw drive 0005 and the drawn scenes, so these rows do not test them; "
+        "see the appendix."
+    )
+    return made
+
+
+def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:
+    """libviso2 and ORB-SLAM2 beside methods of both variants, on the clips where they are known."""
+    rows: dict[str, dict[str, float | None]] = {}
+    for label, others in OTHERS.items():
+        if any(label not in cells for cells in systems.values()):
+            continue
+        errors = {name: np.array(pair) for name, pair in others.items()}
+        for variant, method in itertools.product(systems, BESIDE):
+            cell = systems[variant][label][method]
+            if cell is not None:
+                errors[f"{method}, {variant}"] = cell[:, 0]
+        rows |= {
+            f"{label}, {name}": {"TE %": float(te), "RE deg/100 m": float(re)}
+            for name, (te, re) in errors.items()
+        }
+    if not rows:
+        return []
+    table = plain("Other systems on the same frames", "sequence, system", rows, 2)
+    table.notes.append(
+        "The published trajectories of libviso2 and ORB-SLAM2, and methods of the kit (mean over the seeds), "
+        "on KITTI's first 201 frames of 00 and 51 of 01, a start at every frame."
+    )
+    return [table]
 
 
 def _judged(sequence: Sequence) -> str:
@@ -117,42 +190,8 @@ def _judged(sequence: Sequence) -> str:
     return "feature_selection" if sequence.name.startswith(SYNTHETIC) else "solution_selection"
 
 
-def calibrations(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> ReportTable:
-    """Table of variant `kit` with and without estimation; real clips: fitted axes, other systems."""
-    rows = []
-    for sequence in sequences:
-        measures = _measures(sequence)
-        for label, measure in measures[-1:] if sequence.name.startswith(SYNTHETIC) else measures:
-            method = _judged(sequence)
-            learnt, off = (runs[sequence.name, "kit", name] for name in (method, f"{method} off"))
-            cells = [_cell(part, measure) for part in (learnt, off)]
-            if set(cells) == {"–"}:
-                continue
-            cells += [_turned(sequence, learnt, measure), _turned(sequence, off, measure)]
-            others = OTHERS.get((sequence.name, measure.lengths), ("–", "–"))
-            rows.append([f"{label}, {method}", *cells, _length(sequence, learnt), *others])
-    columns = ["sequence, method", "learnt", "off", "learnt, axes", "off, axes", "length"]
-    columns += ["libviso2", "ORB-SLAM2"]
-    notes = [
-        "Axes: the TE that is left with the pitch and yaw between camera and truth that make it smallest "
-        "(`vo data measure_axes`), and these angles; seed 0. Length: of all steps, against the truth. "
-        "libviso2 and ORB-SLAM2's published trajectories on the same frames, of clips with KITTI's first "
-        "201 frames of 00 and 51 of 01. What learning is set to was chosen on 00, 01, KITTI's raw drive 0005 "
-        "and the drawn scenes, so these rows are no check of it; the appendix says how."
-    ]
-    return ReportTable("What learning the calibration does", columns, rows, notes)
-
-
-def _turned(sequence: Sequence, runs: list[Run], measure: Measure) -> str:
-    """TE of the first seed with fitted axes, and the angles; "" for drawn scenes."""
-    if sequence.name.startswith(SYNTHETIC) or sequence.truth is None:
-        return "–"
-    turned = fit_axes(sequence.truth, runs[0].poses, measure.lengths, measure.step)
-    return f"{turned.kitti.te:.3f}\n({turned.pitch:+.2f}°, {turned.yaw:+.2f}°)"
-
-
-def _length(sequence: Sequence, runs: list[Run]) -> str:
-    """Excess length of the path, mean over seeds, percent."""
+def _length(sequence: Sequence, runs: list[Run]) -> float:
+    """Length of the path relative to the truth's, mean over seeds, percent more."""
     assert sequence.truth is not None
-    true, *lengths = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
-    return f"{100 * (np.mean(lengths) / true - 1):+.2f} %"
+    true, *found = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
+    return 100 * (float(np.mean(found)) / float(true) - 1)

@@ -14,6 +14,7 @@ import measure_ablation
 import measure_choices
 from measure.ablation import IDEAS, Idea
 from measure.axes import axes_rotation, fit_axes, turn_axes
+from measure.layout import compared, tables
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import write_kitti_poses
@@ -105,3 +106,26 @@ def test_clean_cache_removes_the_matches_of_other_code_alone(
     assert "1.5 kB deleted" in capsys.readouterr().out
     assert not stale.exists()
     assert folder_size(tmp_path / "matches") == size
+
+
+def test_a_table_of_results_has_one_number_a_cell_and_says_which_changes_count() -> None:
+    def row(te: float, deviation: float, mesvo_f: float) -> dict[str, np.ndarray]:
+        cell = np.array([[te, deviation], [1.0, 0.0]])
+        other = np.array([[mesvo_f, deviation], [1.0, 0.0]])
+        return {
+            "mesvo_f": other,
+            "solution_selection": np.ones((2, 2)) * [1.0, 0.1],
+            "feature_selection": cell,
+        }
+
+    cells = {"a": row(0.5, 0.1, 1.0), "b": row(1.5, 0.1, 2.0), "c": row(0.8, 0.1, 2.0)}
+    said = compared(cells, "solution_selection", "feature_selection", "It")
+    assert said[0].startswith(
+        "It lowers TE on a (1.000 → 0.500); it raises TE on b (1.000 → 1.500). On 1 of 3"
+    )
+    assert "lowers RE on no row" in said[1]
+    te, re, spread, _ = tables("T", cells, said)
+    assert te.rows[0] == ["a", "=", "1.000", "0.500"]
+    assert te.rows[1] == ["b", "2.000", "1.000", "1.500"]
+    assert (te.head, re.head) == (said, [])
+    assert spread.rows[2] == ["c", "0.100", "0.100", "0.100"]

@@ -1,0 +1,85 @@
+"""Tables of `measure_results`: one number a cell, spreads in tables of their own, sentences above."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from vo_lib.geometry.types import Array
+from vo_lib.report.page import NO_NUMBER, ReportTable, number
+
+# TE and RE, mean and standard deviation over the seeds each: (2, 2); None where there is no number.
+Cell = Array | None
+Cells = Mapping[str, Mapping[str, Cell]]  # by row and column
+KINDS = "TE, %", "RE, deg/100 m"
+SAME, LEAST_SPREAD = "=", 0.0005  # a cell that repeats another; a spread that three digits show
+SPREADS, SHARE = 2.0, 0.02  # a change counts beyond so many spreads and this share of the error
+
+
+def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence") -> list[ReportTable]:
+    """TE, RE and their spreads, a table each; the sentences are above the first.
+
+    `mesvo_f` is not repeated where it equals `solution_selection`. Rows without a spread are left out of it.
+    """
+    columns = list(next(iter(cells.values())))
+    made = []
+    for part, words in ((0, ""), (1, "standard deviation over the seeds of ")):
+        for kind, unit in enumerate(KINDS):
+            rows = []
+            for label, row in cells.items():
+                numbers = {
+                    column: None if cell is None else float(cell[kind, part]) for column, cell in row.items()
+                }
+                if part and all((value or 0.0) < LEAST_SPREAD for value in numbers.values()):
+                    continue
+                shown = {column: number(value) for column, value in numbers.items()}
+                if not part and _repeats(row.get("mesvo_f"), row.get("solution_selection")):
+                    shown["mesvo_f"] = SAME
+                rows.append([label, *shown.values()])
+            notes = [f"{SAME}: as solution_selection."] if any(SAME in row for row in rows) else []
+            if rows:
+                made.append(ReportTable(f"{title}: {words}{unit}", [name, *columns], rows, notes))
+    made[0].head.extend(sentences)
+    return made
+
+
+def _repeats(cell: Cell, other: Cell) -> bool:
+    return cell is not None and other is not None and np.allclose(cell[:, 0], other[:, 0], 2e-3, 1e-3)
+
+
+def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
+    """A sentence for TE and one for RE: the rows where one column is clearly below or above another."""
+    sentences = []
+    for kind, unit in enumerate(KINDS):
+        sides: dict[bool, list[str]] = {True: [], False: []}
+        count = 0
+        for label, row in cells.items():
+            old, new = row.get(before), row.get(after)
+            if old is None or new is None:
+                continue
+            count += 1
+            change = float(new[kind, 0] - old[kind, 0])
+            if abs(change) > max(
+                SPREADS * float(np.hypot(old[kind, 1], new[kind, 1])), SHARE * float(old[kind, 0])
+            ):
+                sides[change < 0].append(
+                    f"{label} ({number(float(old[kind, 0]))} → {number(float(new[kind, 0]))})"
+                )
+        lower, higher = (", ".join(sides[side]) or "no row" for side in (True, False))
+        left = count - sum(map(len, sides.values()))
+        sentences.append(
+            f"{subject} lowers {unit.split(',')[0]} on {lower}; it raises {unit.split(',')[0]} on {higher}. "
+            f"On {left} of {count} rows the change is within two standard deviations or {100 * SHARE:.0f} %."
+        )
+    return sentences
+
+
+def plain(title: str, name: str, rows: Mapping[str, Mapping[str, float | None]], digits: int) -> ReportTable:
+    """A table of single numbers by row and column."""
+    columns = list(next(iter(rows.values())))
+    cells = [
+        [label, *(NO_NUMBER if x is None else f"{x:.{digits}f}" for x in row.values())]
+        for label, row in rows.items()
+    ]
+    return ReportTable(title, [name, *columns], cells, [])
