@@ -159,7 +159,9 @@ def stack(parts: Sequence[Image | Figure], height: int) -> bytes:
 def show(*parts: Image | Figure) -> Shown:
     """Pictures and figures in a notebook cell, below each other."""
     png = bytes(cv2.imencode(".png", _joined(parts), PNG)[1])
-    return Shown(data=png, width=WIDTH)  # type: ignore[no-untyped-call]
+    titles = [axis.get_title("left") for part in parts if isinstance(part, Figure) for axis in part.axes]
+    alt = "; ".join(filter(None, titles)) or None  # of other pictures the text above tells
+    return Shown(data=png, width=WIDTH, alt=alt)  # type: ignore[no-untyped-call]
 
 
 def show_source(*things: Any) -> Code:

@@ -32,16 +32,26 @@ VIEW = "application/vnd.jupyter.widget-view+json"
 CELL_TIMEOUT_S = 1200
 REFERENCE = "IPY_MODEL_"
 PARTS = ("HTMLModel", "ImageModel", "VBoxModel", "HBoxModel")  # of a panel, that a page can show
+PANEL_ALT = 'alt="the panel"'
 FORMULA = re.compile(r"(```.*?```|`[^`\n]*`)|\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{style}
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>{title}</title><style>{style}
 body {{ max-width: 1010px; margin: 24px auto; padding: 0 12px; font: 15px/1.5 sans-serif; color: #222 }}
-pre {{ font: 13px/1.35 monospace; overflow-x: auto }} img {{ max-width: 100% }}
+pre {{ font: 13px/1.35 monospace; overflow-x: auto }}
+img, video, iframe {{ max-width: 100%; background: #fff }} img, video {{ height: auto }}
 .jp-InputArea, .highlight {{ background: #f6f6f6; padding: 2px 10px }} .prompt {{ display: none }}
-td, th {{ padding: 2px 10px; border-bottom: 1px solid #ddd; text-align: left }}
+td, th {{ padding: 2px 10px; border-bottom: 1px solid #8884; text-align: left }}
+/* A narrow window scrolls what is too wide, not the page. */
+table, .formula {{ display: block; max-width: 100%; overflow-x: auto }}
+body {{ overflow-wrap: anywhere }} td, th {{ overflow-wrap: normal }}
 /* Without a font for formulas Chromium draws subscripts on the line. */
 math {{ font-family: "Cambria Math", "STIX Two Math", "Latin Modern Math", "DejaVu Math TeX Gyre", math }}
 math[display="block"] {{ margin: 12px 0 }} .panel {{ border: 1px solid #bbb; padding: 8px }}
+@media (prefers-color-scheme: dark) {{
+  body {{ background: #1c1c1c; color: #ddd }} a {{ color: #8ab4f8 }} .jp-InputArea, .highlight {{ background: #272822 }}
+  {dark}
+}}
 </style></head><body>{body}</body></html>
 """
 
@@ -52,6 +62,9 @@ def write_pages(source: Path, target: Path) -> int:
     Raises `DataError` where a notebook is damaged.
     """
     failed = 0
+    target.mkdir(parents=True, exist_ok=True)
+    for path in source.glob("*.csv"):  # tables to which the pages link
+        write_atomic(target / path.name, path.read_bytes())
     for path in sorted([*source.glob("*.ipynb"), *source.glob("solutions/*.ipynb"), *source.glob("*.md")]):
         name, notebook = path.relative_to(source), read(path)
         print(f"{name} …")
@@ -64,8 +77,6 @@ def write_pages(source: Path, target: Path) -> int:
         place = (target / name).with_suffix(".html")
         place.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(place, page(notebook, path))
-    for path in source.glob("*.csv"):  # tables to which the pages link
-        write_atomic(target / path.name, path.read_bytes())
     print(f"open {target / '00_start_here.html'}")
     return failed
 
@@ -93,22 +104,28 @@ def execute(notebook: Any, beside: Path) -> None:
 def page(notebook: Any, path: Path) -> str:
     """An executed notebook as a page, pictures inside; folders of this machine are written as `.` and `~`."""
     state = notebook.metadata.pop("widgets", {}).get(WIDGETS, {}).get("state", {})
+    words = ""
     for cell in notebook.cells:
         if cell.cell_type == "markdown":
+            words = _announced(cell.source) or words
             cell.source = with_mathml(
                 re.sub(r"\]\((?!\w+://)([^)#\s]+)\.(?:ipynb|md)", r"](\1.html", cell.source)
             )
         for output in cell.get("outputs", []):
             data = output.get("data", {})
+            for kind in {"image/png", "image/jpeg"} & set(data):
+                output.metadata[kind] = {"alt": words, **output.metadata.get(kind, {})}
             if VIEW in data:
                 shown = "".join(_shown(state, data[VIEW]["model_id"]))
+                title = re.search("<b>(.*?)</b>", shown)
+                shown = shown.replace(PANEL_ALT, f'alt="Panel: {title[1] if title else words}"')
                 output["data"] = {"text/html": f'<div class="panel">{shown}</div>' if shown else ""}
     exporter = HTMLExporter(template_name="basic", embed_images=True, exclude_anchor_links=True)  # type: ignore[no-untyped-call]
     body, _ = exporter.from_notebook_node(notebook, {"metadata": {"path": str(path.parent)}})
     for folder, short in ((NOTEBOOKS.parent, "."), (Path.home(), "~")):
         body = body.replace(f"{html.escape(str(folder))}/", f"{short}/")
-    style = HtmlFormatter().get_style_defs(".highlight")
-    return PAGE.format(title=html.escape(path.stem), style=style, body=body)
+    style, dark = (HtmlFormatter(style=name).get_style_defs(".highlight") for name in ("default", "monokai"))
+    return PAGE.format(title=html.escape(path.stem), style=style, dark=dark, body=body)
 
 
 def with_mathml(markdown: str) -> str:
@@ -124,9 +141,19 @@ def with_mathml(markdown: str) -> str:
             return found.group()
         # Bars that stand alone would grow with what follows; as a character they would end a table's cell.
         made = re.sub(r"<mo>(&#x0(?:007C|2016);)</mo>", r'<mo stretchy="false">\1</mo>', made)
-        return str(made).replace("|", "&#124;")
+        made = str(made).replace("|", "&#124;")
+        return f'<span class="formula">{made}</span>' if display else made
 
     return FORMULA.sub(drawn, markdown)
+
+
+def _announced(markdown: str) -> str:
+    """What a text says of the picture below it: its last line, if it ends with a colon; else its last heading."""
+    plain = re.sub(r"[*`$]|\[|\]\([^)]*\)", "", markdown).strip()
+    last = plain.split("\n")[-1]
+    if last.endswith(":"):
+        return last.split(". ")[-1].rstrip(":")
+    return str((re.findall(r"^#+ (.*)", plain, re.MULTILINE) or [""])[-1])
 
 
 def _shown(state: dict[str, Any], model: str) -> list[str]:
@@ -135,7 +162,7 @@ def _shown(state: dict[str, Any], model: str) -> list[str]:
     values, name = widget["state"], widget.get("model_name")
     if name == "ImageModel":
         data = next(each["data"] for each in widget["buffers"] if each["path"] == ["value"])
-        return [f'<img alt="the panel" src="data:image/{values["format"]};base64,{data}">']
+        return [f'<img {PANEL_ALT} src="data:image/{values["format"]};base64,{data}">']
     if name == "HTMLModel":
         return [str(values.get("value", ""))]
     children = [child.removeprefix(REFERENCE) for child in values.get("children", [])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -15,6 +16,10 @@ from course.pages import FORMULA, NOTEBOOKS, read, with_mathml
 PANEL = """import ipywidgets as w
 slider = w.VBox([w.IntSlider(), w.HTML('its caption')])
 w.VBox([w.HTML('<b>told</b>'), w.HBox([slider]), w.Image(value=b'abc', format='jpeg')])"""
+
+PICTURE = """import cv2, numpy as np
+from IPython.display import Image
+Image(cv2.imencode('.png', np.zeros((2, 2)))[1].tobytes())"""
 
 
 @pytest.mark.parametrize(
@@ -34,7 +39,8 @@ def test_pages_need_no_network_and_failed_cells_and_damaged_notebooks_are_named(
 ) -> None:
     monkeypatch.setattr(pages, "NOTEBOOKS", tmp_path)
     monkeypatch.setattr(sys, "argv", ["pages", str(tmp_path / "out")])
-    cells = [nbformat.v4.new_code_cell(lines) for lines in (PANEL, "1 / 0")]  # type: ignore[no-untyped-call]
+    cells = [nbformat.v4.new_code_cell(lines) for lines in (PANEL, "1 / 0", PICTURE)]  # type: ignore[no-untyped-call]
+    cells.insert(2, nbformat.v4.new_markdown_cell("# [A *part*](x.ipynb)\nText. So it *looks*:"))  # type: ignore[no-untyped-call]
     cells.append(nbformat.v4.new_markdown_cell("$x_c$ and [next](01_two.ipynb#part)"))  # type: ignore[no-untyped-call]
     nbformat.write(nbformat.v4.new_notebook(cells=cells), tmp_path / "00_one.ipynb")  # type: ignore[no-untyped-call]
     (tmp_path / "table.csv").write_text("a,b\n", encoding="utf-8")
@@ -47,6 +53,7 @@ def test_pages_need_no_network_and_failed_cells_and_damaged_notebooks_are_named(
     assert "<b>told</b>" in written
     assert "its caption" not in written.split('class="panel"')[1]
     assert 'src="data:image/jpeg;base64,YWJj' in written
+    assert re.findall('alt="(.*?)"', written) == ["Panel: told", "So it looks"]
     assert "<script" not in written
     namespace = 'xmlns="http://www.w3.org/1998/Math/MathML"'  # a name, not an address to fetch
     assert "http" not in written.replace("http-equiv", "").replace(namespace, "")
