@@ -21,6 +21,7 @@ from ..frames import true_poses
 
 CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
 THRESHOLD_AND_BOXES = "threshold and boxes"  # its choice whose rows are no differences
+SPREAD_OF = "standard deviation over the seeds of "  # in the heads of tables of `results.md`
 MEASURED = "kitti/drive_0013", "synthetic/jam"
 LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width: all are seen where they coincide
 
@@ -55,12 +56,24 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
 
 
 def whole_drive(section: str, row: str) -> dict[str, str]:
-    """A row of a table of `results.md`: TE and RE over a whole drive, by the table's columns."""
+    """TE in % and RE in deg/100 m of a whole drive by method, ± deviation over the seeds, from `results.md`."""
     page = (Path(__file__).parents[2] / "results.md").read_text(encoding="utf-8")
-    part = page.split(f"## {section}\n")[1].split("\n## ")[0]
-    table = [line.strip("| ").split(" | ") for line in part.splitlines() if "|" in line]
-    cells = next(line for line in table if line[0] == row)
-    return dict(zip(table[0][1:], cells[1:], strict=True))
+
+    def numbers(title: str) -> dict[str, str]:
+        part = page.split(f"\n## {section}: {title}\n")[1].split("\n## ")[0]
+        table = [line.strip("| ").split(" | ") for line in part.splitlines() if line.startswith("| ")]
+        cells = next((line for line in table if line[0] == row), [row])
+        return dict(zip(table[0][1:], cells[1:], strict=False))
+
+    kinds = "TE, %", "RE, deg/100 m"
+    means, spreads = ([numbers(of + kind) for kind in kinds] for of in ("", SPREAD_OF))
+    # Rows without a spread are left out of its tables.
+    return {
+        method: " / ".join(
+            f"{m[method]} ± {d.get(method, '0.000')}" for m, d in zip(means, spreads, strict=True)
+        )
+        for method in means[0]
+    }
 
 
 def claim_figure(
