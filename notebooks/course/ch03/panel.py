@@ -1,4 +1,4 @@
-"""Chapter 3: which of a thousand solutions wins, with the previous frame's help and without."""
+"""Chapter 3: the winner among a thousand solutions, with the prior and without."""
 
 from __future__ import annotations
 
@@ -36,18 +36,20 @@ from .figures import PHOTO_HEIGHT, Field, errors_figure, features_picture, field
 CHART_HEIGHT = 260
 FRAMES = 30  # of the long job
 WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m
-# How the thing moves from frame to frame that the matches are put on: a bus that turns into our street.
+# Motion of the bus from frame to frame: it turns into our street.
 STEP, TURN = np.array([0.5, 0.0, 0.3]), rotation_from_vector(np.radians([0.0, 2.0, 0.0]))
 
 
 @dataclass(frozen=True)
 class SelectionView(Checked):
-    """What the panel of chapter 3 does to the matches of the frame."""
+    """How the panel of chapter 3 disturbs the matches of the frame."""
 
-    moving: float = setting(0.0, "share of the matches put on one thing that moves", low=0, high=0.9)
-    wrong: float = setting(0.0, "share of the matches that end at a wrong place", low=0, high=0.9)
+    moving: float = setting(0.0, "share of the matches moved with one object, a turning bus", low=0, high=0.9)
+    wrong: float = setting(
+        0.0, "share of the matches with a wrong place in the current image", low=0, high=0.9
+    )
     draw: int = setting(0, "draws other sets, and other matches to disturb", low=0, high=999)
-    plane: bool = setting(False, "all points on one slanting wall, which fills the view")
+    plane: bool = setting(False, "all points on one slanting wall that fills the view")
 
 
 _candidates: Memory[Candidates] = Memory(12)
@@ -59,7 +61,7 @@ def disturbed(
 ) -> tuple[Points, BoolArray]:
     """The points with some matches moving together and some wrong, and which ones, (N,).
 
-    The moving ones are those furthest left and turn about their middle; a wrong one ends 4 to 40 px away.
+    The moving ones are the leftmost and turn about their middle; a wrong one ends 4 to 40 px away.
     """
     rng, count = np.random.default_rng([4, view.draw]), len(points.x_p)
     if view.plane:
@@ -77,9 +79,12 @@ def disturbed(
         Y = transform(T_cp, (points.X_p[on_object] - middle) @ TURN.T + middle + STEP)
         noise = x_c[on_object] - _view(transform(T_cp, points.X_p[on_object]))
         x_c[on_object] = _view(Y) + np.clip(noise, -1.0 / camera.f, 1.0 / camera.f)
-    lying = order[moving : moving + wrong]
-    angle, length = rng.uniform(0, 2 * np.pi, len(lying)), rng.uniform(4.0, 40.0, len(lying)) / camera.f
-    x_c[lying] += length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    mismatched = order[moving : moving + wrong]
+    angle, length = (
+        rng.uniform(0, 2 * np.pi, len(mismatched)),
+        rng.uniform(4.0, 40.0, len(mismatched)) / camera.f,
+    )
+    x_c[mismatched] += length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     touched = np.zeros(count, np.bool_)
     touched[order[: moving + wrong]] = True
     return replace(points, x_c=x_c), touched

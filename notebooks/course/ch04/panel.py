@@ -35,9 +35,9 @@ TRUE, RECORDED, UNDISTURBED = "the truth", "the recorded truth", "the undisturbe
 
 @dataclass(frozen=True)
 class TranslationView(Checked):
-    """What the panel of chapter 4 does to the matches and to the rotation of the frame."""
+    """How the panel of chapter 4 disturbs the matches and the rotation of the frame."""
 
-    weighting: str = setting(METHOD, "how the rows of all features are put together", choices=WEIGHTINGS)
+    weighting: str = setting(METHOD, "how the rows of all features are combined", choices=WEIGHTINGS)
     noise: float = setting(0.1, "noise added to each coordinate in all four images", unit="px", low=0, high=2)
     wrong: float = setting(0.0, "share of matches with a wrong place in the current pair", low=0, high=0.9)
     turn: float = setting(
@@ -50,17 +50,17 @@ def disturbed(matches: StereoMatches, view: TranslationView) -> StereoMatches:
     """The matches with noise, and some of them 4 to 40 px from their place in the current pair."""
     rng, count = np.random.default_rng([6, view.draw]), len(matches)
     shifts = rng.normal(0.0, view.noise, (4, count, 2))
-    lying = rng.permutation(count)[: round(view.wrong * count)]
-    angle, length = rng.uniform(0.0, 2.0 * np.pi, len(lying)), rng.uniform(4.0, 40.0, len(lying))
-    shifts[2:, lying] += length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    mismatched = rng.permutation(count)[: round(view.wrong * count)]
+    angle, length = rng.uniform(0.0, 2.0 * np.pi, len(mismatched)), rng.uniform(4.0, 40.0, len(mismatched))
+    shifts[2:, mismatched] += length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     views = ("prev_left", "prev_right", "cur_left", "cur_right")
     return replace(matches, **{v: getattr(matches, v) + by for v, by in zip(views, shifts, strict=True)})
 
 
 def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
-    """The true rotation of a drawn frame; of others the best that the matches give.
+    """The true rotation of a drawn frame; for others the best estimate from the matches.
 
-    The truth of a real drive comes from GPS and gyroscopes: over one frame the matches know better.
+    The truth of a real drive comes from GPS and gyroscopes: over one frame the matches are more accurate.
     """
     known = points if truth(sequence) is not None else replace(points, T_cp=None)
     return reference_rotation(sequence, frame, known)
