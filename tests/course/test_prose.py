@@ -1,4 +1,4 @@
-"""What chapters 3 to 6 tell the reader to notice in their panels is there, on the street that they name."""
+"""What chapters 1 to 6 tell the reader to notice in their panels is there, on the street that they name."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Any
 import nbformat
 import pytest
 
+from course.ch01 import MatchingPanel
+from course.ch02 import FivePointPanel
 from course.ch03 import SelectionPanel
 from course.ch04 import TranslationPanel
 from course.ch04 import exercises as ch04
@@ -18,7 +20,14 @@ from course.ch06 import EvaluationPanel
 from vo_lib.data.sequence import Sequence
 
 FOLDER = Path(__file__).resolve().parents[2] / "notebooks"
-PANELS = {"03": SelectionPanel, "04": TranslationPanel, "05": LorryPanel, "06": EvaluationPanel}
+PANELS = {
+    "01": MatchingPanel,
+    "02": FivePointPanel,
+    "03": SelectionPanel,
+    "04": TranslationPanel,
+    "05": LorryPanel,
+    "06": EvaluationPanel,
+}
 NONE_MADE_UP = {"view__scale": 0.0, "view__yaw": 0.0, "view__noise": 0.0, "view__jitter": 0.0}
 LONG = 300.0  # seconds; a safeguard
 Facts = dict[str, float]
@@ -42,6 +51,43 @@ def seen(street: Sequence) -> Seen:
         return panel.facts, before, [float(number) for number in said.groups()]
 
     return look
+
+
+def test_rows_cost_right_matches_the_loop_costs_few_and_strong_features_are_no_better(seen: Seen) -> None:
+    now, _, said = seen("01", r"\*row tolerance\* to ([.\d]+) px and see", matching__row_tolerance=0.1)
+    assert said == [0.1]
+    assert now["right ones dropped"] > 100
+    more, before, said = seen("01", r"Raise it to (\d) px: some more", matching__row_tolerance=3.0)
+    assert said == [3]
+    assert (more["wrong among the kept"] - before["wrong among the kept"]) / (
+        more["kept"] - before["kept"]
+    ) > 0.5
+    loop, before, said = seen("01", r"\*loop tolerance\* to ([.\d]+) px", matching__loop_tolerance=0.1)
+    assert said == [0.1]
+    assert loop["kept"] > 0.9 * before["kept"] > 1.5 * now["kept"]
+    strong, before, said = seen("01", r"\*threshold\* to (\d+) grey levels", features__blob_quality=500)
+    assert said == [500]
+    shares = [each["wrong among the kept"] / each["kept"] for each in (strong, before)]
+    assert shares[0] > 0.9 * shares[1]
+    kit, before, _ = seen("01", r"Switch the \*method\* to `kit`", variant="kit")
+    for name in ("features", "wrong among the kept", "median error of the kept"):
+        assert kit[name] < before[name]
+
+
+def test_neighbours_and_noise_make_sets_worse_and_a_low_threshold_tells_solutions_apart(seen: Seen) -> None:
+    median = "rotation error: median of the sets"
+    now, before, _ = seen("02", r"\*five matches\* to `side by side`", view__spread="side by side")
+    assert now[median] > 5 * before[median]
+    now, before, _ = seen("02", r"Raise the \*noise\*", view__noise=1.0)
+    assert now[median] > 5 * before[median]
+    shares = []
+    for threshold in (0.1, 5.0):
+        text = r"\*inlier threshold\* to ([.\d]+) px, then raise it to (\d) px"
+        bad, _, said = seen("02", text, selection__threshold=threshold, view__candidate=3)
+        good, _, _ = seen("02", text, selection__threshold=threshold)
+        assert threshold in said
+        shares.append(bad["inliers"] / good["inliers"])
+    assert shares[0] < 0.2 < 0.6 < shares[1]
 
 
 def test_moving_matches_win_the_vote_and_wrong_ones_do_not(seen: Seen) -> None:

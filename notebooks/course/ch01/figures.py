@@ -189,7 +189,7 @@ def fates_chart(axis: Axes, trace: Trace, fate: NDArray[np.str_], wrong: NDArray
 
 def by_fate(fate: NDArray[np.str_], error: Array) -> dict[str, Array]:
     """Errors (M,) of the features found again, kept and dropped ones apart."""
-    return {"kept": error[fate == CHOSEN], "dropped by a check": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
+    return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
 
 
 def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "how far from the truth") -> None:

@@ -74,7 +74,7 @@ class MatchingPanel(Panel):
             exact = by_name["kept"][np.isfinite(by_name["kept"])]
             facts += [
                 Fact("wrong among the kept", int(np.count_nonzero(by_name["kept"] > RIGHT))),
-                Fact("right ones dropped", int(np.count_nonzero(by_name["dropped by a check"] <= RIGHT))),
+                Fact("right ones dropped", int(np.count_nonzero(by_name["dropped"] <= RIGHT))),
                 Fact("median error of the kept", float(np.median(exact)) if len(exact) else np.nan, "px", 3),
             ]
         picture = fates_picture(stereo(sequence, frame)[0], traced, fate, wrong, words)

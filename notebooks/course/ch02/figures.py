@@ -234,37 +234,41 @@ def four_views() -> list[Shape]:
     return [s for k, m in enumerate(motions) for s in two_views(m, x[0][0], words[k], 3.5 * k)]
 
 
-def degeneracies(noise_px: float, count: int = 200) -> dict[str, tuple[float, float, float]]:
-    """By kind of scene: how many solutions of five points fit sixty others, and, with noise, errors of the best.
+KINDS: dict[str, Motion] = {
+    "general": "general",
+    "points at one place": "general",
+    "a plane": "planar",
+    "pure rotation": "pure_rotation",
+}
 
-    The errors are medians over the problems, in degrees: of the rotation, and of the direction of t.
+
+def degeneracies(noise_px: float, count: int = 200) -> dict[str, tuple[float, float, float]]:
+    """By kind of scene: how many solutions of five points fit all 65, and, with noise, errors of the best.
+
+    The errors are medians over the scenes, in degrees: of the rotation, and of the direction of t.
     """
     found = {}
-    kinds: dict[str, Motion] = {
-        "general": "general", "points at one place": "general", "a plane": "planar", "pure rotation": "pure_rotation"
-    }  # fmt: skip
-    for name, kind in kinds.items():
+    for name, kind in KINDS.items():
         given = random_problems(np.random.default_rng(0), count, 65, kind)
-        five = np.tile(np.arange(5), (count, 1))
-        if name == "points at one place":
-            five = np.argsort(np.linalg.norm(given.x_c - given.x_c[:, :1], axis=2), axis=1)[:, :5]
-        x_p, x_c = (np.take_along_axis(x, five[..., None], axis=1) for x in (given.x_p, given.x_c))
-        E, of = five_point(x_p, x_c)
-        fits = [
-            np.abs(sampson_distance(e, given.x_p[k], given.x_c[k])).max() < 1e-7
-            for e, k in zip(E, of, strict=True)
+        away = np.linalg.norm(given.x_c - given.x_c[:, :1], axis=2)
+        five = np.argsort(away if "one place" in name else np.zeros_like(away), axis=1, kind="stable")[
+            :, :5, None
         ]
-        noise = np.random.default_rng(1).normal(0.0, noise_px / FOCAL, (2, *x_p.shape))
-        E, of = five_point(x_p + noise[0], x_c + noise[1])
+        x = np.stack([np.take_along_axis(each, five, axis=1) for each in (given.x_p, given.x_c)])
+        fits = [
+            np.abs(sampson_distance(E, given.x_p[k], given.x_c[k])).max() < 1e-7
+            for E, k in zip(*five_point(*x), strict=True)
+        ]
+        E, of = five_point(*(x + np.random.default_rng(1).normal(0.0, noise_px / FOCAL, x.shape)))
         R, t = decompose_essential(E)
         turn = rotation_angle(np.swapaxes(R, -1, -2) @ given.R_cp[of, None]).min(axis=-1)
+        way = np.arccos(np.clip(np.abs(np.sum(t * given.t_cp[of], axis=1)), 0.0, 1.0))
         order = np.lexsort((turn, of))
         best = order[np.unique(of[order], return_index=True)[1]]
-        along = np.abs(np.sum(t[best] * given.t_cp[of[best]], axis=1))
-        way = np.median(np.arccos(np.clip(along, 0.0, 1.0)))
-        found[name] = sum(fits) / count, *np.degrees([np.median(turn[best]), way]).tolist()
-        if kind == "pure_rotation":  # every [t]× R is a solution, and no t is the true one
-            found[name] = np.inf, found[name][1], np.nan
+        errors = np.degrees([np.median(turn[best]), np.median(way[best])])
+        # Without a motion every [t]× R is a solution, and no t is the true one.
+        still = kind == "pure_rotation"
+        found[name] = np.inf if still else sum(fits) / count, errors[0], np.nan if still else errors[1]
     return found
 
 
