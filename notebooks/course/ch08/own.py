@@ -21,6 +21,7 @@ from vo_lib.report.film import Film, Shown, shown_frames
 from vo_lib.runs.drive import Run
 from vo_lib.runs.front_end import TimedMatches
 
+from ..ch00.exercises import right_chain
 from ..keep import NAME, load
 from ..marks import asked
 
@@ -117,10 +118,7 @@ def mixed(rotations: Array, translations: Array) -> Array:
     """A path (N, 4, 4) with the rotation of each step of one path and the translation of another."""
     T, other = (inverse(path[1:]) @ path[:-1] for path in (rotations, translations))
     T[:, :3, 3] = other[:, :3, 3]
-    poses = [np.eye(4)]
-    for T_cp in T:
-        poses.append(poses[-1] @ inverse(T_cp))
-    return np.array(poses)
+    return np.array(right_chain(T))
 
 
 def residuals(M: Array, c: Array, t: Array) -> Array:
