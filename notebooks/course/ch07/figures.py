@@ -26,6 +26,7 @@ from vo_lib.report.printed import (
     PAPER_METHODS,
     PAPER_ROWS,
     PRINTED_NAMES,
+    PROPOSAL,
     PaperTable,
     read_paper_table,
 )
@@ -84,7 +85,7 @@ def tables_of(entries: list[Entry]) -> list[ReportTable]:
 
 
 def verdicts(folder: Path, paper: PaperTable) -> list[ReportTable]:
-    """Each printed TE and RE beside that of a report of `vo reproduce`, with a verdict; none without a report.
+    """A verdict on each printed TE and RE that a report of `vo reproduce` has; none without a report.
 
     The paper's number is one run more. It is within the spread where it differs from the mean of our n seeds by at
     most `SPREADS` s √(1 + 1/n), with their standard deviation s, and half of the last digit printed.
@@ -94,7 +95,7 @@ def verdicts(folder: Path, paper: PaperTable) -> list[ReportTable]:
     records = [dict(zip(names, cells, strict=True)) for cells in lines]
     published = {(r["sequence"], r["method"]): r for r in records if r["variant"] == "published"}
     for kind, (words, digits) in ERROR_KINDS.items() if published else ():
-        rows = []
+        rows, counts = [], collections.Counter[str]()
         for row, method in itertools.product(PAPER_ROWS, PAPER_METHODS):
             ours = published.get((row if row == AVERAGE else f"{KITTI}{row}", method), {})
             printed = paper.value(row, method)[kind == "re_deg_per_100m"]
@@ -108,11 +109,18 @@ def verdicts(folder: Path, paper: PaperTable) -> list[ReportTable]:
                 cells = [number(float(ours[kind])), signed(less, digits), number(most)]
                 verdict = "reproduced" if abs(less) <= most else "not reproduced"
                 verdict = "cannot be told: fewer than three seeds" if n < FEWEST else verdict
-            rows.append([f"{row} {PRINTED_NAMES[method]}", number(printed, digits), *cells, verdict])
-        counts = collections.Counter(row[-1] for row in rows)
+                without = (
+                    method == PROPOSAL and ours.get("removed_share") and not float(ours["removed_share"])
+                )
+                verdict = "cannot be told: no boxes" if without else verdict
+            if ours:
+                rows.append([f"{row} {PRINTED_NAMES[method]}", number(printed, digits), *cells, verdict])
+            counts[verdict] += printed is not None
         columns = ["sequence, system", "printed", "ours", "difference", "allowed", "verdict"]
-        head = "; ".join(f"{verdict}: {count}" for verdict, count in counts.items())
-        tables.append(ReportTable(f"{words}, every printed number", columns, rows, [], [f"{head}."]))
+        head = "; ".join(f"{verdict}: {count}" for verdict, count in counts.items() if count)
+        tables.append(
+            ReportTable(f"{words}: verdict on the printed numbers", columns, rows, [], [f"{head}."])
+        )
     return tables
 
 
