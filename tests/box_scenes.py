@@ -68,15 +68,15 @@ def drive(
 ) -> tuple[Boxes, list[tuple[StereoMatches, Boxes]]]:
     """Boxes of the first frame; then matches and boxes of each next one. Vehicles hide nothing."""
     rng = np.random.default_rng(6)
-    first, found = _boxes(vehicles), []
+    first, result = _boxes(vehicles), []
     for _ in range(frames):
         fixed = street_points(rng, 200)
         before = np.concatenate([fixed, *(vehicle.X for vehicle in vehicles)])
         for vehicle in vehicles:
             vehicle.drive()
         after = np.concatenate([transform(STEP, fixed), *(vehicle.X for vehicle in vehicles)])
-        found.append((match_points(before, after, noise, rng), _boxes(vehicles)))
-    return first, found
+        result.append((match_points(before, after, noise, rng), _boxes(vehicles)))
+    return first, result
 
 
 def _boxes(vehicles: list[Vehicle]) -> Boxes:

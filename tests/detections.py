@@ -22,8 +22,8 @@ def recall_precision(
     lower than that, or at least half inside one of the regions.
     """
     right = counted = wanted = 0
-    for found, truth, regions in images:
-        boxes = found.xyxy[np.argsort(-found.score, kind="stable")]
+    for result, truth, regions in images:
+        boxes = result.xyxy[np.argsort(-result.score, kind="stable")]
         tall = truth.xyxy[:, 3] - truth.xyxy[:, 1] >= min_height
         shared, free = overlap(boxes, truth.xyxy), np.ones(len(truth), np.bool_)
         aside = (common_area(boxes, regions) >= 0.5 * area(boxes)[:, None]).any(axis=1)

@@ -43,9 +43,9 @@ class FileServer:
                     return self.send(owner.status or 404, {}, b"")
                 extra: dict[str, str] = {}
                 status = 200
-                asked = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
-                if asked and owner.ranges:
-                    first, last = asked.groups()
+                requests = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
+                if requests and owner.ranges:
+                    first, last = requests.groups()
                     start = max(len(data) - int(last), 0) if first == "" else int(first)
                     stop = len(data) if first == "" or last == "" else min(int(last) + 1, len(data))
                     if start >= len(data):

@@ -156,7 +156,7 @@ def readers() -> dict[str, Reader]:
     def objects(folder: Path) -> Any:
         return read_object_set(folder, folder / "mapping.txt", folder / "order.txt")
 
-    found = {
+    result = {
         "poses": _alone("poses.txt", read_kitti_poses, KITTI.format(0) + KITTI.format(1)),
         "tum": _alone("poses.txt", read_tum, "# t\n0 0 0 0 0 0 0 1\n1 0 0 1 0 0 0 1\n"),
         "euroc truth": _alone("data.csv", read_euroc, TRUTH),
@@ -188,10 +188,10 @@ def readers() -> dict[str, Reader]:
         "objects.npz": Reader("truth/objects.npz", open_truth, _truth()),
     }
     for name in ("config.json", "frames.csv"):
-        found[name] = Reader(name, read_folder, run_files)
+        result[name] = Reader(name, read_folder, run_files)
     for name in ("calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "image_00/timestamps.txt"):
-        found[name.removeprefix("image_00/")] = Reader(name, read_raw_drive, _raw())
-    found["oxts"] = Reader("oxts/data/0000000001.txt", read_raw_drive, _raw())
+        result[name.removeprefix("image_00/")] = Reader(name, read_raw_drive, _raw())
+    result["oxts"] = Reader("oxts/data/0000000001.txt", read_raw_drive, _raw())
     for name in ("sensor.yaml", "data.csv"):
-        found[name] = Reader(f"mav0/cam1/{name}", read_euroc_drive, _euroc())
-    return found
+        result[name] = Reader(f"mav0/cam1/{name}", read_euroc_drive, _euroc())
+    return result

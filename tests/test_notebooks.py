@@ -45,14 +45,14 @@ def complaints(notebook: Any) -> list[str]:
     """Errors in the outputs and in the saved widget state: panels catch theirs and show them."""
     states = notebook.metadata.get("widgets", {}).get(WIDGETS, {}).get("state", {}).values()
     shown = [output for state in states for output in state["state"].get("outputs", [])]
-    found = []
+    result = []
     for output in [*outputs(notebook), *shown]:
         if output["output_type"] == "error":
-            found.append(f"{output['ename']}: {output['evalue']}")
+            result.append(f"{output['ename']}: {output['evalue']}")
         if output["output_type"] == "stream" and output["name"] == "stderr":
-            found.append(output["text"])
+            result.append(output["text"])
     texts = [str(state["state"].get("value", "")) for state in states]
-    return found + [text for text in texts if ERROR_CLASS in text]
+    return result + [text for text in texts if ERROR_CLASS in text]
 
 
 def verdicts(notebook: Any) -> list[str]:

@@ -15,15 +15,15 @@ NUMBER = r"\d+(?:\.\d+)?"
 
 def tables(path: Path) -> list[dict[str, dict[str, str]]]:
     """The tables of a page: cells by row and column."""
-    found: list[list[list[str]]] = [[]]
+    result: list[list[list[str]]] = [[]]
     for line in path.read_text(encoding="utf-8").splitlines():
         if line.startswith("|"):
-            found[-1].append([cell.strip() for cell in line.strip("|").split(" | ")])
-        elif found[-1]:
-            found.append([])
+            result[-1].append([cell.strip() for cell in line.strip("|").split(" | ")])
+        elif result[-1]:
+            result.append([])
     return [
         {row[0].strip(): dict(zip(table[0], row, strict=False)) for row in table[2:]}
-        for table in found
+        for table in result
         if table
     ]
 

@@ -34,12 +34,12 @@ def named(name: str) -> Any:
     parts = name.split(".")
     for length in range(len(parts) - 1, 0, -1):
         try:
-            found: Any = importlib.import_module(".".join(parts[:length]))
+            result: Any = importlib.import_module(".".join(parts[:length]))
         except ModuleNotFoundError:
             continue
         for part in parts[length:]:
-            found = getattr(found, part)
-        return found
+            result = getattr(result, part)
+        return result
     raise ModuleNotFoundError(name)
 
 
@@ -49,8 +49,8 @@ ROWS = table_rows(SENTENCES)
 
 @pytest.mark.parametrize("name", sorted(set(DOTTED.findall(PAGE))))
 def test_what_the_page_names_is_there(name: str) -> None:
-    found = named(name)
-    assert inspect.isfunction(found) or inspect.isclass(found)
+    result = named(name)
+    assert inspect.isfunction(result) or inspect.isclass(result)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0][:40])

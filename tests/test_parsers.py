@@ -40,7 +40,7 @@ def damaged(draw: st.DrawFn, valid: bytes) -> bytes:
     data = valid
     if how == "words":
         for _ in range(draw(st.integers(1, 3))):
-            start, end = draw(st.sampled_from([found.span() for found in PIECE.finditer(data)] or [(0, 0)]))
+            start, end = draw(st.sampled_from([result.span() for result in PIECE.finditer(data)] or [(0, 0)]))
             data = data[:start] + draw(st.sampled_from(ODD)).encode() + data[end:]
         return data
     start, end = sorted(draw(st.tuples(*[st.integers(0, len(data))] * 2)))
@@ -92,10 +92,10 @@ def test_a_bad_file_is_one_line_that_says_what_is_wrong(
     reader = readers()[name]
     path = reader.write(tmp_path)
     path.write_bytes(spoilt(how, reader.valid))
-    _, said = outcome(lambda: reader.read(tmp_path))
-    assert said.startswith(str(tmp_path))
-    assert expected in said.replace(f"{tmp_path}/", "")
-    assert len(said.splitlines()) == 1
+    _, message = outcome(lambda: reader.read(tmp_path))
+    assert message.startswith(str(tmp_path))
+    assert expected in message.replace(f"{tmp_path}/", "")
+    assert len(message.splitlines()) == 1
 
 
 @pytest.fixture(scope="module", params=readers())
@@ -112,10 +112,10 @@ def test_any_file_gives_finite_numbers_or_one_line(place: tuple[Reader, Path], d
     reader, folder = place
     path = folder / reader.file
     path.write_bytes(data.draw(damaged(reader.valid)))
-    result, said = outcome(lambda: reader.read(folder))
+    result, message = outcome(lambda: reader.read(folder))
     path.write_bytes(reader.valid)
-    assert len(said.splitlines()) <= 1
-    assert said == "" or said.startswith(str(folder))
+    assert len(message.splitlines()) <= 1
+    assert message == "" or message.startswith(str(folder))
     assert all(np.isfinite(array).all() for array in arrays(result))
 
 

@@ -61,8 +61,8 @@ def test_what_decides_a_method_is_as_the_paper_says(name: str) -> None:
 
 @pytest.mark.parametrize("method", ORDER)
 def test_a_preset_differs_from_the_defaults_in_what_decides_it_and_in_nothing_else(method: str) -> None:
-    default, found = flat(KitConfig()), flat(preset(method, variant="kit"))
-    differing = {name for name in found if found[name] != default[name]}
+    default, result = flat(KitConfig()), flat(preset(method, variant="kit"))
+    differing = {name for name in result if result[name] != default[name]}
     assert differing <= set(DECISIVE)
 
 
@@ -71,9 +71,9 @@ def test_as_published_the_same_decides_and_nothing_else(name: str) -> None:
     default = flat(PublishedConfig())
     for method, expected in zip(ORDER, DECISIVE[name][1], strict=True):
         if method in PUBLISHED:
-            found = flat(preset(method))
-            assert expected is None or found[name] == expected
-            assert {key for key in found if found[key] != default[key]} <= set(DECISIVE)
+            result = flat(preset(method))
+            assert expected is None or result[name] == expected
+            assert {key for key in result if result[key] != default[key]} <= set(DECISIVE)
 
 
 @pytest.mark.parametrize(

@@ -89,14 +89,14 @@ ROOMS: dict[str, set[str]] = {
 def imports(path: Path) -> set[str]:
     """Dotted names of what a file imports, at its top or inside a function."""
     own = path.relative_to(ROOT).with_suffix("").parts
-    found: set[str] = set()
+    result: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom):
             above = own[: len(own) - node.level] if node.level else ()
-            found |= {".".join(filter(None, [*above, node.module, alias.name])) for alias in node.names}
+            result |= {".".join(filter(None, [*above, node.module, alias.name])) for alias in node.names}
         elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-    return found
+            result |= {alias.name for alias in node.names}
+    return result
 
 
 def rooms(path: Path) -> set[str]:
@@ -139,7 +139,7 @@ def test_no_public_name_stands_in_two_rooms_and_no_module_has_a_rooms_name() -> 
         for name in public_names(path) - {"add"}:  # each command declares its options by `add`
             homes.setdefault(name, set()).add(room_of(path))
     del homes["main"]  # of the program, and of the `vo` command that it starts
-    assert {name: found for name, found in homes.items() if len(found) > 1} == {}
+    assert {name: result for name, result in homes.items() if len(result) > 1} == {}
 
 
 def public_names(path: Path) -> set[str]:

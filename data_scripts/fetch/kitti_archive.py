@@ -24,7 +24,7 @@ CALIB = "data_odometry_calib.zip"  # 1 MB: calib.txt, times.txt
 POSES = "data_odometry_poses.zip"  # 4 MB: ground truth of 00-10
 
 LICENCE = (
-    "KITTI is licensed CC BY-NC-SA 3.0: not for commercial use, shared alike, with its authors named",
+    "KITTI's licence is CC BY-NC-SA 3.0: non-commercial use, share alike, attribution",
     "(Geiger, Lenz, Urtasun, CVPR 2012). Taking the data means accepting this. The terms, and the log-in",
     f"that the page asks for before it shows its download links: {PAGE}",
 )

@@ -1,8 +1,8 @@
 """Smooth outlines: pixels that an edge crosses become a mixture of both sides.
 
-A pixel shows the face at its centre, so outlines would jump by whole pixels, and corner detectors love
-outlines. Where two neighbours see different faces, the place where the edge crosses between them is known
-exactly from the face's corners; the pixel it cuts takes its neighbour's brightness by the share covered.
+A pixel shows the face at its centre, so outlines would jump by whole pixels, which disturbs corner detectors.
+Where two neighbours see different faces, the place where the edge crosses between them is known exactly from
+the face's corners; the pixel it cuts takes its neighbour's brightness by the share covered.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def soften_edges(
             one = one[one % width != width - 1]
         row, column = np.divmod(one, width)
         two = one + stride
-        # Signed distances are wanted along this axis only: one step is 1/f.
+        # Signed distances are computed only along this axis: one step is 1/f.
         step = np.array([1.0, -1.0]) / camera.f
         at_one = (x[column], y[row])
         at_two = (x[column] + (step[0] if axis == 0 else 0.0), y[row] + (step[0] if axis == 1 else 0.0))
@@ -61,7 +61,8 @@ def soften_edges(
 def _way_out(edges: Array, at: tuple[Array, Array], axis: int, step: float) -> Array:
     """Share of the step to the next pixel after which a face ends (N,); infinite where it does not.
 
-    An edge counts only on the axis it cuts more squarely, so that none is smoothed twice; elsewhere NaN.
+    An edge counts only on the axis that is more nearly perpendicular to it, so that no edge is smoothed
+    twice; NaN elsewhere.
     """
     value = edges[:, :, 0] * at[0][:, None] + edges[:, :, 1] * at[1][:, None] + edges[:, :, 2]
     slope = edges[:, :, axis] * step

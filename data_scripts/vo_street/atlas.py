@@ -1,4 +1,4 @@
-"""One big picture that holds every texture at every scale, against aliasing.
+"""An atlas of all textures at all scales, against aliasing.
 
 A surface seen at a slant is squeezed in one direction only: the road ahead is squeezed along, hardly across.
 So each texture is kept at all pairs of scales, 2^-i along its columns and 2^-j along its rows (a ripmap),

@@ -1,4 +1,4 @@
-"""Scenes in a cache folder: drawn under another name, then given their own."""
+"""Scenes in a cache folder, drawn under a temporary name and then renamed."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def draw_scene(
     jobs: int = 2,
     frames: range | None = None,
 ) -> None:
-    """Draw a scene into a folder that is not there yet; it has its name only when it is complete.
+    """Draw a scene into a new folder, which appears only when complete.
 
     Parameters
     ----------
     progress : called with (frames done, frames) while drawing.
-    jobs : processes that draw. The pictures do not depend on it.
+    jobs : number of processes; the images do not depend on it.
     frames : draw no others.
 
     Raises `DataError` where the folder cannot be written.

@@ -1,4 +1,4 @@
-"""A city street: houses, gardens with hedges and fences, and what stands on the pavement."""
+"""A city street: houses, gardens with hedges and fences, and objects on the pavement."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BRICKS = np.array([[0.0, 0.2], [0.0, 0.0], [0.1, 0.0], [0.1, 0.2]])  # of a wall
 
 
 def build_city(site: Site) -> None:
-    """Both sides of the street; round a block the outer houses of the first half come again in the second."""
+    """Both sides of the street; around a block, the second half repeats the outer houses of the first."""
     halves = 1 if site.route.lap is None else 2
     for side in (-1.0, 1.0):
         state = site.rng.bit_generator.state

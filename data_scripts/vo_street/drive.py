@@ -1,4 +1,4 @@
-"""Where the street runs and how the camera drives along it.
+"""The route of the street, and the drive of the camera along it.
 
 Street frame: x right, y down, z forward at the start of the street, origin on the road's centre line;
 the road is the plane y = 0. Arc length s and lateral offset (positive to the right) are street coordinates.
@@ -31,7 +31,7 @@ class Route:
     x, z : (M,) position in the street frame, metres.
     heading : (M,) angle from the z axis towards x, radians.
     curvature : (M,) change of heading per metre.
-    lap : metres after which the street meets itself; None where it has two ends.
+    lap : length of a closed street, metres, up to itself; None where it has two ends.
     """
 
     s: Array
@@ -108,7 +108,7 @@ def make_route(config: SceneConfig) -> Route:
 
 
 def _integrated(s: Array, curvature: Array, lap: float | None = None) -> Route:
-    """The street with this curvature that starts at the origin along the z axis."""
+    """The street of a given curvature, from the origin along the z axis."""
     psi = np.concatenate([[0.0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * STEP)])
     psi -= np.interp(0.0, s, psi)
     x = np.concatenate([[0.0], np.cumsum(np.sin(0.5 * (psi[1:] + psi[:-1])) * STEP)])
@@ -124,7 +124,7 @@ def bump(s: Array, start: float, size: float, turn: float) -> Array:
 
 @dataclass(frozen=True)
 class Drive:
-    """The camera's way along the street.
+    """The camera's drive along the street.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ def lane_offset(config: SceneConfig) -> float:
 
 
 def make_drive(config: SceneConfig, route: Route) -> Drive:
-    """Drive the route: slower in bends, swinging speed, a standstill if asked, a suspension that moves."""
+    """A drive along the route with slower bends, varying speed, an optional standstill, and suspension."""
     rng = np.random.default_rng([config.seed, 2])
     clock, way = _time_law(config, route, rng)
     count = max(2, int(np.floor(np.interp(config.length, way, clock) * config.rate)) + 1)

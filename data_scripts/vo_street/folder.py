@@ -52,12 +52,12 @@ def write_scene(
                     progress(done, len(wanted))
             tables.result()
         except BrokenExecutor:
-            raise DataError("a process that draws was killed, perhaps for too much memory") from None
+            raise DataError("a drawing process was killed, perhaps for lack of memory") from None
 
 
 @functools.lru_cache(maxsize=1)
 def _renderer(config: SceneConfig) -> Renderer:
-    """What draws a scene in this process."""
+    """The renderer of a scene in this process."""
     cv2.setNumThreads(1)  # the processes share the work by frames
     return Renderer(make_world(config))
 
@@ -72,7 +72,7 @@ def _write_tables(config: SceneConfig, folder: Path) -> None:
 
 
 def _write_frame(config: SceneConfig, folder: Path, frame: int) -> None:
-    """Both pictures of a frame, its labels and its truth."""
+    """Draw and write both images of a frame, its labels and its truth."""
     renderer, name = _renderer(config), f"{frame:06d}.png"
     for right in (False, True):
         view, picture = photograph(renderer, frame, right)

@@ -1,4 +1,4 @@
-"""Painted house fronts: walls of several kinds with windows, doors, shops and what hangs on walls."""
+"""Painted house fronts: walls of several kinds with windows, doors, shops and fixtures."""
 
 from __future__ import annotations
 

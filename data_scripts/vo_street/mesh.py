@@ -1,4 +1,4 @@
-"""Flat four-cornered faces with texture coordinates: what streets and vehicles are made of."""
+"""Flat four-cornered faces with texture coordinates: the elements of streets and vehicles."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Faces(Rows):
     origin : (F, 2) texel coordinate (s, t) of the first corner.
     s_axis, t_axis : (F, 3) texels a metre: s = origin + s_axis · (X - first corner).
     gain : (F,) brightness that multiplies the texture.
-    instance : (F,) number of the thing the face belongs to; 0 is the street itself.
+    instance : (F,) number of the object of the face; 0 is the street itself.
     """
 
     corners: Array
@@ -52,7 +52,7 @@ class Faces(Rows):
         return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
     def lit(self) -> Faces:
-        """The faces with the sun's and the sky's light on their outer sides in their gain."""
+        """The faces with a gain that includes the light of sun and sky on their outer sides."""
         return dataclasses.replace(self, gain=self.gain * sunlight(self.outward()))
 
 
@@ -63,7 +63,7 @@ def sunlight(normal: Array) -> Array:
 
 @dataclass
 class MeshBuilder:
-    """Collects faces; corners run clockwise seen from outside, so that lighting knows the outer side."""
+    """A builder of meshes; corners are clockwise from outside, which defines the outer side for lighting."""
 
     sizes: list[tuple[int, int]]  # texels of each texture, from TextureSet.size
     parts: list[tuple[Array, Array, int, Array]] = field(default_factory=list)

@@ -1,7 +1,7 @@
-"""From a world to pictures: which face each pixel sees, how far it is, and how bright.
+"""Rendering of a world: the face of each pixel, its depth and its brightness.
 
-OpenCV's z-buffer rasteriser only says which face a pixel sees. Where the pixel's ray meets the face, and
-where that is in the face's texture, is then computed exactly: 1/Z, s/Z and t/Z are linear in the pixel
+OpenCV's z-buffer rasteriser gives only the face of a pixel. The intersection of the pixel's ray with the
+face, and its position in the texture, are then computed exactly: 1/Z, s/Z and t/Z are linear in the pixel
 coordinates.
 """
 
@@ -38,13 +38,13 @@ ROWS_AT_ONCE = 12  # rows shaded together: they fit into the processor's cache
 
 @dataclass(frozen=True)
 class View:
-    """What one camera sees, before the sensor.
+    """The view of one camera, before the sensor.
 
     Attributes
     ----------
     light : (H, W) brightness, 255 is white at an exposure of 1.
     inverse_depth : (H, W) 1/Z, 1/metre; 0 for the sky.
-    instance : (H, W) instance number of what is seen; 0 is street or sky.
+    instance : (H, W) instance number of the visible object; 0 is street or sky.
     """
 
     light: Float32
@@ -71,7 +71,7 @@ class FaceTable:
 
 
 class Renderer:
-    """Draws the frames of one world."""
+    """The renderer of the frames of a world."""
 
     def __init__(self, world: World):
         self.world = world
@@ -152,10 +152,10 @@ class Renderer:
     def _texels(
         self, face: Int, table: FaceTable, x: Float32, y: Float32
     ) -> tuple[Places, list[Float32], Float32]:
-        """Where in the atlas each pixel (h, W) finds its value.
+        """Positions in the atlas of the values of pixels (h, W).
 
-        Returns its places in the finer and the coarser level, and the share of the coarser, for s and for t;
-        and 1/Z.
+        Returns the positions in the finer and the coarser level and the share of the coarser level, for s and
+        for t; and 1/Z.
         """
         atlas, pixel = self.world.atlas, np.float32(1.0 / self.camera.f)
         line = [look_up(coefficients, face) for coefficients in table.lines]
@@ -189,12 +189,12 @@ class Renderer:
 
 
 def look_up(table: NDArray[Number], index: Int) -> NDArray[Number]:
-    """table[index], faster: the indices are known to fit."""
+    """table[index], faster, for indices within the table."""
     return table.take(index, mode="clip")
 
 
 def rasterise(corners: Array, camera: StereoCamera) -> Int:
-    """Which face each pixel sees: (H, W), index into corners plus one, 0 where there is none.
+    """Face of each pixel (H, W): index into corners plus one, 0 for none.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def clip_near(polygon: Array) -> Array:
 
 
 def face_table(faces: Faces, corners: Array, T_s_c: Array, sky: int) -> FaceTable:
-    """What shading needs to know of each face, seen from one camera; row 0 is the sky.
+    """Shading data of the faces for one camera; row 0 is the sky.
 
     A ray meets the plane n · X = h at 1/Z = n · (x, y, 1) / h. With X = Z (x, y, 1) a texture coordinate
     s = s0 + a · (X - X0) gives s/Z = (a + (s0 - a · X0) n/h) · (x, y, 1).

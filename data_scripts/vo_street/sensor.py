@@ -1,4 +1,4 @@
-"""From brightness to the grey levels a camera writes: blur, exposure, noise."""
+"""Grey levels of a camera from brightness: blur, exposure, noise."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ SHIFTS = 256  # places along each side where a picture's noise may begin
 
 
 def exposures(config: SceneConfig, times: Array) -> Array:
-    """Exposure (N,) of each frame: it wanders by the share the settings give."""
+    """Exposure (N,) of each frame, with the relative variation of the settings."""
     rng = np.random.default_rng([config.seed, 7])
     wave = smooth_wave(times, rng, 4.0, 15.0)
     return np.asarray(np.exp(np.log1p(config.exposure_change) * wave))
 
 
 def photograph(renderer: Renderer, frame: int, right: bool = False) -> tuple[View, NDArray[np.uint8]]:
-    """What a camera sees in a frame, and the picture (H, W) that it takes of it."""
+    """The view of a camera in a frame, and its image (H, W)."""
     world, view = renderer.world, renderer.view(frame, right)
     exposure = float(exposures(world.config, world.drive.times)[frame])
     return view, expose(smear(world, frame, view, right), world.config, exposure, frame, right)
@@ -54,7 +54,7 @@ def expose(
 
 @functools.lru_cache(maxsize=2)
 def noise_field(seed: int, height: int, width: int) -> Float32:
-    """White noise of deviation 1, larger than a picture, which takes a piece of its own: this saves time."""
+    """White noise of deviation 1, larger than an image; each image uses another part, which saves time."""
     rng = np.random.default_rng([seed, 10])
     return rng.standard_normal((height + SHIFTS, width + SHIFTS), dtype=np.float32)
 

@@ -1,4 +1,4 @@
-"""The building site of a street: where things go along the route, and ribbons that follow it.
+"""The builder of a street: objects at places along the route, and ribbons that follow the route.
 
 Places on it are given as arc length s and lateral offset, positive to the right of the centre line.
 """
@@ -71,7 +71,7 @@ class Site:
         return np.asarray(moved.reshape(shape.shape))
 
     def is_clear(self, corners: Array, distance: float) -> bool:
-        """No corner lies nearer to the route than `distance`: no bend may run through a house."""
+        """Whether no corner is nearer to the route than `distance`, so that no bend runs through a house."""
         return bool(self.route.distance(corners.reshape(-1, 3)).min() >= distance)
 
     def ribbon(

@@ -22,7 +22,7 @@ BEYOND = 700.0  # metres of flat land around it all
 
 
 def build_street(site: Site) -> None:
-    """Add all of the street to the site's mesh."""
+    """Add the complete street to the site's mesh."""
     build_ground(site)
     if site.config.layout == "highway":
         build_highway(site)
@@ -31,7 +31,7 @@ def build_street(site: Site) -> None:
 
 
 def paint_street(store: TextureSet, config: SceneConfig, rng: Rng) -> None:
-    """Paint the textures a street needs; the builders find them by name."""
+    """Paint the textures of a street, and store them by name for the builders."""
     both, along = (True, True), (True, False)
     width = 2 * Profile.of(config).road
     for k in range(ROADS):
@@ -121,7 +121,7 @@ def _strongest_curvature(site: Site, s: Array) -> Array:
 
 
 def build_highway(site: Site) -> None:
-    """Everything beside and between the two carriageways."""
+    """The objects beside and between the two carriageways."""
     rng, edge = site.rng, site.profile.road + 0.4
     for offset in (-edge, -0.25, 0.25, edge):
         add_barrier(site, offset)

@@ -32,7 +32,7 @@ def fractal(rng: Rng, rows: int, columns: int, slope: float, coarsest: float = 1
 def without_stripes(image: Image) -> Image:
     """The texture with all its rows and columns brought to the same mean.
 
-    Repeated over a plain, whatever a row has in common would show as a line to the vanishing point.
+    On a plain with a repeated texture, a darker row would be visible as a line to the vanishing point.
     """
     mean = image.mean()
     image = image - (image.mean(axis=1, keepdims=True) - mean)

@@ -1,4 +1,4 @@
-"""Things that stand beside a street: trees, poles, lamps, signs, bins."""
+"""Objects beside a street: trees, poles, lamps, signs, bins."""
 
 from __future__ import annotations
 

@@ -32,12 +32,12 @@ class Vehicle:
 
     @property
     def parked(self) -> bool:
-        """It never moves."""
+        """Whether the vehicle never moves."""
         return bool(np.ptp(self.poses[:, :3, 3], axis=0).max() < 1e-9)
 
 
 class Traffic:
-    """Puts vehicles on a street; `vehicles` collects them, moving ones first."""
+    """The builder of traffic; `vehicles` has all vehicles, moving ones first."""
 
     def __init__(self, config: SceneConfig, route: Route, drive: Drive, models: list[Model]):
         self.config, self.route, self.drive = config, route, drive

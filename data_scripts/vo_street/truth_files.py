@@ -1,4 +1,4 @@
-"""The files beside the pictures: depth, instances, objects and labels, and how they are written.
+"""Files of the truth: depth, instances, objects and labels, and their formats.
 
 Depth is a 16-bit PNG of codes: 0 for the sky, else 1 + 65534 · ln(z / 0.25 m) / ln(3000 m / 0.25 m),
 rounded; a step is 1.4e-4 of the depth. Instances are a PNG of 8 bits, or 16 where there are many: 0 for
@@ -66,10 +66,10 @@ def visible_boxes(
     min_pixels: int = MIN_PIXELS,
     min_height: int = MIN_HEIGHT,
 ) -> list[Box]:
-    """Boxes round what is visible of each vehicle in the left image.
+    """Boxes around the visible part of each vehicle in the left image.
 
-    A vehicle is left out when fewer than `min_pixels` of it are seen, when its box is lower than `min_height`
-    pixels, or when less than `MIN_SHARE` of its outline within the image is seen: the rest is hidden.
+    A vehicle is skipped if fewer than `min_pixels` of it are visible, if its box is lower than `min_height`
+    pixels, or if less than `MIN_SHARE` of its outline within the image is visible.
     """
     count = len(world.vehicles)
     boxes = []
@@ -89,7 +89,7 @@ def visible_boxes(
 
 
 def outline_area(world: World, vehicle: int, frame: int) -> float:
-    """Pixels inside the convex outline of a vehicle in the left image, whatever stands before it."""
+    """Number of pixels inside the convex outline of a vehicle in the left image, hidden or not."""
     camera = world.config.camera
     one = world.vehicles[vehicle]
     T_c_o = inverse(world.drive.poses[frame]) @ one.poses[frame]

@@ -1,4 +1,4 @@
-"""Vehicles as faces: body, cabin, wheels, mirrors and shadow, with their painted views laid on."""
+"""Vehicles as textured faces: body, cabin, wheels, mirrors and shadow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A whole scene: route, drive, street, vehicles and textures, built from its settings alone."""
+"""A complete scene from its settings: route, drive, street, vehicles and textures."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def make_shade(config: SceneConfig, route: Route) -> Array:
 
 
 def light_at(light: Array, route: Route, points: Array) -> Array:
-    """Light (N,) at points (N, 3) in the street frame, from that along the route."""
+    """Light (N,) at points (N, 3) in the street frame, from the light along the route."""
     if light.min() == 1.0:
         return np.ones(len(points))
     line = np.stack([route.x, route.z], axis=1)[::8]
@@ -47,7 +47,7 @@ def light_at(light: Array, route: Route, points: Array) -> Array:
 
 @dataclass(frozen=True)
 class World:
-    """Everything the renderer and the truth need.
+    """The data for the renderer and the truth.
 
     Attributes
     ----------

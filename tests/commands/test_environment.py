@@ -65,13 +65,13 @@ def test_the_list_says_what_each_sequence_has_in_80_columns(
         shutil.copytree(bands, root / name)
     (root / "05" / "times.txt").unlink()
     assert main(["list"]) == 0
-    table, *said = capsys.readouterr().out.split("└")
+    table, *text = capsys.readouterr().out.split("└")
     assert max(map(len, table.splitlines())) <= 80
     rows = [line.replace("│", "").split() for line in table.splitlines() if line.startswith("│")]
     facts = {name: cells for name, *cells in rows}
     assert facts["kitti/04"] == ["6", "2", "yes", "no", "480×240", "1"]
     assert facts["kitti/05"] == ["–"] * 6
-    assert "kitti/05 is not usable" in said[0]
+    assert "kitti/05 is not usable" in text[0]
     assert facts["synthetic/jam"] == ["–", "100", "yes", "yes", "1241×376", "–"]
     assert {f"synthetic/{name}" for name in SCENES} < facts.keys()
 

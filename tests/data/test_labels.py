@@ -18,9 +18,9 @@ def test_a_box_is_cut_at_the_border_and_scores_may_be_left_out(tmp_path: Path) -
     boxes = Boxes(np.array([[-20.0, 10, 50, 400]]), np.array([2]), np.array([0.5]))
     write_labels(tmp_path / "a.txt", boxes, 100, 50, scores=False)
     assert len((tmp_path / "a.txt").read_text().split()) == 5
-    found = read_labels(tmp_path / "a.txt", 100, 50)
-    assert found.xyxy == pytest.approx(np.array([[-0.5, 10, 50, 49.5]]), abs=1e-3)
-    assert found.score.tolist() == [1.0]
+    result = read_labels(tmp_path / "a.txt", 100, 50)
+    assert result.xyxy == pytest.approx(np.array([[-0.5, 10, 50, 49.5]]), abs=1e-3)
+    assert result.score.tolist() == [1.0]
     write_labels(tmp_path / "a.txt", no_boxes(), 100, 50)
     assert (tmp_path / "a.txt").read_bytes() == b""
     assert len(read_labels(tmp_path / "a.txt", 100, 50)) == 0

@@ -36,9 +36,9 @@ def test_a_detector_is_fetched_once_and_again_where_it_is_damaged(
 ) -> None:
     path = fetch_detector(small, tmp_path)
     assert path.read_bytes() == DATA
-    asked = server.gets["small.onnx"]
+    requests = server.gets["small.onnx"]
     assert fetch_detector(small, tmp_path) == find_model("small", tmp_path) == path
-    assert server.gets["small.onnx"] == asked
+    assert server.gets["small.onnx"] == requests
     path.write_bytes(b"x" * len(DATA))
     assert fetch_detector(small, tmp_path).read_bytes() == DATA
 

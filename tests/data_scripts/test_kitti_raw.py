@@ -85,17 +85,17 @@ def drive(tmp_path: Path) -> Path:
 
 
 def test_path_images_times_and_calibration_are_read(drive: Path) -> None:
-    found = read_raw_drive(drive)
-    assert found.poses is not None
-    assert found.note == ""
+    result = read_raw_drive(drive)
+    assert result.poses is not None
+    assert result.note == ""
     # Over 10 m the map's scale, that of the first latitude, changes by parts of a million.
-    np.testing.assert_allclose(found.poses, path_of_the_camera(), atol=1e-4)
-    assert [left.stem for left, _ in found.paths] == [f"{i:010d}" for i in range(8)]
-    assert found.paths[3][1].parent.parent.name == "image_01"
-    rig = found.rig
+    np.testing.assert_allclose(result.poses, path_of_the_camera(), atol=1e-4)
+    assert [left.stem for left, _ in result.paths] == [f"{i:010d}" for i in range(8)]
+    assert result.paths[3][1].parent.parent.name == "image_01"
+    rig = result.rig
     assert (rig.f, rig.cx, rig.cy, rig.baseline) == pytest.approx((720.0, 60.0, 20.0, 387.0 / 720.0))
     # Midnight passes between the sixth frame and the seventh.
-    np.testing.assert_allclose(found.times, [0, 0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 1.1], atol=1e-6)
+    np.testing.assert_allclose(result.times, [0, 0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 1.1], atol=1e-6)
 
 
 def test_a_frame_that_the_drive_lacks_is_left_out_of_times_and_poses(drive: Path) -> None:
@@ -103,7 +103,7 @@ def test_a_frame_that_the_drive_lacks_is_left_out_of_times_and_poses(drive: Path
     with pytest.raises(DataError, match="the image has no partner"):
         read_raw_drive(drive)
     (drive / "image_01" / "data" / "0000000002.png").unlink()
-    found = read_raw_drive(drive)
-    assert found.poses is not None
-    np.testing.assert_allclose(found.poses, np.delete(path_of_the_camera(), 2, axis=0), atol=1e-4)
-    assert found.times[2] == pytest.approx(0.3)
+    result = read_raw_drive(drive)
+    assert result.poses is not None
+    np.testing.assert_allclose(result.poses, np.delete(path_of_the_camera(), 2, axis=0), atol=1e-4)
+    assert result.times[2] == pytest.approx(0.3)

@@ -49,22 +49,22 @@ def objects(tmp_path: Path) -> Path:
 
 
 def test_the_permutation_leads_to_each_images_drive(objects: Path) -> None:
-    found = read_object_set(objects, objects / "train_mapping.txt", objects / "train_rand.txt")
-    assert found[0].boxes.class_id.tolist() == [0, 0, 1]  # car, van as car, truck
-    assert found[0].boxes.xyxy[0].tolist() == [20, 30, 60, 70]
-    evaluated = [one.image.stem for one in found if one.drive == EVALUATED]
+    result = read_object_set(objects, objects / "train_mapping.txt", objects / "train_rand.txt")
+    assert result[0].boxes.class_id.tolist() == [0, 0, 1]  # car, van as car, truck
+    assert result[0].boxes.xyxy[0].tolist() == [20, 30, 60, 70]
+    evaluated = [one.image.stem for one in result if one.drive == EVALUATED]
     assert evaluated == ["000000", "000005"]
-    kept = check_origin(found, allow_evaluated=False)
+    kept = check_origin(result, allow_evaluated=False)
     assert [one.image.stem for one in kept] == ["000001", "000002", "000003", "000004"]
-    assert check_origin(found, allow_evaluated=True) == found
+    assert check_origin(result, allow_evaluated=True) == result
     with pytest.raises(DataError, match=r"raw drive is unknown, .* --allow-evaluated"):
         check_origin(read_object_set(objects), allow_evaluated=False)
 
 
 def test_no_drive_is_in_both_parts(objects: Path) -> None:
-    found = read_object_set(objects, objects / "train_mapping.txt", objects / "train_rand.txt")
+    result = read_object_set(objects, objects / "train_mapping.txt", objects / "train_rand.txt")
     for seed in range(8):
-        parts = split(found, 0.3, seed)
+        parts = split(result, 0.3, seed)
         drives = [{one.drive for one in parts[name]} for name in ("train", "valid")]
         assert all(drives)
         assert not drives[0] & drives[1]
@@ -91,9 +91,9 @@ def test_tracking_labels_belong_to_their_frames(tmp_path: Path) -> None:
         write_image(root / "image_02" / "0000" / f"{k:06d}.png")
     rows = [f"0 1 {ROWS[0]}", f"2 1 {ROWS[1]}", f"2 -1 {ROWS[5]}"]
     (root / "label_02" / "0000.txt").write_text("\n".join(rows) + "\n")
-    found = read_tracking_set(root, {"0000": FREE})
-    assert [len(one.boxes) for one in found] == [1, 0, 1]
-    assert found[2].boxes.xyxy[0].tolist() == [100, 30, 140, 70]
+    result = read_tracking_set(root, {"0000": FREE})
+    assert [len(one.boxes) for one in result] == [1, 0, 1]
+    assert result[2].boxes.xyxy[0].tolist() == [100, 30, 140, 70]
     words = ["tracking", str(root), str(tmp_path / "set"), "--drive", f"0000={FREE}"]
     assert kitti_to_yolo(words) == 0
     # One drive alone: its last frame validates.

@@ -69,11 +69,11 @@ def test_names_of_other_tools_and_millimetres_in_two_files_are_understood(tmp_pa
     inner = {"M1": K1, "dist_coeffs_left": D1, "cameraMatrix2": K2, "D2": D2, "image_points": np.eye(4)}
     outer = {"R": R, "T": 1000 * T.reshape(3, 1)}
     paths = [write(tmp_path / "intrinsics.yml", inner), write(tmp_path / "extrinsics.xml", outer)]
-    found = read_opencv(paths)
-    assert set(found) == set(MATRICES)
+    result = read_opencv(paths)
+    assert set(result) == set(MATRICES)
     for name in ("K1", "D1", "K2", "D2"):
-        np.testing.assert_allclose(found[name].ravel(), MATRICES[name].ravel())
-    rig = rig_from_matrices(found, SIZE, paths[0], unit=0.001)
+        np.testing.assert_allclose(result[name].ravel(), MATRICES[name].ravel())
+    rig = rig_from_matrices(result, SIZE, paths[0], unit=0.001)
     assert rig.baseline == pytest.approx(np.linalg.norm(T), rel=1e-6)
 
 

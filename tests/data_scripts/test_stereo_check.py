@@ -27,8 +27,8 @@ def drawn(street: Sequence) -> list[Pair]:
 def pairs(request: pytest.FixtureRequest) -> list[Pair]:
     """A drawn and a real pair."""
     if request.param == "drawn":
-        found: list[Pair] = request.getfixturevalue("drawn")
-        return found
+        result: list[Pair] = request.getfixturevalue("drawn")
+        return result
     clips: Path = request.getfixturevalue("clips")
     return [open_sequence(clips / "sequences" / request.param).stereo(40)]
 
@@ -39,11 +39,11 @@ def changed(pairs: list[Pair], change: Callable[[Image], Image]) -> PairStatisti
 
 
 def test_a_rectified_pair_is_in_order(pairs: list[Pair]) -> None:
-    found = measure_pairs(pairs)
-    assert complaints(found, 0.54) == []
-    assert found.disparity > 3
-    assert found.negative < 0.05
-    assert abs(found.row) < 0.5
+    result = measure_pairs(pairs)
+    assert complaints(result, 0.54) == []
+    assert result.disparity > 3
+    assert result.negative < 0.05
+    assert abs(result.row) < 0.5
 
 
 def test_swapped_images_are_told_from_a_wrong_baseline(pairs: list[Pair]) -> None:
@@ -58,7 +58,7 @@ def test_swapped_images_are_told_from_a_wrong_baseline(pairs: list[Pair]) -> Non
 
 @pytest.mark.parametrize("rows", [4, -3])
 def test_shifted_rows_are_named(pairs: list[Pair], rows: int) -> None:
-    found = changed(pairs, partial(np.roll, shift=rows, axis=0))
-    assert found.row == pytest.approx(rows, abs=0.5)
-    (words,) = complaints(found, 0.54)
+    result = changed(pairs, partial(np.roll, shift=rows, axis=0))
+    assert result.row == pytest.approx(rows, abs=0.5)
+    (words,) = complaints(result, 0.54)
     assert "rows do not match" in words

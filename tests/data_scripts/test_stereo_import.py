@@ -64,9 +64,9 @@ def test_patterns_find_both_cameras_in_one_folder_and_an_image_without_partner_i
     patterns = bands / "I1_*.png", bands / "I2_*.png"
     with pytest.raises(DataError, match=r"I1_3\.png: the image has no partner; --skip-unpaired"):
         pair_images(*patterns)
-    found = pair_images(*patterns, skip_unpaired=True)
-    assert numbers(found, bands) == [f"I1_{n}.png I2_{n}.png" for n in (0, 1, 2, 4, 5)]
-    assert found.note == "1 images without a partner are left out"
+    result = pair_images(*patterns, skip_unpaired=True)
+    assert numbers(result, bands) == [f"I1_{n}.png I2_{n}.png" for n in (0, 1, 2, 4, 5)]
+    assert result.note == "1 images without a partner are left out"
     with pytest.raises(DataError, match="expected two or more images, found 0"):
         pair_images(bands / "I1_*.png", bands / "I3_*.png")
 
@@ -87,13 +87,13 @@ def test_names_that_are_times_go_together_with_the_nearest_and_say_the_times(
     sides = bands / "l_*.png", bands / "r_*.png"
     with pytest.raises(DataError, match="has no partner"):
         pair_images(*sides)
-    found = pair_images(*sides, skip_unpaired=True)
-    assert numbers(found, bands) == [f"{name(0, frame)} {name(1, frame)}" for frame in range(4)]
+    result = pair_images(*sides, skip_unpaired=True)
+    assert numbers(result, bands) == [f"{name(0, frame)} {name(1, frame)}" for frame in range(4)]
     assert (
-        found.note == "left and right images are up to 2.0 ms apart; 4 images without a partner are left out"
+        result.note == "left and right images are up to 2.0 ms apart; 4 images without a partner are left out"
     )
-    assert found.times is not None
-    np.testing.assert_allclose(found.times - 1e-9 * start, [0.0, 0.1, 0.2, 0.3], atol=1e-5)
+    assert result.times is not None
+    np.testing.assert_allclose(result.times - 1e-9 * start, [0.0, 0.1, 0.2, 0.3], atol=1e-5)
     assert len(pair_images(*sides, max_delay=0.03).paths) == 6
 
 
@@ -112,8 +112,8 @@ def test_truth_and_times_come_along(source: FolderSource, tmp_path: Path) -> Non
 
 def test_a_full_calibration_rectifies_the_images(source: FolderSource, tmp_path: Path) -> None:
     turn, none = rotation_from_vector(np.array([0.0, 0.0, 0.02])), np.zeros(5)
-    found = {"K1": K, "D1": none, "K2": K, "D2": none, "R": turn, "T": turn @ [-0.5, 0.0, 0.0]}
-    rig = rig_from_matrices(found, (480, 240), Path("rig.yml"))
+    result = {"K1": K, "D1": none, "K2": K, "D2": none, "R": turn, "T": turn @ [-0.5, 0.0, 0.0]}
+    rig = rig_from_matrices(result, (480, 240), Path("rig.yml"))
     write_sequence(source, rig, tmp_path / "mine", times=10.0)
     sequence = open_sequence(tmp_path / "mine")
     assert sequence.camera.baseline == pytest.approx(0.5)
@@ -127,15 +127,15 @@ def test_a_video_side_by_side_is_split(source: FolderSource, tmp_path: Path) -> 
     for left, right in source.sample():
         video.write(cv2.cvtColor(np.hstack([left, right]), cv2.COLOR_GRAY2BGR))
     video.release()
-    found = VideoSource(path)
-    assert found.fps() == pytest.approx(12.5)
-    assert write_sequence(found, RIG, tmp_path / "mine", times=found.fps()) == 6
+    result = VideoSource(path)
+    assert result.fps() == pytest.approx(12.5)
+    assert write_sequence(result, RIG, tmp_path / "mine", times=result.fps()) == 6
     left, right = open_sequence(tmp_path / "mine").stereo(1)
-    for seen, drawn in ((left, source.sample()[1][0]), (right, source.sample()[1][1])):
+    for visible, drawn in ((left, source.sample()[1][0]), (right, source.sample()[1][1])):
         # JPEG changes grey levels a little.
-        assert np.abs(seen.astype(int) - drawn).mean() < 6
+        assert np.abs(visible.astype(int) - drawn).mean() < 6
     swapped = VideoSource(path, swap=True).sample()[0]
-    np.testing.assert_array_equal(swapped[0], found.sample()[0][1])
+    np.testing.assert_array_equal(swapped[0], result.sample()[0][1])
 
 
 def test_an_image_that_fails_in_the_middle_leaves_nothing(

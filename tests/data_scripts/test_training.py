@@ -79,9 +79,9 @@ def test_the_script_refuses_evaluated_images_and_says_what_is_missing(
     write_set(tmp_path / "set", 2, prefix="2011_09_30_drive_0027_")
     words = [str(tmp_path / "set"), "--out", str(tmp_path / "run")]
     assert train_detector(words) == 2
-    said = capsys.readouterr().err
-    assert "KITTI odometry sequence 07, which is evaluated" in said
-    assert "--allow-evaluated" in said
+    text = capsys.readouterr().err
+    assert "KITTI odometry sequence 07, which is evaluated" in text
+    assert "--allow-evaluated" in text
     monkeypatch.setitem(sys.modules, "onnx", None)
     assert train_detector([*words, "--allow-evaluated"]) == 2
     assert 'onnx is missing: pip install -e ".[train]"' in capsys.readouterr().err

@@ -78,24 +78,24 @@ def either(request: pytest.FixtureRequest, tmp_path: Path) -> YoloDetector:
 
 def test_both_layouts_give_the_box_in_the_image(either: YoloDetector) -> None:
     # The image fills the network's image from edge to edge at half the scale.
-    found = either.detect(np.zeros((128, 128), np.uint8))
-    assert found.xyxy == pytest.approx(np.array([[43.5, 37.5, 83.5, 57.5]]), abs=1e-3)
-    assert found.class_id.tolist() == [2]  # COCO's number, whatever the model counts
-    assert found.score == pytest.approx([0.75], abs=1e-6)
+    result = either.detect(np.zeros((128, 128), np.uint8))
+    assert result.xyxy == pytest.approx(np.array([[43.5, 37.5, 83.5, 57.5]]), abs=1e-3)
+    assert result.class_id.tolist() == [2]  # COCO's number, whatever the model counts
+    assert result.score == pytest.approx([0.75], abs=1e-6)
 
 
 def test_a_wide_image_is_centred_by_yolov8_and_in_the_corner_for_yolox(either: YoloDetector) -> None:
-    found = either.detect(np.zeros((32, 64), np.uint8))
+    result = either.detect(np.zeros((32, 64), np.uint8))
     top = 2.5 if either.layout == "yolov8" else 18.5
-    assert found.xyxy[0] == pytest.approx([21.5, top, 41.5, top + 10], abs=1e-3)
+    assert result.xyxy[0] == pytest.approx([21.5, top, 41.5, top + 10], abs=1e-3)
 
 
 def test_suppression_keeps_the_better_of_two_within_a_class_or_on_one_object() -> None:
     corners = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [5, 0, 15, 10], [30, 30, 40, 40.0]])
     scores = np.array([[0.6, 0], [0.9, 0], [0, 0.5], [0.2, 0.0]])
-    found = best_boxes(corners, scores, 0.25, 0.5)
-    assert found.score.tolist() == [0.9, 0.5]
-    assert found.class_id.tolist() == [0, 1]  # overlapping, but of another class
+    result = best_boxes(corners, scores, 0.25, 0.5)
+    assert result.score.tolist() == [0.9, 0.5]
+    assert result.class_id.tolist() == [0, 1]  # overlapping, but of another class
     corners = np.array([[0, 0, 100, 100], [1, 0, 101, 100.0]])
     assert best_boxes(corners, np.array([[0.6, 0], [0, 0.7]]), 0.25, 0.5).class_id.tolist() == [1]
 
@@ -133,7 +133,7 @@ def test_the_street_model_finds_the_vehicles_of_a_street_it_was_not_trained_on(s
     detector, none = YoloDetector("street"), np.zeros((0, 4))
     frames = range(5, 75, 10)
     images = [(detector.detect(street.stereo(frame)[0]), street.boxes(frame), none) for frame in frames]
-    assert all(set(found.class_id.tolist()) <= set(VEHICLES) for found, _, _ in images)
+    assert all(set(result.class_id.tolist()) <= set(VEHICLES) for result, _, _ in images)
     recall, precision, wanted = recall_precision(images, 32.0)
     assert wanted >= 30
     assert recall >= 0.75
@@ -185,7 +185,7 @@ def test_recall_and_precision_on_real_images(
         pytest.skip("the detectors are not beside this checkout (shared/data/models)")
     detector = YoloDetector(path)
     judged = [(detector.detect(image), truth, regions) for image, truth, regions in images()]
-    found = recall_precision(judged, 25.0)
-    assert found[2] == vehicles
-    assert found[0] >= recall - 0.03
-    assert found[1] >= precision - 0.03
+    result = recall_precision(judged, 25.0)
+    assert result[2] == vehicles
+    assert result[0] >= recall - 0.03
+    assert result[1] >= precision - 0.03

@@ -170,14 +170,14 @@ def test_alignment_finds_the_motion_and_scale_that_made_the_estimate(
     truth, _ = random_pair(seed)
     moved = random_rigid(world) @ truth
     for alignment in (Alignment.ORIGIN, Alignment.SE3, Alignment.SIM3):
-        aligned, found = align(truth, moved, alignment)
+        aligned, result = align(truth, moved, alignment)
         np.testing.assert_allclose(aligned, truth, atol=1e-8)
-        assert found == pytest.approx(1.0)
+        assert result == pytest.approx(1.0)
     scaled = moved.copy()
     scaled[:, :3, 3] *= scale
-    aligned, found = align(truth, scaled, Alignment.SIM3)
+    aligned, result = align(truth, scaled, Alignment.SIM3)
     np.testing.assert_allclose(aligned, truth, atol=1e-7)
-    assert found == pytest.approx(1.0 / scale)
+    assert result == pytest.approx(1.0 / scale)
 
 
 def test_ate_of_a_shifted_and_of_a_mirrored_path() -> None:
@@ -210,8 +210,8 @@ def test_input_that_cannot_be_evaluated_is_refused() -> None:
     path, broken = straight(10), straight(10)
     broken[4, 0, 3] = np.nan
     faults = {"truth has 10 poses and the estimate 9": path[:9], "pose 4 of the estimate": broken}
-    for said, estimate in faults.items():
-        with pytest.raises(DataError, match=f"sequence 07: {said}"):
+    for text, estimate in faults.items():
+        with pytest.raises(DataError, match=f"sequence 07: {text}"):
             evaluate([("07", path, estimate)])
     with pytest.raises(DataError, match="nothing to evaluate"):
         evaluate([])

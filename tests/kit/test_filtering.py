@@ -84,9 +84,9 @@ def filtered(config: KitFilterConfig, kept: slice = slice(None), outline: float 
 
 
 def test_the_rule_moving_removes_what_is_on_cars_that_move_and_keeps_parked_ones() -> None:
-    for found in filtered(KitFilterConfig(rule="moving"))[1:]:
-        assert not found.keep[200:220].any()
-        assert found.keep[220:].mean() > 0.8
+    for result in filtered(KitFilterConfig(rule="moving"))[1:]:
+        assert not result.keep[200:220].any()
+        assert result.keep[220:].mean() > 0.8
 
 
 @pytest.mark.parametrize(("agreement", "stays"), [(2.0, False), (1000.0, True)])
@@ -99,7 +99,7 @@ def test_moving_vehicles_of_a_drawn_street_are_told_from_parked_ones(street: Seq
     sequence, config = street.part(90, 150), preset("moving_selection", variant="kit")
     rule = BoxFilter(sequence.camera, config.filter)
     rule.start(sequence.boxes(0))
-    said: dict[bool, list[bool]] = {True: [], False: []}  # by whether it moves: was each box said to move?
+    text: dict[bool, list[bool]] = {True: [], False: []}  # by whether it moves: was each box said to move?
     for index, (matches, _) in enumerate(find_matches(sequence, config)):
         if index == 0:
             continue
@@ -110,11 +110,11 @@ def test_moving_vehicles_of_a_drawn_street_are_told_from_parked_ones(street: Seq
         for held, state in zip(members, judgement.state, strict=True):
             share = np.mean(on_moving[held]) if np.count_nonzero(held) >= 6 else np.nan
             if share == 0.0 or share > 0.5:
-                said[share > 0.0].append(state == MOVING)
-    assert min(map(len, said.values())) > 50
-    right, wrong = sum(said[True]), sum(said[False])
+                text[share > 0.0].append(state == MOVING)
+    assert min(map(len, text.values())) > 50
+    right, wrong = sum(text[True]), sum(text[False])
     assert right / (right + wrong) >= 0.9
-    assert right / len(said[True]) >= 0.85
+    assert right / len(text[True]) >= 0.85
 
 
 def test_the_truth_of_a_drawn_street_removes_its_moving_vehicles_only(street: Sequence) -> None:

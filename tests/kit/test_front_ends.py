@@ -82,23 +82,23 @@ def test_black_images_give_no_matches_and_no_error(bands: Path, kind: str) -> No
 def test_blobs_and_corners_are_found_again_after_a_jump() -> None:
     wall = texture(np.random.default_rng(1), 160, 400, 2.0)
     matcher = LoopMatcher(FeatureConfig(blob_cell=9, blob_quality=30), MatchingConfig(max_disparity=32))
-    found = [
+    result = [
         matcher.step(matcher.prepare((wall[:, at : at + 320].copy(), wall[:, at + 10 : at + 330].copy())))
         for at in (0, 4, 8, 12, 62)
     ]
-    assert len(found[3]) > 50
-    moved = found[4].prev_left - found[4].cur_left
+    assert len(result[3]) > 50
+    moved = result[4].prev_left - result[4].cur_left
     assert np.count_nonzero(np.abs(moved - (50.0, 0.0)).max(axis=1) < 1.0) > 30
 
 
 def test_the_next_search_starts_from_the_motion_of_the_last_matches() -> None:
     X_p = np.random.default_rng(4).uniform((-4.0, -2.0, 5.0), (4.0, 2.0, 20.0), (60, 3))
     R, t = rotation_from_vector(np.array([0.01, 0.03, 0.0])), np.array([0.1, 0.0, -0.8])
-    found, agree = next_motion(CAMERA, match_points(X_p, X_p @ R.T + t), None)
-    assert found is not None
+    result, agree = next_motion(CAMERA, match_points(X_p, X_p @ R.T + t), None)
+    assert result is not None
     assert agree == 60
-    np.testing.assert_allclose(found[0], R, atol=1e-3)
-    np.testing.assert_allclose(found[1], t, atol=1e-2)
+    np.testing.assert_allclose(result[0], R, atol=1e-3)
+    np.testing.assert_allclose(result[1], t, atol=1e-2)
 
 
 @pytest.mark.parametrize("window", [5, 27, 41])

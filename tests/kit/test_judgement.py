@@ -30,8 +30,8 @@ def judged(first: Boxes, frames: Frames, config: KitFilterConfig | None = None) 
     return [classifier.step(*frame) for frame in [(empty_matches(), first), *frames]][1:]
 
 
-def states(found: list[Judgement]) -> list[list[int]]:
-    return [judgement.state.tolist() for judgement in found]
+def states(result: list[Judgement]) -> list[list[int]]:
+    return [judgement.state.tolist() for judgement in result]
 
 
 def test_a_car_ahead_that_keeps_its_distance_is_found_though_it_obeys_the_epipolar_geometry() -> None:
@@ -61,9 +61,9 @@ def test_what_is_in_a_box_that_moves_or_was_in_one_that_moved_is_removed() -> No
 
 def test_an_oncoming_car_moves_and_a_parked_one_does_not() -> None:
     cars = [Vehicle((-3.0, 0.8, 30.0), (0.0, 0.0, -1.0)), Vehicle((4.0, 0.8, 20.0))]
-    found = judged(*drive(cars, 9))
-    assert [state[0] for state in states(found)] == [MOVING] * 9
-    assert MOVING not in [state[1] for state in states(found)]
+    result = judged(*drive(cars, 9))
+    assert [state[0] for state in states(result)] == [MOVING] * 9
+    assert MOVING not in [state[1] for state in states(result)]
 
 
 def test_of_a_box_without_features_nothing_is_known() -> None:
@@ -81,9 +81,9 @@ def test_a_car_that_stops_is_soon_parked() -> None:
     car = Vehicle((1.0, 0.8, 25.0), AHEAD)
     first, driving = drive([car], 4)
     car.step = STANDS
-    found = states(judged(first, driving + drive([car], 10)[1]))
-    assert found[:4] == [[MOVING]] * 4
-    assert found[-1] == [PARKED]
+    result = states(judged(first, driving + drive([car], 10)[1]))
+    assert result[:4] == [[MOVING]] * 4
+    assert result[-1] == [PARKED]
 
 
 def test_real_clip_drive_0005_the_van_moves_and_the_truck_beside_it_is_parked(clips: Path) -> None:

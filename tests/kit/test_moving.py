@@ -32,9 +32,9 @@ def test_a_standing_point_has_no_step_and_a_moving_one_its_own(T_cp: Array, step
     X = street_points(np.random.default_rng(1), 50)
     X = X[transform(T_cp, X)[:, 2] > 1.0]
     assert len(X) > 10
-    found = point_steps(CAMERA, match_points(X, transform(T_cp, X) + step), T_cp)
-    np.testing.assert_allclose(found.step, np.tile(step, (len(X), 1)), atol=1e-9)
-    np.testing.assert_allclose(found.depth, transform(T_cp, X)[:, 2])
+    result = point_steps(CAMERA, match_points(X, transform(T_cp, X) + step), T_cp)
+    np.testing.assert_allclose(result.step, np.tile(step, (len(X), 1)), atol=1e-9)
+    np.testing.assert_allclose(result.depth, transform(T_cp, X)[:, 2])
 
 
 def test_the_motion_of_the_background_is_found_beside_some_that_moves() -> None:
@@ -42,9 +42,9 @@ def test_the_motion_of_the_background_is_found_beside_some_that_moves() -> None:
     X = street_points(rng, 300)
     step = np.where((np.arange(300) % 5 == 0)[:, None], CAR, 0.0)
     matches = match_points(X, transform(STEP, X) + step, 0.1, rng)
-    found = background_motion(CAMERA, matches, np.eye(4), 10)
-    assert np.degrees(rotation_angle(found[:3, :3].T @ STEP[:3, :3])) < 0.03
-    assert np.linalg.norm(found[:3, 3] - STEP[:3, 3]) < 0.02
+    result = background_motion(CAMERA, matches, np.eye(4), 10)
+    assert np.degrees(rotation_angle(result[:3, :3].T @ STEP[:3, :3])) < 0.03
+    assert np.linalg.norm(result[:3, 3] - STEP[:3, 3]) < 0.02
 
 
 def boxes(*xyxy: tuple[float, ...], kind: int = 2) -> Boxes:
@@ -73,11 +73,11 @@ def steps_of(step: Array, background: int) -> tuple[PointSteps, NDArray[np.int64
 @pytest.mark.parametrize("step", [CAR, -0.3 * CAR, np.zeros(3)])
 def test_a_vehicle_is_found_beside_as_many_features_of_the_background(background: int, step: Array) -> None:
     points, owner = steps_of(step, background)
-    found = box_steps(points, owner, 1, 0.15**2)
-    assert found.matches.tolist() == [20 + background]
-    deviation = np.sqrt(found.step[0] @ found.information[0] @ found.step[0])
+    result = box_steps(points, owner, 1, 0.15**2)
+    assert result.matches.tolist() == [20 + background]
+    deviation = np.sqrt(result.step[0] @ result.information[0] @ result.step[0])
     if step.any():
-        assert np.linalg.norm(found.step[0] - step) < 0.05
+        assert np.linalg.norm(result.step[0] - step) < 0.05
         assert deviation > 8.0
     else:
         assert deviation < 3.0

@@ -41,8 +41,8 @@ def test_from_five_and_ten_degrees_off_it_comes_to_the_true_motion(
 ) -> None:
     R = turn("mixed", turned)
     start, astray = turn(axis, degrees) @ R, np.array([0.1, 0.1, 0.0]) + DIRECTION
-    found, direction = refine(start, astray, match_terms(*seen(R)[:2]), 100.0 / FOCAL, 30)
-    assert rotation_angle(found.T @ R) < 1e-6
+    result, direction = refine(start, astray, match_terms(*seen(R)[:2]), 100.0 / FOCAL, 30)
+    assert rotation_angle(result.T @ R) < 1e-6
     np.testing.assert_allclose(direction, DIRECTION, atol=1e-5)
 
 
@@ -70,8 +70,10 @@ def test_a_winner_of_a_large_rotation_gives_that_rotation(mode: str, axis: str, 
     x_p, x_c, X_p = seen(R)
     # The winner is near the truth; refined it is the truth.
     E = essential_from_motion(turn("mixed", 0.0 if mode == "literal" else 0.05) @ R, DIRECTION)
-    found, direction, best, inliers = motion_of_winner(E, x_p, x_c, X_p, KitSelectionConfig(mode=mode), FOCAL)
-    assert rotation_angle(found.T @ R) < 1e-5
+    result, direction, best, inliers = motion_of_winner(
+        E, x_p, x_c, X_p, KitSelectionConfig(mode=mode), FOCAL
+    )
+    assert rotation_angle(result.T @ R) < 1e-5
     np.testing.assert_allclose(direction, DIRECTION, atol=1e-4)
     assert inliers.all()
     assert np.abs(sampson_distance(best, x_p, x_c)).max() < 1e-5

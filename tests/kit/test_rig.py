@@ -78,19 +78,19 @@ def test_one_frame_without_noise_tells_the_coefficients_exactly() -> None:
         lambda x, y: -0.2 + 0.4 * x * x + 1.5 * y * y + 0.3 * x * y - 0.1 * x + 0.2 * y - 0.6 * x**4, k1=2.0
     )
     matches, R_cp, t_cp = next(drive(1, faults, noise=0.0, points=2000))
-    found = parallax_information(CAMERA, matches, R_cp, t_cp, of_stereo, 5.0)
-    assert found is not None
-    np.testing.assert_allclose(np.linalg.solve(*found), true[BY_PARALLAX], atol=0.08)
+    result = parallax_information(CAMERA, matches, R_cp, t_cp, of_stereo, 5.0)
+    assert result is not None
+    np.testing.assert_allclose(np.linalg.solve(*result), true[BY_PARALLAX], atol=0.08)
 
 
 @pytest.mark.parametrize("faults", [Faults(), KITTI], ids=["perfect", "as on KITTI"])
 @pytest.mark.parametrize("k1", [0.0, 10.0])
 def test_the_field_is_found_all_over_the_image(faults: Faults, k1: float) -> None:
     rig = learnt(dataclasses.replace(faults, k1=k1), noise=0.1)
-    found = field_at(rig.errors, *CAMERA.normalise(GRID).T)
-    np.testing.assert_allclose(found[1], true_field(faults)[1], atol=0.06 if k1 == 0 else 0.07)
-    np.testing.assert_allclose(found[0], true_field(faults)[0], atol=0.15)
-    assert np.abs(found[0] - true_field(faults)[0]).mean() < 0.06
+    result = field_at(rig.errors, *CAMERA.normalise(GRID).T)
+    np.testing.assert_allclose(result[1], true_field(faults)[1], atol=0.06 if k1 == 0 else 0.07)
+    np.testing.assert_allclose(result[0], true_field(faults)[0], atol=0.15)
+    assert np.abs(result[0] - true_field(faults)[0]).mean() < 0.06
     assert rig.errors[K1] == pytest.approx(k1, abs=1.5)
 
 
@@ -166,8 +166,8 @@ def test_what_moves_in_a_box_does_not_teach() -> None:
             matches, cur_left=matches.cur_left + aside, cur_right=matches.cur_right + aside
         )
         odometry.step(crossed, over)
-    found = field_at(odometry.rig.errors, *CAMERA.normalise(GRID).T)
-    assert np.abs(found[0] - true_field(KITTI)[0])[GRID[:, 0] > 300].mean() < 0.1
+    result = field_at(odometry.rig.errors, *CAMERA.normalise(GRID).T)
+    assert np.abs(result[0] - true_field(KITTI)[0])[GRID[:, 0] > 300].mean() < 0.1
 
 
 # libviso2 has 7.84 % / 2.70 and ORB-SLAM2's published trajectory 5.47 % / 2.54 on the same frames.

@@ -29,9 +29,9 @@ DEFAULT_RATIO = KitSelectionConfig().prior_rejection_ratio
 def test_rotation_noise_of_clean_tracks_is_as_small_as_promised() -> None:
     """Over 300 frames: refined 0.011°, literal 0.036° ± 0.001°. Noise of 0.3 px asks for 1 px."""
     modes = {mode: KitSelectionConfig(mode=mode, threshold=1.0) for mode in ("literal", "refined")}
-    found = medians(Scene(TRACKS), modes, 30, 3)
-    assert found["refined"] <= 0.012
-    assert found["literal"] <= 0.039
+    result = medians(Scene(TRACKS), modes, 30, 3)
+    assert result["refined"] <= 0.012
+    assert result["literal"] <= 0.039
 
 
 def medians(
@@ -61,10 +61,10 @@ def test_a_standing_camera_keeps_its_place_and_its_essential_vector() -> None:
     frames = list(simulate_tracks(poses, CAMERA, replace(TRACKS, noise=0.1), seed=2))
     eager = settings.replace(config, "selection.standstill_flow", 0.0)
     usual, careless = make_odometry(CAMERA, config), make_odometry(CAMERA, eager)
-    found = [usual.step(frame.matches, no_boxes()) for frame in frames]
-    assert [motion.flags for motion in found[5:10]] == [("standstill",)] * 5
-    turns = np.array([motion.T_cp[:3, :3] for motion in found[5:10]])
+    result = [usual.step(frame.matches, no_boxes()) for frame in frames]
+    assert [motion.flags for motion in result[5:10]] == [("standstill",)] * 5
+    turns = np.array([motion.T_cp[:3, :3] for motion in result[5:10]])
     assert np.degrees(rotation_angle(turns)).max() < 0.02
-    assert found[10].prior_angle < 5.0
+    assert result[10].prior_angle < 5.0
     angles = [careless.step(frame.matches, no_boxes()).prior_angle for frame in frames]
     assert max(angles[5:11]) > 20.0

@@ -87,7 +87,7 @@ def test_bent_windows_are_found_to_a_few_hundredths_where_square_ones_are_not() 
 
 def error_of(left: Image, right: Image, uv: Array, start: Array, slope: Array, true: Array) -> float:
     """Median error of the places found, pixels, with windows bent by a slope (2,)."""
-    found, difference = track_warped(left, right, uv, start, stereo_warp(np.tile(slope, (len(uv), 1))), 11)
+    result, difference = track_warped(left, right, uv, start, stereo_warp(np.tile(slope, (len(uv), 1))), 11)
     good = np.isfinite(difference)
     assert good.mean() > 0.9
-    return float(np.median(np.linalg.norm(found - true, axis=1)[good]))
+    return float(np.median(np.linalg.norm(result - true, axis=1)[good]))

@@ -27,9 +27,9 @@ def scene(n: int, noise: float = 0.0, seed: int = 0) -> tuple[StereoMatches, Arr
 
 
 def solved(matches: StereoMatches, R_cp: Array = R_CP, **settings: float) -> tuple[Array, Array]:
-    found = robust_translation(CAMERA, matches, R_cp, KitTranslationConfig(**settings))  # type: ignore[arg-type]
-    assert found is not None
-    return found
+    result = robust_translation(CAMERA, matches, R_cp, KitTranslationConfig(**settings))  # type: ignore[arg-type]
+    assert result is not None
+    return result
 
 
 def eliminated(matches: StereoMatches, depth: Array) -> EliminatedPoints:
@@ -51,8 +51,8 @@ def test_eliminating_the_points_changes_nothing(in_pixels: bool) -> None:
     whole /= depth[:, None, None]
     expected = np.linalg.lstsq(whole.reshape(8 * 25, -1), (c / depth[:, None]).ravel(), rcond=None)[0][-3:]
     system = eliminated(matches, depth)
-    found = np.linalg.solve(system.W.sum(axis=1)[FULL], system.right_sides().sum(axis=1))
-    np.testing.assert_allclose(found, expected, atol=1e-8)
+    result = np.linalg.solve(system.W.sum(axis=1)[FULL], system.right_sides().sum(axis=1))
+    np.testing.assert_allclose(result, expected, atol=1e-8)
 
 
 def test_the_start_is_found_though_four_matches_of_ten_are_wrong_together() -> None:

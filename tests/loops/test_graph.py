@@ -67,7 +67,7 @@ def test_the_optimum_is_gtsams(scale: float) -> None:
     gtsam: Any = pytest.importorskip("gtsam", exc_type=ImportError)
     for seed in range(100):
         start, edges = random_graph(seed)
-        found = optimise(start, edges, scale, tolerance=1e-10)[0]
+        actual = optimise(start, edges, scale, tolerance=1e-10)[0]
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for i, T in enumerate(start):
             values.insert(i, gtsam.Pose3(T))
@@ -86,4 +86,4 @@ def test_the_optimum_is_gtsams(scale: float) -> None:
         solver = gtsam.LevenbergMarquardtOptimizer(graph, values, settings)
         result = solver.optimize()
         theirs = np.array([result.atPose3(i).matrix() for i in range(len(start))])
-        assert found == pytest.approx(theirs, abs=1e-6), seed
+        assert actual == pytest.approx(theirs, abs=1e-6), seed

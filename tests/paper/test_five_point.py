@@ -24,10 +24,10 @@ def off_essential(E: Array) -> Array:
     return np.asarray(np.abs(np.linalg.svd(E, compute_uv=False) - [0.5**0.5, 0.5**0.5, 0.0]))
 
 
-def error_of_best(found: Candidates, truth: Array) -> Array:
+def error_of_best(result: Candidates, truth: Array) -> Array:
     """Distance of the nearest candidate to the truth (S, 3, 3) in each set, (S,); infinite without any."""
     error = np.full(len(truth), np.inf)
-    np.minimum.at(error, found.set_index, distance(found.E, truth[found.set_index]))
+    np.minimum.at(error, result.set_index, distance(result.E, truth[result.set_index]))
     return error
 
 
@@ -136,9 +136,9 @@ def test_a_set_with_a_repeated_match_has_no_candidates_and_does_not_touch_its_ne
     given = problems("general", 60)
     x_p, x_c = given.x_p.copy(), given.x_c.copy()
     x_p[::2, :copies], x_c[::2, :copies] = x_p[::2, :1], x_c[::2, :1]
-    found = five_point(x_p, x_c)
-    assert set(found.set_index) == set(range(1, 60, 2))
-    assert np.max(error_of_best(found, given.E)[1::2]) <= 1e-9
+    result = five_point(x_p, x_c)
+    assert set(result.set_index) == set(range(1, 60, 2))
+    assert np.max(error_of_best(result, given.E)[1::2]) <= 1e-9
 
 
 def test_degenerate_sets_raise_nothing_and_give_only_finite_essential_matrices() -> None:
@@ -164,15 +164,15 @@ def test_degenerate_sets_raise_nothing_and_give_only_finite_essential_matrices()
 def test_real_roots_are_all_found() -> None:
     """Products of known factors, some roots beyond 1, where the solver looks for w/z."""
     rng = np.random.default_rng(2)
-    for known in ([0.3], [-0.9, 0.91, 5.0], [0.1, 0.101, -7.0, 100.0], list(np.linspace(-3.1, 2.7, 10))):
-        complex_pairs = (10 - len(known)) // 2
-        polynomial = np.poly(known)
+    for expected in ([0.3], [-0.9, 0.91, 5.0], [0.1, 0.101, -7.0, 100.0], list(np.linspace(-3.1, 2.7, 10))):
+        complex_pairs = (10 - len(expected)) // 2
+        polynomial = np.poly(expected)
         for _ in range(complex_pairs):
             polynomial = np.polymul(polynomial, [1.0, rng.uniform(-1, 1), 2.0 + rng.uniform(0, 1)])
         polynomial = np.pad(polynomial, (11 - len(polynomial), 0))
         z, w, index, doubtful = real_roots(polynomial[:, None] / np.max(np.abs(polynomial)))
         finite = np.abs(w) > 1e-9  # a polynomial of odd degree has its last root at infinity
-        np.testing.assert_allclose(np.sort(z[finite] / w[finite]), np.sort(known), rtol=1e-9)
-        assert (~finite).sum() == len(known) % 2
+        np.testing.assert_allclose(np.sort(z[finite] / w[finite]), np.sort(expected), rtol=1e-9)
+        assert (~finite).sum() == len(expected) % 2
         assert not doubtful.any()
         assert np.all(index == 0)

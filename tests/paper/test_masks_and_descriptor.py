@@ -28,21 +28,21 @@ def flat(grey: int = 100) -> Image:
     return np.full((60, 80), grey, np.uint8)
 
 
-def strongest(found: Described, kind: int) -> tuple[tuple[float, ...], float]:
+def strongest(result: Described, kind: int) -> tuple[tuple[float, ...], float]:
     """Place and strength of the strongest feature of a kind."""
-    mine = np.flatnonzero(found.kind == kind)
-    best = mine[np.argmax(found.strength[mine])]
-    return tuple(found.uv[best].tolist()), float(found.strength[best])
+    mine = np.flatnonzero(result.kind == kind)
+    best = mine[np.argmax(result.strength[mine])]
+    return tuple(result.uv[best].tolist()), float(result.strength[best])
 
 
 @pytest.mark.parametrize(("height", "kind"), [(50, BLOB_UP), (-50, BLOB_DOWN)])
 def test_a_dot_of_three_by_three_gives_sixteen_times_its_height(height: int, kind: int) -> None:
     image, (u, v) = flat(), CENTRE
     image[v - 1 : v + 2, u - 1 : u + 2] += np.int8(height).astype(np.uint8)  # modulo 256
-    found = describe(image, FeatureConfig())
-    assert strongest(found, kind) == (CENTRE, 16.0 * 50)
+    result = describe(image, FeatureConfig())
+    assert strongest(result, kind) == (CENTRE, 16.0 * 50)
     # The other kind of blob answers only beside the dot, weaker.
-    others = found.strength[found.kind == 1 - kind]
+    others = result.strength[result.kind == 1 - kind]
     assert (others < 16.0 * 50 / 2).all()
 
 
@@ -52,12 +52,12 @@ def test_a_chessboard_crossing_gives_eight_times_its_contrast(bright: str, kind:
     right, left = slice(u, None), slice(None, u)
     image[:v, right if bright == "upper right" else left] = 180
     image[v:, left if bright == "upper right" else right] = 180
-    found = describe(image, FeatureConfig(blob_cell=5))
-    place, strength = strongest(found, kind)
+    result = describe(image, FeatureConfig(blob_cell=5))
+    place, strength = strongest(result, kind)
     # The crossing lies between two pixels. Both kinds of pixel beside it see all but one row and column.
     assert np.abs(np.array(place) - CENTRE).max() <= 1
     assert strength == pytest.approx(8 * 80, abs=0.5)
-    assert not np.any(found.kind == 5 - kind)
+    assert not np.any(result.kind == 5 - kind)
 
 
 def sobel(image: Image, u: int, v: int) -> tuple[int, int]:
@@ -76,12 +76,12 @@ def columns(table: NDArray[Any]) -> list[list[float]]:
 
 def test_the_descriptor_is_both_sobel_responses_at_the_sixteen_places() -> None:
     image = np.random.default_rng(4).integers(0, 255, (60, 80)).astype(np.uint8)
-    found = describe(image, FeatureConfig())
-    assert len(found.uv) > 10
-    assert found.descriptor.shape == (len(found.uv), 32)
+    result = describe(image, FeatureConfig())
+    assert len(result.uv) > 10
+    assert result.descriptor.shape == (len(result.uv), 32)
     expected = [
         [response for du, dv in sorted(OUTER | INNER) for response in sobel(image, int(u) + du, int(v) + dv)]
-        for u, v in found.uv
+        for u, v in result.uv
     ]
     # In which order the 32 numbers stand does not matter, if it is the same for all features.
-    assert columns(found.descriptor) == columns(np.array(expected))
+    assert columns(result.descriptor) == columns(np.array(expected))

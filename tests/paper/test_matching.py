@@ -86,8 +86,8 @@ def test_the_finish_moves_a_place_by_two_pixels_at_most(apart: float, within: bo
     image = seen(0)
     u, v = np.meshgrid(np.arange(40.0, 280, 30), np.arange(30.0, 130, 25))
     uv = np.stack([u.ravel(), v.ravel()], axis=1)
-    found, ok, _ = track(image, image, uv, uv + np.array([apart, 0.0]), 21)
-    arrived = np.linalg.norm(found - uv, axis=1) < 0.1
+    result, ok, _ = track(image, image, uv, uv + np.array([apart, 0.0]), 21)
+    arrived = np.linalg.norm(result - uv, axis=1) < 0.1
     assert np.count_nonzero(arrived) > 20
     assert (ok[arrived] == within).all()
 

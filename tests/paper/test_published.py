@@ -147,8 +147,8 @@ def test_features_in_a_box_of_either_frame_are_gone_before_buckets_are_filled() 
     matches = scene(2000)
     system.start(left)
     motion = system.step(matches, right)
-    gone = (matches.prev_left[:, 0] <= 400) | (matches.cur_left[:, 0] >= 800)
-    assert motion.removed == np.count_nonzero(gone)
+    missing_part = (matches.prev_left[:, 0] <= 400) | (matches.cur_left[:, 0] >= 800)
+    assert motion.removed == np.count_nonzero(missing_part)
     assert motion.used > 100
 
 
@@ -186,7 +186,7 @@ def test_three_frames_lower_the_error_that_rectification_makes() -> None:
         first, second = (off_by_rectification(match_points(*pair, 0.2, rng)) for pair in pairs)
         t_first, _ = translation(first, np.eye(3))
         before = PairBefore(first, rigid(np.eye(3), t_first))
-        errors.append([-1.0 - translation(second, np.eye(3), known)[0][2] for known in (None, before)])
+        errors.append([-1.0 - translation(second, np.eye(3), expected)[0][2] for expected in (None, before)])
     two, three = np.mean(errors, axis=0)
     assert 0.0 < three < 0.9 * two
 
@@ -264,8 +264,8 @@ def test_pixel_noise_leaves_the_length_of_a_drawn_path(street: Sequence) -> None
     for frame in range(1, len(street), 4):
         uv = rng.uniform((20, 20), (camera.width - 20, camera.height - 20), (800, 2))
         _, right, there = predict(truth, frame - 1, frame - 1, uv)
-        *current, seen = predict(truth, frame - 1, frame, uv)
-        good = there & seen & ~truth.is_moving(frame - 1, uv, frame)
+        *current, visible = predict(truth, frame - 1, frame, uv)
+        good = there & visible & ~truth.is_moving(frame - 1, uv, frame)
         a, b, c, d = (
             view[good] + 0.3 * rng.standard_normal((good.sum(), 2)) for view in (uv, right, *current)
         )

@@ -35,9 +35,9 @@ def frames(noise: float, wrong: float = 0.0, step: Array = STEP, n: int = 12) ->
 def estimate(
     matches: StereoMatches, seed: int = 0, config: ReprojectionConfig = CONFIG
 ) -> tuple[Array, Array, BoolArray]:
-    found = ransac_motion(CAMERA, matches, np.random.default_rng(seed), config)
-    assert found is not None
-    return found
+    result = ransac_motion(CAMERA, matches, np.random.default_rng(seed), config)
+    assert result is not None
+    return result
 
 
 def errors(frame: SimulatedFrame, R: Array, t: Array) -> tuple[float, float]:
@@ -68,8 +68,8 @@ def test_noise_leaves_hundredths_of_a_degree_and_centimetres_and_moves_no_camera
         (0.5, (0.04, 0.03), frames(noise=0.3, wrong=0.3, n=30)),
         (1.0, (0.02, 0.01), frames(noise=0.1, step=np.eye(4))),
     ):
-        found = [errors(frame, *estimate(frame.matches)[:2]) for frame in given]
-        assert (np.quantile(found, share, axis=0) < limits).all()
+        result = [errors(frame, *estimate(frame.matches)[:2]) for frame in given]
+        assert (np.quantile(result, share, axis=0) < limits).all()
 
 
 def test_the_middle_of_the_image_weighs_twenty_times_its_border() -> None:
@@ -119,5 +119,5 @@ def test_on_the_real_clip_00_it_beats_its_model(clips: Path) -> None:
     assert truth is not None
     # libviso2, with features of its own, has 1.44 / 1.17 over 100 m and 1.61 / 1.88 over 50 m here.
     for length, te, turned, re in ((100.0, 1.25, 0.60, 1.17), (50.0, 1.55, 1.30, 1.88)):
-        found, without = kitti_errors(truth, poses, [length], 1), fit_axes(truth, poses, [length], 1).kitti
-        assert (np.array([found.te, found.re, without.te], float) < (te, re, turned)).all()
+        result, without = kitti_errors(truth, poses, [length], 1), fit_axes(truth, poses, [length], 1).kitti
+        assert (np.array([result.te, result.re, without.te], float) < (te, re, turned)).all()

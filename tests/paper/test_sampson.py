@@ -25,8 +25,8 @@ def test_the_products_equal_the_definition(motion: Motion) -> None:
     given = random_problems(np.random.default_rng(1), 6, 50, motion, noise_px=1.0)
     for x_p, x_c in zip(given.x_p, given.x_c, strict=True):
         expected = by_definition(given.E, x_p, x_c)
-        found = squared_distances(candidate_terms(given.E), match_terms(x_p, x_c))
-        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
+        result = squared_distances(candidate_terms(given.E), match_terms(x_p, x_c))
+        np.testing.assert_allclose(result, expected, rtol=1e-6, atol=1e-12)
         np.testing.assert_allclose(sampson_distance(given.E, x_p, x_c) ** 2, expected, rtol=1e-6, atol=1e-12)
         single = squared_distances(candidate_terms(given.E, np.float32), match_terms(x_p, x_c, np.float32))
         assert single.dtype == np.float32

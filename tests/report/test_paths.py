@@ -66,9 +66,9 @@ def test_runs_know_their_truth_and_short_paths_take_short_lengths(
 ) -> None:
     folders = [str(runs / name) for name in ("a", "b", "part", "else")]
     assert main(["evaluate", *folders, "--out", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
+    text = capsys.readouterr().out
     for words in ("bands: sub-sequences of 20, 50, 100 m", "bands, frames 1-4", "shorter than KITTI"):
-        assert words in said
+        assert words in text
     names = ("bands", "bands_frames_1-4", "street")
     # 2.5 m hold no sub-sequence, so there are no curves.
     files = {f"trajectory_{name}.png" for name in names}
@@ -89,9 +89,9 @@ def test_errors_are_computed_anew_from_the_poses(
     write_kitti_poses(tmp_path / "a" / "poses.txt", scaled(truth, 1.1))
     write_kitti_poses(tmp_path / "orb.txt", TURNED @ scaled(truth, 1.2))
     (tmp_path / "timed.txt").write_text(format_tum(np.arange(0.102, 0.6, 0.1), scaled(truth, 1.3)[1:]))
-    found = numbers(capsys, tmp_path / "a", tmp_path / "orb.txt", tmp_path / "timed.txt")
-    assert list(found) == ["viso2", "orb", "timed"]
-    for (name, each), percent in zip(found.items(), (10, 20, 30), strict=True):
+    result = numbers(capsys, tmp_path / "a", tmp_path / "orb.txt", tmp_path / "timed.txt")
+    assert list(result) == ["viso2", "orb", "timed"]
+    for (name, each), percent in zip(result.items(), (10, 20, 30), strict=True):
         assert each["frames"] == 5, name  # which all of them have
         assert each["rpe"]["translation"]["rmse_m"] == pytest.approx(0.5 * percent / 100)
 
@@ -110,9 +110,9 @@ def test_a_run_whose_sequence_is_gone_takes_the_truth_from_a_file(
     write_kitti_poses(kitti, truth)
     timed.write_text(format_tum(np.arange(0.0, 0.6, 0.1), truth))
     for file in (kitti, timed):
-        found = numbers(capsys, tmp_path / "a", "--truth", file)["viso2"]
-        assert found["ate"]["rmse_m"] == pytest.approx(expected["ate"]["rmse_m"], abs=1e-6)
-        assert found["frames"] == 6
+        result = numbers(capsys, tmp_path / "a", "--truth", file)["viso2"]
+        assert result["ate"]["rmse_m"] == pytest.approx(expected["ate"]["rmse_m"], abs=1e-6)
+        assert result["frames"] == 6
 
 
 def test_labels_are_the_shortest_names_that_tell_systems_apart(
@@ -159,23 +159,23 @@ def test_long_paths_have_pictures_and_tables_the_same_each_time(
     command = ["evaluate", *words[:2], "--truth", words[2]]
     for folder in ("one", "two"):
         assert main([*command, "--out", str(tmp_path / folder)]) == 0
-    said = capsys.readouterr().out
-    assert "│ 100 m" in said
-    assert "SE3" in said
+    text = capsys.readouterr().out
+    assert "│ 100 m" in text
+    assert "SE3" in text
     # The road is driven at one speed: no curve over it.
     files = {"trajectory_07.png", "errors_07_by_length.png"}
     assert {path.name for path in (tmp_path / "one").glob("*.p*")} == files
     for path in (tmp_path / "one").iterdir():
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
-    found = numbers(capsys, *command[1:])
+    result = numbers(capsys, *command[1:])
     # A sub-sequence ends up to a step past its length.
-    assert [each["te_percent"] for each in found.values()] == pytest.approx([2.0, 5.0], rel=0.02)
+    assert [each["te_percent"] for each in result.values()] == pytest.approx([2.0, 5.0], rel=0.02)
     for alignment in Alignment:
-        found = numbers(
+        result = numbers(
             capsys, *command[1:], "--alignment", alignment.value, "--lengths", "20", "--step", "7"
         )
-        assert found["ours"]["ate"]["alignment"] == alignment.value
-        assert [each["length_m"] for each in found["ours"]["by_length"]] == [20.0]
+        assert result["ours"]["ate"]["alignment"] == alignment.value
+        assert [each["length_m"] for each in result["ours"]["by_length"]] == [20.0]
 
 
 def test_rpe_over_frames_or_metres_and_the_largest_difference_of_times_are_options(

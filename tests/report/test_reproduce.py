@@ -158,11 +158,11 @@ def test_the_result_compares_the_means_of_the_proposal_with_and_without_the_remo
     for name, n in (("kitti/00", 500), ("kitti/04", 150)):
         entries += [entry_of(name, n, percent, method) for method, percent in pairs.items()]
     group = group_of(*entries)
-    (said,) = results([group])
-    assert said.startswith("Mean of 2 sequences, the kit's way: feature_selection")
+    (text,) = results([group])
+    assert text.startswith("Mean of 2 sequences, the kit's way: feature_selection")
     means = [f"{group.mean(method)[0].mean():.3f}" for method in pairs]
     # From 3 to 2 %; the rotations have no errors.
-    assert said.endswith(
+    assert text.endswith(
         f"lowers TE from {means[0]} to {means[1]} % (−33.3 %) compared with solution_selection."
     )
     note = layout(group)[-1].notes[-1]
@@ -254,10 +254,10 @@ def test_a_run_that_fails_is_told_with_its_cause_while_the_others_finish(
     assert reproduce(tree, "--sequences", "02,07", "--variant", "kit") == 1
     lines = (tree / "out" / "table1.csv").read_text(encoding="utf-8").splitlines()
     assert [line.split(",")[1] for line in lines[1:]] == ["kitti/02"] * 2
-    for told in (capsys.readouterr().out, (tree / "out" / "report.html").read_text(encoding="utf-8")):
-        assert "Failed: kitti/07" in " ".join(told.split())
-        assert "and 3 more" in told
-        assert "000003.png" in told
+    for message in (capsys.readouterr().out, (tree / "out" / "report.html").read_text(encoding="utf-8")):
+        assert "Failed: kitti/07" in " ".join(message.split())
+        assert "and 3 more" in message
+        assert "000003.png" in message
 
 
 def test_started_again_it_does_no_finished_run_again_unless_asked(tree: Path) -> None:

@@ -46,9 +46,9 @@ def all_jobs(sequences: list[Sequence], folder: Path) -> list[Job]:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_jobs_give_the_bytes_of_single_runs(two: list[Sequence], tmp_path: Path, workers: int) -> None:
-    told: list[tuple[int, int]] = []
+    message: list[tuple[int, int]] = []
     jobs = all_jobs(two, tmp_path / "runs")
-    outcomes = run_jobs(jobs, workers, lambda done, total: told.append((done, total)), tmp_path / "cache")
+    outcomes = run_jobs(jobs, workers, lambda done, total: message.append((done, total)), tmp_path / "cache")
     assert [outcome.job.name for outcome in outcomes] == [job.name for job in jobs]
     assert [outcome.error for outcome in outcomes] == [None] * 8
     for job in jobs:
@@ -56,9 +56,9 @@ def test_jobs_give_the_bytes_of_single_runs(two: list[Sequence], tmp_path: Path,
         assert text == format_kitti_poses(run(job.sequence, job.config).poses)
     # Eight runs and two front ends.
     frames = (8 + 2 * MATCHING_FRAMES) * FRAMES
-    assert {total for _, total in told} == {frames}
-    assert told[-1][0] == frames
-    assert told == sorted(told)
+    assert {total for _, total in message} == {frames}
+    assert message[-1][0] == frames
+    assert message == sorted(message)
     assert len(list((tmp_path / "cache" / "matches").rglob("*.npz"))) == 2
 
 

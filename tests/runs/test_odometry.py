@@ -92,8 +92,8 @@ def test_real_clip_00_is_as_good_as_promised(clips: Path) -> None:
         for length, te, turned, re in ((100.0, 1.20, 0.70, 1.17), (50.0, 1.65, 1.45, 1.7)):
             errors = kitti_errors(sequence.truth, result.poses, [length], 1)
             without = fit_axes(sequence.truth, result.poses, [length], 1).kitti
-            found = np.array([errors.te, errors.re, without.te], float)
-            assert (found < (te, re, turned)).all()
+            actual = np.array([errors.te, errors.re, without.te], float)
+            assert (actual < (te, re, turned)).all()
 
 
 @pytest.mark.parametrize("variant", ["published", "kit"])
@@ -113,8 +113,8 @@ def test_masks_leave_out_the_features_of_a_bonnet(tmp_path: Path, variant: str) 
         cv2.imwrite(str(tmp_path / f"{place}.png"), mask)
     whole, config = open_sequence(folder), preset("solution_selection", variant=variant)
     masked = [dataclasses.replace(whole, masks=tmp_path / name) for name in ("mask.png", "masks")]
-    found = list(find_matches(whole, config))
-    for (before, _), (after, _) in zip(found, unmasked(masked[0], found), strict=True):
+    result = list(find_matches(whole, config))
+    for (before, _), (after, _) in zip(result, unmasked(masked[0], result), strict=True):
         above = (before.prev_left[:, 1] < 179.5) & (before.cur_left[:, 1] < 179.5)
         assert len(before) == 0 or 50 < np.count_nonzero(above) < len(before)
         np.testing.assert_array_equal(after.cur_left, before.cur_left[above])

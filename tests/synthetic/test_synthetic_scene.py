@@ -92,7 +92,7 @@ def test_depth_equals_the_nearest_face_along_the_ray(world: World, truth: Truth)
 def track(
     first: np.ndarray, second: np.ndarray, start: np.ndarray, guess: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    found, good, _ = cv2.calcOpticalFlowPyrLK(
+    result, good, _ = cv2.calcOpticalFlowPyrLK(
         first,
         second,
         start.astype(np.float32)[:, None],
@@ -102,7 +102,7 @@ def track(
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 0.003),
     )
-    return found[:, 0].astype(float), good[:, 0] > 0
+    return result[:, 0].astype(float), good[:, 0] > 0
 
 
 @pytest.mark.parametrize("step", [0, 1])
@@ -118,8 +118,8 @@ def test_pictures_agree_with_the_truth_to_a_twentieth_of_a_pixel(
         left_true, right_true, valid = predict(truth, frame, frame + step, corners)
         goal = left_true if step else right_true
         second = sequence.stereo(frame + 1)[0] if step else right
-        found, good = track(left, second, corners[valid], goal[valid])
-        error = (found - goal[valid])[good]
+        result, good = track(left, second, corners[valid], goal[valid])
+        error = (result - goal[valid])[good]
         errors.append(error[np.linalg.norm(error, axis=1) < 1.0])
     error = np.concatenate(errors)
     assert len(error) > 300
@@ -128,7 +128,7 @@ def test_pictures_agree_with_the_truth_to_a_twentieth_of_a_pixel(
 
 
 def test_boxes_surround_the_visible_vehicle_pixels(sequence: Sequence, truth: Truth) -> None:
-    seen = 0
+    visible = 0
     with np.load(sequence.folder / "truth" / "objects.npz") as objects:
         kind = objects["kind"]
     for frame in range(len(sequence)):
@@ -142,5 +142,5 @@ def test_boxes_surround_the_visible_vehicle_pixels(sequence: Sequence, truth: Tr
         boxes = sequence.boxes(frame)
         corners = np.rint(boxes.xyxy + 0.5).astype(int).tolist()
         assert {(kind, *box) for kind, box in zip(boxes.class_id.tolist(), corners, strict=True)} <= expected
-        seen += len(boxes)
-    assert seen > 3 * len(sequence)
+        visible += len(boxes)
+    assert visible > 3 * len(sequence)

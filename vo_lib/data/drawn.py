@@ -72,6 +72,8 @@ def ensure_scene(
     try:
         from vo_street.cache import draw_scene
     except ImportError:
-        raise DataError("drawing a street needs the kit's folder: install the kit from it, -e .") from None
+        raise DataError(
+            "drawing a street needs the kit's folder: install the kit with `pip install -e .`"
+        ) from None
     draw_scene(config, folder, progress, jobs, frames)
     return folder

@@ -19,7 +19,7 @@ from ..geometry.types import Array
 
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
-EUROC_ROW = "8 numbers or more between commas, t in ns, x y z, qw qx qy qz"
+EUROC_ROW = "8 or more numbers separated by commas, t in ns, x y z, qw qx qy qz"
 # Large enough for files with three digits, small enough to detect rows in another format.
 ROTATION_TOLERANCE = 1e-2
 TIME_TOLERANCE_S = 0.01  # largest time difference between corresponding poses

@@ -24,7 +24,7 @@ INPUT_STRIDE_PX = STRIDES[-1]  # the sides of a network's image are multiples of
 MAX_INPUT_PX = 4096  # a larger size in a model's metadata is ignored
 MAX_SQUEEZE = 0.1  # largest excess over a multiple of the stride, in strides, that is scaled away
 ONE_OBJECT_IOU = 0.9  # boxes of different classes with a larger overlap are one object
-MAX_SUPPRESSED_BOXES = 3000  # number of boxes in the suppression, the best first
+MAX_SUPPRESSED_BOXES = 3000  # largest number of boxes in the suppression, the best first
 
 
 @dataclass(frozen=True)

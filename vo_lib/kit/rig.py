@@ -55,10 +55,10 @@ P1, P2, K1, K2 = range(FIELD, ERROR_COUNT)
 BY_PARALLAX = [
     *range(N),
     *range(FIELD, ERROR_COUNT),
-]  # measured by the motion; rows measure errors N and later
+]  # measured by the motion; rows measure the errors from N on
 # Faults of one camera relative to the other: shape in the columns, shape in the rows, prior standard
 # deviation in pixels. To first order, a yaw is a shift along the rows and a tilt about the vertical;
-# decentering is a tilt of three times its size plus the decentering below.
+# decentering is a tilt of three times its size plus the last two faults.
 RIG_FAULTS: dict[str, tuple[Shape, Shape, float]] = {
     "shift along the rows": ({"1": 1}, {}, 1.5),
     "shift across the rows": ({}, {"1": 1}, 3.0),

@@ -28,7 +28,7 @@ ROOT_STEPS, ROOT_DONE = 20, 1e-7
 
 
 def _bernstein_matrices() -> tuple[Array, Array]:
-    """Power coefficients -> Bernstein coefficients on the PIECES of [-1, 1]; those -> on the PARTS of [0, 1].
+    """Matrices from power to Bernstein coefficients on PIECES of [-1, 1], and from these to PARTS of [0, 1].
 
     Shapes (11 · PIECES, 11) and (11 · PARTS, 11), coefficient by coefficient.
     """
