@@ -141,7 +141,7 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
 
 
 def _help_settings(config: MethodConfig) -> int:
-    """Print the thresholds of the variant and of the detector with their ranges and defaults."""
+    """Print the thresholds of the variant, the detector and the loops with their ranges and defaults."""
     usage = f"vo run … --variant {config.variant} [--SETTING X …]"
     page = argparse.ArgumentParser(usage=usage, add_help=False)
     for item in [*settings.declared(type(config)), *DETECTOR_SETTINGS, *closing.LOOP_SETTINGS]:
