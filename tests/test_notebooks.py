@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ WIDGETS = "application/vnd.jupyter.widget-state+json"
 UNSEEN = pytest.mark.skipif(find_browser() is not None, reason="test_browser.py runs it, in a browser")
 THERE = pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_clips is not there")
 KITTI = [pytest.param("", marks=UNSEEN), pytest.param(str(CLIPS), marks=THERE)]
+STREET = "synthetic/traffic"  # what the notebooks load
+UNTRUE_FRAMES = 54  # as many as the shortest drive that the notebooks name
 CELL_TIMEOUT_S = 300  # a safeguard, not a measurement
 
 
@@ -61,9 +64,11 @@ def verdicts(notebook: Any) -> list[str]:
     return [page for page in pages if RIGHT_CLASS in page or NOT_YET_CLASS in page]
 
 
-def execute(path: Path, folder: Path, **environment: str) -> Any:
-    """The notebook with its outputs and widget state; it runs in a folder of its own."""
+def execute(path: Path, folder: Path, sequence: str = STREET, **environment: str) -> Any:
+    """The notebook with outputs and widget state, run in a folder of its own, maybe on another sequence."""
     notebook = read(path)
+    for cell in notebook.cells:
+        cell.source = cell.source.replace(f'load("{STREET}")', f"load({sequence!r})")
     where = {"metadata": {"path": str(folder)}}
     client = nbclient.NotebookClient(notebook, timeout=CELL_TIMEOUT_S, allow_errors=True, resources=where)
     paths = [str(FOLDER), os.environ.get("PYTHONPATH", "")]
@@ -83,6 +88,30 @@ def test_a_chapter_runs_and_its_exercises_wait_for_answers(path: Path, kitti: st
     assert all(NOT_YET_CLASS in verdict for verdict in judged)
     states = notebook.metadata["widgets"][WIDGETS]["state"].values()
     assert any(state["model_name"] == "ImageModel" and state["buffers"] for state in states)
+
+
+@pytest.fixture(scope="module")
+def untrue(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first frames of the drawn street as a camera records them: without poses and true depth."""
+    folder = tmp_path_factory.mktemp("untrue") / "street"
+    late = [f"{number:06d}.*" for number in range(UNTRUE_FRAMES, len(street))]
+    shutil.copytree(street.folder, folder, ignore=shutil.ignore_patterns("poses.txt", "truth", *late))
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
+def test_a_chapter_runs_on_a_sequence_without_truth(path: Path, untrue: Path, tmp_path: Path) -> None:
+    notebook = execute(path, tmp_path, str(untrue), KITTI_ROOT="")
+    assert complaints(notebook) == []
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("street")
+@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
+def test_a_chapter_runs_on_kitti(path: Path, clips: Path, tmp_path: Path) -> None:
+    notebook = execute(path, tmp_path, "kitti/00", KITTI_ROOT=str(clips))
+    assert complaints(notebook) == []
 
 
 @pytest.fixture(scope="module")
