@@ -19,6 +19,7 @@ from course.ch05 import exercises as ch05
 from course.ch06 import exercises as ch06
 from course.ch07 import exercises as ch07
 from course.ch08 import exercises as ch08
+from course.ch09 import exercises as ch09
 from course.checker import SLIPS, Exercise
 from course.made_up import block_tour, made_up
 from course.results import NOT_YET_CLASS, Verdict
@@ -34,7 +35,7 @@ from vo_lib.paper.translation import feature_rows
 
 TABLES = {
     f"{chapter.__name__.split('.')[1]}.{name}": exercise
-    for chapter in (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch08, appendix)
+    for chapter in (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch08, ch09, appendix)
     for name, exercise in vars(chapter).items()
     if isinstance(exercise, Exercise)
 }

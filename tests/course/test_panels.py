@@ -13,7 +13,7 @@ import ipywidgets as widgets
 import numpy as np
 import pytest
 
-from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, stack
+from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09, stack
 from course.controls import Control, Knob
 from course.drawing import WIDTH
 from course.panel import Drawing, Panel, State
@@ -23,7 +23,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.types import Progress
 from vo_lib.paper.settings import FilterConfig, PublishedConfig
 
-CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, appendix)
+CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09, appendix)
 PANELS = [kind for chapter in CHAPTERS for kind in vars(chapter).values() if isinstance(kind, type)]
 LONG = 300.0  # seconds that a job may take; a safeguard
 # What is typed into the controls for text.

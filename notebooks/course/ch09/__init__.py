@@ -1,0 +1,3 @@
+"""Chapter 9."""
+
+from .panel import LoopPanel as LoopPanel

@@ -1,0 +1,82 @@
+"""Chapter 9: the drive round a block, and its true and false loops."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.scenes import scene_config
+from vo_lib.data.sequence import Sequence, open_folder
+from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, rmse
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import inverse
+from vo_lib.geometry.twist import motion_from_twist
+from vo_lib.geometry.types import Array, BoolArray, IntArray, Progress
+from vo_lib.loops.find import Loops, uncovered
+from vo_lib.loops.settings import LoopConfig
+from vo_lib.paper.buckets import select_by_bucket
+from vo_lib.paper.matching import LoopMatcher
+from vo_lib.paper.settings import FeatureConfig, MatchingConfig, MethodConfig
+from vo_lib.paper.viso2 import ransac_motion
+
+SMALL = {"width": 620, "height": 188}  # half of KITTI's image in each direction
+CONFIG = LoopConfig(inliers=30)  # a small image has fewer matches
+TRUE_GAP_M = 1.0  # a loop is true if its motion is this near to the truth
+
+
+def block(progress: Progress | None = None) -> Sequence:
+    """The drawn scene `block` with small images; drawn where it is missing."""
+    return open_folder(ensure_scene(scene_config("block", **SMALL), progress=progress), "block")
+
+
+def ate(truth: Array, poses: Array) -> float:
+    """Root mean square of the distances after the best rotation and translation, metres."""
+    return rmse(absolute_error(truth, poses, Alignment.SE3).distance) or 0.0
+
+
+def is_true(loops: Loops, truth: Array) -> BoolArray:
+    """Which loops (N,) have the true motion."""
+    motion = inverse(truth[loops.first]) @ truth[loops.second]
+    return np.asarray(np.linalg.norm((inverse(motion) @ loops.motion)[:, :3, 3], axis=1) < TRUE_GAP_M)
+
+
+def second_visits(truth: Array, frames: IntArray, gap: int, near: float = 3.0) -> IntArray:
+    """Pairs (M, 2) of frames: the first and the second visit of a place, in the same direction."""
+    place, forward = truth[frames, :3, 3], truth[frames, :3, 2]
+    apart = np.linalg.norm(place[:, None] - place, axis=2)
+    apart[(forward @ forward.T < 0.9) | (frames[:, None] - frames < gap)] = np.inf
+    later = np.flatnonzero(apart.min(axis=1) < near)
+    return np.stack([frames[apart[later].argmin(axis=1)], frames[later]], axis=1)
+
+
+def made_up_loops(truth: Array, pairs: IntArray, sigma: Array, false: int, seed: int) -> Loops:
+    """Loops with the true motion between pairs (M, 2), then false ones; noise of sigma (6,) on every twist."""
+    rng, last = np.random.default_rng([9, seed]), len(truth) - 1
+    wrong = np.sort(rng.integers(0, last // 5 + 1, (false, 2)) * 5, axis=1)
+    first, second = np.concatenate([pairs, wrong]).T
+    motion = inverse(truth[first]) @ truth[second]
+    motion[len(pairs) :] = np.eye(4)  # "this is the same place"
+    motion = motion @ motion_from_twist(rng.normal(size=(len(motion), 6)) * sigma)
+    whole, real = np.full(len(first), 100), np.ones(len(first))
+    return Loops(first, second, real, whole, whole, 0.0 * real, motion)
+
+
+def joined_with(loops: Loops, false: Loops) -> Loops:
+    """The loops and some false ones, in the order of the second visit."""
+    both = Loops(
+        *(np.concatenate(pair) for pair in zip(vars(loops).values(), vars(false).values(), strict=True))
+    )
+    return both[np.argsort(both.second, kind="stable")]
+
+
+def matches_of(
+    sequence: Sequence, method: MethodConfig, config: LoopConfig, first: int, second: int
+) -> tuple[StereoMatches, BoolArray]:
+    """Matches of two places, thinned out by buckets, and which of them agree on one motion (N,)."""
+    matcher = LoopMatcher(FeatureConfig(), MatchingConfig(search_radius=config.radius))
+    matcher.step(matcher.prepare(sequence.stereo(first)))
+    m = matcher.step(matcher.prepare(sequence.stereo(second)))
+    m = m[uncovered(sequence, first, m.prev_left, method) & uncovered(sequence, second, m.cur_left, method)]
+    m = m[select_by_bucket(m.prev_left, m.age, m.strength, method.buckets)]
+    solution = ransac_motion(sequence.camera, m, np.random.default_rng(0), method.reprojection)
+    return m, np.zeros(len(m), np.bool_) if solution is None else solution[2]

@@ -1,0 +1,190 @@
+"""Exercises of chapter 9: candidates, the residual of an edge, gauge, a Gauss-Newton step, weights, the panel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vo_lib.geometry.types import Array, IntArray
+
+from ..checker import Case, Exercise
+
+
+def nearest_earlier(S: Array, gap: int) -> IntArray:
+    """For each place the most similar one at least `gap` places before, -1 where there is none."""
+    return np.array([int(S[k, : k - gap + 1].argmax()) if k >= gap else -1 for k in range(len(S))])
+
+
+def similar_places() -> list[Case]:
+    """Similarity matrices (N, N) with a gap."""
+    rng = np.random.default_rng(4)
+    cases = []
+    for count in (5, 12):
+        S = rng.uniform(0.0, 0.6, (count, count))
+        near = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+        S = 0.5 * (S + S.T) + 0.9 * np.exp(-near)
+        cases.append((S, 3))
+    return cases
+
+
+def turn(angle: float) -> Array:
+    """Rotation (2, 2) by a heading from z towards x: columns are the axes right and forward."""
+    return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+
+
+def _wrapped(angle: float) -> float:
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def edge_residual(p_i: Array, p_j: Array, z: Array) -> Array:
+    """Residual (3,) of an edge in the plane; poses and z are (x, z, heading)."""
+    return np.array([*(turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]), _wrapped(p_j[2] - p_i[2] - z[2])])
+
+
+def plane_edges() -> list[Case]:
+    """Two poses and the measured pose of the second in the first."""
+    first = np.array([3.0, 1.0, 0.4]), np.array([4.0, 5.0, 0.6])
+    second = np.array([-2.0, 7.0, 3.0]), np.array([-6.0, 7.5, -3.1])
+    return [(*first, np.array([-0.5, 4.0, 0.25])), (*second, np.array([0.2, -4.1, 0.1]))]
+
+
+def gauss_newton(J: Array, r: Array) -> Array:
+    """The step (3N,) of all poses; the first one stays."""
+    delta = np.zeros(J.shape[1])
+    delta[3:] = np.linalg.solve(J[:, 3:].T @ J[:, 3:], -J[:, 3:].T @ r)
+    return delta
+
+
+def linear_problems() -> list[Case]:
+    """Derivatives (3M, 3N) and residuals (3M,) of small graphs in the plane, which no shift of all changes."""
+    rng, cases = np.random.default_rng(2), []
+    for edges in ([(0, 1), (1, 2), (0, 2)], [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]):
+        J = np.zeros((3 * len(edges), 3 * (1 + max(max(edge) for edge in edges))))
+        for row, (i, j) in enumerate(edges):
+            block = np.eye(3) + rng.normal(0.0, 0.2, (3, 3))
+            J[3 * row : 3 * row + 3, 3 * i : 3 * i + 3] = -block
+            J[3 * row : 3 * row + 3, 3 * j : 3 * j + 3] = block
+        cases.append((J, rng.normal(size=len(J))))
+    return cases
+
+
+def loop_weights(r: Array, sigma: Array, c: float) -> Array:
+    """Cauchy's weights (N,) of residuals (N, 3) with standard deviations (3,)."""
+    return np.asarray(1.0 / (1.0 + np.sum((r / sigma) ** 2, axis=1) / c**2))
+
+
+def loop_residuals() -> list[Case]:
+    """Residuals (N, 3), standard deviations (3,) and the scale."""
+    sigma = np.array([0.05, 0.05, 0.001])
+    rng = np.random.default_rng(6)
+    return [
+        (np.array([[0.0, 0, 0], [0.15, 0, 0], [30.0, 2, 1]]), sigma, 3.0),
+        (rng.normal(size=(6, 3)), sigma, 2.0),
+    ]
+
+
+candidates = Exercise(
+    nearest_earlier,
+    similar_places,
+    task="A function (S (N, N), gap) -> (N,): for each place the most similar one at least gap places before.",
+    praise="for each place its nearest neighbour in the past; the frames just before do not count.",
+    hint="place k may be compared with the places 0 … k - gap; without any the answer is -1.",
+    line="int(S[k, : k - gap + 1].argmax()) if k >= gap else -1",
+    mistakes={
+        "without the gap each place is most like the one just before.": lambda S, gap: nearest_earlier(S, 1),
+        "the last allowed place, k - gap, is left out.": lambda S, gap: nearest_earlier(S, gap + 1),
+        "later places are among the answers: a car knows the past only.": lambda S, gap: np.where(
+            np.abs(np.subtract.outer(np.arange(len(S)), np.arange(len(S)))) >= gap, S, -1.0
+        ).argmax(axis=1),
+    },
+)
+
+residual = Exercise(
+    edge_residual,
+    plane_edges,
+    atol=1e-9,
+    task="A function (p_i, p_j, z) -> r (3,): by how much two poses in the plane differ from a measured motion.",
+    praise="zero where the poses agree with the edge; metres in the axes of pose i, then radians.",
+    hint="what pose i sees of pose j: the difference of the places, turned into the axes of pose i.",
+    line="place = turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]; angle = (d + np.pi) % (2 * np.pi) - np.pi",
+    mistakes={
+        "the difference of the places is in the world's axes; turn it into those of pose i.": lambda p_i, p_j, z: (
+            np.array([*(p_j[:2] - p_i[:2] - z[:2]), _wrapped(p_j[2] - p_i[2] - z[2])])
+        ),
+        "turned the other way: the axes of pose i are the columns of turn(heading).": lambda p_i, p_j, z: (
+            np.array([*(turn(p_i[2]) @ (p_j[:2] - p_i[:2]) - z[:2]), _wrapped(p_j[2] - p_i[2] - z[2])])
+        ),
+        "the angle is not wrapped: from 179° to -179° it is 2°, not 358°.": lambda p_i, p_j, z: np.array(
+            [*(turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]), p_j[2] - p_i[2] - z[2]]
+        ),
+    },
+)
+
+gauge = Exercise(
+    3,
+    task="How many eigenvalues of the matrix H of a graph in the plane are zero.",
+    praise="3: the whole path may shift in x and z and turn, and no residual changes. One fixed pose takes them away.",
+    hint="which motions of the whole path leave all residuals as they are?",
+    line="np.count_nonzero(np.linalg.eigvalsh(J.T @ J) < 1e-9)",
+    mistakes={
+        "this is the number in space: three shifts and three turns. In the plane there are fewer.": 6,
+        "two shifts are not all: the whole path may turn as well.": 2,
+        "an edge measures the motion between two poses; where does it say where the world begins?": 0,
+    },
+)
+
+step = Exercise(
+    gauss_newton,
+    linear_problems,
+    atol=1e-8,
+    task="A function (J (M, 3N), r (M,)) -> delta (3N,): a Gauss-Newton step; the first pose stays.",
+    praise="the normal equations of all poses but the first.",
+    hint="leave the first three columns of J out, solve the normal equations of the others, put zeros in front.",
+    line="delta[3:] = np.linalg.solve(J[:, 3:].T @ J[:, 3:], -J[:, 3:].T @ r)",
+    mistakes={
+        "the first pose moves: this is the shortest of many steps. Leave its three columns out.": lambda J, r: (
+            np.linalg.lstsq(J, -r, rcond=None)[0]
+        ),
+        "three numbers are missing: the first pose has a step too, zero.": lambda J, r: gauss_newton(J, r)[
+            3:
+        ],
+        "the step leads uphill: r + J delta should become small.": lambda J, r: -gauss_newton(J, r),
+        "this is the gradient alone: divide by JᵀJ, that is, solve.": lambda J, r: np.concatenate(
+            [np.zeros(3), -J[:, 3:].T @ r]
+        ),
+    },
+)
+
+weights = Exercise(
+    loop_weights,
+    loop_residuals,
+    task="A function (r (N, 3), sigma (3,), c) -> Cauchy's weights (N,) of loops.",
+    praise="1 for a perfect loop, ½ at c standard deviations, next to nothing for a false loop.",
+    hint="metres and radians are put together in standard deviations: divide first, then take the norm.",
+    line="1 / (1 + np.sum((r / sigma) ** 2, axis=1) / c**2)",
+    mistakes={
+        "metres and radians are added: divide each by its standard deviation.": lambda r, sigma, c: (
+            1 / (1 + np.sum(r**2, axis=1) / c**2)
+        ),
+        "the norm is not squared.": lambda r, sigma, c: 1 / (1 + np.linalg.norm(r / sigma, axis=1) / c),
+        "each component has a weight of its own; a loop has one.": lambda r, sigma, c: (
+            1 / (1 + (r / sigma / c) ** 2)
+        ),
+    },
+)
+
+bends = Exercise(
+    {"ATE before": 1.0, "ATE after": 0.2, "false loops": 3.0, "robust": 1.0},
+    task="The panel shows three false loops or more, and an ATE after closing of at most half of that before.",
+    praise="{ATE before:.2f} m before, {ATE after:.2f} m after, with {false loops:.0f} false loops: their weights are "
+    "next to nothing.",
+    mistakes={
+        "the number of false loops is {false loops:.0f}: raise it to three or more.": lambda now: (
+            now["false loops"] < 3
+        ),
+        "every loop is believed, the false ones too: switch `robust weights` on.": lambda now: (
+            now["robust"] == 0
+        ),
+        "{ATE before:.2f} m before, {ATE after:.2f} m after: are the loops closed, and is there a drift to take "
+        "out?": lambda now: now["ATE after"] > 0.5 * now["ATE before"],
+    },
+)

@@ -1,0 +1,74 @@
+"""Figures of chapter 9: similar places, compared images, paths with loops, weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.types import Array, BoolArray, Image, IntArray
+
+from ..colours import BAD, DARK, GOOD, PALE
+from ..drawing import figure, finish, photo
+
+BEFORE, AFTER = BAD, GOOD
+GREEN_BGR, RED_BGR = (90, 160, 0), (60, 60, 220)
+
+
+def similarity_figure(matrices: Mapping[str, Array], frames: IntArray) -> Figure:
+    """Matrices (N, N) of the similarity of places, beside each other, by their frames."""
+    page, axes = figure(380, len(matrices))
+    extent = (frames[0], frames[-1], frames[-1], frames[0])
+    for axis, (title, matrix) in zip(axes, matrices.items(), strict=True):
+        axis.imshow(matrix, cmap="magma", vmin=0.0, vmax=0.5, extent=extent)
+        finish(axis, title, "frame", "frame")
+        axis.grid(False)
+    return page
+
+
+def compared_picture(above: Image, below: Image, matches: StereoMatches, agrees: BoolArray) -> Image:
+    """The left images of two places below each other; matches that agree with one motion are green."""
+    picture = cv2.cvtColor(np.concatenate([above, below]), cv2.COLOR_GRAY2BGR)
+    moved = matches.cur_left + np.array([0.0, len(above)])
+    for start, end, good in zip(matches.prev_left, moved, agrees, strict=True):
+        ends = np.rint([start, end]).astype(int).tolist()
+        cv2.line(picture, ends[0], ends[1], GREEN_BGR if good else RED_BGR, 1, cv2.LINE_AA)
+    return photo(np.asarray(picture, np.uint8))
+
+
+def draw_path(axis: Axes, paths: Mapping[str, tuple[Array, str]], title: str = "from above") -> None:
+    """Paths (N, 4, 4) from above, with a colour each."""
+    for name, (poses, colour) in paths.items():
+        axis.plot(*poses[:, [0, 2], 3].T, color=colour, label=name, linewidth=1.6)
+    axis.set_aspect("equal", adjustable="datalim")
+    finish(axis, title, "x [m]", "z [m]")
+
+
+def draw_edges(axis: Axes, poses: Array, first: IntArray, second: IntArray, weight: Array) -> None:
+    """Lines between the two places of loops on a path; the paler, the smaller the weight."""
+    for a, b, w in zip(first, second, weight, strict=True):
+        axis.plot(*poses[[a, b]][:, [0, 2], 3].T, "-", color=BAD, alpha=0.15 + 0.85 * float(w), linewidth=1.0)
+
+
+def closing_figure(truth: Array, before: Array, closed: Mapping[str, Array]) -> Figure:
+    """The truth, a path before, and the same path closed in several ways, from above."""
+    page, axes = figure(360, len(closed))
+    for axis, (name, poses) in zip(axes, closed.items(), strict=True):
+        paths = {"truth": (truth, DARK), "before": (before, BEFORE), "closed": (poses, AFTER)}
+        draw_path(axis, paths, name)
+    return page
+
+
+def weight_chart(axis: Axes, residual: Array, is_false: BoolArray, scale: float) -> None:
+    """Cauchy's weight over the residual of loops, standard deviations, with the loops on the curve."""
+    r = np.geomspace(0.01, 1e4, 300)
+    axis.semilogx(r, 1.0 / (1.0 + (r / scale) ** 2), color=PALE)
+    for name, some, colour in (("true", ~is_false, GOOD), ("false", is_false, BAD)):
+        size = np.clip(residual[some], 0.01, 1e4)
+        axis.plot(size, 1.0 / (1.0 + (size / scale) ** 2), "o", color=colour, label=name, markersize=5)
+    axis.axvline(scale, color=PALE, linestyle=":")
+    finish(axis, "weight of a loop", "residual [standard deviations]", "weight")

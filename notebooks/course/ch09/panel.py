@@ -1,0 +1,101 @@
+"""Chapter 9: a path with made-up drift, its loops, some false ones, and the closed path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vo_lib.data.poses import from_first
+from vo_lib.geometry.twist import carried_along
+from vo_lib.loops.graph import graph_edges, linearised, optimise
+from vo_lib.loops.places import place_frames
+from vo_lib.loops.settings import LoopConfig
+from vo_lib.settings import Checked, setting
+
+from ..colours import DARK
+from ..controls import Control
+from ..drawing import beside, figure, photo, stack
+from ..frames import lacks, stereo, true_poses
+from ..made_up import made_up
+from ..panel import Drawing, Panel, State
+from ..results import Fact
+from .drive import ate, made_up_loops, second_visits
+from .figures import AFTER, BEFORE, draw_edges, draw_path, weight_chart
+
+PHOTO_HEIGHT, CHART_HEIGHT = 150, 380
+
+
+@dataclass(frozen=True)
+class LoopView(Checked):
+    """What the panel of chapter 9 does to the path and to its loops."""
+
+    closed: bool = setting(True, "close the loops by the pose graph")
+    false: int = setting(1, "loops that are false: two places that are said to be the same", low=0, high=15)
+    robust: bool = setting(True, "weights by residual; off: each loop has the weight 1")
+    scale: float = setting(3.0, "residual in standard deviations at which a weight is ½", low=0.5, high=30)
+    yaw: float = setting(2.0, "the path turns too far to the right", unit="deg/100 m", low=-5, high=5)
+    draw: int = setting(0, "draws other noise and other false loops", low=0, high=999)
+
+
+class LoopPanel(Panel):
+    """A path before and after its loops are closed, and the weight of each loop."""
+
+    title = "A path that comes back"
+    view = LoopView
+    height = PHOTO_HEIGHT + CHART_HEIGHT
+    controls = (
+        Control("view.closed", "close the loops"),
+        Control("view.false", "false loops"),
+        Control("view.robust", "robust weights"),
+        Control("view.scale", "scale c", step=0.5),
+        Control("view.yaw", "yaw error", step=0.1),
+        Control("view.draw", "draw again", button=True),
+    )
+
+    def idle(self, state: State) -> set[str]:
+        return set() if state.view.robust else {"view.scale"}
+
+    def draw(self, state: State) -> Drawing:
+        image = stereo(state.sequence, state.frame)[0]
+        if lacking := lacks(state.sequence):
+            return Drawing(stack([photo(image, height=self.height)], self.height), lacking)
+        truth, view = from_first(true_poses(state.sequence)), state.view
+        config = LoopConfig(frame_turn=0.1, scale=view.scale)
+        before = made_up(truth, 0.0, view.yaw, 5.0, 0.0)
+        frames = place_frames(len(truth), config)
+        pairs = second_visits(truth, frames, config.gap)
+        sigma = np.repeat([np.radians(config.loop_turn), config.loop_step], 3)
+        false = view.false if len(frames) > 2 else 0
+        loops = made_up_loops(truth, pairs, sigma, false, view.draw)
+        edges = graph_edges(before[frames], frames, loops, config)
+        scale = config.scale if view.robust else np.inf
+        used = edges if view.closed else edges[~edges.is_loop]
+        places, _, weights = optimise(before[frames], used, scale)
+        after = carried_along(before, frames, places)
+        residual = np.linalg.norm(linearised(places, edges)[0], axis=1)[edges.is_loop]
+        is_false = np.arange(len(loops)) >= len(pairs)
+        weight = weights[used.is_loop] if view.closed else np.ones(len(loops))
+        chart, (left, right) = figure(CHART_HEIGHT, 2)
+        paths = {"truth": (truth, DARK), "before": (before, BEFORE)}
+        draw_path(left, paths | ({"closed": (after, AFTER)} if view.closed else {}))
+        draw_edges(left, before, loops.first, loops.second, weight)
+        left.plot(*before[state.frame, [0, 2], 3], "o", color=BEFORE)
+        weight_chart(right, residual, is_false, view.scale if view.robust else 1e6)
+        partner = loops.first[np.abs(loops.second - state.frame).argmin()] if len(pairs) else 0
+        words = f"frame {state.frame}", f"frame {partner}, the first visit of the nearest loop"
+        pictures = beside(image, stereo(state.sequence, int(partner))[0], *words)
+        errors = ate(truth, before), ate(truth, after)
+        sentence = f"{len(pairs)} true loops and {false} false ones: ATE {errors[0]:.2f} m before"
+        sentence += f", {errors[1]:.2f} m closed." if view.closed else "; the loops are not closed."
+        least = float(weight[~is_false].min(initial=1.0))
+        facts = (
+            Fact("ATE before", errors[0], "m", 2),
+            Fact("ATE after", errors[1], "m", 2),
+            Fact("true loops", len(pairs)),
+            Fact("false loops", false),
+            Fact("smallest weight, true", least, "", 3),
+            Fact("largest weight, false", float(weight[is_false].max(initial=0.0)), "", 3),
+            Fact("robust", int(view.robust)),
+        )
+        return Drawing(stack([pictures, chart], self.height), sentence, facts)
