@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import socket
 import subprocess
 import sys
@@ -14,16 +13,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import BROWSERS, CLIPS, find_browser
+from conftest import BROWSERS, find_browser
 from playwright.sync_api import BrowserContext, sync_playwright
 
 from course.panel import ERROR_CLASS
 from course.results import NOT_YET_CLASS, RIGHT_CLASS
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
-# The notebooks that open KITTI's sequences where they are found, once more with the clips.
-OPEN_KITTI = [path for path in NOTEBOOKS if re.search(r"available\(|clip\(|kitti/", path.read_text("utf-8"))]
-CASES = [("", path) for path in NOTEBOOKS] + [(str(CLIPS), path) for path in OPEN_KITTI if CLIPS.is_dir()]
+CASES = [("", path) for path in NOTEBOOKS]  # without KITTI; test_notebooks.py runs them with KITTI's clips
 TOKEN = "notebooks-under-test"
 LONG = 600_000.0  # milliseconds that one step may take; a safeguard
 SELDOM = 200.0  # milliseconds between looks at a page; by default it is looked at, and drawn, at every tick

@@ -150,6 +150,10 @@ def pair_images(
     times, notes = None, []
     if stamps[0] is not None and stamps[1] is not None:
         chosen = [each.tolist() for each in match_times(stamps[0], stamps[1], max_delay)]
+        if len(chosen[0]) < 2:
+            raise DataError(
+                f"expected two or more pairs within --max-delay {max_delay:g} s of each other", left
+            )
         times = stamps[0][chosen[0]]
         if (delay := float(np.abs(times - stamps[1][chosen[1]]).max(initial=0.0))) > 0:
             notes.append(f"left and right images are up to {1e3 * delay:.1f} ms apart")

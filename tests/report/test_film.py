@@ -60,11 +60,17 @@ PLAY = """async video => {
     video.muted = true;
     await video.play();
     await new Promise(resolve => video.onended = resolve);
-    return [video.error, video.currentTime, video.videoWidth];
+    for (const seconds of [2.0, 0.5]) {
+        video.currentTime = seconds;
+        await new Promise(resolve => { video.onseeked = video.onerror = resolve; });
+    }
+    video.currentTime = video.duration;
+    await new Promise(resolve => { video.onseeked = video.onerror = resolve; });
+    return [video.error && video.error.message, video.currentTime, video.videoWidth];
 }"""
 
 
-def test_a_browser_plays_a_film_to_its_end_and_nothing_else_is_left(bands: Path) -> None:
+def test_a_browser_plays_a_film_to_its_end_and_jumps_in_it(bands: Path) -> None:
     browser = find_browser()
     if browser is None:
         pytest.skip("no Chromium or Chrome is installed")
@@ -72,7 +78,7 @@ def test_a_browser_plays_a_film_to_its_end_and_nothing_else_is_left(bands: Path)
     folder.mkdir()
     result = run(open_sequence(bands), preset("solution_selection"))
     with Film(folder / "film.mp4", result, "mine") as film:
-        for shown in shown_frames(result):
+        for shown in 6 * list(shown_frames(result)):  # long enough for a second key frame
             film.add(shown)
     assert [path.name for path in folder.iterdir()] == ["film.mp4"]
     (folder / "page.html").write_text("<video src=film.mp4></video>", encoding="utf-8")
@@ -80,6 +86,6 @@ def test_a_browser_plays_a_film_to_its_end_and_nothing_else_is_left(bands: Path)
         opened = play.chromium.launch(executable_path=browser, args=["--no-sandbox"])
         page = opened.new_page()
         page.goto((folder / "page.html").as_uri())
-        # Five frames at ten a second.
-        assert page.eval_on_selector("video", PLAY) == [None, 0.5, 780]
+        # Thirty frames at ten a second.
+        assert page.eval_on_selector("video", PLAY) == [None, 3, 780]
         opened.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -157,6 +158,8 @@ def test_the_result_compares_the_means_of_the_proposal_with_and_without_the_remo
     entries = [entry_of("kitti/01", 500, [9.0, 9.0], method) for method in pairs]  # left out
     for name, n in (("kitti/00", 500), ("kitti/04", 150)):
         entries += [entry_of(name, n, percent, method) for method, percent in pairs.items()]
+    assert results([group_of(*entries)]) == []  # without boxes nothing is removed
+    entries = [replace(entry, labels=True) for entry in entries]
     group = group_of(*entries)
     (text,) = results([group])
     assert text.startswith("Mean of 2 sequences, the kit's way: feature_selection")

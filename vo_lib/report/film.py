@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,7 +31,7 @@ FILM_FPS = 10
 FILM_ENDING = ".mp4"
 FILM_CODEC = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLab and VS Code
 # At a low frame rate, OpenCV's encoder uses 100 kB per frame; only its limit of bits per second reduces the
-# size. So the frames are encoded at this high rate, and a second pass sets the rate of the film.
+# size. So the frames are encoded at this high rate, and `with_frame_rate` sets the rate of the film.
 ENCODER_FPS = 5000
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
 WORDS_HEIGHT_PX = 60  # height of the lines of text at the bottom
@@ -99,9 +99,13 @@ class Film:
         self._paths = [run.poses] if truth is None else [run.poses, from_first(truth)]
         self._drift = None if truth is None else distance_from_truth(run.poses, truth)
         self._driven = trajectory_distances(self._paths[-1])
-        drafts = (f".{path.stem}.{os.getpid()}.{name}{DRAFT}{FILM_ENDING}" for name in ("fast", "timed"))
-        self._fast, self._timed = map(path.with_name, drafts)
-        self._writer = self._open(self._fast, ENCODER_FPS)
+        self._draft = path.with_name(f".{path.stem}.{os.getpid()}{DRAFT}{FILM_ENDING}")
+        self._writer = cv2.VideoWriter(
+            str(self._draft), cv2.CAP_FFMPEG, FILM_CODEC, ENCODER_FPS, self._shape[::-1]
+        )
+        if not self._writer.isOpened():
+            raise DataError("the film cannot be written: no write access, or no VP9 encoder", self.path)
+        self._count = 0
 
     def __enter__(self) -> Film:
         return self
@@ -110,31 +114,15 @@ class Film:
         self._writer.release()
         try:
             if kind is None:
-                self._set_frame_rate()
-                os.replace(self._timed, self.path)
+                self._draft.write_bytes(with_frame_rate(self._draft.read_bytes(), self._count))
+                os.replace(self._draft, self.path)
         finally:
-            for draft in (self._fast, self._timed):
-                draft.unlink(missing_ok=True)
-
-    def _open(self, draft: Path, fps: int, *properties: int) -> cv2.VideoWriter:
-        writer = cv2.VideoWriter(str(draft), cv2.CAP_FFMPEG, FILM_CODEC, fps, self._shape[::-1], properties)
-        if not writer.isOpened():
-            raise DataError("the film cannot be written: no write access, or no VP9 encoder", self.path)
-        return writer
-
-    def _set_frame_rate(self) -> None:
-        """Copy the encoded frames to a file with the rate of the film."""
-        encoded = cv2.VideoCapture(str(self._fast), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
-        timed = self._open(self._timed, FILM_FPS, cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1)
-        while encoded.grab():
-            timed.set(cv2.VIDEOWRITER_PROP_KEY_FLAG, encoded.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME))
-            timed.write(encoded.retrieve()[1])
-        encoded.release()
-        timed.release()
+            self._draft.unlink(missing_ok=True)
 
     def add(self, frame: Shown) -> None:
         """Write a frame."""
         self._writer.write(self.picture(frame))
+        self._count += 1
 
     def picture(self, frame: Shown) -> Image:
         """The picture of a frame, BGR: the image, the path to its right, text below."""
@@ -184,6 +172,27 @@ class Film:
         at = 12
         for text, colour in legend:
             at = _write(part, text, (at, 46), colour) + 20
+
+
+def with_frame_rate(video: bytes, frames: int) -> bytes:
+    """An MP4 file of `ENCODER_FPS` frames per second with the rate FILM_FPS, and its durations.
+
+    Only numbers of the header change: time units a second, and durations (ISO 14496-12, boxes of version 0).
+    """
+    if not frames:
+        return video
+    data, header = bytearray(video), video.rindex(b"moov")
+
+    def change(box: bytes, offset: int, new: Callable[[int], int]) -> None:
+        place = video.index(box, header) + len(box) + offset
+        data[place : place + 4] = new(int.from_bytes(video[place : place + 4], "big")).to_bytes(4, "big")
+
+    movie = video.index(b"mvhd", header) + 16
+    units = int.from_bytes(video[movie : movie + 4], "big") * frames // FILM_FPS
+    for box, offset in ((b"mvhd", 16), (b"tkhd", 20), (b"elst", 8)):
+        change(box, offset, lambda _: units)
+    change(b"mdhd", 12, lambda per_second: per_second * FILM_FPS // ENCODER_FPS)
+    return bytes(data)
 
 
 def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:

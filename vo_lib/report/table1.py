@@ -123,7 +123,9 @@ def results(groups: list[Group]) -> list[str]:
 
 
 def _comparison(group: Group, other: str) -> list[str]:
-    """A sentence on the mean errors of the proposal and of another method; none if they are equal."""
+    """A sentence on the mean errors of the proposal and of another method; none if equal or without boxes."""
+    if not any(entry.labels for entry in group.of_method(PROPOSAL)):
+        return []
     parts, means = [], (group.mean(other), group.mean(PROPOSAL))
     for (kind, _), claim, *errors in zip(ERROR_KINDS.values(), CLAIMS[other], *means, strict=True):
         before, after = (mean_and_spread(values)[0] for values in errors)
