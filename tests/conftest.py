@@ -34,7 +34,14 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Files that take longest come first, so that no process works on one when the others are done.
-LONGEST = ("test_browser.py", "test_notebooks.py", "test_panels.py", "test_odometry.py", "test_jobs.py")
+LONGEST = (
+    "test_notebooks.py",
+    "test_notebooks_sequences.py",
+    "test_browser.py",
+    "test_panels.py",
+    "test_odometry.py",
+    "test_jobs.py",
+)
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 

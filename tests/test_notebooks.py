@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ UNSEEN = pytest.mark.skipif(find_browser() is not None, reason="test_browser.py 
 THERE = pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_clips is not there")
 KITTI = [pytest.param("", marks=UNSEEN), pytest.param(str(CLIPS), marks=THERE)]
 STREET = "synthetic/traffic"  # what the notebooks load
-UNTRUE_FRAMES = 54  # as many as the shortest drive that the notebooks name
 CELL_TIMEOUT_S = 300  # a safeguard, not a measurement
 
 
@@ -88,30 +86,6 @@ def test_a_chapter_runs_and_its_exercises_wait_for_answers(path: Path, kitti: st
     assert all(NOT_YET_CLASS in verdict for verdict in judged)
     states = notebook.metadata["widgets"][WIDGETS]["state"].values()
     assert any(state["model_name"] == "ImageModel" and state["buffers"] for state in states)
-
-
-@pytest.fixture(scope="module")
-def untrue(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first frames of the drawn street as a camera records them: without poses and true depth."""
-    folder = tmp_path_factory.mktemp("untrue") / "street"
-    late = [f"{number:06d}.*" for number in range(UNTRUE_FRAMES, len(street))]
-    shutil.copytree(street.folder, folder, ignore=shutil.ignore_patterns("poses.txt", "truth", *late))
-    return folder
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
-def test_a_chapter_runs_on_a_sequence_without_truth(path: Path, untrue: Path, tmp_path: Path) -> None:
-    notebook = execute(path, tmp_path, str(untrue), KITTI_ROOT="")
-    assert complaints(notebook) == []
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("street")
-@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
-def test_a_chapter_runs_on_kitti(path: Path, clips: Path, tmp_path: Path) -> None:
-    notebook = execute(path, tmp_path, "kitti/00", KITTI_ROOT=str(clips))
-    assert complaints(notebook) == []
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,37 @@
+"""The notebooks run on any sequence: on a short drive without truth, and on KITTI 00 where it is there."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from test_notebooks import APPENDICES, CHAPTERS, complaints, execute, name
+
+from vo_lib.data.sequence import Sequence
+
+UNTRUE_FRAMES = 54  # as many as the shortest drive that the notebooks name
+
+
+@pytest.fixture(scope="module")
+def untrue(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first frames of the drawn street as a camera records them: without poses and true depth."""
+    folder = tmp_path_factory.mktemp("untrue") / "street"
+    late = [f"{number:06d}.*" for number in range(UNTRUE_FRAMES, len(street))]
+    shutil.copytree(street.folder, folder, ignore=shutil.ignore_patterns("poses.txt", "truth", *late))
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
+def test_a_chapter_runs_on_a_sequence_without_truth(path: Path, untrue: Path, tmp_path: Path) -> None:
+    notebook = execute(path, tmp_path, str(untrue), KITTI_ROOT="")
+    assert complaints(notebook) == []
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("street")
+@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
+def test_a_chapter_runs_on_kitti(path: Path, clips: Path, tmp_path: Path) -> None:
+    notebook = execute(path, tmp_path, "kitti/00", KITTI_ROOT=str(clips))
+    assert complaints(notebook) == []
