@@ -35,8 +35,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 # Files that take longest come first, so that no process works on one when the others are done.
 LONGEST = (
-    "test_notebooks.py",
     "test_notebooks_sequences.py",
+    "test_notebooks.py",
     "test_browser.py",
     "test_panels.py",
     "test_odometry.py",

@@ -20,7 +20,7 @@ from course.panel import ERROR_CLASS
 from course.results import NOT_YET_CLASS, RIGHT_CLASS
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
-CASES = [("", path) for path in NOTEBOOKS]  # without KITTI; test_notebooks.py runs them with KITTI's clips
+CASES = [("", path) for path in NOTEBOOKS]  # without KITTI; test_notebooks_sequences.py has its clips
 TOKEN = "notebooks-under-test"
 LONG = 600_000.0  # milliseconds that one step may take; a safeguard
 SELDOM = 200.0  # milliseconds between looks at a page; by default it is looked at, and drawn, at every tick

@@ -10,7 +10,7 @@ from typing import Any
 import nbclient
 import nbformat
 import pytest
-from conftest import CLIPS, find_browser
+from conftest import find_browser
 
 from course.ch08 import own
 from course.panel import ERROR_CLASS
@@ -22,10 +22,7 @@ CHAPTERS = sorted(FOLDER.glob("[0-9]*.ipynb"))
 APPENDICES = sorted(FOLDER.glob("appendix_*.ipynb"))
 SOLUTIONS = sorted((FOLDER / "solutions").glob("*.ipynb"))
 WIDGETS = "application/vnd.jupyter.widget-state+json"
-# Without KITTI, and where it is found, with and without truth.
 UNSEEN = pytest.mark.skipif(find_browser() is not None, reason="test_browser.py runs it, in a browser")
-THERE = pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_clips is not there")
-KITTI = [pytest.param("", marks=UNSEEN), pytest.param(str(CLIPS), marks=THERE)]
 STREET = "synthetic/traffic"  # what the notebooks load
 CELL_TIMEOUT_S = 300  # a safeguard, not a measurement
 
@@ -74,12 +71,12 @@ def execute(path: Path, folder: Path, sequence: str = STREET, **environment: str
     return notebook
 
 
+@UNSEEN
 @pytest.mark.slow
 @pytest.mark.usefixtures("street")
-@pytest.mark.parametrize("kitti", KITTI)
 @pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
-def test_a_chapter_runs_and_its_exercises_wait_for_answers(path: Path, kitti: str, tmp_path: Path) -> None:
-    notebook = execute(path, tmp_path, KITTI_ROOT=kitti)
+def test_a_chapter_runs_and_its_exercises_wait_for_answers(path: Path, tmp_path: Path) -> None:
+    notebook = execute(path, tmp_path, KITTI_ROOT="")
     assert complaints(notebook) == []
     judged = verdicts(notebook)
     assert len(judged) >= 4 or path in APPENDICES
