@@ -9,7 +9,7 @@ import numpy as np
 from vo_lib.geometry.types import Array
 from vo_lib.report.page import NO_NUMBER, ReportTable, number
 
-# TE and RE, mean and standard deviation over the seeds each: (2, 2); None where there is no number.
+# TE and RE, mean and standard deviation over the seeds each: (2, 2); None without a number.
 Cell = Array | None
 Cells = Mapping[str, Mapping[str, Cell]]  # by row and column
 KINDS = "TE, %", "RE, deg/100 m"
@@ -42,6 +42,11 @@ def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence
                 made.append(ReportTable(f"{title}: {words}{unit}", [name, *columns], rows, notes))
     made[0].head.extend(sentences)
     return made
+
+
+def with_numbers(cells: Cells) -> Cells:
+    """The rows that have a number."""
+    return {label: row for label, row in cells.items() if any(cell is not None for cell in row.values())}
 
 
 def _repeats(cell: Cell, other: Cell) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from measure.axes import fit_axes, is_raw_drive, te_and_re
-from measure.layout import Cell, Cells, compared, plain, tables
+from measure.layout import Cell, Cells, compared, plain, tables, with_numbers
 from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -79,7 +79,7 @@ def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
 
 
 def _cell(runs: list[Run] | None, measure: Measure) -> Cell:
-    """TE and RE, mean and deviation over the seeds, (2, 2); None where there is no number."""
+    """TE and RE, mean and deviation over the seeds, (2, 2); None without a number."""
     if runs is None:
         return None
     turned = is_raw_drive(runs[0].sequence)
@@ -137,7 +137,7 @@ def page_tables(
     """The tables of the page, with sentences computed from their numbers."""
     made = []
     for variant, cells in systems.items():
-        cells = {label: row for label, row in cells.items() if any(each is not None for each in row.values())}
+        cells = with_numbers(cells)
         said = compared(cells, "solution_selection", "feature_selection", "Removal of the features in boxes")
         made += tables(VARIANT_WORDS[variant].capitalize(), cells, said)
     made += other_systems(systems)
@@ -145,9 +145,7 @@ def page_tables(
     said = compared(ours, "none", "moving", f"Of {RULED[1]}, the rule `moving`, against no removal,")
     made += tables("Box rules, the kit's way", rules, said, "sequence, method")
     made.append(plain("Box rules, the kit's way: features removed, %", "sequence, method", removed, 0))
-    learning = {
-        label: row for label, row in learning.items() if any(each is not None for each in row.values())
-    }
+    learning = with_numbers(learning)
     said = compared(learning, "off", "learnt", "Learning the calibration")
     made += tables("What learning the calibration does", learning, said, "sequence, method")
     made.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))

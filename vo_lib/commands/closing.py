@@ -22,7 +22,6 @@ from ..runs.folder import LOOPS, LOOPS_POSES, read_run
 from ..runs.jobs import Outcome
 from ..settings import declared
 from .console import reporting
-from .setting_options import option_values
 
 PREFIX = "loops."
 LOOP_SETTINGS = declared(LoopConfig, PREFIX)
@@ -34,12 +33,6 @@ def add_loops(parser: argparse.ArgumentParser) -> None:
     """The option that closes loops."""
     text = f"beyond the paper: recognise places and close loops by a pose graph; {LOOPS_POSES} and {LOOPS}"
     parser.add_argument("--loops", action="store_true", help=text)
-
-
-def loop_config(options: argparse.Namespace) -> LoopConfig:
-    """The settings of the options --loops.NAME."""
-    values = option_values(options, LOOP_SETTINGS)
-    return LoopConfig(**{name.removeprefix(PREFIX): value for name, value in values.items()})
 
 
 def close_run(folder: Path, run: Run, config: LoopConfig, loops: Loops | None = None) -> Closed:

@@ -13,6 +13,7 @@ from ..errors import DataError
 from ..files import write_atomic
 from ..geometry.types import Array
 from ..kit.settings import KitConfig
+from ..loops.settings import LoopConfig
 from ..report.film import FILM_ENDING, Film, shown_frames
 from ..report.page import number
 from ..report.paths import ComparedPaths, evaluate_paths, evaluation_tables
@@ -23,7 +24,7 @@ from ..runs.matches import CachedMatches, match_folder
 from . import closing, common
 from .console import reporting, say, show_report_table, show_table, tell
 from .script import SETTINGS_PAGE
-from .setting_options import add_option, option_values
+from .setting_options import add_option, from_options
 
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
@@ -69,16 +70,13 @@ def _run(options: argparse.Namespace) -> int:
     if options.help_settings:
         return _help_settings(config)
     config = changed_by_options(options, config)
-    loops = closing.loop_config(options)
+    loops = from_options(options, LoopConfig, closing.PREFIX)
     calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
-    values = {
-        name.removeprefix(DETECTOR): value
-        for name, value in option_values(options, DETECTOR_SETTINGS).items()
-    }
+    detection = from_options(options, DetectorConfig, DETECTOR)
     sequence = common.open_with_bar(options.sequence, cache, options)
     label = f"{sequence.name}, {options.method}, {config.variant}"
     with run_folder(options.out) as folder:
-        sequence = common.labelled(sequence, options, DetectorConfig(**values), cache)
+        sequence = common.labelled(sequence, options, detection, cache)
         common.warn_without_boxes([(sequence, config)])
         matches = None if options.cache is None else CachedMatches(sequence, config, cache)
         with reporting(label) as report:

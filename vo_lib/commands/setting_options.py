@@ -40,6 +40,10 @@ def add_settings(group: OptionGroup, cls: type, defaults: bool = True) -> None:
         add_option(group, item, item.name.replace("_", "-"), defaults)
 
 
-def from_options(options: argparse.Namespace, cls: type[Config]) -> Config:
-    """The settings with the values in the options; `DataError` names a wrong value and the values allowed."""
-    return cls(**option_values(options, declared(cls)))
+def from_options(options: argparse.Namespace, cls: type[Config], prefix: str = "") -> Config:
+    """The settings with the values in the options; `DataError` names a wrong value and the values allowed.
+
+    prefix : beginning of the option names, such as "detector.".
+    """
+    values = option_values(options, declared(cls, prefix))
+    return cls(**{name.removeprefix(prefix): value for name, value in values.items()})

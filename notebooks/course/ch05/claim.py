@@ -14,11 +14,13 @@ from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.ate_rpe import relative_error
 from vo_lib.geometry.types import Array
+from vo_lib.report.page import ReportTable
 
 from ..colours import BAD, DARK, GOOD, PALE, THIRD
 from ..drawing import figure, finish, room, say
 from ..frames import true_poses
 
+RESULTS = Path(__file__).parents[2] / "results.md"  # written by `vo data measure_results`
 CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
 THRESHOLD_AND_BOXES = "threshold and boxes"  # its choice whose rows are no differences
 SPREAD_OF = "standard deviation over the seeds of "  # in the heads of tables of `results.md`
@@ -55,15 +57,20 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
     return "\n".join(lines)
 
 
+def results_table(title: str, only: str = "") -> ReportTable:
+    """A table of the page of results, `results.md`; the rows whose name begins with `only`."""
+    lines = RESULTS.read_text(encoding="utf-8").split(f"## {title}\n")[1].split("\n## ")[0].splitlines()
+    columns, _, *rows = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line[:1] == "|")
+    return ReportTable(title, columns, [row for row in rows if row[0].startswith(only)], [])
+
+
 def whole_drive(section: str, row: str) -> dict[str, str]:
     """TE in % and RE in deg/100 m of a whole drive by method, ± deviation over the seeds, from `results.md`."""
-    page = (Path(__file__).parents[2] / "results.md").read_text(encoding="utf-8")
 
     def numbers(title: str) -> dict[str, str]:
-        part = page.split(f"\n## {section}: {title}\n")[1].split("\n## ")[0]
-        table = [line.strip("| ").split(" | ") for line in part.splitlines() if line.startswith("| ")]
-        cells = next((line for line in table if line[0] == row), [row])
-        return dict(zip(table[0][1:], cells[1:], strict=False))
+        table = results_table(f"{section}: {title}", row)
+        cells = next((line for line in table.rows if line[0] == row), [row])
+        return dict(zip(table.columns[1:], cells[1:], strict=False))
 
     kinds = "TE, %", "RE, deg/100 m"
     means, spreads = ([numbers(of + kind) for kind in kinds] for of in ("", SPREAD_OF))

@@ -17,7 +17,6 @@ from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import NetworkOutput, YoloDetector
 from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes, no_boxes, overlap
-from vo_lib.geometry.motion import rotation_angle
 from vo_lib.geometry.result import Flag, FrameResult
 from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.kit.boxes import BoxFilter, Filtered
@@ -31,6 +30,7 @@ from ..ch04.figures import MILLI
 from ..controls import Control, Knob
 from ..drawing import WIDTH, caption, figure, photo, raster, stack
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
+from ..lessons import turned
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 from .figures import candidates_picture, errors_chart, filter_picture
@@ -204,9 +204,7 @@ class FilteringPanel(Panel):
         errors = {name: MILLI * (T[:3, 3] - reference[:3, 3]) for name, T in (("all", every), ("kept", kept))}
         network, candidates = self._network(state, boxes)
         change = MILLI * float(np.linalg.norm(kept[:3, 3] - every[:3, 3]))
-        turned = (
-            np.nan if T_true is None else float(np.degrees(rotation_angle(kept[:3, :3].T @ T_true[:3, :3])))
-        )
+        turn = turned(kept[:3, :3], None if T_true is None else T_true[:3, :3])
         sizes = [np.nan if T_true is None else float(np.linalg.norm(error)) for error in errors.values()]
         sentence = f"With {len(shown)} boxes here and those of the image before, "
         sentence += f"the rule removes {removed} of {len(matches)} features. "
@@ -229,7 +227,7 @@ class FilteringPanel(Panel):
             Fact("error, all", sizes[0], "mm", 1),
             Fact("error, kept", sizes[1], "mm", 1),
             Fact("change of t", change, "mm", 1),
-            Fact("rotation error, kept", turned, "°", 3),
+            Fact("rotation error, kept", turn, "°", 3),
         ]
         if truth(sequence) is not None:
             moving = matches_on_moving(sequence, frame, matches)

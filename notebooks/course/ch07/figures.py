@@ -33,11 +33,11 @@ from vo_lib.report.printed import (
 from vo_lib.report.table1 import ERROR_KINDS, layout_tables
 
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
+from ..ch05.claim import results_table as results_table
 from ..colours import CYCLE, DARK, PALE
 from ..drawing import FONT_SIZE, figure, finish, log_axis, say
 
 UNITS = "TE [%]", "RE [deg/100 m]"
-RESULTS = Path(__file__).parents[2] / "results.md"  # written by `vo data measure_results`
 SPREADS, FEWEST = 2.0, 3  # standard deviations that a difference may have; seeds that a verdict needs
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 
@@ -122,13 +122,6 @@ def verdicts(folder: Path, paper: PaperTable) -> list[ReportTable]:
             ReportTable(f"{words}: verdict on the printed numbers", columns, rows, [], [f"{head}."])
         )
     return tables
-
-
-def results_table(title: str, only: str = "") -> ReportTable:
-    """A table of the page of results, `results.md`; the rows whose name begins with `only`."""
-    lines = RESULTS.read_text(encoding="utf-8").split(f"## {title}\n")[1].split("\n## ")[0].splitlines()
-    columns, _, *rows = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line[:1] == "|")
-    return ReportTable(title, columns, [row for row in rows if row[0].startswith(only)], [])
 
 
 def table_html(table: ReportTable) -> str:

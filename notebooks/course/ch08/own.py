@@ -13,15 +13,15 @@ import numpy as np
 
 from vo_lib import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.motion import essential_from_motion, inverse
+from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.result import FrameResult
 from vo_lib.geometry.types import Array, Image, Progress
-from vo_lib.paper.sampson import sampson_distance
 from vo_lib.report.film import Film, Shown, shown_frames
 from vo_lib.runs.drive import Run
 from vo_lib.runs.front_end import TimedMatches
 
 from ..ch00.exercises import right_chain
+from ..ch05.traffic import line_distances
 from ..keep import NAME, load
 from ..marks import asked
 
@@ -140,7 +140,7 @@ def film(
 
     Returns its last picture, BGR.
     """
-    camera, run = sequence.camera, Run(sequence, preset("feature_selection"), poses, [])
+    run = Run(sequence, preset("feature_selection"), poses, [])
     with Film(path, run, "your path and features") as made, np.errstate(all="ignore"):
         for index, (seen, _) in enumerate(matches):
             if index == 0 or index % every:
@@ -150,9 +150,8 @@ def film(
             used = seen[keep]
             used = used[mine.buckets(used.cur_left, used.age, used.strength, 50, 3)]
             T_cp = inverse(poses[index]) @ poses[index - 1]
-            E = essential_from_motion(T_cp[:3, :3], T_cp[:3, 3])
-            d = sampson_distance(E, camera.normalise(used.prev_left), camera.normalise(used.cur_left))
-            counts = len(seen), int(np.sum(~keep)), len(used), int(np.sum(np.abs(d) < 1 / camera.f))
+            near = line_distances(sequence, used, T_cp) < 1.0
+            counts = len(seen), int(np.sum(~keep)), len(used), int(np.sum(near))
             shown = Shown(index, seen, keep, boxes, None, FrameResult(T_cp, *counts))
             made.add(shown)
     return made.picture(shown)
