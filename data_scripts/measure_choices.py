@@ -33,7 +33,7 @@ from vo_lib.files import csv_text, write_atomic
 from vo_lib.geometry.motion import essential_vector
 from vo_lib.geometry.types import Array
 from vo_lib.paper.boxes import in_boxes
-from vo_lib.paper.matching import finish
+from vo_lib.paper.matching import subpixel_matches
 from vo_lib.paper.selection import competing, truncated_errors
 from vo_lib.paper.translation import (
     SOLVING_ROUNDS,
@@ -63,7 +63,7 @@ def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any, before: Any =
 
 def from_current(before: Any, pair: Any, matches: Any, config: Any) -> Any:
     """Sub-pixel positions with the feature on an integer pixel in the current left image."""
-    return backwards(finish(pair, before, backwards(matches), config))
+    return backwards(subpixel_matches(pair, before, backwards(matches), config))
 
 
 def backwards(m: Any) -> Any:
@@ -106,10 +106,10 @@ OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("largest depth", "translation.max_depth", {"20 m": 20.0, "50 m": 50.0, "none": 1000.0}),
     ("agreement", "translation.agreement", {"0.5 px": 0.5, "2 px": 2.0}),
     ("rounds", "vo_lib.paper.translation.SOLVING_ROUNDS", {"1": 1, "4": 4}),
-    ("sub-pixel window", "matching.finish_window", {"7 px": 7, "21 px": 21}),
+    ("sub-pixel window", "matching.subpixel_window", {"7 px": 7, "21 px": 21}),
     ("pairs in the translation", "translation.pairs", {"2": 2}),
     ("places of the pair before", EARLIER, {"shifted to the whole pixel": with_shifted_places}),
-    ("place kept whole", "vo_lib.paper.matching.finish", {"current left": from_current}),
+    ("place kept whole", "vo_lib.paper.matching.subpixel_matches", {"current left": from_current}),
     ("features a bucket", "buckets.features", {"2": 2, "6": 6}),
     ("sets n", "selection.sets", {"50": 50, "800": 800}),
     ("solutions kept k", "selection.keep", {"1": 1, "all": 10}),

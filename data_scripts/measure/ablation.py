@@ -119,7 +119,7 @@ def least_squares(system: Any, limit: float) -> Array:
 
 
 def as_estimated(self: Any, estimate: Array, covariance: Array) -> None:
-    """`Rig.know` without shrinking."""
+    """`Rig.set_estimate` without shrinking."""
     self.estimate, self.covariance, self.errors = estimate, covariance, estimate.copy()
 
 
@@ -197,10 +197,10 @@ IDEAS = (
     ),
     Idea("focal length", 2, without_faults("focal length")),
     Idea("lens", 30, without("p1", "p2", "k1", "k2")),
-    Idea("learning from rows", 24, {f"{RIG}.Rig.learn_rows": lambda self, matches: None}),
+    Idea("learning from rows", 24, {f"{RIG}.Rig.update_from_rows": lambda self, matches: None}),
     Idea("drift of the calibration", 8, {"calibration.drift": 0.0}),
     Idea("inflated noise", 6, {"calibration.noise_inflation": 1.0}),
-    Idea("shrinking", 20, {f"{RIG}.Rig.know": as_estimated}),
+    Idea("shrinking", 20, {f"{RIG}.Rig.set_estimate": as_estimated}),
     Idea(
         "vehicle check",
         45,

@@ -143,8 +143,8 @@ def page_tables(
     made += other_systems(systems)
     ours = {label: row for label, row in rules.items() if label.endswith(RULED[1])}
     said = compared(ours, "none", "moving", f"Of {RULED[1]}, the rule `moving`, against no removal,")
-    made += tables("Box rules, the kit's way", rules, said, "sequence, method")
-    made.append(plain("Box rules, the kit's way: features removed, %", "sequence, method", removed, 0))
+    made += tables("Box rules, variant kit", rules, said, "sequence, method")
+    made.append(plain("Box rules, variant kit: features removed, %", "sequence, method", removed, 0))
     learning = with_numbers(learning)
     said = compared(learning, "off", "learnt", "Learning the calibration")
     made += tables("What learning the calibration does", learning, said, "sequence, method")

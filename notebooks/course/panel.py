@@ -4,7 +4,7 @@ A panel gives `title`, `controls` and `draw(state)`; this class does the rest. `
 the same picture. Callbacks run on another thread than cells, so nothing here uses pyplot, and pictures are bytes in
 one `Image`: no flicker, no jumping, no leaked figures.
 
-A panel begins with the paper's method. Where the kit's way is of interest too, the panel gives its configuration
+A panel begins with the paper's method. Where the variant kit is of interest too, the panel gives its configuration
 as `kit`; a switch then chooses between both, and controls of settings that the chosen one lacks are grey:
 
     class TranslationPanel(Panel):
@@ -48,7 +48,7 @@ from .results import Fact, facts_html, marked
 
 ERROR_CLASS = "vo-panel-error"  # tests look for it in saved widget state
 VARIANTS = "published", "kit"
-SWITCH = "the paper's method as published, or the kit's way; grey controls are settings of the other one"
+SWITCH = "the paper's method as published, or the variant kit; grey controls are settings of the other one"
 RESET = "all controls as at the start; the sequence stays"
 WORKING = '<i style="opacity:.7">working …</i>'
 FRAME_MS = 700  # between frames that play; where drawing takes longer, frames are left out
@@ -70,9 +70,9 @@ class State:
 
     @property
     def kit(self) -> KitConfig:
-        """The configuration of a panel that knows the kit's way only."""
+        """The configuration of a panel for the variant kit only."""
         if not isinstance(self.config, KitConfig):
-            raise TypeError(f"{type(self.config).__name__} is not the kit's way")
+            raise TypeError(f"{type(self.config).__name__} is not of the variant kit")
         return self.config
 
 

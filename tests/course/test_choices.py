@@ -50,7 +50,7 @@ def test_a_row_of_the_results_is_read_with_the_names_of_its_columns() -> None:
     for section, row in (
         ("The paper as published", "synthetic/parked"),
         ("The paper as published", "kitti/00, 100 m"),
-        ("The kit's way", "kitti/drive_0013, 50 m, axes removed"),
+        ("Variant kit", "kitti/drive_0013, 50 m, axes removed"),
     ):
         cells = whole_drive(section, row)
         for method in ("solution_selection", "feature_selection"):

@@ -58,7 +58,7 @@ def stops(knob: Knob) -> list[Any]:
     return [widget.min, widget.max]
 
 
-# Settings under which a control works that is grey at the start; by default the kit's way.
+# Settings under which a control works that is grey at the start; by default the variant kit.
 AWAKE: dict[str, dict[str, Any]] = {}
 
 

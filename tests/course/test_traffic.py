@@ -59,7 +59,7 @@ class Detector:
     def candidates(self, image: Any) -> None:
         pass
 
-    def choose(self, output: None, score: float, nms: float) -> Boxes:
+    def select_boxes(self, output: None, score: float, nms: float) -> Boxes:
         to_the_right = np.array([[2.0], [0.0], [300.0]]) * [1, 0, 1, 0]
         return Boxes(self.true + to_the_right, np.full(3, 2), np.array([0.9, 0.8, 0.3]))
 
@@ -71,7 +71,7 @@ def test_of_two_boxes_on_one_vehicle_the_better_scored_is_right(bands: Path) -> 
     np.testing.assert_allclose(score, [0.9, 0.9, 0.8, 0.8, 0.3, 0.3])
     np.testing.assert_allclose(precision, [1, 1, 2 / 3, 1 / 2, 2 / 5, 1 / 3])
     np.testing.assert_allclose(recall, [1 / 2, 1, 1, 1, 1, 1])
-    detector.choose = lambda *_: no_boxes()
+    detector.select_boxes = lambda *_: no_boxes()
     assert [len(each) for each in precision_recall(sequence, range(1, 3), detector)] == [0, 0, 0]
 
 

@@ -18,7 +18,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.detection.class_names import choose_classes, class_numbers
 from vo_lib.detection.layout import (
     best_boxes,
-    letterbox,
+    fit_letterbox,
     yolox_cells,
 )
 from vo_lib.detection.models import MODELS
@@ -38,13 +38,13 @@ sides = st.integers(16, 2000)
 def test_a_box_goes_through_the_letterbox_and_back(
     width: int, height: int, columns: int, rows: int, centred: bool
 ) -> None:
-    plan = letterbox(width, height, 32 * columns, 32 * rows, centred)
+    letterbox = fit_letterbox(width, height, 32 * columns, 32 * rows, centred)
     box = np.array([[0.2 * width, 0.1 * height, 0.9 * width, 0.7 * height]])
-    inside = box * plan.scale + [plan.left, plan.top, plan.left, plan.top]
-    assert plan.to_image(inside, width, height) == pytest.approx(box - 0.5, abs=1e-6)
+    inside = box * letterbox.scale + [letterbox.left, letterbox.top, letterbox.left, letterbox.top]
+    assert letterbox.to_image(inside, width, height) == pytest.approx(box - 0.5, abs=1e-6)
     # The scaled image lies inside of the network's, to rounding.
-    assert plan.left + plan.scale * width <= plan.width + 1
-    assert plan.top + plan.scale * height <= plan.height + 1
+    assert letterbox.left + letterbox.scale * width <= letterbox.width + 1
+    assert letterbox.top + letterbox.scale * height <= letterbox.height + 1
 
 
 def yolov8_answer(classes: int = 2) -> np.ndarray:

@@ -60,7 +60,7 @@ def test_age_and_number_are_carried_over_and_new_numbers_are_new(bands: Path, ki
     _, i, j = np.intersect1d(before.id, after.id, return_indices=True)
     assert len(i) > 15
     np.testing.assert_array_equal(after.age[j], before.age[i] + 1)
-    # As published, a feature starts from its whole pixel in every pair, up to 2 px from the finished place.
+    # As published, a feature starts from its whole pixel in every pair, up to 2 px from the refined position.
     apart = 0.0 if kind == "kit" else 2.0
     np.testing.assert_allclose(after.prev_left[j], before.cur_left[i], rtol=0, atol=apart)
     np.testing.assert_allclose(after.prev_right[j], before.cur_right[i], rtol=0, atol=apart)
@@ -104,5 +104,5 @@ def test_the_next_search_starts_from_the_motion_of_the_last_matches() -> None:
 @pytest.mark.parametrize("window", [5, 27, 41])
 def test_every_window_in_the_range_of_the_refinement_matches(bands: Path, window: int) -> None:
     sequence = open_sequence(bands).part(0, 2)
-    front_end = make_front_end(sequence.camera, small(matching__finish_window=window))
+    front_end = make_front_end(sequence.camera, small(matching__subpixel_window=window))
     assert len([front_end.step(front_end.prepare(sequence.stereo(i))) for i in range(2)][-1]) > 10

@@ -52,7 +52,7 @@ def learnt(
     """What is known after a drive whose motion is known."""
     rig = Rig(CAMERA, config or CalibrationConfig())
     for matches, R_cp, t_cp in drive(frames, faults, noise, step=step):
-        rig.learn_rows(matches)
+        rig.update_from_rows(matches)
         rig.update(rig.correct(matches), R_cp, t_cp)
     return rig
 
@@ -151,7 +151,7 @@ def test_what_noise_explains_of_a_lens_is_taken_for_noise(
     rig = Rig(CAMERA, CalibrationConfig())
     covariance = prior_covariance()
     covariance[FIELD:, FIELD:] = np.diag(variance)
-    rig.know(np.append(np.zeros(FIELD), mean), covariance)
+    rig.set_estimate(np.append(np.zeros(FIELD), mean), covariance)
     np.testing.assert_allclose(rig.errors[FIELD:], expected, rtol=1e-6)
 
 
@@ -202,7 +202,7 @@ def test_rows_of_a_real_pair_agree_after_some_frames(clips: Path, name: str) -> 
     for matches, _ in find_matches(sequence, config):
         if len(matches):
             corrected = rig.correct(matches)  # with what was learnt before this frame
-            rig.learn_rows(matches)
+            rig.update_from_rows(matches)
     before, after = (
         float(np.median(np.abs(m.cur_left[:, 1] - m.cur_right[:, 1]))) for m in (matches, corrected)
     )
@@ -227,5 +227,5 @@ def test_few_or_wild_matches_do_no_harm(seed: int) -> None:
     before = rig.estimate
     rig.update(few, np.eye(3), t_cp)
     assert rig.estimate is before
-    rig.learn_rows(wild[np.arange(0)])
+    rig.update_from_rows(wild[np.arange(0)])
     assert np.isfinite(rig.errors).all()

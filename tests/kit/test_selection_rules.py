@@ -16,7 +16,7 @@ from vo_lib.geometry.motion import (
     essential_vector,
     rotation_angle,
 )
-from vo_lib.kit.selection import choose, sample_sets
+from vo_lib.kit.selection import choose_candidate, sample_sets
 from vo_lib.kit.settings import KitSelectionConfig
 from vo_lib.paper.five_point import five_point
 from vo_lib.paper.selection import truncated_errors
@@ -50,7 +50,7 @@ def test_a_prior_that_allows_only_a_bad_candidate_is_dropped_and_said_so(ratio: 
     config = KitSelectionConfig(keep=1, prior_rejection_ratio=ratio, threshold=1.0)
     scores = truncated_errors(E, pair.x_p, pair.x_c, config.threshold / CAMERA.f)
     best, worst = int(np.argmin(scores)), int(np.argmax(scores))
-    winner = choose(E, set_index, pair.x_p, pair.x_c, essential_vector(E[worst]), config, CAMERA.f)
+    winner = choose_candidate(E, set_index, pair.x_p, pair.x_c, essential_vector(E[worst]), config, CAMERA.f)
     assert winner == (best if dropped else worst, dropped)
 
 

@@ -1,4 +1,4 @@
-"""The paper's loop matching: the feature most alike, how far the finish may go, how near a thing may be."""
+"""The paper's loop matching: most similar feature, range of the sub-pixel refinement, nearest depth."""
 
 from __future__ import annotations
 

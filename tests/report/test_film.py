@@ -14,7 +14,7 @@ from vo_lib import preset, run
 from vo_lib.commands.cli import main
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.geometry.types import Image
-from vo_lib.report.film import PATH_COLOUR, TRUE_PATH_COLOUR, WORDS_HEIGHT_PX, Film, shown_frames
+from vo_lib.report.film import PATH_COLOUR, TRUE_PATH_COLOUR, WORDS_HEIGHT_PX, Film, film_frames
 from vo_lib.report.plots import REMOVED
 
 
@@ -45,7 +45,7 @@ def test_the_path_grows_and_removed_features_are_orange(bands: Path, variant: st
     (bands / "labels" / "000003.txt").write_text("2 0.5 0.5 0.5 0.5 0.9\n", encoding="utf-8")
     result = run(open_sequence(bands), preset("feature_selection", variant=variant))
     with Film(bands.parent / "film.mp4", result, "mine") as film:
-        pictures = {shown.index: film.picture(shown) for shown in shown_frames(result)}
+        pictures = {shown.index: film.picture(shown) for shown in film_frames(result)}
     assert list(pictures) == [1, 2, 3, 4, 5]
     image, words = (slice(None, 240), slice(None, 480)), (slice(300, None),)
     for colour in (PATH_COLOUR, TRUE_PATH_COLOUR):
@@ -78,7 +78,7 @@ def test_a_browser_plays_a_film_to_its_end_and_jumps_in_it(bands: Path) -> None:
     folder.mkdir()
     result = run(open_sequence(bands), preset("solution_selection"))
     with Film(folder / "film.mp4", result, "mine") as film:
-        for shown in 6 * list(shown_frames(result)):  # long enough for a second key frame
+        for shown in 6 * list(film_frames(result)):  # long enough for a second key frame
             film.add(shown)
     assert [path.name for path in folder.iterdir()] == ["film.mp4"]
     (folder / "page.html").write_text("<video src=film.mp4></video>", encoding="utf-8")

@@ -100,7 +100,7 @@ def test_our_numbers_the_papers_and_the_difference_stand_side_by_side() -> None:
 def test_a_drawn_street_never_stands_beside_a_printed_number() -> None:
     group = group_of(*(entry_of("synthetic/jam", 300, [1.0], m) for m in ("viso2", "mesvo_f")))
     (table,) = layout(group)
-    assert table.title.startswith("synthetic/jam, the kit's way: sub-sequences of")
+    assert table.title.startswith("synthetic/jam, variant kit: sub-sequences of")
     assert table.columns == ["method", "TE %", "RE deg/100 m", "removed %"]
     assert [row[0] for row in table.rows] == ["viso2", "mesvo_f"]
 
@@ -162,7 +162,7 @@ def test_the_result_compares_the_means_of_the_proposal_with_and_without_the_remo
     entries = [replace(entry, labels=True) for entry in entries]
     group = group_of(*entries)
     (text,) = results([group])
-    assert text.startswith("Mean of 2 sequences, the kit's way: feature_selection")
+    assert text.startswith("Mean of 2 sequences, variant kit: feature_selection")
     means = [f"{group.mean(method)[0].mean():.3f}" for method in pairs]
     # From 3 to 2 %; the rotations have no errors.
     assert text.endswith(

@@ -14,7 +14,7 @@ from ..files import write_atomic
 from ..geometry.types import Array
 from ..kit.settings import KitConfig
 from ..loops.settings import LoopConfig
-from ..report.film import FILM_ENDING, Film, shown_frames
+from ..report.film import FILM_ENDING, Film, film_frames
 from ..report.page import number
 from ..report.paths import ComparedPaths, evaluate_paths, evaluation_tables
 from ..report.plots import png, trajectories_figure
@@ -102,7 +102,7 @@ def _run(options: argparse.Namespace) -> int:
     say(f"written to {folder}")
     if options.video is not None:
         with reporting("drawing frames") as report, Film(options.video, result, label, pairs) as film:
-            for frame in shown_frames(result, matches, calibration):
+            for frame in film_frames(result, matches, calibration):
                 film.add(frame)
                 report(frame.index + 1, len(sequence))
         say(f"film: {options.video}")

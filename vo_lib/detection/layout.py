@@ -60,22 +60,24 @@ def size_from_metadata(text: str) -> int | None:
     return max(sides) if valid else None
 
 
-def letterbox(width: int, height: int, net_width: int, net_height: int, centred: bool = True) -> Letterbox:
+def fit_letterbox(
+    width: int, height: int, net_width: int, net_height: int, centred: bool = True
+) -> Letterbox:
     """The letterbox of an image in the network's image, centred (YOLOv8) or in the corner (YOLOX)."""
     scale = min(net_width / width, net_height / height)
     left, top = net_width - round(width * scale), net_height - round(height * scale)
     return Letterbox(net_width, net_height, scale, left // 2 * centred, top // 2 * centred)
 
 
-def place(image: Image, plan: Letterbox) -> Image:
+def letterboxed(image: Image, letterbox: Letterbox) -> Image:
     """The image (H, W) or (H, W, 3), scaled, with the border of the letterbox."""
-    size = max(1, round(image.shape[1] * plan.scale)), max(1, round(image.shape[0] * plan.scale))
+    size = max(1, round(image.shape[1] * letterbox.scale)), max(1, round(image.shape[0] * letterbox.scale))
     # Area averages keep small, distant cars; linear interpolation would skip pixels.
-    interpolation = cv2.INTER_AREA if plan.scale < 1 else cv2.INTER_LINEAR
+    interpolation = cv2.INTER_AREA if letterbox.scale < 1 else cv2.INTER_LINEAR
     small = cv2.resize(image, size, interpolation=interpolation)
-    shape = (plan.height, plan.width, *image.shape[2:])
+    shape = (letterbox.height, letterbox.width, *image.shape[2:])
     out = np.full(shape, BORDER_GREY, np.uint8)
-    out[plan.top : plan.top + size[1], plan.left : plan.left + size[0]] = small
+    out[letterbox.top : letterbox.top + size[1], letterbox.left : letterbox.left + size[0]] = small
     return out
 
 

@@ -35,11 +35,11 @@ class NetworkOutput:
 
     Attributes
     ----------
-    plan : the letterbox. width, height : size of the original image, pixels.
+    letterbox : the letterbox. width, height : size of the original image, pixels.
     corners : (N, 4) x0, y0, x1, y1 in the network's image, pixels; scores : (N, C) of the classes.
     """
 
-    plan: layout.Letterbox
+    letterbox: layout.Letterbox
     corners: Array
     scores: Array
     width: int
@@ -85,21 +85,21 @@ class YoloDetector:
 
         For a grey image, the network's input has three equal channels.
         """
-        return self.choose(self.candidates(image), self.config.score, self.config.nms)
+        return self.select_boxes(self.candidates(image), self.config.score, self.config.nms)
 
     def candidates(self, image: Image) -> NetworkOutput:
         """The network's output for an image, as in `detect`, before the selection of boxes."""
         height, width = image.shape[:2]
         size, centred = self.input_size(width, height), self.layout == "yolov8"
-        plan = layout.letterbox(width, height, *size, centred)
-        output = self._run(self._to_input(layout.place(image, plan)))
+        letterbox = layout.fit_letterbox(width, height, *size, centred)
+        output = self._run(self._to_input(layout.letterboxed(image, letterbox)))
         corners, scores = layout.read_yolov8(output) if centred else layout.read_yolox(output, *size)
-        return NetworkOutput(plan, corners, scores, width, height)
+        return NetworkOutput(letterbox, corners, scores, width, height)
 
-    def choose(self, output: NetworkOutput, score: float, nms: float) -> Boxes:
+    def select_boxes(self, output: NetworkOutput, score: float, nms: float) -> Boxes:
         """The boxes of an output at these thresholds, in the image, as returned by `detect`."""
         boxes = layout.best_boxes(output.corners, output.scores, score, nms, self._wanted)
-        xyxy = output.plan.to_image(boxes.xyxy, output.width, output.height)
+        xyxy = output.letterbox.to_image(boxes.xyxy, output.width, output.height)
         return dataclasses.replace(boxes, xyxy=xyxy, class_id=self._numbers[boxes.class_id])
 
     def input_size(self, width: int, height: int) -> tuple[int, int]:

@@ -54,7 +54,7 @@ def refine_stereo(
     ok &= surface.share >= config.surface_share
     places = np.array(right, np.float64)
     places[ok], difference = track_warped(
-        *pair, left[ok], right[ok], stereo_warp(surface.slope[ok]), config.finish_window
+        *pair, left[ok], right[ok], stereo_warp(surface.slope[ok]), config.subpixel_window
     )
     ok[ok] = difference <= config.max_difference
     ok &= np.abs(left[:, 0] - places[:, 0] - surface.disparity) <= config.surface_tolerance
@@ -94,7 +94,7 @@ def refine_over_time(
     for side, (side_slope, side_t) in enumerate(sides):
         warp = motion_warp(camera, previous[side][ok], disparity[ok], side_slope[ok], R, side_t)
         places[side][ok], difference = track_warped(
-            before[side], pair[side], previous[side][ok], start[side][ok], warp, config.finish_window
+            before[side], pair[side], previous[side][ok], start[side][ok], warp, config.subpixel_window
         )
         ok[ok] = difference <= config.max_difference
     return places[0], places[1], ok

@@ -63,7 +63,7 @@ class Calibration:
     def in_use(self, config: CalibrationConfig) -> Array:
         """The errors (19,) used for the correction of matches, pixels."""
         rig = Rig(self.camera, config)
-        rig.know(self.estimate, self.covariance)
+        rig.set_estimate(self.estimate, self.covariance)
         return rig.errors
 
     def in_words(self, config: CalibrationConfig) -> str:

@@ -24,7 +24,7 @@ from ..paper.viso2 import Viso2
 from .boxes import BoxFilter, Filtered
 from .calibration import Calibration
 from .rig import Rig
-from .selection import choose, motion_of_winner, sample_sets
+from .selection import choose_candidate, motion_of_winner, sample_sets
 from .settings import KitConfig
 from .translation import robust_translation
 from .vehicle import Vehicle
@@ -67,7 +67,7 @@ class SelfCalibratingOdometry(Odometry):
         self.rig = Rig(camera, config.calibration)
         if calibration is not None:
             calibration.check(camera)
-            self.rig.know(calibration.estimate, calibration.covariance_on_another_drive())
+            self.rig.set_estimate(calibration.estimate, calibration.covariance_on_another_drive())
         self._times, self._on_moving = times, on_moving
         self._still = False
         self._filter = BoxFilter(camera, config.filter)
@@ -89,7 +89,7 @@ class SelfCalibratingOdometry(Odometry):
         still_flow = self.config.selection.standstill_flow
         self._still = len(matches) > 0 and median_flow(matches) < still_flow
         if self.config.calibration.estimate and not self._still:
-            self.rig.learn_rows(matches)
+            self.rig.update_from_rows(matches)
         motion = super().step(self.rig.correct(matches), boxes)
         assert self.filtered is not None
         motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
@@ -97,7 +97,7 @@ class SelfCalibratingOdometry(Odometry):
         motion = self._vehicle.judge(motion, seconds, self._still)
         if motion.in_doubt:
             self.e_prev, *errors = previous_state
-            self.rig.know(*errors)
+            self.rig.set_estimate(*errors)
         return motion
 
     def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
@@ -143,7 +143,7 @@ class KitOdometry(SelfCalibratingOdometry):
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
         """The paper's winner, but without the prior if the prior is clearly wrong."""
         config, f = self.config.selection, self.camera.f
-        winner, self._dropped = choose(E, set_index, x_p, x_c, self.e_prev, config, f)
+        winner, self._dropped = choose_candidate(E, set_index, x_p, x_c, self.e_prev, config, f)
         return winner
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:

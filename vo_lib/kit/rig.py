@@ -93,7 +93,7 @@ class Rig:
         self.camera = camera
         self.config = config
         self._prior = prior_covariance()
-        self.know(np.zeros(ERROR_COUNT), self._prior)
+        self.set_estimate(np.zeros(ERROR_COUNT), self._prior)
 
     def correct(self, matches: StereoMatches, errors: Array | None = None) -> StereoMatches:
         """Matches corrected by these errors (19,), by default `self.errors`."""
@@ -115,7 +115,7 @@ class Rig:
             true = left - np.stack([u, v], axis=1), right - np.stack([u - disparity, v - row], axis=1)
         return true
 
-    def learn_rows(self, matches: StereoMatches) -> None:
+    def update_from_rows(self, matches: StereoMatches) -> None:
         """Update the errors from the rows of a frame's uncorrected stereo matches, with Cauchy weights."""
         if len(matches) == 0:
             return
@@ -131,7 +131,7 @@ class Rig:
             weighted /= noise * self.config.noise_inflation**2
             information = prior_information + weighted @ A.T
             estimate = np.asarray(np.linalg.solve(information, start + weighted @ difference))
-        self.know(estimate, np.asarray(np.linalg.inv(information)))
+        self.set_estimate(estimate, np.asarray(np.linalg.inv(information)))
 
     def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
         """Update the errors from a frame's corrected matches and motion."""
@@ -150,9 +150,9 @@ class Rig:
         # The matches were corrected by the shrunk errors, not by the estimate.
         vector -= information @ (self.estimate - self.errors)
         change = np.linalg.solve(prior_information + information, vector)
-        self.know(self.estimate + change, np.asarray(np.linalg.inv(prior_information + information)))
+        self.set_estimate(self.estimate + change, np.asarray(np.linalg.inv(prior_information + information)))
 
-    def know(self, estimate: Array, covariance: Array) -> None:
+    def set_estimate(self, estimate: Array, covariance: Array) -> None:
         """Set the estimate (19,) and its covariance (19, 19), and compute the shrunk errors."""
         self.estimate, self.covariance = estimate, covariance
         errors, covariance, lens = estimate.copy(), covariance.copy(), {}

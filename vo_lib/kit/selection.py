@@ -30,7 +30,7 @@ def sample_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
     return order.reshape(-1, 5)[:sets]
 
 
-def choose(
+def choose_candidate(
     E: Array,
     set_index: Index,
     x_p: Array,

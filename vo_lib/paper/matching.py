@@ -84,7 +84,7 @@ class LoopMatcher:
                 before.in_left.strength[prev_left],
                 self._id[prev_left],
             )
-            matches = finish(before, pair, whole, self.config)
+            matches = subpixel_matches(before, pair, whole, self.config)
         new = identity < 0
         identity[new] = self._next_id + np.arange(np.count_nonzero(new))
         self._next_id += int(np.count_nonzero(new))
@@ -113,7 +113,7 @@ def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple
     return prev_left[closed], prev_right[closed], cur_left[closed], cur_right[closed]
 
 
-def finish(
+def subpixel_matches(
     before: DescribedPair, pair: DescribedPair, matches: StereoMatches, config: MatchingConfig
 ) -> StereoMatches:
     """The matches in whole pixels that pass the checks, with sub-pixel positions.
@@ -122,7 +122,7 @@ def finish(
     current left image, and from both to the current right image, where the two positions must agree. A match
     that fails a check is not tracked further.
     """
-    side = config.finish_window
+    side = config.subpixel_window
     prev_right, ok, _ = track(before.left, before.right, matches.prev_left, matches.prev_right, side)
     matches = replace(matches, prev_right=prev_right)[ok & is_stereo(matches.prev_left, prev_right, config)]
     cur_left, ok, _ = track(before.left, pair.left, matches.prev_left, matches.cur_left, side)

@@ -39,7 +39,7 @@ class StereoLimits(Checked):
     max_disparity: int = setting(
         160, "largest disparity searched in a stereo pair", unit="px", low=16, high=512
     )
-    finish_window: int = setting(
+    subpixel_window: int = setting(
         11, "side of the window of the sub-pixel refinement, odd", unit="px", low=5, high=41
     )
     loop_tolerance: float = setting(

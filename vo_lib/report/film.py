@@ -40,7 +40,7 @@ TRUE_PATH_COLOUR, PATH_COLOUR, LOOP_LINE_COLOUR = WHITE, (240, 190, 80), (167, 1
 
 
 @dataclass(frozen=True)
-class Shown:
+class FilmFrame:
     """A frame of a film: N matches, the mask `keep` (N,) of those not removed, K boxes.
 
     `state` : (K,) states of the boxes for `match_image`; None for a rule without states.
@@ -54,9 +54,9 @@ class Shown:
     motion: FrameResult
 
 
-def shown_frames(
+def film_frames(
     run: Run, matches: Iterable[TimedMatches] | None = None, calibration: Calibration | None = None
-) -> Iterator[Shown]:
+) -> Iterator[FilmFrame]:
     """The frames of a finished run except the first, computed again; arguments as in `run_methods`."""
     sequence, config = run.sequence, run.config
     method = MethodRun(sequence, config, calibration)
@@ -81,7 +81,7 @@ def shown_frames(
             elif config.filter.rule != "none":
                 keep = ~on_vehicles(frame[0], previous_boxes, boxes, config.filter)
             previous_boxes = boxes
-            yield Shown(index, frame[0], keep, film_boxes, state, method.motions[-1])
+            yield FilmFrame(index, frame[0], keep, film_boxes, state, method.motions[-1])
 
 
 class Film:
@@ -119,12 +119,12 @@ class Film:
         finally:
             self._draft.unlink(missing_ok=True)
 
-    def add(self, frame: Shown) -> None:
+    def add(self, frame: FilmFrame) -> None:
         """Write a frame."""
         self._writer.write(self.picture(frame))
         self._count += 1
 
-    def picture(self, frame: Shown) -> Image:
+    def picture(self, frame: FilmFrame) -> Image:
         """The picture of a frame, BGR: the image, the path to its right, text below."""
         page = np.full((*self._shape, 3), DARK, np.uint8)
         left, _ = self.run.sequence.stereo(frame.index)
@@ -150,7 +150,7 @@ class Film:
             _draw_line(part, path[visits], LOOP_LINE_COLOUR, 2)
         cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, PATH_COLOUR, -1, cv2.LINE_AA)
 
-    def _write_words(self, part: Image, frame: Shown) -> None:
+    def _write_words(self, part: Image, frame: FilmFrame) -> None:
         index, motion = frame.index, frame.motion
         times, driven = self.run.sequence.times, self._driven[index]
         first = [self.label, f"frame {self.run.sequence.frames[index]}", f"{times[index] - times[0]:.1f} s"]

@@ -56,7 +56,7 @@ def plus_minus(mean: float | None, deviation: float | None) -> str:
     return number(mean) + ("" if finite(deviation) is None else f" ± {number(deviation)}")
 
 
-def seeds_words(count: int) -> str:
+def seeds_text(count: int) -> str:
     """The statistic of a table's numbers over seeds, as text."""
     return "one seed" if count == 1 else f"mean ± standard deviation over {count} seeds"
 

@@ -20,7 +20,7 @@ from ..paper.settings import MethodConfig
 from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
 from .entries import measure_runs
-from .page import NO_NUMBER, ReportTable, number, plus_minus, seeds_words
+from .page import NO_NUMBER, ReportTable, number, plus_minus, seeds_text
 from .plots import SMALL_PAGE, page, png
 from .table1 import ERROR_KINDS, number_fields
 
@@ -118,7 +118,7 @@ def run_sweep(
         entry = measure_runs(method, runs, measure) if runs else None
         fields = number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
         records.append(words | {"seeds": len(runs)} | fields | {"failed": "; ".join(causes)})
-    title = f"{sequence.name}, {method}, {base.variant}: {measure.words}; {seeds_words(seeds)}"
+    title = f"{sequence.name}, {method}, {base.variant}: {measure.words}; {seeds_text(seeds)}"
     return Sweep(title, axes, records)
 
 

@@ -10,10 +10,10 @@ from ..data.catalogue import KITTI
 from ..evaluation.kitti import KITTI_MEASURE
 from ..geometry.types import Array
 from .entries import BENCHMARK_FRAMES, Entry, Group
-from .page import ReportTable, finite, mean_and_spread, number, plus_minus, seeds_words, signed
+from .page import ReportTable, finite, mean_and_spread, number, plus_minus, seeds_text, signed
 from .printed import AVERAGE, CLAIMS, LEFT_OUT, PROPOSAL, PaperTable, gain
 
-VARIANT_WORDS = {"published": "the paper as published", "kit": "the kit's way"}
+VARIANT_WORDS = {"published": "the paper as published", "kit": "variant kit"}
 # Names of TE and RE in records and in tables, and the number of decimals in the paper.
 ERROR_KINDS = {"te_percent": ("TE %", 2), "re_deg_per_100m": ("RE deg/100 m", 3)}
 BOX_METHODS = ("feature_selection", "moving_selection")  # the methods that need vehicle boxes
@@ -84,7 +84,7 @@ def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
         heading = f"{title}, {units[0].split()[0]}" if printed else title
         tables.append(ReportTable(f"{heading}: sub-sequences of {group.measure.words}", columns, rows, []))
     tables[0].head.extend(caveats(group))
-    notes = [f"{seeds_words(max(record['seeds'] for record in records)).capitalize()}."]
+    notes = [f"{seeds_text(max(record['seeds'] for record in records)).capitalize()}."]
     mean = "Avg and mean, without 01" if group.kitti else "mean"
     weights = f"{mean}: sequences weigh the same; pooled: sub-sequences do, as on KITTI's server."
     tables[-1].notes.extend([*notes, *[weights] * several, *_comparison(group, "mesvo_f")])

@@ -87,13 +87,13 @@ def learn(
     if terms != DISPARITY_TERMS:
         # The others are given as zero; the rows, which are learnt apart, say nothing about them.
         free = np.isin([*DISPARITY_TERMS, *[terms[0]] * (ERROR_COUNT - len(DISPARITY_TERMS))], terms)
-        learnt.know(learnt.estimate, np.diag(np.diag(learnt.covariance) * np.where(free, 1.0, 1e-8)))
+        learnt.set_estimate(learnt.estimate, np.diag(np.diag(learnt.covariance) * np.where(free, 1.0, 1e-8)))
     shares: dict[str, list[float]] = {"as measured": [], "corrected": []}
     for frame in tracks:
         R_cp, t_cp = frame.T_cp[:3, :3], frame.T_cp[:3, 3]
         length = float(np.linalg.norm(t_cp))
         spoiled = learnt.correct(frame.matches, -true)
-        learnt.learn_rows(spoiled)
+        learnt.update_from_rows(spoiled)
         corrected = learnt.correct(spoiled)
         for name, matches in zip(shares, (spoiled, corrected), strict=True):
             solved = robust_translation(camera, matches, R_cp, KitTranslationConfig())

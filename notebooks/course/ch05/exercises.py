@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.detection.layout import Letterbox, letterbox, yolox_cells
+from vo_lib.detection.layout import Letterbox, fit_letterbox, yolox_cells
 from vo_lib.geometry.boxes import overlap
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray
@@ -33,9 +33,9 @@ def net_boxes() -> list[Case]:
         [[600.0, 250, 655, 420]],
         [[-9.0, 200, 60, 300]],
     )
-    plan = letterbox(*SIZE, *NET)
+    letterbox = fit_letterbox(*SIZE, *NET)
     parts = inner, low, high, [*inner, *low, *high]
-    return [(np.array(boxes), plan.scale, plan.left, plan.top, *SIZE) for boxes in parts]
+    return [(np.array(boxes), letterbox.scale, letterbox.left, letterbox.top, *SIZE) for boxes in parts]
 
 
 def in_image(xyxy: Array, scale: float, left: int, top: int, width: int, height: int) -> Array:

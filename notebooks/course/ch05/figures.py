@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vo_lib.detection.layout import STRIDES, place
+from vo_lib.detection.layout import STRIDES, letterboxed
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import NetworkOutput
 from vo_lib.geometry.boxes import Boxes
@@ -27,9 +27,9 @@ DOTS = (PALE, 9.0), (GOOD, 6.0)  # with all features, with those kept: colour, s
 
 def score_picture(image: Image, found: NetworkOutput) -> Image:
     """The network's image three times, left to right its strides: each cell tinted by its best score."""
-    ground, parts, first = photo(place(image, found.plan), found.plan.width), [], 0
+    ground, parts, first = photo(letterboxed(image, found.letterbox), found.letterbox.width), [], 0
     for stride in STRIDES:
-        rows, columns = found.plan.height // stride, found.plan.width // stride
+        rows, columns = found.letterbox.height // stride, found.letterbox.width // stride
         best = found.scores[first : first + rows * columns].max(axis=1).reshape(rows, columns)
         first += rows * columns
         share = np.kron(best, np.ones((stride, stride)))[:, :, None]
@@ -53,7 +53,7 @@ def candidates_picture(
     ----------
     kept : (K, 4) corners in the network's image, pixels. width, height : of the picture.
     """
-    picture = photo(place(image, found.plan), found.plan.width)
+    picture = photo(letterboxed(image, found.letterbox), found.letterbox.width)
     best = found.scores.max(axis=1)
     passed = np.flatnonzero(best >= score)
     passed = passed[np.argsort(-best[passed], kind="stable")][:MOST_DRAWN]

@@ -78,7 +78,7 @@ def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: f
     if model.strip() == LABELS:
         return sequence.boxes(frame)
     detector = detector_of(model)
-    return detector.choose(frame_candidates(sequence, frame, detector), score, nms)
+    return detector.select_boxes(frame_candidates(sequence, frame, detector), score, nms)
 
 
 def filtered_frame(
@@ -128,7 +128,7 @@ def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) 
     """
     found, labelled = [], 0
     for frame in frames:
-        boxes = detector.choose(
+        boxes = detector.select_boxes(
             frame_candidates(sequence, frame, detector), LEAST_SCORE, DetectorConfig().nms
         )
         shared = overlap(boxes.xyxy, sequence.boxes(frame).xyxy)
@@ -245,8 +245,8 @@ class FilteringPanel(Panel):
             plain = photo(image, NET_WIDTH, CHART_HEIGHT)
             return caption(plain, f"{len(boxes)} boxes of the label folder, no network"), len(boxes)
         found = frame_candidates(state.sequence, state.frame, detector_of(state.view.model))
-        plan = found.plan
-        corners = (boxes.xyxy + 0.5) * plan.scale + (plan.left, plan.top) * 2
+        letterbox = found.letterbox
+        corners = (boxes.xyxy + 0.5) * letterbox.scale + (letterbox.left, letterbox.top) * 2
         count = int(np.count_nonzero(found.scores.max(axis=1) >= rule.score))
         words = f"network's image: {count} candidates orange, {len(boxes)} boxes left blue"
         return candidates_picture(image, found, rule.score, corners, words, NET_WIDTH, CHART_HEIGHT), count

@@ -16,7 +16,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.result import FrameResult
 from vo_lib.geometry.types import Array, Image, Progress
-from vo_lib.report.film import Film, Shown, shown_frames
+from vo_lib.report.film import Film, FilmFrame, film_frames
 from vo_lib.runs.drive import Run
 from vo_lib.runs.front_end import TimedMatches
 
@@ -111,7 +111,7 @@ def watched(matches: Iterable[TimedMatches], report: Progress, frames: int) -> I
 def kept_by(run: Run, matches: Iterable[TimedMatches]) -> list[TimedMatches]:
     """The matches of each frame that the boxes of a finished run of the kit leave."""
     given = list(matches)
-    return [given[0], *((shown.matches[shown.keep], {}) for shown in shown_frames(run, given))]
+    return [given[0], *((shown.matches[shown.keep], {}) for shown in film_frames(run, given))]
 
 
 def mixed(rotations: Array, translations: Array) -> Array:
@@ -152,6 +152,6 @@ def film(
             T_cp = inverse(poses[index]) @ poses[index - 1]
             near = line_distances(sequence, used, T_cp) < 1.0
             counts = len(seen), int(np.sum(~keep)), len(used), int(np.sum(near))
-            shown = Shown(index, seen, keep, boxes, None, FrameResult(T_cp, *counts))
+            shown = FilmFrame(index, seen, keep, boxes, None, FrameResult(T_cp, *counts))
             made.add(shown)
     return made.picture(shown)
