@@ -64,11 +64,7 @@ def pair(X: Array, faults: Faults, noise: float, rng: np.random.Generator) -> tu
 
 
 def drive(
-    frames: int,
-    faults: Faults,
-    noise: float = 0.2,
-    points: int = 300,
-    step: float = 1.0,
+    frames: int, faults: Faults, noise: float = 0.2, points: int = 300, step: float = 1.0
 ) -> Iterator[tuple[StereoMatches, Array, Array]]:
     """Matches, R_cp and t_cp of a camera that goes `step` metres ahead a frame and turns."""
     rng = np.random.default_rng(11)

@@ -26,7 +26,7 @@ LONG = 600_000.0  # milliseconds that one step may take; a safeguard
 SELDOM = 200.0  # milliseconds between looks at a page; by default it is looked at, and drawn, at every tick
 SETTINGS = {
     # The page draws every cell, not only those in view.
-    "@jupyterlab/notebook-extension/tracker": {"windowingMode": "none"},
+    "@jupyterlab/notebook-extension/tracker": {"windowingMode": "none"}
 }
 ALL_DONE = """() => {
     const prompts = [...document.querySelectorAll('.jp-Notebook .jp-CodeCell .jp-InputPrompt')];
@@ -106,7 +106,7 @@ def browser() -> Iterator[BrowserContext]:
 @pytest.mark.slow
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize(("lab", "path"), CASES, indirect=["lab"], ids=lambda each: Path(each).stem)
-def test_a_reader_runs_all_cells_and_moves_a_slider(path: Path, lab: str, browser: BrowserContext) -> None:
+def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContext) -> None:
     page = browser.new_page()
     page.set_default_timeout(LONG)
     complaints: list[str] = []
@@ -138,9 +138,7 @@ def test_a_reader_runs_all_cells_and_moves_a_slider(path: Path, lab: str, browse
 
 @pytest.mark.slow
 @pytest.mark.parametrize("lab", [""], indirect=True)
-def test_the_course_opens_without_questions_in_a_workspace_of_its_own(
-    lab: str, browser: BrowserContext
-) -> None:
+def test_lab_opens_the_course_without_dialogs(lab: str, browser: BrowserContext) -> None:
     page = browser.new_page()
     page.set_default_timeout(LONG)
     asked: list[str] = []

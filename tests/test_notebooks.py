@@ -75,7 +75,7 @@ def execute(path: Path, folder: Path, sequence: str = STREET, **environment: str
 @pytest.mark.slow
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
-def test_a_chapter_runs_and_its_exercises_wait_for_answers(path: Path, tmp_path: Path) -> None:
+def test_chapters_run_with_unanswered_exercises(path: Path, tmp_path: Path) -> None:
     notebook = execute(path, tmp_path, KITTI_ROOT="")
     assert complaints(notebook) == []
     judged = verdicts(notebook)
@@ -95,7 +95,7 @@ def student(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> tuple
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", SOLUTIONS, ids=name)
-def test_the_solutions_are_right(path: Path, student: tuple[Path, dict[Path, Any]]) -> None:
+def test_solutions_are_right(path: Path, student: tuple[Path, dict[Path, Any]]) -> None:
     notebook = student[1][path]
     assert complaints(notebook) == []
     judged = verdicts(notebook)
@@ -104,7 +104,7 @@ def test_the_solutions_are_right(path: Path, student: tuple[Path, dict[Path, Any
 
 
 @pytest.mark.slow
-def test_what_a_student_has_kept_drives_in_chapter_8(student: tuple[Path, dict[Path, Any]]) -> None:
+def test_saved_answers_form_an_odometry_in_chapter_8(student: tuple[Path, dict[Path, Any]]) -> None:
     folder = student[0]
     notebook = execute(CHAPTERS[8], folder)
     assert complaints(notebook) == []
@@ -119,7 +119,7 @@ def test_what_a_student_has_kept_drives_in_chapter_8(student: tuple[Path, dict[P
 
 
 @pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES, *SOLUTIONS], ids=name)
-def test_notebooks_are_committed_without_outputs_and_their_links_lead_somewhere(path: Path) -> None:
+def test_notebooks_have_no_outputs_and_valid_links(path: Path) -> None:
     notebook = read(path)
     nbformat.validate(notebook)
     assert set(notebook.metadata) <= {"kernelspec", "language_info"}
@@ -136,11 +136,11 @@ def test_notebooks_are_committed_without_outputs_and_their_links_lead_somewhere(
     assert any(link.endswith(".ipynb") for link in links)
 
 
-def test_every_chapter_has_its_solutions() -> None:
+def test_every_chapter_has_solutions() -> None:
     assert [path.name for path in SOLUTIONS] == [path.name for path in sorted(FOLDER.glob("*.ipynb"))]
 
 
-def test_the_scan_sees_an_error_inside_a_panel(street: Sequence, tmp_path: Path) -> None:
+def test_complaints_include_errors_of_panels(street: Sequence, tmp_path: Path) -> None:
     panel = f"from course.ch00 import StartPanel\nStartPanel({street.name!r}).set(sequence='nowhere')"
     cell = nbformat.v4.new_code_cell(panel)  # type: ignore[no-untyped-call]
     broken = tmp_path / "broken.ipynb"

@@ -24,7 +24,7 @@ def untrue(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
-def test_a_chapter_runs_on_a_sequence_without_truth(path: Path, untrue: Path, tmp_path: Path) -> None:
+def test_chapters_run_without_truth(path: Path, untrue: Path, tmp_path: Path) -> None:
     notebook = execute(path, tmp_path, str(untrue), KITTI_ROOT="")
     assert complaints(notebook) == []
 
@@ -32,6 +32,6 @@ def test_a_chapter_runs_on_a_sequence_without_truth(path: Path, untrue: Path, tm
 @pytest.mark.slow
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
-def test_a_chapter_runs_on_kitti(path: Path, clips: Path, tmp_path: Path) -> None:
+def test_chapters_run_on_kitti(path: Path, clips: Path, tmp_path: Path) -> None:
     notebook = execute(path, tmp_path, "kitti/00", KITTI_ROOT=str(clips))
     assert complaints(notebook) == []

@@ -44,7 +44,7 @@ def require_rounded(quoted: Iterable[str], exact: Iterable[float | str]) -> None
 @pytest.mark.parametrize("row", ROWS)
 @pytest.mark.parametrize("variant", ["published", "kit"])
 @pytest.mark.parametrize("method", ["solution_selection", "feature_selection"])
-def test_the_readme_quotes_the_claim_as_measured(row: str, variant: str, method: str) -> None:
+def test_readme_quotes_the_claim_as_measured(row: str, variant: str, method: str) -> None:
     exact = [MEASURED[FIRST[variant] + kind][ROWS[row]][method] for kind in (0, 1)]
     require_rounded(README[row][f"{variant}, `{method}`"].split(" / "), exact)
 
@@ -54,7 +54,7 @@ def choices() -> list[dict[str, str]]:
         return [*csv.DictReader(lines)]
 
 
-def test_the_readme_quotes_the_worth_of_boxes_at_each_threshold() -> None:
+def test_readme_quotes_the_gain_of_boxes() -> None:
     re_of = {row["alternative"]: row["re"] for row in choices() if row["sequence"] == "kitti/drive_0013"}
     text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
     quoted = re.findall(f"from ({NUMBER}) to ({NUMBER}) at ({NUMBER}) px", text)
@@ -67,7 +67,7 @@ def pages(name: str) -> str:
     return " ".join((ROOT / "notebooks" / name).read_text(encoding="utf-8").split())
 
 
-def test_the_choice_of_rows_in_pixels_quotes_what_was_measured() -> None:
+def test_choice_of_rows_in_pixels_is_quoted_as_measured() -> None:
     rows = {(row["sequence"], row["alternative"]): row for row in choices()}
 
     def number(sequence: str, column: str, alternative: str = "") -> float:
@@ -85,7 +85,7 @@ def test_the_choice_of_rows_in_pixels_quotes_what_was_measured() -> None:
     assert max(abs(float(number or 0.0)) for number in change) < 0.1
 
 
-def test_each_run_sheet_has_ninety_minutes_and_exercises_that_there_are() -> None:
+def test_run_sheets_have_ninety_minutes() -> None:
     sheets = re.split(r"\n### \[", (ROOT / "notebooks" / "teaching.md").read_text(encoding="utf-8"))[1:]
     assert len(sheets) == len(list((ROOT / "notebooks").glob("0*.ipynb")))
     for chapter, sheet in enumerate(sheets):

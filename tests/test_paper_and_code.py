@@ -48,13 +48,13 @@ ROWS = table_rows(SENTENCES)
 
 
 @pytest.mark.parametrize("name", sorted(set(DOTTED.findall(PAGE))))
-def test_what_the_page_names_is_there(name: str) -> None:
+def test_names_on_the_page_exist(name: str) -> None:
     result = named(name)
     assert inspect.isfunction(result) or inspect.isclass(result)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0][:40])
-def test_each_statement_has_its_place_and_one_of_three_words(row: list[str]) -> None:
+def test_statements_have_code_and_one_verdict(row: list[str]) -> None:
     _, where, verdict = row
     assert re.sub(DOTTED, "", where).strip(" ,") == ""
     assert DOTTED.search(where)
@@ -62,12 +62,12 @@ def test_each_statement_has_its_place_and_one_of_three_words(row: list[str]) -> 
     assert sum(verdict.count(word) for word in WORDS) == 1
 
 
-def test_the_stages_of_the_method_are_all_on_the_page() -> None:
+def test_page_names_all_stages() -> None:
     stages = {path.stem for path in (NOTEBOOKS.parent / "vo_lib" / "paper").glob("*.py")} - HELPERS
     assert {name.split(".")[2] for name in DOTTED.findall(PAGE) if ".paper." in name} == stages
 
 
-def test_every_choice_of_the_published_variant_is_listed_with_its_value() -> None:
+def test_choices_are_listed_with_their_values() -> None:
     listed = dict(re.findall(r"`([a-z_]+(?:\.[a-z_]+)?)` = (\d+(?:\.\d+)?)", CHOICES))
     settings = {setting.name: setting.default for setting in declared(PublishedConfig)}
     assert set(listed) == {name for name, default in settings.items() if is_number(default)} - GIVEN

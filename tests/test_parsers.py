@@ -86,9 +86,7 @@ CASES = json.loads((Path(__file__).parent / "bad_files.json").read_text(encoding
 @pytest.mark.parametrize(
     ("name", "how", "expected"), CASES, ids=[f"{name} {str(how)[:40]!a}" for name, how, _ in CASES]
 )
-def test_a_bad_file_is_one_line_that_says_what_is_wrong(
-    tmp_path: Path, name: str, how: str | list[str], expected: str
-) -> None:
+def test_bad_files_give_one_line(tmp_path: Path, name: str, how: str | list[str], expected: str) -> None:
     reader = readers()[name]
     path = reader.write(tmp_path)
     path.write_bytes(spoilt(how, reader.valid))
@@ -108,7 +106,9 @@ def place(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 @given(data=st.data())
-def test_any_file_gives_finite_numbers_or_one_line(place: tuple[Reader, Path], data: st.DataObject) -> None:
+def test_random_files_give_finite_numbers_or_one_line(
+    place: tuple[Reader, Path], data: st.DataObject
+) -> None:
     reader, folder = place
     path = folder / reader.file
     path.write_bytes(data.draw(damaged(reader.valid)))
@@ -141,5 +141,5 @@ LIKE_WORDS = st.lists(st.sampled_from([*ODD, "00", "07", "1", "kit", "car", "5:7
 
 
 @given(st.sampled_from(sorted(WORDS)), st.text(max_size=60) | LIKE_WORDS)
-def test_any_words_of_an_option_are_understood_or_refused(name: str, text: str) -> None:
+def test_random_option_values_are_parsed_or_refused(name: str, text: str) -> None:
     assert len(outcome(lambda: WORDS[name](text))[1].splitlines()) <= 1

@@ -47,12 +47,12 @@ def flat(config: Any) -> dict[str, Any]:
     return {item.name: reduce(getattr, item.name.split("."), config) for item in declared(type(config))}
 
 
-def test_the_methods_are_those_of_table_1_in_its_order_and_one_more() -> None:
+def test_methods_are_those_of_table_1() -> None:
     assert METHODS == ORDER
 
 
 @pytest.mark.parametrize("name", DECISIVE)
-def test_what_decides_a_method_is_as_the_paper_says(name: str) -> None:
+def test_kit_presets_have_the_papers_choices(name: str) -> None:
     why, values = DECISIVE[name]
     for method, expected in zip(ORDER, values, strict=True):
         if expected is not None:  # VISO2 has no essential matrix
@@ -60,14 +60,14 @@ def test_what_decides_a_method_is_as_the_paper_says(name: str) -> None:
 
 
 @pytest.mark.parametrize("method", ORDER)
-def test_a_preset_differs_from_the_defaults_in_what_decides_it_and_in_nothing_else(method: str) -> None:
+def test_kit_presets_change_only_the_papers_choices(method: str) -> None:
     default, result = flat(KitConfig()), flat(preset(method, variant="kit"))
     differing = {name for name in result if result[name] != default[name]}
     assert differing <= set(DECISIVE)
 
 
 @pytest.mark.parametrize("name", DECISIVE)
-def test_as_published_the_same_decides_and_nothing_else(name: str) -> None:
+def test_published_presets_have_only_the_papers_choices(name: str) -> None:
     default = flat(PublishedConfig())
     for method, expected in zip(ORDER, DECISIVE[name][1], strict=True):
         if method in PUBLISHED:
@@ -79,17 +79,17 @@ def test_as_published_the_same_decides_and_nothing_else(name: str) -> None:
 @pytest.mark.parametrize(
     "config", [PublishedConfig(), KitConfig(), DetectorConfig()], ids=lambda c: type(c).__name__
 )
-def test_no_default_changes_by_accident(config: Any) -> None:
+def test_defaults_are_unchanged(config: Any) -> None:
     kept = json.loads(DEFAULTS.read_text(encoding="utf-8"))
     assert json.loads(json.dumps(flat(config))) == kept[type(config).__name__]
 
 
 @pytest.mark.parametrize("method", ORDER)
-def test_the_seed_changes_nothing_but_itself(method: str) -> None:
+def test_seed_is_the_only_change(method: str) -> None:
     assert flat(preset(method, seed=7, variant="kit")) == flat(preset(method, variant="kit")) | {"seed": 7}
 
 
-def test_a_preset_cannot_be_changed_by_who_takes_it() -> None:
+def test_presets_are_immutable() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         preset("mesvo_f", variant="kit").seed = 3  # type: ignore[misc]
     assert preset("mesvo_f", variant="kit") == KIT["mesvo_f"]

@@ -22,7 +22,7 @@ def test_dependencies_are_declared_once() -> None:
     assert [line for line in lines if not line.startswith("#")] == ["-e ."]
 
 
-def test_the_versions_behind_the_results_are_those_of_every_dependency_in_its_range() -> None:
+def test_measured_versions_are_within_the_ranges() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     lines = (ROOT / ".ci" / "versions.txt").read_text(encoding="utf-8").splitlines()[1:]
     versions = dict(line.split("==") for line in lines)
@@ -33,19 +33,19 @@ def test_the_versions_behind_the_results_are_those_of_every_dependency_in_its_ra
     assert f"numpy {versions['numpy']}, OpenCV {versions['opencv-python-headless'][:5]}" in measured
 
 
-def test_the_container_ends_in_the_course() -> None:
+def test_container_starts_the_course() -> None:
     container = json.loads((ROOT / ".devcontainer" / "devcontainer.json").read_text(encoding="utf-8"))
     program, *words = shlex.split(container["postAttachCommand"])
     options = make_parser(words).parse_args(words)
     assert (program, options.command.__module__) == ("vo", "vo_lib.commands.lab")
 
 
-def test_only_the_library_and_the_street_renderer_are_installed() -> None:
+def test_two_packages_are_installed() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert project["tool"]["setuptools"]["packages"]["find"]["include"] == ["vo_lib*", "vo_street*"]
 
 
-def test_the_workflow_runs_the_commands_of_the_readme() -> None:
+def test_workflow_runs_the_readme_commands() -> None:
     workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
     commands = re.findall(
         r"```(?:sh|powershell)\n(.*\.venv.*)\n```", (ROOT / "README.md").read_text(encoding="utf-8")
@@ -54,7 +54,7 @@ def test_the_workflow_runs_the_commands_of_the_readme() -> None:
     assert [command for command in commands if command not in workflow] == []
 
 
-def test_the_citation_names_the_version_that_is_installed() -> None:
+def test_citation_has_the_installed_version() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert f"\nversion: {project['version']}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     minor = int(project["requires-python"].removeprefix(">=3."))
@@ -115,23 +115,23 @@ def room_of(path: Path) -> str:
     return parts[0]
 
 
-def test_imports_run_one_way_through_the_rooms() -> None:
+def test_packages_import_only_packages_above_them() -> None:
     for path in (ROOT / "vo_lib").rglob("*.py"):
         room = room_of(path)
         assert rooms(path) - {room} <= ROOMS[room], path.relative_to(ROOT)
 
 
-def test_the_street_renderer_needs_little_of_the_library() -> None:
+def test_renderer_imports_little_of_the_library() -> None:
     for path in (ROOT / "data_scripts" / "vo_street").glob("*.py"):
         assert rooms(path) <= BASE | {"data"}, path
 
 
-def test_the_paper_is_read_at_one_sitting() -> None:
+def test_paper_package_is_short() -> None:
     files = (ROOT / "vo_lib" / "paper").glob("*.py")
     assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files) <= 1700
 
 
-def test_no_public_name_stands_in_two_rooms_and_no_module_has_a_rooms_name() -> None:
+def test_public_names_are_unique() -> None:
     folders = {path.name for path in (ROOT / "vo_lib").iterdir() if (path / "__init__.py").exists()}
     homes: dict[str, set[str]] = {}
     for path in (ROOT / "vo_lib").rglob("*.py"):
@@ -155,7 +155,7 @@ def public_names(path: Path) -> set[str]:
     return {name for name in names if not name.startswith("_")}
 
 
-def test_the_library_imports_neither_the_course_nor_the_data_scripts_nor_pyplot() -> None:
+def test_library_does_not_import_course_scripts_or_pyplot() -> None:
     above = {path.stem for folder in ("data_scripts", "notebooks") for path in (ROOT / folder).iterdir()}
     above.remove("vo_street")  # imported where a scene is missing, and not at the top of a file
     for path in (ROOT / "vo_lib").rglob("*.py"):
@@ -163,7 +163,7 @@ def test_the_library_imports_neither_the_course_nor_the_data_scripts_nor_pyplot(
         assert not any(name.startswith("matplotlib.pyplot") for name in imports(path)), path
 
 
-def test_what_is_imported_is_declared() -> None:
+def test_imported_packages_are_declared() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     groups = [project["dependencies"], *project["optional-dependencies"].values()]
     lines = [re.split("[<>=]", line)[0].lower() for group in groups for line in group]

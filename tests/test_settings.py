@@ -30,19 +30,19 @@ def test_every_setting_has_a_meaning_and_its_default_parses(item: settings.Setti
 
 
 @pytest.mark.parametrize("item", DECLARED, ids=lambda item: item.name)
-def test_a_value_outside_is_refused_with_its_name_and_range(item: settings.Setting) -> None:
+def test_value_out_of_range_is_refused(item: settings.Setting) -> None:
     wrong = "nonsense" if item.choices or item.kind is bool else item.parse("-100000")
     with pytest.raises(DataError, match=item.name):
         settings.replace(KitConfig(), item.name, wrong)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), "1", None, True])
-def test_values_of_another_kind_are_refused(value: object) -> None:
+def test_values_of_another_type_are_refused(value: object) -> None:
     with pytest.raises(DataError, match="loop_tolerance"):
         settings.replace(KitConfig(), "matching.loop_tolerance", value)
 
 
-def test_one_setting_is_replaced_and_the_others_stay() -> None:
+def test_replace_changes_one_setting() -> None:
     config = settings.replace(KitConfig(), "selection.sets", 77)
     assert config.selection.sets == 77
     assert dataclasses.replace(config.selection, sets=KitConfig().selection.sets) == KitConfig().selection

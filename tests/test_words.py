@@ -21,12 +21,12 @@ SPELLINGS = {*METHODS, *PRINTED_NAMES.values(), "feature selection", "solution s
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
-def test_documents_spell_methods_as_the_code_or_as_the_paper(path: Path) -> None:
+def test_documents_spell_methods_consistently(path: Path) -> None:
     assert set(METHOD.findall(path.read_text(encoding="utf-8"))) <= SPELLINGS
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "run --help-settings"])
-def test_help_texts_spell_methods_as_the_code_or_as_the_paper(
+def test_help_texts_spell_methods_consistently(
     command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "1000")
@@ -38,7 +38,7 @@ def test_help_texts_spell_methods_as_the_code_or_as_the_paper(
     assert set(METHOD.findall(capsys.readouterr().out)) <= SPELLINGS
 
 
-def test_the_list_of_terms_is_sorted_and_every_term_is_used_in_the_code() -> None:
+def test_terms_are_sorted_and_used() -> None:
     page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("| term | meaning |")[2]
     terms = re.findall(r"^\| ([\w -]+) \| [^|]+ \|$", page, re.MULTILINE)
     assert len(terms) >= 40

@@ -38,7 +38,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(("line", "expected"), CASES, ids=[line[:60] for line, _ in CASES])
-def test_bad_input_is_one_line_and_code_2_and_leaves_nothing(
+def test_bad_input_gives_one_line_and_exit_code_2(
     places: dict[str, str],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

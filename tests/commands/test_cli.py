@@ -89,7 +89,7 @@ def test_a_run_writes_its_files(bands: Path, done: Callable[..., str], variant: 
         assert f"calibration errors (± one σ) {learnt}" in re.sub(r"[│\s]+", " ", printed)
 
 
-def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path, done: Callable[..., str]) -> None:
+def test_run_on_frames_with_a_label_folder(bands: Path, done: Callable[..., str]) -> None:
     labels = bands.parent / "boxes"
     labels.mkdir()
     (labels / "000002.txt").write_text("2 0.5 0.5 0.4 0.4 0.9\n", encoding="utf-8")
@@ -99,7 +99,7 @@ def test_part_of_a_sequence_with_labels_from_elsewhere(bands: Path, done: Callab
     assert int(rows[0]["removed_by_boxes"]) > 0
 
 
-def test_matches_are_kept_on_demand_and_used_again(
+def test_cache_option_reuses_matches(
     bands: Path, done: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("vo_lib.runs.matches.cache_folder", lambda: bands.parent / "user" / "synthetic")
@@ -112,7 +112,7 @@ def test_matches_are_kept_on_demand_and_used_again(
     assert float(row["cached_matches_ms"]) >= 0
 
 
-def test_missing_boxes_are_told_at_the_start(
+def test_missing_boxes_cause_a_warning(
     bands: Path, done: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     warning = "warning: no vehicle boxes for bands: no features are removed, so the method"
@@ -126,7 +126,7 @@ def test_missing_boxes_are_told_at_the_start(
     assert "no vehicle boxes" not in done("d")
 
 
-def test_a_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) -> None:
+def test_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) -> None:
     (bands / "poses.txt").unlink()
     printed = done("out")
     assert read_json(bands.parent / "out" / "metrics.json").keys() == {"path"}
@@ -134,7 +134,7 @@ def test_a_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]
     assert "lost" not in printed
 
 
-def test_lost_tracking_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lost_tracking_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bands = write_bands(tmp_path / "bands", 14)
     for frame in range(3, 13):  # the frame behind them has no motion either
         for side in ("image_0", "image_1"):
@@ -144,7 +144,7 @@ def test_lost_tracking_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "Tracking was lost: 11 of 13 frames have no motion" in printed
 
 
-def test_a_config_gives_the_same_run_again_and_options_go_before_it(
+def test_config_repeats_a_run_and_options_override_it(
     bands: Path, done: Callable[..., str], tmp_path: Path
 ) -> None:
     done("a", "--method", "mesvo_f")
@@ -164,7 +164,7 @@ def test_a_config_gives_the_same_run_again_and_options_go_before_it(
     assert [path.read_bytes() for path in tmp_path.glob("[de]/**/poses.txt")] == [a, a]
 
 
-def test_a_run_starts_from_the_calibration_of_another(bands: Path, done: Callable[..., str]) -> None:
+def test_run_starts_from_another_calibration(bands: Path, done: Callable[..., str]) -> None:
     done("first", variant="kit")
     calibration = ("--calibration", str(bands.parent / "first" / "calibration.json"))
     done("held", *calibration, "--calibration.estimate", "off", variant="kit")
@@ -183,7 +183,7 @@ def test_a_run_starts_from_the_calibration_of_another(bands: Path, done: Callabl
 
 
 @pytest.mark.parametrize("variant", SMALL)
-def test_the_settings_page_has_the_variants_own_settings_and_defaults(
+def test_settings_page_lists_the_settings_of_a_variant(
     capsys: pytest.CaptureFixture[str], variant: str
 ) -> None:
     pages = []
@@ -203,9 +203,7 @@ def test_the_settings_page_has_the_variants_own_settings_and_defaults(
     [("run --help", "usage: vo run "), ("--version", "vo "), ("", "usage: vo ")],
     ids=["help", "version", "nothing"],
 )
-def test_the_short_help_leaves_thresholds_out(
-    capsys: pytest.CaptureFixture[str], words: str, start: str
-) -> None:
+def test_short_help_omits_thresholds(capsys: pytest.CaptureFixture[str], words: str, start: str) -> None:
     with pytest.raises(SystemExit) as stop:
         main(words.split())
     assert stop.value.code == 0
@@ -231,7 +229,7 @@ def test_five_functions_lie_from_the_program_to_the_sequence(
     assert len([*inside, open_sequence]) <= 5
 
 
-def test_no_help_waits_for_matplotlib() -> None:
+def test_help_does_not_import_matplotlib() -> None:
     code = (
         "import sys; from vo_lib.commands.cli import COMMANDS, make_parser\n"
         "for name in COMMANDS: make_parser([name])\n"
@@ -248,7 +246,7 @@ def test_no_help_waits_for_matplotlib() -> None:
         (None, 0, f"vo: warning: overflow in the field ({__file__}:"),
     ],
 )
-def test_a_librarys_warning_is_printed_after_success_and_not_beside_an_error(
+def test_library_warnings_are_printed_after_success(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     error: BaseException | None,
@@ -268,7 +266,7 @@ def test_a_librarys_warning_is_printed_after_success_and_not_beside_an_error(
     assert text == line if error is not None else text.startswith(line)
 
 
-def test_an_unknown_matplotlib_backend_is_one_line(bands: Path, tmp_path: Path) -> None:
+def test_unknown_matplotlib_backend_is_one_line(bands: Path, tmp_path: Path) -> None:
     ended = program(START, "run", str(bands), "--out", str(tmp_path / "out"), MPLBACKEND="nonsense")
     assert ended.returncode == 2
     assert re.search(r"^vo: error: .*nonsense.*\n\Z", ended.stderr, re.M)

@@ -7,7 +7,7 @@ import pytest
 from vo_lib.commands import console
 
 
-def test_without_a_terminal_progress_is_a_line_a_period(
+def test_progress_without_a_terminal_is_lines(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for period, lines in ((3600.0, ""), (0.0, "runs: 1 of 2\nruns: 2 of 2\n")):

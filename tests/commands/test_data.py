@@ -17,7 +17,7 @@ FOLDER = Path(__file__).resolve().parents[2] / "data_scripts"
 NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py"))
 
 
-def test_the_list_has_a_line_for_each_script(capsys: pytest.CaptureFixture[str]) -> None:
+def test_data_lists_all_scripts(capsys: pytest.CaptureFixture[str]) -> None:
     assert list(scripts()) == NAMES
     assert all(scripts().values())
     assert main(["data"]) == 0
@@ -26,14 +26,14 @@ def test_the_list_has_a_line_for_each_script(capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_script_explains_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_scripts_have_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert load(name)(["--help"]) == 0
     shown = capsys.readouterr().out
     assert shown.startswith(f"usage: vo data {name} ")
     assert f"\n  vo data {name}" in shown.partition("examples:")[2]
 
 
-def test_a_script_is_a_program_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_script_runs_as_a_program(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert load("get_kitti")(["--help"]) == 0
     command = [sys.executable, str(FOLDER / "get_kitti.py"), "--help"]
     environ = {**os.environ, "COLUMNS": "80"}

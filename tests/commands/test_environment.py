@@ -27,9 +27,7 @@ def _own_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stale.write_bytes(bytes(2_000_000))
 
 
-def test_a_user_without_data_is_told_the_steps_and_the_size_of_the_caches(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_check_lists_next_steps_and_cache_sizes(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check"]) == 0
     printed = capsys.readouterr().out
     assert f"opencv {cv2.__version__}" in printed
@@ -40,7 +38,7 @@ def test_a_user_without_data_is_told_the_steps_and_the_size_of_the_caches(
     assert {"get_kitti", "get_detector", "clean_cache"} < steps < scripts().keys()
 
 
-def test_incomplete_sequences_are_noted(
+def test_check_lists_incomplete_sequences(
     bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = Path(shutil.copytree(bands, tmp_path / "KITTI_ROOT" / "sequences" / "04"))
@@ -55,7 +53,7 @@ def test_incomplete_sequences_are_noted(
     assert "incomplete: " not in capsys.readouterr().out
 
 
-def test_the_list_says_what_each_sequence_has_in_80_columns(
+def test_list_fits_80_columns(
     bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
@@ -76,7 +74,7 @@ def test_the_list_says_what_each_sequence_has_in_80_columns(
     assert {f"synthetic/{name}" for name in SCENES} < facts.keys()
 
 
-def test_two_packages_of_opencv_are_a_problem(
+def test_check_reports_two_opencv_packages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record = tmp_path / "opencv_contrib_python-5.0.dist-info" / "METADATA"

@@ -37,7 +37,7 @@ def source(tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_course_is_copied_into_the_readers_home(
+def test_lab_copies_the_course(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("HOME", "USERPROFILE"):
@@ -54,7 +54,7 @@ def test_the_course_is_copied_into_the_readers_home(
     assert "solutions (`vo lab --teacher`)" in (folder / lab.FIRST_NOTEBOOK).read_text(encoding="utf-8")
 
 
-def test_a_teacher_gets_all_files_but_those_that_working_leaves_behind(
+def test_teacher_copy_has_all_course_files(
     tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(lab.NOTEBOOKS, source, dirs_exist_ok=True)
@@ -73,9 +73,7 @@ def test_a_teacher_gets_all_files_but_those_that_working_leaves_behind(
     assert capsys.readouterr().out == ""
 
 
-def test_what_the_reader_changed_stays_and_a_new_version_comes_beside_it_once(
-    tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_changed_files_are_kept(tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]) -> None:
     theirs, mine = source / "course" / "a.py", tmp_path / "mine" / "course" / "a.py"
     beside = mine.with_name("a.new.py")
 
@@ -103,7 +101,7 @@ def test_what_the_reader_changed_stays_and_a_new_version_comes_beside_it_once(
     assert mine.read_text(encoding="utf-8") == "fifth = 5"
 
 
-def test_a_notebook_that_was_only_run_is_brought_up_to_date_and_a_deleted_one_comes_back(
+def test_executed_notebooks_are_updated(
     tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mine = tmp_path / "mine" / "01.ipynb"
@@ -124,7 +122,7 @@ def test_a_notebook_that_was_only_run_is_brought_up_to_date_and_a_deleted_one_co
     assert capsys.readouterr().out.startswith("You changed 01.ipynb")
 
 
-def test_a_full_disk_leaves_no_part_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_leaves_no_partial_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 

@@ -14,7 +14,7 @@ from vo_lib.geometry.boxes import Boxes, no_boxes
 shares = st.floats(0, 1)
 
 
-def test_a_box_is_cut_at_the_border_and_scores_may_be_left_out(tmp_path: Path) -> None:
+def test_boxes_are_clipped_and_scores_are_optional(tmp_path: Path) -> None:
     boxes = Boxes(np.array([[-20.0, 10, 50, 400]]), np.array([2]), np.array([0.5]))
     write_labels(tmp_path / "a.txt", boxes, 100, 50, scores=False)
     assert len((tmp_path / "a.txt").read_text().split()) == 5

@@ -62,7 +62,7 @@ def test_tum_times_and_poses_survive_a_round_trip(
     np.testing.assert_allclose(back, T, rtol=1e-9, atol=5e-9)
 
 
-def test_times_go_with_the_nearest_pose_and_each_pose_with_one_time() -> None:
+def test_times_are_matched_to_the_nearest_pose() -> None:
     times, poses = np.array([0.0, 0.009]), np.array([0.010, 5.0, 6.0])
     for a, b in ((times, poses), (poses, times)):
         pairs = [side[k].tolist() for side, k in zip((a, b), match_times(a, b), strict=True)]
@@ -70,14 +70,14 @@ def test_times_go_with_the_nearest_pose_and_each_pose_with_one_time() -> None:
     assert len(match_times(times, poses + 1.0)[0]) == 0
 
 
-def test_trailing_blank_lines_windows_line_ends_and_a_byte_order_mark_are_read(tmp_path: Path) -> None:
+def test_blank_lines_and_windows_line_ends_are_accepted(tmp_path: Path) -> None:
     path = tmp_path / "poses.txt"
     path.write_bytes(b"\xef\xbb\xbf" + (IDENTITY_ROW * 2).replace("\n", "\r\n").encode() + b"\r\n \n\n")
     np.testing.assert_array_equal(read_kitti_poses(path), np.tile(np.eye(4), (2, 1, 1)))
 
 
 @pytest.mark.parametrize("moment", ["fsync", "replace"])
-def test_a_failed_write_keeps_the_old_file_and_leaves_nothing_beside_it(
+def test_failed_write_keeps_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
 ) -> None:
     path = tmp_path / "note.txt"

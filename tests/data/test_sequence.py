@@ -20,7 +20,7 @@ from vo_lib.runs.front_end import stereo_ahead
 SIDES = ("image_0", "image_1")
 
 
-def test_a_folder_is_read_with_camera_times_and_truth(bands: Path) -> None:
+def test_folder_has_camera_times_and_truth(bands: Path) -> None:
     sequence = open_sequence(bands)
     assert len(sequence) == 6
     assert sequence.frames[0] == "000000"
@@ -32,7 +32,7 @@ def test_a_folder_is_read_with_camera_times_and_truth(bands: Path) -> None:
     np.testing.assert_allclose(sequence.times[5], 0.5)
 
 
-def test_the_baseline_is_the_distance_between_both_cameras(bands: Path) -> None:
+def test_baseline_is_the_distance_between_the_cameras(bands: Path) -> None:
     """KITTI's colour cameras stand beside the origin: P2 has a last column of its own."""
     words = (bands / "calib.txt").read_text(encoding="utf-8").split()
     words[4] = str(float(words[4]) + 30.0)  # P0[0,3]
@@ -41,7 +41,7 @@ def test_the_baseline_is_the_distance_between_both_cameras(bands: Path) -> None:
     assert open_sequence(bands).camera.baseline == pytest.approx(BASELINE)
 
 
-def test_a_part_keeps_images_times_and_truth_together(bands: Path) -> None:
+def test_part_has_its_images_times_and_truth(bands: Path) -> None:
     part = open_sequence(bands).part(2, 5)
     assert part.frames == ("000002", "000003", "000004")
     assert part.truth is not None
@@ -52,7 +52,7 @@ def test_a_part_keeps_images_times_and_truth_together(bands: Path) -> None:
             open_sequence(bands).part(start, stop)
 
 
-def test_truth_beside_the_sequences_is_found_and_longer_files_are_read_by_number(bands: Path) -> None:
+def test_truth_in_the_poses_folder_is_read_by_frame_number(bands: Path) -> None:
     root = bands.parent / "root"
     shutil.copytree(bands, root / "sequences" / "05")
     folder = root / "sequences" / "05"
@@ -119,7 +119,7 @@ FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_one_line_that_names_the_place(bands: Path, fault: str) -> None:
+def test_faults_of_a_sequence_are_one_line(bands: Path, fault: str) -> None:
     spoil, words = FAULTS[fault]
     spoil(bands)
     with pytest.raises(DataError, match=words) as caught:
@@ -128,7 +128,7 @@ def test_a_fault_is_one_line_that_names_the_place(bands: Path, fault: str) -> No
 
 
 @pytest.mark.parametrize("keep", [0, 7, 60, 0.5, 0.999, None])
-def test_no_truncated_or_damaged_png_is_taken_for_an_image(
+def test_damaged_images_are_refused(
     bands: Path, keep: float | None, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = bands / "image_0" / "000000.png"
@@ -143,7 +143,7 @@ def test_no_truncated_or_damaged_png_is_taken_for_an_image(
     assert capfd.readouterr() == ("", "")  # libpng and OpenCV write nothing beside the error
 
 
-def test_an_orientation_in_exif_does_not_turn_an_image(bands: Path) -> None:
+def test_exif_orientation_is_ignored(bands: Path) -> None:
     path = bands / "image_0" / "000000.png"
     data, image = path.read_bytes(), read_image(path)
     exif = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x03\0\0\0\0\0\0"  # orientation 3

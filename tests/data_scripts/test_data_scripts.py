@@ -15,7 +15,7 @@ from fetch.kitti_archive import COLOR
 from vo_lib.data.kitti import EXPECTED_FRAMES
 
 
-def test_get_kitti_asks_fetches_and_goes_on(
+def test_get_kitti_asks_downloads_and_continues(
     kitti: FileServer,  # noqa: F811
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -60,7 +60,7 @@ def test_get_kitti_from_zip_and_by_link(
     assert "is a link to another folder" in capsys.readouterr().err
 
 
-def test_check_kitti_draws_a_tree_and_names_the_command(
+def test_check_kitti_names_the_command_to_repair(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     main = load("check_kitti")
@@ -75,7 +75,7 @@ def test_check_kitti_draws_a_tree_and_names_the_command(
     assert f"vo data get_kitti --root {tmp_path} --sequences 04" in printed
 
 
-def test_from_folder_checks_the_pair_and_writes_a_sequence(
+def test_from_folder_checks_pairs_and_writes_a_sequence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main, out = load("from_folder"), tmp_path / "mine"

@@ -31,7 +31,7 @@ def onnx(tmp_path: Path) -> Path:
     return write_answering(tmp_path / "own.onnx", np.zeros((1, 5, 84), np.float32), names="['car']")
 
 
-def test_a_detector_is_fetched_once_and_again_where_it_is_damaged(
+def test_detector_is_downloaded_once_unless_damaged(
     small: Detector, server: FileServer, tmp_path: Path
 ) -> None:
     path = fetch_detector(small, tmp_path)
@@ -43,7 +43,7 @@ def test_a_detector_is_fetched_once_and_again_where_it_is_damaged(
     assert fetch_detector(small, tmp_path).read_bytes() == DATA
 
 
-def test_a_model_of_ones_own_is_registered(onnx: Path, tmp_path: Path) -> None:
+def test_own_model_is_registered(onnx: Path, tmp_path: Path) -> None:
     path = register_detector("mine", onnx, tmp_path / "new")
     assert path.read_bytes() == onnx.read_bytes()
     assert register_detector("mine", path, tmp_path / "new") == path
@@ -51,7 +51,7 @@ def test_a_model_of_ones_own_is_registered(onnx: Path, tmp_path: Path) -> None:
     assert find_model("mine", tmp_path / "new") == path
 
 
-def test_other_names_and_files_are_refused(onnx: Path, tmp_path: Path) -> None:
+def test_bad_names_and_files_of_models_are_refused(onnx: Path, tmp_path: Path) -> None:
     (tmp_path / "page.onnx").write_text("<html>", encoding="utf-8")
     for name, path, words in (
         ("../up", onnx, "is not a valid name"),

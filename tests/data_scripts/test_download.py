@@ -27,7 +27,7 @@ def path(tmp_path: Path, server: FileServer) -> Path:
     return tmp_path / "new" / "model.onnx"
 
 
-def test_a_file_is_fetched_and_reported(server: FileServer, path: Path) -> None:
+def test_download_reports_progress(server: FileServer, path: Path) -> None:
     reports: list[tuple[int, int]] = []
     get(server, path, lambda done, total: reports.append((done, total)))
     assert path.read_bytes() == DATA
@@ -36,7 +36,7 @@ def test_a_file_is_fetched_and_reported(server: FileServer, path: Path) -> None:
     assert reports == sorted(reports)
 
 
-def test_a_file_that_is_not_the_one_expected_is_thrown_away(server: FileServer, path: Path) -> None:
+def test_download_refuses_another_file(server: FileServer, path: Path) -> None:
     for other in (DATA[:-1] + b"x", DATA + b"more"):
         server.files["model.onnx"] = other
         with pytest.raises(DataError, match="unexpected file"):
@@ -44,7 +44,7 @@ def test_a_file_that_is_not_the_one_expected_is_thrown_away(server: FileServer, 
         assert not path.exists()
 
 
-def test_refusals_of_a_server_are_one_line(server: FileServer, path: Path) -> None:
+def test_server_errors_are_one_line(server: FileServer, path: Path) -> None:
     server.status = 404
     with pytest.raises(DataError, match="HTTP 404"):
         get(server, path)

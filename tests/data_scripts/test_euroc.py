@@ -68,7 +68,7 @@ def write_mav0(base: Path, T_w_b: Array, frames: int) -> Path:
     return mav0
 
 
-def test_points_seen_in_the_first_pair_land_where_the_poses_put_them_later(tmp_path: Path) -> None:
+def test_euroc_points_project_as_the_poses_predict(tmp_path: Path) -> None:
     T_w_b = bodies(6)
     drive = read_euroc_drive(write_mav0(tmp_path, T_w_b, 6).parent)
     assert drive.poses is not None
@@ -100,7 +100,7 @@ def test_points_seen_in_the_first_pair_land_where_the_poses_put_them_later(tmp_p
         assert np.abs(uv - left).max() > 5  # so that the test says something
 
 
-def test_pairs_without_truth_or_partner_are_left_out(tmp_path: Path) -> None:
+def test_euroc_pairs_without_truth_or_partner_are_omitted(tmp_path: Path) -> None:
     mav0 = write_mav0(tmp_path, bodies(4), 6)
     drive = read_euroc_drive(mav0)
     assert len(drive.paths) == 4

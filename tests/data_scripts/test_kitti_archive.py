@@ -65,9 +65,7 @@ def assert_whole(root: Path) -> None:
         assert (root / name).read_bytes() == content(f"dataset/{name}"), name
 
 
-def test_only_the_sequence_wanted_comes_and_damaged_files_come_again(
-    kitti: FileServer, tmp_path: Path
-) -> None:
+def test_only_missing_and_damaged_files_are_fetched(kitti: FileServer, tmp_path: Path) -> None:
     take(kitti, tmp_path)
     assert_whole(tmp_path)
     # Half of the images, and once the end of the archive with its directory.
@@ -80,13 +78,13 @@ def test_only_the_sequence_wanted_comes_and_damaged_files_come_again(
     assert_whole(tmp_path)
 
 
-def test_lost_connections_are_taken_up_again(kitti: FileServer, tmp_path: Path) -> None:
+def test_lost_connections_are_resumed(kitti: FileServer, tmp_path: Path) -> None:
     kitti.drop_every = 4
     take(kitti, tmp_path, jobs=1)  # with several threads the failing requests would be chance
     assert_whole(tmp_path)
 
 
-def test_a_server_without_ranges_or_a_wrong_checksum_is_one_line(kitti: FileServer, tmp_path: Path) -> None:
+def test_wrong_checksum_or_server_without_ranges_is_one_line(kitti: FileServer, tmp_path: Path) -> None:
     bad = GRAY_NAMES[-1]
     kitti.files[GRAY] = kitti.files[GRAY].replace(content(bad), b"\0" * len(content(bad)))
     with pytest.raises(DataError, match=r"image_1/000011\.png is damaged.*CRC"):
@@ -98,14 +96,14 @@ def test_a_server_without_ranges_or_a_wrong_checksum_is_one_line(kitti: FileServ
     assert not list(tmp_path.rglob("*.tmp"))
 
 
-def test_no_member_is_written_outside_of_the_root(tmp_path: Path) -> None:
+def test_no_file_is_written_outside_the_root(tmp_path: Path) -> None:
     names = ["../poses/07.txt", "dataset/../../sequences/07/calib.txt", "/etc/x", "C:/x", "a\\..\\..\\x"]
     (tmp_path / "odd.zip").write_bytes(zipped(names))
     unpack([str(tmp_path / "odd.zip")], tmp_path / "root")
     assert files_below(tmp_path) == ["odd.zip", "root/poses/07.txt", "root/sequences/07/calib.txt"]
 
 
-def test_a_tree_elsewhere_is_linked(tmp_path: Path) -> None:
+def test_other_trees_are_linked(tmp_path: Path) -> None:
     tree, root = tmp_path / "tree", tmp_path / "root"
     (tree / "dataset" / "sequences" / "07").mkdir(parents=True)
     (tree / "dataset" / "poses").mkdir()

@@ -32,7 +32,7 @@ def only(tree: Path, deep: bool = False) -> SequenceReport:
     return report
 
 
-def test_the_benchmark_has_43552_pairs_and_its_poses_a_row_for_each(clips: Path) -> None:
+def test_expected_frames_agree_with_kitti(clips: Path) -> None:
     assert sum(EXPECTED_FRAMES.values()) == 43552
     poses = clips.parent / "kitti_poses"
     if not poses.is_dir():
@@ -41,7 +41,7 @@ def test_the_benchmark_has_43552_pairs_and_its_poses_a_row_for_each(clips: Path)
         assert EXPECTED_FRAMES[path.stem] == len(path.read_text(encoding="utf-8").splitlines())
 
 
-def test_missing_and_wrong_files_are_named(tree: Path) -> None:
+def test_missing_and_wrong_files_are_listed(tree: Path) -> None:
     folder = tree / "sequences" / "04"
     (folder / "image_1" / "000002.png").unlink()
     shutil.copy(folder / "image_0" / "000000.png", folder / "image_0" / "000009.png")
@@ -59,7 +59,7 @@ def test_missing_and_wrong_files_are_named(tree: Path) -> None:
     }
 
 
-def test_damaged_and_odd_images_are_found(tree: Path) -> None:
+def test_damaged_images_are_listed(tree: Path) -> None:
     folder = tree / "sequences" / "04"
     cut, other = folder / "image_0" / "000005.png", folder / "image_1" / "000001.png"
     cut.write_bytes(cut.read_bytes()[:-40])
@@ -70,7 +70,7 @@ def test_damaged_and_odd_images_are_found(tree: Path) -> None:
     assert second == "image_1/000001.png: 100×240, the others are 480×240"
 
 
-def test_sequences_are_named_by_numbers_and_ranges() -> None:
+def test_sequence_numbers_and_ranges_are_parsed() -> None:
     assert parse_numbers("07,04,07") == ["07", "04"]
     assert parse_numbers("09-11") == ["09", "10", "11"]
     for text in ("22", "synthetic/jam", "05-03"):

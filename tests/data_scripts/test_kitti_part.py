@@ -63,7 +63,7 @@ def assert_drive(folder: Path, start: int, stop: int) -> None:
         assert [int(image[0, 0]) for image in sequence.stereo(index)] == [10 * frame, 10 * frame + 1]
 
 
-def test_frames_of_a_raw_drive_become_a_sequence_that_can_be_extended(
+def test_part_of_a_raw_drive_can_be_extended(
     raw: FileServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     root, folder = tmp_path / "root", tmp_path / "root" / "sequences" / "drive_0005"
@@ -86,7 +86,7 @@ def test_frames_of_a_raw_drive_become_a_sequence_that_can_be_extended(
     assert (folder / "labels").is_dir()
 
 
-def test_an_interrupted_drive_goes_on(
+def test_interrupted_download_continues(
     raw: FileServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     root, whole = tmp_path / "root", raw.files[SYNC]
@@ -110,7 +110,7 @@ def test_an_interrupted_drive_goes_on(
     assert_drive(folder, 0, 6)
 
 
-def test_wrong_frames_and_foreign_folders_are_one_line(
+def test_wrong_frames_and_other_folders_are_refused(
     raw: FileServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "sequences" / "drive_0005"
@@ -130,7 +130,7 @@ def test_wrong_frames_and_foreign_folders_are_one_line(
     assert images(folder) == [[0, 1, 2], [0, 1, 2]]
 
 
-def test_a_part_of_a_benchmark_sequence_grows_into_the_whole_one(kitti: FileServer, tmp_path: Path) -> None:  # noqa: F811
+def test_part_of_a_sequence_can_be_completed(kitti: FileServer, tmp_path: Path) -> None:  # noqa: F811
     folder = tmp_path / "sequences" / "07"
     words = ["--sequences", "07", "--frames"]
     assert get(kitti, tmp_path, *words, "2:5") == 0

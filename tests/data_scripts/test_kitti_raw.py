@@ -98,7 +98,7 @@ def test_path_images_times_and_calibration_are_read(drive: Path) -> None:
     np.testing.assert_allclose(result.times, [0, 0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 1.1], atol=1e-6)
 
 
-def test_a_frame_that_the_drive_lacks_is_left_out_of_times_and_poses(drive: Path) -> None:
+def test_missing_frames_have_no_times_and_poses(drive: Path) -> None:
     (drive / "image_00" / "data" / "0000000002.png").unlink()
     with pytest.raises(DataError, match="the image has no partner"):
         read_raw_drive(drive)

@@ -48,7 +48,7 @@ def objects(tmp_path: Path) -> Path:
     return root
 
 
-def test_the_permutation_leads_to_each_images_drive(objects: Path) -> None:
+def test_permutation_gives_the_drive_of_an_image(objects: Path) -> None:
     result = read_object_set(objects, objects / "train_mapping.txt", objects / "train_rand.txt")
     assert result[0].boxes.class_id.tolist() == [0, 0, 1]  # car, van as car, truck
     assert result[0].boxes.xyxy[0].tolist() == [20, 30, 60, 70]
@@ -61,7 +61,7 @@ def test_the_permutation_leads_to_each_images_drive(objects: Path) -> None:
         check_origin(read_object_set(objects), allow_evaluated=False)
 
 
-def test_no_drive_is_in_both_parts(objects: Path) -> None:
+def test_split_separates_drives(objects: Path) -> None:
     result = read_object_set(objects, objects / "train_mapping.txt", objects / "train_rand.txt")
     for seed in range(8):
         parts = split(result, 0.3, seed)
@@ -71,7 +71,7 @@ def test_no_drive_is_in_both_parts(objects: Path) -> None:
         assert len(parts["train"]) + len(parts["valid"]) == 6
 
 
-def test_the_written_set_is_read_back(objects: Path, tmp_path: Path) -> None:
+def test_data_set_round_trip(objects: Path, tmp_path: Path) -> None:
     words = ["object", str(objects), str(tmp_path / "set"), "--mapping", str(objects / "train_mapping.txt")]
     assert kitti_to_yolo([*words, "--order", str(objects / "train_rand.txt")]) == 0
     labels = sorted((tmp_path / "set").glob("*/labels/*.txt"))
@@ -84,7 +84,7 @@ def test_the_written_set_is_read_back(objects: Path, tmp_path: Path) -> None:
     assert "  - car\n  - truck\n  - train\n" in (tmp_path / "set" / "data.yaml").read_text()
 
 
-def test_tracking_labels_belong_to_their_frames(tmp_path: Path) -> None:
+def test_tracking_labels_are_assigned_to_frames(tmp_path: Path) -> None:
     root = tmp_path / "tracking"
     (root / "label_02").mkdir(parents=True)
     for k in range(3):

@@ -25,7 +25,7 @@ LENGTHS = (20.0, 50.0)
 TRUTH = winding_road(150, 0.04, 1.07)
 
 
-def test_the_speeds_of_a_tiny_sequence_are_complete(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_measure_speed_prints_all_rows(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for variant in ("published", "kit"):
         assert load("measure_speed")(["--sequence", str(bands), "--frames", "4", "--variant", variant]) == 0
         printed = capsys.readouterr().out
@@ -35,7 +35,7 @@ def test_the_speeds_of_a_tiny_sequence_are_complete(bands: Path, capsys: pytest.
 
 
 @pytest.mark.parametrize(("pitch", "yaw"), [(0.5, -0.9), (-0.123, 0.0), (1.0, 1.0), (0.0, 0.0)])
-def test_a_camera_turned_by_a_pitch_and_yaw_gets_them_back_and_no_error(pitch: float, yaw: float) -> None:
+def test_fit_axes_recovers_pitch_and_yaw(pitch: float, yaw: float) -> None:
     fit = fit_axes(TRUTH, turn_axes(TRUTH, axes_rotation((pitch, yaw)).T), LENGTHS, 1)
     assert (fit.pitch, fit.yaw) == pytest.approx((pitch, yaw), abs=1e-6)
     assert fit.kitti.te == pytest.approx(0.0, abs=1e-4)
@@ -43,9 +43,7 @@ def test_a_camera_turned_by_a_pitch_and_yaw_gets_them_back_and_no_error(pitch: f
     assert x > 0 > y  # with positive angles the camera looks right and up
 
 
-def test_the_script_prints_the_angles_of_two_files(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_measure_axes_prints_the_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_kitti_poses(tmp_path / "truth.txt", TRUTH)
     write_kitti_poses(tmp_path / "turned.txt", turn_axes(TRUTH, axes_rotation((0.25, -0.5)).T))
     words = [str(tmp_path / "truth.txt"), str(tmp_path / "turned.txt"), "--step", "1"]
@@ -58,7 +56,7 @@ def test_the_script_prints_the_angles_of_two_files(
     assert "turned.txt: has 149 rows" in capsys.readouterr().err
 
 
-def test_every_open_choice_is_one_of_the_published_method() -> None:
+def test_choices_exist_in_the_published_method() -> None:
     for _, name, answers in measure_choices.OPEN:
         for value in answers.values():
             if name.startswith("vo_lib."):
@@ -68,7 +66,7 @@ def test_every_open_choice_is_one_of_the_published_method() -> None:
 
 
 @pytest.mark.parametrize("idea", IDEAS, ids=lambda idea: idea.name)
-def test_every_idea_that_is_turned_off_is_one_of_the_kit(idea: Idea) -> None:
+def test_ideas_exist_in_the_kit(idea: Idea) -> None:
     for name, value in idea.off.items():
         if name.startswith("vo_lib."):
             assert pkgutil.resolve_name(name) is not value
@@ -77,7 +75,7 @@ def test_every_idea_that_is_turned_off_is_one_of_the_kit(idea: Idea) -> None:
             assert change(kit, name, value) != kit
 
 
-def test_an_idea_that_is_measured_again_takes_the_place_of_its_row_and_one_that_is_gone_keeps_it(
+def test_new_measurements_replace_their_rows_only(
     bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_kitti_poses(bands / "poses.txt", winding_road(6, 0.0, 10.0))
@@ -93,7 +91,7 @@ def test_an_idea_that_is_measured_again_takes_the_place_of_its_row_and_one_that_
     assert "| prior | 6 |" in capsys.readouterr().out
 
 
-def test_clean_cache_removes_the_matches_of_other_code_alone(
+def test_clean_cache_removes_only_outdated_matches(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     kept = CachedMatches(open_sequence(bands), preset("mesvo_f"), tmp_path)
@@ -108,7 +106,7 @@ def test_clean_cache_removes_the_matches_of_other_code_alone(
     assert folder_size(tmp_path / "matches") == size
 
 
-def test_a_table_of_results_has_one_number_a_cell_and_says_which_changes_count() -> None:
+def test_result_tables_compare_two_methods() -> None:
     def row(te: float, deviation: float, mesvo_f: float) -> dict[str, np.ndarray]:
         cell = np.array([[te, deviation], [1.0, 0.0]])
         other = np.array([[mesvo_f, deviation], [1.0, 0.0]])

@@ -38,7 +38,7 @@ def changed(pairs: list[Pair], change: Callable[[Image], Image]) -> PairStatisti
     return measure_pairs((left, change(right)) for left, right in pairs)
 
 
-def test_a_rectified_pair_is_in_order(pairs: list[Pair]) -> None:
+def test_rectified_pair_has_no_complaints(pairs: list[Pair]) -> None:
     result = measure_pairs(pairs)
     assert complaints(result, 0.54) == []
     assert result.disparity > 3
@@ -46,7 +46,7 @@ def test_a_rectified_pair_is_in_order(pairs: list[Pair]) -> None:
     assert abs(result.row) < 0.5
 
 
-def test_swapped_images_are_told_from_a_wrong_baseline(pairs: list[Pair]) -> None:
+def test_swapped_images_and_wrong_baselines_are_reported(pairs: list[Pair]) -> None:
     swapped = measure_pairs((right, left) for left, right in pairs)
     (words,) = complaints(swapped, 0.54)
     assert words.startswith("left and right are swapped")
@@ -57,7 +57,7 @@ def test_swapped_images_are_told_from_a_wrong_baseline(pairs: list[Pair]) -> Non
 
 
 @pytest.mark.parametrize("rows", [4, -3])
-def test_shifted_rows_are_named(pairs: list[Pair], rows: int) -> None:
+def test_shifted_rows_are_reported(pairs: list[Pair], rows: int) -> None:
     result = changed(pairs, partial(np.roll, shift=rows, axis=0))
     assert result.row == pytest.approx(rows, abs=0.5)
     (words,) = complaints(result, 0.54)

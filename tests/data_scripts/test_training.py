@@ -23,7 +23,7 @@ from vo_lib.geometry.boxes import Boxes
 train_detector = load("train_detector")
 
 
-def test_no_street_of_one_split_is_in_another() -> None:
+def test_splits_share_no_street() -> None:
     config = DetectionSetConfig(train=480, valid=48, frames=24)
     every = streets(config)
     seeds = {split: {s.scene.seed for s in every if s.split == split} for split in ("train", "valid", "test")}
@@ -34,7 +34,7 @@ def test_no_street_of_one_split_is_in_another() -> None:
     assert streets(config) == every
 
 
-def test_images_of_evaluated_drives_are_known_by_their_path() -> None:
+def test_paths_identify_evaluated_drives() -> None:
     for drive, sequence in ODOMETRY_DRIVES.items():
         for path in (
             f"/data/raw/{drive}_sync/image_00/data/0.png",
@@ -67,13 +67,13 @@ def write_set(folder: Path, count: int = 12, roboflow: bool = False, prefix: str
 
 
 @pytest.mark.parametrize("roboflow", [False, True])
-def test_a_data_set_is_read_as_ours_or_as_roboflows(tmp_path: Path, roboflow: bool) -> None:
+def test_data_sets_of_both_layouts_are_read(tmp_path: Path, roboflow: bool) -> None:
     data = open_set(write_set(tmp_path / "set", 3, roboflow))
     assert data.names == ("car",)
     assert [len(data.images[split]) for split in ("train", "valid", "test")] == [3, 3, 0]
 
 
-def test_the_script_refuses_evaluated_images_and_says_what_is_missing(
+def test_train_detector_refuses_evaluated_images(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_set(tmp_path / "set", 2, prefix="2011_09_30_drive_0027_")
@@ -89,7 +89,7 @@ def test_the_script_refuses_evaluated_images_and_says_what_is_missing(
 
 
 @pytest.mark.filterwarnings("default")  # Ultralytics' own
-def test_a_training_ends_in_a_model_that_the_kit_runs(
+def test_trained_model_runs_in_the_kit(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("ultralytics", reason="Ultralytics belongs to the extra [train]")
@@ -107,7 +107,7 @@ def test_a_training_ends_in_a_model_that_the_kit_runs(
     detector.detect(np.full((120, 400), 40, np.uint8))
 
 
-def test_a_model_that_detects_nothing_is_not_registered(
+def test_useless_model_is_not_registered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("train_detector.detector_folder", lambda: tmp_path / "kept")

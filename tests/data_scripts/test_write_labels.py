@@ -40,7 +40,7 @@ def texts(folder: Path) -> dict[str, str]:
     return {path.name: path.read_text() for path in sorted(folder.glob("*.txt"))}
 
 
-def test_labels_stand_beside_the_images_with_the_models_hash(bands: Path, model: Path, write: Write) -> None:
+def test_labels_are_written_with_the_hash_of_the_model(bands: Path, model: Path, write: Write) -> None:
     assert write() == 0
     assert len(texts(bands / "labels")) == 6
     record = json.loads((bands / "labels" / RECORD).read_text())
@@ -52,7 +52,7 @@ def test_labels_stand_beside_the_images_with_the_models_hash(bands: Path, model:
     assert boxes.xyxy == pytest.approx(np.array([[164.5, 82.0, 314.5, 157.0]]), abs=0.6)
 
 
-def test_only_missing_labels_and_those_of_changed_images_are_detected_again(bands: Path, model: Path) -> None:
+def test_only_missing_or_outdated_labels_are_detected(bands: Path, model: Path) -> None:
     sequence, labels, reports = open_sequence(bands), bands / "labels", list[tuple[int, int]]()
     assert write_label_folder(sequence, model, DetectorConfig(), labels) == 6
     whole = texts(labels)
@@ -68,7 +68,7 @@ def test_only_missing_labels_and_those_of_changed_images_are_detected_again(band
     assert texts(labels) == whole
 
 
-def test_labels_made_otherwise_are_not_overwritten(
+def test_other_labels_are_not_overwritten(
     bands: Path, write: Write, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (bands / "labels").mkdir()
@@ -85,9 +85,7 @@ def test_labels_made_otherwise_are_not_overwritten(
     assert "labels that this detector did not write" in capsys.readouterr().err
 
 
-def test_cached_labels_are_of_one_detector_and_a_damaged_record_is_another_detector(
-    bands: Path, model: Path, tmp_path: Path
-) -> None:
+def test_cached_labels_belong_to_one_detector(bands: Path, model: Path, tmp_path: Path) -> None:
     configs = (DetectorConfig(), DetectorConfig(score=0.5), DetectorConfig(threads=2))
     sequences = [labelled_sequence(open_sequence(bands), model, config, cache=tmp_path) for config in configs]
     folders = [sequence.labels for sequence in sequences]

@@ -16,11 +16,7 @@ from tiny_onnx import write_answering
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.class_names import choose_classes, class_numbers
-from vo_lib.detection.layout import (
-    best_boxes,
-    fit_letterbox,
-    yolox_cells,
-)
+from vo_lib.detection.layout import best_boxes, fit_letterbox, yolox_cells
 from vo_lib.detection.models import MODELS
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError
@@ -35,9 +31,7 @@ sides = st.integers(16, 2000)
 
 
 @given(sides, sides, st.integers(1, 30), st.integers(1, 30), st.booleans())
-def test_a_box_goes_through_the_letterbox_and_back(
-    width: int, height: int, columns: int, rows: int, centred: bool
-) -> None:
+def test_letterbox_round_trip(width: int, height: int, columns: int, rows: int, centred: bool) -> None:
     letterbox = fit_letterbox(width, height, 32 * columns, 32 * rows, centred)
     box = np.array([[0.2 * width, 0.1 * height, 0.9 * width, 0.7 * height]])
     inside = box * letterbox.scale + [letterbox.left, letterbox.top, letterbox.left, letterbox.top]
@@ -76,7 +70,7 @@ def either(request: pytest.FixtureRequest, tmp_path: Path) -> YoloDetector:
     return detector
 
 
-def test_both_layouts_give_the_box_in_the_image(either: YoloDetector) -> None:
+def test_both_layouts_give_the_box(either: YoloDetector) -> None:
     # The image fills the network's image from edge to edge at half the scale.
     result = either.detect(np.zeros((128, 128), np.uint8))
     assert result.xyxy == pytest.approx(np.array([[43.5, 37.5, 83.5, 57.5]]), abs=1e-3)
@@ -84,13 +78,13 @@ def test_both_layouts_give_the_box_in_the_image(either: YoloDetector) -> None:
     assert result.score == pytest.approx([0.75], abs=1e-6)
 
 
-def test_a_wide_image_is_centred_by_yolov8_and_in_the_corner_for_yolox(either: YoloDetector) -> None:
+def test_layouts_place_wide_images_differently(either: YoloDetector) -> None:
     result = either.detect(np.zeros((32, 64), np.uint8))
     top = 2.5 if either.layout == "yolov8" else 18.5
     assert result.xyxy[0] == pytest.approx([21.5, top, 41.5, top + 10], abs=1e-3)
 
 
-def test_suppression_keeps_the_better_of_two_within_a_class_or_on_one_object() -> None:
+def test_suppression_keeps_the_better_box() -> None:
     corners = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [5, 0, 15, 10], [30, 30, 40, 40.0]])
     scores = np.array([[0.6, 0], [0.9, 0], [0, 0.5], [0.2, 0.0]])
     result = best_boxes(corners, scores, 0.25, 0.5)
@@ -110,7 +104,7 @@ def test_classes_are_chosen_by_name_or_number() -> None:
         choose_classes(("cra",), names)
 
 
-def test_what_is_no_usable_model_is_said_in_one_line(tmp_path: Path) -> None:
+def test_unusable_models_are_refused(tmp_path: Path) -> None:
     path, box = tmp_path / "model.onnx", yolov8_answer()
 
     def message() -> str:
@@ -129,7 +123,7 @@ def test_what_is_no_usable_model_is_said_in_one_line(tmp_path: Path) -> None:
     assert "has none of the classes car, bus, truck, only cat, dog" in message()
 
 
-def test_the_street_model_finds_the_vehicles_of_a_street_it_was_not_trained_on(street: Sequence) -> None:
+def test_street_model_detects_vehicles_of_a_new_street(street: Sequence) -> None:
     detector, none = YoloDetector("street"), np.zeros((0, 4))
     frames = range(5, 75, 10)
     images = [(detector.detect(street.stereo(frame)[0]), street.boxes(frame), none) for frame in frames]

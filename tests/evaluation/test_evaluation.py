@@ -116,7 +116,7 @@ def assert_equals_literal(errors: KittiErrors, rows: list[tuple[float, ...]]) ->
 
 
 @pytest.mark.parametrize("name", ["02", "06", "08"])
-def test_errors_equal_the_development_kit_s_own_output_in_every_printed_digit(name: str) -> None:
+def test_kitti_errors_equal_the_development_kit(name: str) -> None:
     if not BENCHMARK.exists():
         pytest.skip("the benchmark's output is not in ../shared/data")
     truth, estimate = (read_kitti_poses(folder / f"{name}.txt") for folder in (KITTI_TRUTH, BENCHMARK))
@@ -131,7 +131,7 @@ def test_errors_equal_the_development_kit_s_own_output_in_every_printed_digit(na
 
 
 @pytest.mark.parametrize("step_length", [0.1, 0.25, 0.3, 1.0, 1.3])
-def test_kitti_errors_equal_the_literal_definition_where_paths_end_on_a_length(step_length: float) -> None:
+def test_kitti_errors_equal_the_definition(step_length: float) -> None:
     truth = straight(1200, step_length)
     estimate = drifting(truth, seed=3)
     errors = kitti_errors(truth, estimate, (50.0, 100.0, 105.5), step=7)
@@ -139,7 +139,7 @@ def test_kitti_errors_equal_the_literal_definition_where_paths_end_on_a_length(s
     assert_equals_literal(errors, literal_kitti_errors(truth, estimate, (50.0, 100.0, 105.5), 7))
 
 
-def test_speed_bins_overlap_and_leave_out_their_edges() -> None:
+def test_speed_bins_overlap_without_their_edges() -> None:
     speed = np.array([2.0, 3.9, 4.0, 5.0, 6.0, 30.0])
     n = np.arange(len(speed))
     errors = KittiErrors(n, n, np.full(6, 100.0), np.linspace(0.0, 0.05, 6), np.zeros(6), speed)
@@ -151,7 +151,7 @@ def test_speed_bins_overlap_and_leave_out_their_edges() -> None:
     assert bins[8].te is None
 
 
-def test_identical_trajectories_have_no_error_even_when_printed_with_seven_digits() -> None:
+def test_identical_paths_have_no_error() -> None:
     truth, _ = random_pair(5, 400)
     printed = np.round(truth, 7)
     errors = kitti_errors(printed, printed, LENGTHS, step=1)
@@ -164,9 +164,7 @@ def test_identical_trajectories_have_no_error_even_when_printed_with_seven_digit
 
 @given(seed=seeds, world=seeds, scale=st.floats(0.2, 5.0))
 @settings(max_examples=25)
-def test_alignment_finds_the_motion_and_scale_that_made_the_estimate(
-    seed: int, world: int, scale: float
-) -> None:
+def test_alignment_recovers_motion_and_scale(seed: int, world: int, scale: float) -> None:
     truth, _ = random_pair(seed)
     moved = random_rigid(world) @ truth
     for alignment in (Alignment.ORIGIN, Alignment.SE3, Alignment.SIM3):
@@ -180,7 +178,7 @@ def test_alignment_finds_the_motion_and_scale_that_made_the_estimate(
     assert result == pytest.approx(1.0 / scale)
 
 
-def test_ate_of_a_shifted_and_of_a_mirrored_path() -> None:
+def test_ate_of_shifted_and_mirrored_paths() -> None:
     truth, _ = random_pair(1)
     shifted = rigid(np.eye(3), np.array([3.0, 0.0, 4.0])) @ truth
     none = absolute_error(truth, shifted, Alignment.NONE)
@@ -194,7 +192,7 @@ def test_ate_of_a_shifted_and_of_a_mirrored_path() -> None:
     assert np.linalg.det(aligned[:, :3, :3]).min() > 0.99
 
 
-def test_rpe_is_the_drift_of_each_pair_of_frames() -> None:
+def test_rpe_is_the_drift_per_frame() -> None:
     truth = straight(11)
     turn = rigid(rotation_from_vector(np.array([0.0, 0.02, 0.0])), np.array([0.0, 0.3, 1.4]))
     estimate = chain(np.tile(turn, (10, 1, 1)))
@@ -206,7 +204,7 @@ def test_rpe_is_the_drift_of_each_pair_of_frames() -> None:
     assert relative_error(truth, estimate, 11).to_dict()["translation"]["rmse_m"] is None
 
 
-def test_input_that_cannot_be_evaluated_is_refused() -> None:
+def test_invalid_evaluations_are_refused() -> None:
     path, broken = straight(10), straight(10)
     broken[4, 0, 3] = np.nan
     faults = {"truth has 10 poses and the estimate 9": path[:9], "pose 4 of the estimate": broken}
@@ -260,7 +258,7 @@ def test_ate_and_rpe_equal_those_of_evo(seed: int) -> None:
         np.testing.assert_allclose(ours.translation, rpe.error, atol=1e-8)
 
 
-def test_a_curve_has_a_point_for_each_bin_of_three_and_more() -> None:
+def test_curves_omit_bins_with_few_sub_sequences() -> None:
     errors = kitti_errors(straight(400), straight(400, 1.01), (100.0, 390.0))
     counts = {at: len(part) for at, part in errors.by_length((100.0, 390.0)).items()}
     assert 0 < counts[390.0] < KITTI_BIN_MINIMUM <= counts[100.0]

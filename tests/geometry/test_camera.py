@@ -25,13 +25,13 @@ def test_normalised_points_are_rays_of_unit_depth() -> None:
     np.testing.assert_allclose(CAMERA.K @ [0.1, -0.05, 1.0], [*CAMERA.project(X)[0][0], 1.0])
 
 
-def test_points_behind_the_camera_and_disparities_of_zero_have_no_image_and_no_depth() -> None:
+def test_points_behind_the_camera_are_nan() -> None:
     left, right = CAMERA.project(np.array([[0.0, 0.0, -1.0]]))
     assert np.isnan(left).all()
     assert np.isnan(right).all()
     assert np.isnan(CAMERA.back_project(np.array([[600.0, 180.0]]), np.array([0.0]))).all()
 
 
-def test_an_unknown_size_is_twice_the_place_of_the_principal_point() -> None:
+def test_unknown_image_size_is_twice_the_principal_point() -> None:
     sizes = [CAMERA.size, StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54).size]
     assert sizes == [(1241, 376), (1200, 360)]

@@ -20,7 +20,7 @@ def seen(n: int = 60) -> tuple[Array, Array, Array]:
     return X_p, *CAMERA.project(X_p @ R_CP.T + T_CP)
 
 
-def test_a_turn_of_nine_degrees_is_found_although_a_third_of_the_pixels_are_wrong() -> None:
+def test_fit_motion_tolerates_outliers() -> None:
     X_p, left, right = seen()
     left[:20] += np.random.default_rng(4).uniform(30, 90, (20, 2))
     R, t, residual = fit_motion(CAMERA, X_p, left, right, np.eye(3), np.zeros(3), scale=0.5)
@@ -30,7 +30,7 @@ def test_a_turn_of_nine_degrees_is_found_although_a_third_of_the_pixels_are_wron
     assert residual[:20].min() > 20.0
 
 
-def test_the_residual_is_the_length_over_all_four_coordinates() -> None:
+def test_residual_is_the_norm_of_four_coordinates() -> None:
     X_p, left, right = seen()
     left[:, 0] += 3.0
     right[:, 1] -= 4.0
@@ -38,7 +38,7 @@ def test_the_residual_is_the_length_over_all_four_coordinates() -> None:
     np.testing.assert_allclose(residual, 5.0, rtol=1e-9)
 
 
-def test_a_point_behind_the_camera_fits_nothing() -> None:
+def test_points_behind_the_camera_have_infinite_residuals() -> None:
     X_p, left, right = seen()
     X_p[0] = [0.0, 0.0, -5.0]
     _, _, residual = fit_motion(CAMERA, X_p, left, right, R_CP, T_CP, scale=1.0, iterations=0)
@@ -47,7 +47,7 @@ def test_a_point_behind_the_camera_fits_nothing() -> None:
 
 
 @pytest.mark.parametrize("tolerance", [1e-9, 10.0])
-def test_it_goes_on_until_a_step_is_small(tolerance: float) -> None:
+def test_fit_motion_iterates_until_the_step_is_small(tolerance: float) -> None:
     X_p, left, right = seen()
     R, _, _ = fit_motion(
         CAMERA, X_p, left, right, np.eye(3), np.zeros(3), scale=1.0, tolerance=tolerance, iterations=30
@@ -56,7 +56,7 @@ def test_it_goes_on_until_a_step_is_small(tolerance: float) -> None:
     assert exact == (tolerance < 1.0)  # a large tolerance takes the first step for the last
 
 
-def test_a_batch_of_motions_is_linearised_as_each_alone() -> None:
+def test_batched_linearisation_equals_single_ones() -> None:
     rng = np.random.default_rng(2)
     rotated = rng.uniform([-5, -2, 6], [5, 2, 30], (3, 4, 3))
     t, measured = rng.normal(size=(3, 1, 3)), rng.uniform(-300, 300, (3, 4, 4))

@@ -39,7 +39,7 @@ def test_rodrigues_agrees_with_opencv(w: Array) -> None:
 
 
 @given(st.floats(1e-12, np.pi), vectors)
-def test_the_angle_of_a_rotation_is_the_length_of_its_vector(angle: float, axis: Array) -> None:
+def test_rotation_angle_is_the_length_of_the_vector(angle: float, axis: Array) -> None:
     norm = np.linalg.norm(axis)
     if norm > 1e-3:
         R = rotation_from_vector(axis / norm * angle)
@@ -47,7 +47,7 @@ def test_the_angle_of_a_rotation_is_the_length_of_its_vector(angle: float, axis:
 
 
 @given(vectors, vectors)
-def test_a_motion_and_its_inverse_cancel(w: Array, t: Array) -> None:
+def test_motion_times_inverse_is_identity(w: Array, t: Array) -> None:
     T = rigid(rotation_from_vector(w), t)
     np.testing.assert_allclose(T @ inverse(T), np.eye(4), atol=1e-12)
     X = np.array([[1.0, 2.0, 3.0], [-4.0, 0.5, 9.0]])
@@ -63,7 +63,7 @@ def test_quaternion_round_trip(w: Array) -> None:
 
 
 @given(vectors, arrays(np.float64, (3, 3), elements=st.floats(-1e-3, 1e-3)))
-def test_a_disturbed_rotation_is_brought_back_near(w: Array, noise: Array) -> None:
+def test_nearest_rotation_of_a_disturbed_one(w: Array, noise: Array) -> None:
     R = rotation_from_vector(w)
     near = nearest_rotation(R + noise)
     np.testing.assert_allclose(near @ near.T, np.eye(3), atol=1e-12)
@@ -72,7 +72,7 @@ def test_a_disturbed_rotation_is_brought_back_near(w: Array, noise: Array) -> No
 
 
 @given(vectors, vectors)
-def test_the_decomposition_holds_the_motion(w: Array, t: Array) -> None:
+def test_decomposition_contains_the_motion(w: Array, t: Array) -> None:
     length = np.linalg.norm(t)
     if length < 1e-2:
         return
@@ -82,7 +82,7 @@ def test_the_decomposition_holds_the_motion(w: Array, t: Array) -> None:
     np.testing.assert_allclose(np.abs(direction @ t) / length, 1.0, atol=1e-9)
 
 
-def test_the_essential_angle_ignores_sign_and_scale() -> None:
+def test_essential_angle_ignores_sign_and_scale() -> None:
     E = essential_from_motion(np.eye(3), np.array([0.0, 0.1, 1.0]))
     assert essential_angle(essential_vector(E), essential_vector(-7.0 * E)) < 1e-7
     other = essential_from_motion(np.eye(3), np.array([1.0, 0.0, 0.0]))

@@ -23,7 +23,7 @@ POINTS = Points(np.arange(8.0).reshape(4, 2), np.arange(4))
 
 
 @pytest.mark.parametrize("index", [np.array([3, 1]), np.array([False, True, False, True]), np.zeros(0, int)])
-def test_an_index_or_a_mask_chooses_the_same_rows_of_every_array(index: IntArray) -> None:
+def test_index_selects_the_same_rows_of_every_array(index: IntArray) -> None:
     some = POINTS[index]
     np.testing.assert_array_equal(some.uv, POINTS.uv[index])
     np.testing.assert_array_equal(some.number, POINTS.number[index])

@@ -61,7 +61,7 @@ def window_pane(slip: float) -> list[Pair]:
 
 
 @pytest.mark.parametrize("kind", ["kit", PAPER])
-def test_a_loop_that_two_textures_open_does_not_close(kind: str) -> None:
+def test_mixed_textures_do_not_close_a_loop(kind: str) -> None:
     default = KitMatchingConfig().loop_tolerance
 
     def share(slip: float, tolerance: float = default) -> float:

@@ -34,7 +34,7 @@ def errors(**terms: float) -> Array:
     return np.array([named.get(name, 0.0) for name in ERROR_NAMES])
 
 
-def test_a_file_gives_back_every_bit(learnt: Calibration, tmp_path: Path) -> None:
+def test_calibration_file_round_trip(learnt: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text(learnt.to_json(), encoding="utf-8")
     again = read_learnt_calibration(path)
@@ -44,7 +44,7 @@ def test_a_file_gives_back_every_bit(learnt: Calibration, tmp_path: Path) -> Non
     assert again.to_json() == learnt.to_json()
 
 
-def test_rounding_of_a_tiny_covariance_is_no_asymmetry(learnt: Calibration, tmp_path: Path) -> None:
+def test_rounded_covariance_is_symmetric(learnt: Calibration, tmp_path: Path) -> None:
     """A long drive leaves entries near zero, which differ from their mirror images by rounding."""
     learnt.covariance[0, 1], learnt.covariance[1, 0] = 1e-15, -1e-15
     path = tmp_path / "calibration.json"
@@ -64,7 +64,7 @@ DAMAGES: dict[str, Callable[[dict[str, Any]], object]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_file_is_refused_by_name(learnt: Calibration, tmp_path: Path, damage: str) -> None:
+def test_damaged_calibration_files_are_refused(learnt: Calibration, tmp_path: Path, damage: str) -> None:
     data = json.loads(learnt.to_json())
     DAMAGES[damage](data)
     path = tmp_path / "mine.json"
@@ -73,7 +73,7 @@ def test_a_damaged_file_is_refused_by_name(learnt: Calibration, tmp_path: Path, 
         read_learnt_calibration(path)
 
 
-def test_it_belongs_to_one_camera(learnt: Calibration) -> None:
+def test_calibration_belongs_to_one_camera(learnt: Calibration) -> None:
     learnt.check(dataclasses.replace(CAMERA, f=1.005 * CAMERA.f, cx=CAMERA.cx + 5.0))
     for name, words in (("f", "focal length"), ("baseline", "baseline")):
         other = dataclasses.replace(CAMERA, **{name: 1.02 * getattr(CAMERA, name)})
@@ -85,7 +85,7 @@ def test_it_belongs_to_one_camera(learnt: Calibration) -> None:
             learnt.check(dataclasses.replace(CAMERA, **change))  # type: ignore[arg-type]
 
 
-def test_on_another_drive_the_shift_alone_is_less_certain(learnt: Calibration) -> None:
+def test_other_drives_have_a_less_certain_shift(learnt: Calibration) -> None:
     more = learnt.covariance_on_another_drive() - learnt.covariance
     assert more[0, 0] > 1.0
     more[0, 0] = 0.0
@@ -101,16 +101,16 @@ def test_on_another_drive_the_shift_alone_is_less_certain(learnt: Calibration) -
         (errors(p1=1.2, k1=-12.0), "lens: p1 +1.2 ±0.0 px; lens: k1 -12.0 ±0.0 px"),
     ],
 )
-def test_errors_as_a_sentence(wrong: Array, words: str) -> None:
+def test_errors_are_described_in_words(wrong: Array, words: str) -> None:
     assert describe_errors(wrong, 1e-4 * np.eye(ERROR_COUNT), CAMERA) == words
 
 
-def test_an_error_below_two_standard_deviations_is_not_said() -> None:
+def test_small_errors_are_not_described() -> None:
     assert "p1" in describe_errors(errors(p1=1.2), 0.3 * np.eye(ERROR_COUNT), CAMERA)
     assert "p1" not in describe_errors(errors(p1=1.0), 0.3 * np.eye(ERROR_COUNT), CAMERA)
 
 
-def test_what_is_too_uncertain_is_neither_said_nor_used(learnt: Calibration) -> None:
+def test_uncertain_errors_are_neither_described_nor_used(learnt: Calibration) -> None:
     vague = dataclasses.replace(learnt, estimate=errors(d_1=0.5, k1=5.0), covariance=prior_covariance())
     assert not vague.in_use(CalibrationConfig()).any()
     assert vague.in_words(CalibrationConfig()) == "none that needs correction"

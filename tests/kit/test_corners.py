@@ -9,7 +9,7 @@ from vo_lib.kit.corners import corner_strength, detect_corners, in_empty_cells
 from vo_lib.kit.settings import KitFeatureConfig
 
 
-def test_the_corners_of_a_square_are_found_and_its_edges_are_not() -> None:
+def test_corners_of_a_square_without_its_edges() -> None:
     image = np.zeros((120, 160), np.uint8)
     image[40:80, 50:110] = 200
     uv, strength = detect_corners(corner_strength(image), KitFeatureConfig())
@@ -19,7 +19,7 @@ def test_the_corners_of_a_square_are_found_and_its_edges_are_not() -> None:
     assert (strength > KitFeatureConfig().quality).all()
 
 
-def test_strength_is_the_smaller_eigenvalue_of_the_structure_tensor() -> None:
+def test_corner_strength_is_the_smaller_eigenvalue() -> None:
     """Against the definition, with NumPy's eigenvalues, around one pixel at half size; in grey levels."""
     half = np.random.default_rng(3).integers(0, 255, (30, 40)).astype(np.uint8)
     image = np.pad(np.repeat(np.repeat(half, 2, axis=0), 2, axis=1), ((0, 0), (0, 1)))
@@ -35,7 +35,7 @@ def test_strength_is_the_smaller_eigenvalue_of_the_structure_tensor() -> None:
     np.testing.assert_allclose(strength[row, column], expected, rtol=1e-4)
 
 
-def test_no_corner_is_nearer_to_the_border_than_asked_and_a_flat_image_has_none() -> None:
+def test_corners_respect_the_border() -> None:
     image = np.random.default_rng(4).integers(0, 255, (90, 120)).astype(np.uint8)
     uv, _ = detect_corners(corner_strength(image), KitFeatureConfig(border=20))
     assert len(uv) > 5
@@ -49,7 +49,7 @@ def cells_of(uv: Array) -> set[tuple[int, ...]]:
     return {tuple(cell) for cell in (uv // 18).astype(int).tolist()}
 
 
-def test_a_cell_holds_one_corner_and_none_where_one_is_followed() -> None:
+def test_cells_have_one_corner_each() -> None:
     image = np.random.default_rng(0).integers(0, 255, (108, 180)).astype(np.uint8)
     uv, _ = detect_corners(corner_strength(image), KitFeatureConfig(cell=18))
     assert len(cells_of(uv)) == len(uv) > 30

@@ -151,9 +151,7 @@ def shown(like: Sequence, pairs: list[Pair], camera: StereoCamera | None = None)
 
 
 @pytest.mark.parametrize("name", DRIVES)
-def test_a_faulty_camera_stops_no_run_and_the_check_makes_no_path_worse(
-    drive: tuple[list[Pair], Sequence], name: str
-) -> None:
+def test_vehicle_check_never_worsens_a_disturbed_path(drive: tuple[list[Pair], Sequence], name: str) -> None:
     pairs, street = drive
     whole, truth = street.camera, street.truth
     height, width = pairs[0][0].shape
@@ -200,9 +198,7 @@ AFTER = 13  # frames behind a gap
 @pytest.mark.slow
 @pytest.mark.parametrize("gap", range(2, 11))
 @pytest.mark.parametrize("clip", PLACES)
-def test_dropped_frames_end_no_farther_from_the_truth_with_the_check(
-    clips: Path, clip: str, gap: int
-) -> None:
+def test_vehicle_check_never_worsens_dropped_frames(clips: Path, clip: str, gap: int) -> None:
     whole = open_sequence(clips / "sequences" / clip)
     for place in PLACES[clip]:
         frames = [
@@ -214,9 +210,7 @@ def test_dropped_frames_end_no_farther_from_the_truth_with_the_check(
 
 @pytest.mark.parametrize("side", [0, 1])
 @pytest.mark.parametrize("clip", PLACES)
-def test_a_frozen_camera_ends_no_farther_from_the_truth_with_the_check(
-    clips: Path, clip: str, side: int
-) -> None:
+def test_vehicle_check_never_worsens_a_frozen_camera(clips: Path, clip: str, side: int) -> None:
     whole = open_sequence(clips / "sequences" / clip)
     first = PLACES[clip][2]
     frames = [*range(first, first + AFTER)]
@@ -238,7 +232,7 @@ def require_no_worse(
     assert off[0] <= off[1] + WORSE_M
 
 
-def test_a_pair_that_equals_the_one_before_teaches_the_kit_nothing(street: Sequence) -> None:
+def test_repeated_pair_changes_no_state(street: Sequence) -> None:
     config = change(preset("feature_selection", variant="kit"), "vehicle.check", False)
     index = [0, 1, 2, 3, 3, 4]
     method = MethodRun(street, config)

@@ -46,7 +46,7 @@ STEPS = {
 }
 
 
-def test_each_point_is_asked_with_the_boxes_of_its_own_image_and_no_others_are_remembered() -> None:
+def test_points_are_tested_with_the_boxes_of_their_image() -> None:
     rule = BoxFilter(CAMERA, KitFilterConfig(rule="all", min_matches=0))
     rule.start(box(*LEFT))
     first = rule.step(going(*STEPS), box(*MIDDLE))
@@ -57,7 +57,7 @@ def test_each_point_is_asked_with_the_boxes_of_its_own_image_and_no_others_are_r
     assert rule.step(going((IN_RIGHT, IN_RIGHT), (AWAY, AWAY)), no_boxes()).keep.all()
 
 
-def test_with_too_few_left_the_filter_is_off_and_says_so() -> None:
+def test_filter_is_off_with_too_few_matches() -> None:
     matches = going(*[(IN_LEFT, IN_LEFT)] * 9, (AWAY, AWAY))
     for min_matches, flags in ((2, (Flag.FILTER_OFF,)), (1, ())):
         rule = BoxFilter(CAMERA, KitFilterConfig(min_matches=min_matches))
@@ -83,19 +83,19 @@ def filtered(config: KitFilterConfig, kept: slice = slice(None), outline: float 
     return [rule.step(matches[np.arange(240)[kept]], boxes) for matches, boxes in frames]
 
 
-def test_the_rule_moving_removes_what_is_on_cars_that_move_and_keeps_parked_ones() -> None:
+def test_rule_moving_keeps_parked_cars() -> None:
     for result in filtered(KitFilterConfig(rule="moving"))[1:]:
         assert not result.keep[200:220].any()
         assert result.keep[220:].mean() > 0.8
 
 
 @pytest.mark.parametrize(("agreement", "stays"), [(2.0, False), (1000.0, True)])
-def test_features_of_parked_cars_have_to_agree_with_the_street(agreement: float, stays: bool) -> None:
+def test_features_of_parked_cars_must_agree_with_the_street(agreement: float, stays: bool) -> None:
     config = KitFilterConfig(rule="moving", moving=MovingConfig(agreement=agreement))
     assert filtered(config, outline=3.0)[-1].keep[-1] == stays
 
 
-def test_moving_vehicles_of_a_drawn_street_are_told_from_parked_ones(street: Sequence) -> None:
+def test_moving_vehicles_of_a_drawn_street_are_detected(street: Sequence) -> None:
     sequence, config = street.part(90, 150), preset("moving_selection", variant="kit")
     rule = BoxFilter(sequence.camera, config.filter)
     rule.start(sequence.boxes(0))
@@ -117,7 +117,7 @@ def test_moving_vehicles_of_a_drawn_street_are_told_from_parked_ones(street: Seq
     assert right / len(text[True]) >= 0.85
 
 
-def test_the_truth_of_a_drawn_street_removes_its_moving_vehicles_only(street: Sequence) -> None:
+def test_rule_truth_removes_moving_vehicles_only(street: Sequence) -> None:
     sequence = street.part(100, 104)
     config = settings.replace(preset("solution_selection", variant="kit"), "filter.rule", "truth")
     removed = [motion.removed for motion in run(sequence, config).motions]

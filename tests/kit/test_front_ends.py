@@ -37,7 +37,7 @@ def follow(folder: Path, kind: str) -> list[StereoMatches]:
 
 
 @pytest.mark.parametrize("kind", FRONT_ENDS)
-def test_matches_of_both_front_ends_are_right(bands: Path, kind: str) -> None:
+def test_matches_have_the_true_disparity(bands: Path, kind: str) -> None:
     least, middle, most = FRONT_ENDS[kind]
     for matches in follow(bands, kind)[1:]:
         assert len(matches) > least
@@ -55,7 +55,7 @@ def test_matches_of_both_front_ends_are_right(bands: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", FRONT_ENDS)
-def test_age_and_number_are_carried_over_and_new_numbers_are_new(bands: Path, kind: str) -> None:
+def test_age_and_id_continue_over_frames(bands: Path, kind: str) -> None:
     first, before, after = follow(bands, kind)[2:5]
     _, i, j = np.intersect1d(before.id, after.id, return_indices=True)
     assert len(i) > 15
@@ -69,7 +69,7 @@ def test_age_and_number_are_carried_over_and_new_numbers_are_new(bands: Path, ki
 
 
 @pytest.mark.parametrize("kind", FRONT_ENDS)
-def test_black_images_give_no_matches_and_no_error(bands: Path, kind: str) -> None:
+def test_black_images_give_no_matches(bands: Path, kind: str) -> None:
     sequence = open_sequence(bands)
     front_end = opened(sequence, kind)
     black = np.zeros_like(sequence.stereo(0)[0])
@@ -79,7 +79,7 @@ def test_black_images_give_no_matches_and_no_error(bands: Path, kind: str) -> No
     assert len(front_end.step(front_end.prepare(sequence.stereo(3)))) > FRONT_ENDS[kind][0]
 
 
-def test_blobs_and_corners_are_found_again_after_a_jump() -> None:
+def test_features_match_after_a_large_step() -> None:
     wall = texture(np.random.default_rng(1), 160, 400, 2.0)
     matcher = LoopMatcher(FeatureConfig(blob_cell=9, blob_quality=30), MatchingConfig(max_disparity=32))
     result = [
@@ -91,7 +91,7 @@ def test_blobs_and_corners_are_found_again_after_a_jump() -> None:
     assert np.count_nonzero(np.abs(moved - (50.0, 0.0)).max(axis=1) < 1.0) > 30
 
 
-def test_the_next_search_starts_from_the_motion_of_the_last_matches() -> None:
+def test_next_search_starts_from_the_last_motion() -> None:
     X_p = np.random.default_rng(4).uniform((-4.0, -2.0, 5.0), (4.0, 2.0, 20.0), (60, 3))
     R, t = rotation_from_vector(np.array([0.01, 0.03, 0.0])), np.array([0.1, 0.0, -0.8])
     result, agree = next_motion(CAMERA, match_points(X_p, X_p @ R.T + t), None)
@@ -102,7 +102,7 @@ def test_the_next_search_starts_from_the_motion_of_the_last_matches() -> None:
 
 
 @pytest.mark.parametrize("window", [5, 27, 41])
-def test_every_window_in_the_range_of_the_refinement_matches(bands: Path, window: int) -> None:
+def test_every_refinement_window_gives_matches(bands: Path, window: int) -> None:
     sequence = open_sequence(bands).part(0, 2)
     front_end = make_front_end(sequence.camera, small(matching__subpixel_window=window))
     assert len([front_end.step(front_end.prepare(sequence.stereo(i))) for i in range(2)][-1]) > 10

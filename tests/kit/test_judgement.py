@@ -11,10 +11,7 @@ from vo_lib import open_sequence, preset
 from vo_lib.geometry.boxes import MOVING, PARKED, UNKNOWN, Boxes
 from vo_lib.geometry.matches import StereoMatches, empty_matches
 from vo_lib.geometry.motion import skew
-from vo_lib.kit.judgement import (
-    BoxMotionClassifier,
-    Judgement,
-)
+from vo_lib.kit.judgement import BoxMotionClassifier, Judgement
 from vo_lib.kit.settings import KitFilterConfig
 from vo_lib.paper.boxes import inside
 from vo_lib.paper.sampson import sampson_distance
@@ -34,7 +31,7 @@ def states(result: list[Judgement]) -> list[list[int]]:
     return [judgement.state.tolist() for judgement in result]
 
 
-def test_a_car_ahead_that_keeps_its_distance_is_found_though_it_obeys_the_epipolar_geometry() -> None:
+def test_car_ahead_at_constant_distance_moves() -> None:
     first, frames = drive([Vehicle((0.3, 0.8, 14.0), AHEAD)], 5)
     E = skew(STEP[:3, 3]) @ STEP[:3, :3]
     for judgement, (matches, _) in zip(judged(first, frames), frames, strict=True):
@@ -44,7 +41,7 @@ def test_a_car_ahead_that_keeps_its_distance_is_found_though_it_obeys_the_epipol
         assert np.median(CAMERA.f * sampson_distance(E, x_p, x_c)) < 1.0
 
 
-def test_what_is_in_a_box_that_moves_or_was_in_one_that_moved_is_removed() -> None:
+def test_features_of_moving_boxes_are_removed() -> None:
     """A car crosses by three metres a frame: some features of the street are in one of its boxes alone."""
     before, frames = drive([Vehicle((-6.0, 0.8, 14.0), (3.0, 0.0, 0.0))], 3)
     for number, judgement in enumerate(judged(before, frames)):
@@ -59,14 +56,14 @@ def test_what_is_in_a_box_that_moves_or_was_in_one_that_moved_is_removed() -> No
         before = boxes
 
 
-def test_an_oncoming_car_moves_and_a_parked_one_does_not() -> None:
+def test_oncoming_car_moves_and_parked_car_does_not() -> None:
     cars = [Vehicle((-3.0, 0.8, 30.0), (0.0, 0.0, -1.0)), Vehicle((4.0, 0.8, 20.0))]
     result = judged(*drive(cars, 9))
     assert [state[0] for state in states(result)] == [MOVING] * 9
     assert MOVING not in [state[1] for state in states(result)]
 
 
-def test_of_a_box_without_features_nothing_is_known() -> None:
+def test_box_without_features_is_unknown() -> None:
     first, frames = drive([Vehicle((0.3, 0.8, 14.0), AHEAD)], 2)
     bare = [
         (matches[np.asarray(~inside(matches.cur_left, boxes.xyxy).any(axis=1))], boxes)
@@ -77,7 +74,7 @@ def test_of_a_box_without_features_nothing_is_known() -> None:
         assert np.isnan(judgement.step).all()
 
 
-def test_a_car_that_stops_is_soon_parked() -> None:
+def test_stopped_car_becomes_parked() -> None:
     car = Vehicle((1.0, 0.8, 25.0), AHEAD)
     first, driving = drive([car], 4)
     car.step = STANDS
@@ -86,7 +83,7 @@ def test_a_car_that_stops_is_soon_parked() -> None:
     assert result[-1] == [PARKED]
 
 
-def test_real_clip_drive_0005_the_van_moves_and_the_truck_beside_it_is_parked(clips: Path) -> None:
+def test_van_and_truck_of_drive_0005(clips: Path) -> None:
     sequence = open_sequence(clips / "sequences" / "drive_0005").part(0, 24)
     config = preset("moving_selection", variant="kit")
     classifier = BoxMotionClassifier(sequence.camera, config.filter)

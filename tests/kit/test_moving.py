@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.motion import rigid, rotation_angle, rotation_from_vector, transform
 from vo_lib.geometry.types import Array
-from vo_lib.kit.moving import (
-    PointSteps,
-    background_motion,
-    box_steps,
-    owner_of,
-    point_steps,
-)
+from vo_lib.kit.moving import PointSteps, background_motion, box_steps, owner_of, point_steps
 
 CAR = np.array([-0.7, 0.3, 0.2])  # step of a car against the street, current camera's axes
 
@@ -28,7 +22,7 @@ def step_of(yaw: float, roll: float = 0.0) -> Array:
 
 @pytest.mark.parametrize("T_cp", [STEP, step_of(8.0, 5.0), step_of(-8.0, 5.0), step_of(40.0, 5.0)])
 @pytest.mark.parametrize("step", [np.zeros(3), CAR])
-def test_a_standing_point_has_no_step_and_a_moving_one_its_own(T_cp: Array, step: Array) -> None:
+def test_point_steps_equal_the_true_steps(T_cp: Array, step: Array) -> None:
     X = street_points(np.random.default_rng(1), 50)
     X = X[transform(T_cp, X)[:, 2] > 1.0]
     assert len(X) > 10
@@ -37,7 +31,7 @@ def test_a_standing_point_has_no_step_and_a_moving_one_its_own(T_cp: Array, step
     np.testing.assert_allclose(result.depth, transform(T_cp, X)[:, 2])
 
 
-def test_the_motion_of_the_background_is_found_beside_some_that_moves() -> None:
+def test_background_motion_tolerates_moving_points() -> None:
     rng = np.random.default_rng(3)
     X = street_points(rng, 300)
     step = np.where((np.arange(300) % 5 == 0)[:, None], CAR, 0.0)
@@ -51,7 +45,7 @@ def boxes(*xyxy: tuple[float, ...], kind: int = 2) -> Boxes:
     return Boxes(np.array(xyxy, float), np.full(len(xyxy), kind), np.ones(len(xyxy)))
 
 
-def test_a_feature_in_two_boxes_belongs_to_the_one_in_front() -> None:
+def test_feature_in_two_boxes_belongs_to_the_nearer() -> None:
     both = boxes((100, 100, 200, 180), (150, 100, 300, 220))
     left = np.array([[120.0, 150.0], [180.0, 150.0], [280.0, 150.0], [400.0, 150.0]])
     assert owner_of(CAMERA, left, left - (40.0, 0.0), both).tolist() == [0, 1, 1, -1]
@@ -71,7 +65,7 @@ def steps_of(step: Array, background: int) -> tuple[PointSteps, NDArray[np.int64
 
 @pytest.mark.parametrize("background", [0, 10, 20])
 @pytest.mark.parametrize("step", [CAR, -0.3 * CAR, np.zeros(3)])
-def test_a_vehicle_is_found_beside_as_many_features_of_the_background(background: int, step: Array) -> None:
+def test_box_step_tolerates_background_features(background: int, step: Array) -> None:
     points, owner = steps_of(step, background)
     result = box_steps(points, owner, 1, 0.15**2)
     assert result.matches.tolist() == [20 + background]

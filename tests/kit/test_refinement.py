@@ -36,9 +36,7 @@ def seen(R_cp: Array, number: int = 200, seed: int = 0) -> tuple[Array, Array, A
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("degrees", [5.0, -10.0])
 @pytest.mark.parametrize("turned", [2.0, 25.0])
-def test_from_five_and_ten_degrees_off_it_comes_to_the_true_motion(
-    axis: str, degrees: float, turned: float
-) -> None:
+def test_refinement_converges_to_the_true_motion(axis: str, degrees: float, turned: float) -> None:
     R = turn("mixed", turned)
     start, astray = turn(axis, degrees) @ R, np.array([0.1, 0.1, 0.0]) + DIRECTION
     result, direction = refine(start, astray, match_terms(*seen(R)[:2]), 100.0 / FOCAL, 30)
@@ -48,7 +46,7 @@ def test_from_five_and_ten_degrees_off_it_comes_to_the_true_motion(
 
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("turned", [2.0, 30.0, 50.0])
-def test_the_derivative_is_that_of_a_turn_in_the_current_camera(axis: str, turned: float) -> None:
+def test_refinement_derivative_equals_finite_differences(axis: str, turned: float) -> None:
     R, h = turn(axis, turned), 1e-6
     x_p, x_c, _ = seen(R)
     aside = turn("mixed", 1.0) @ R
@@ -65,7 +63,7 @@ def test_the_derivative_is_that_of_a_turn_in_the_current_camera(axis: str, turne
 @pytest.mark.parametrize("mode", ["literal", "refined"])
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("turned", [2.0, 30.0, 50.0])
-def test_a_winner_of_a_large_rotation_gives_that_rotation(mode: str, axis: str, turned: float) -> None:
+def test_motion_of_a_winner_with_a_large_rotation(mode: str, axis: str, turned: float) -> None:
     R = turn(axis, turned)
     x_p, x_c, X_p = seen(R)
     # The winner is near the truth; refined it is the truth.

@@ -70,7 +70,7 @@ def by_name(**terms: float) -> Array:
     return np.array([{names.get(k, k): v for k, v in terms.items()}.get(name, 0.0) for name in ERROR_NAMES])
 
 
-def test_one_frame_without_noise_tells_the_coefficients_exactly() -> None:
+def test_noise_free_frame_gives_the_coefficients() -> None:
     true = by_name(
         d_1=-0.2, d_x=-0.1, d_y=0.2, k1=2.0, **{"d_x²": 0.4, "d_y²": 1.5, "d_xy": 0.3, "d_x⁴": -0.6}
     )
@@ -85,7 +85,7 @@ def test_one_frame_without_noise_tells_the_coefficients_exactly() -> None:
 
 @pytest.mark.parametrize("faults", [Faults(), KITTI], ids=["perfect", "as on KITTI"])
 @pytest.mark.parametrize("k1", [0.0, 10.0])
-def test_the_field_is_found_all_over_the_image(faults: Faults, k1: float) -> None:
+def test_error_field_is_estimated_over_the_image(faults: Faults, k1: float) -> None:
     rig = learnt(dataclasses.replace(faults, k1=k1), noise=0.1)
     result = field_at(rig.errors, *CAMERA.normalise(GRID).T)
     np.testing.assert_allclose(result[1], true_field(faults)[1], atol=0.06 if k1 == 0 else 0.07)
@@ -94,7 +94,7 @@ def test_the_field_is_found_all_over_the_image(faults: Faults, k1: float) -> Non
     assert rig.errors[K1] == pytest.approx(k1, abs=1.5)
 
 
-def test_each_fault_of_a_rig_moves_columns_and_rows_as_the_pinhole_equations_say() -> None:
+def test_prior_allows_rotations_of_the_right_camera() -> None:
     """A right camera turned a little: its image by the rotation, against the shapes that are added up."""
     covariance = prior_covariance()[:FIELD, :FIELD]
     x, y = np.random.default_rng(0).uniform([-0.5, -0.2], [0.5, 0.2], (40, 2)).T
@@ -117,9 +117,7 @@ def test_each_fault_of_a_rig_moves_columns_and_rows_as_the_pinhole_equations_say
         (KITTI, None, 0.2),  # as learnt
     ],
 )
-def test_corrected_positions_are_those_of_the_points(
-    faults: Faults, errors: Array | None, atol: float
-) -> None:
+def test_corrected_positions_equal_the_exact_ones(faults: Faults, errors: Array | None, atol: float) -> None:
     rig = learnt(faults) if errors is None else Rig(CAMERA, CalibrationConfig())
     (exact, _, _), (faulty, _, _) = (next(drive(1, each, noise=0.0)) for each in (Faults(), faults))
     mended = rig.correct(faulty, errors)
@@ -128,7 +126,7 @@ def test_corrected_positions_are_those_of_the_points(
 
 
 @pytest.mark.parametrize(("noise", "step"), [(0.1, 1.0), (0.3, 1.0), (0.3, 0.15)])
-def test_good_lenses_are_left_alone(noise: float, step: float) -> None:
+def test_perfect_lenses_stay_uncorrected(noise: float, step: float) -> None:
     """However the matches scatter: noise of a place does not look like a pincushion."""
     rig = learnt(Faults(), CalibrationConfig(), 100, noise, step)
     np.testing.assert_array_equal(rig.errors[FIELD:], np.zeros(4))
@@ -145,7 +143,7 @@ def test_good_lenses_are_left_alone(noise: float, step: float) -> None:
         ((4.0, 4.0, 90.0, 90.0), (1.13, 1.12, 113.0, 49.0), (0.0, 3.36, 0.0, 89.27778)),
     ],
 )
-def test_what_noise_explains_of_a_lens_is_taken_for_noise(
+def test_lens_errors_within_noise_are_ignored(
     mean: tuple[float, ...], variance: tuple[float, ...], expected: tuple[float, ...]
 ) -> None:
     rig = Rig(CAMERA, CalibrationConfig())
@@ -155,7 +153,7 @@ def test_what_noise_explains_of_a_lens_is_taken_for_noise(
     np.testing.assert_allclose(rig.errors[FIELD:], expected, rtol=1e-6)
 
 
-def test_what_moves_in_a_box_does_not_teach() -> None:
+def test_calibration_ignores_features_in_boxes() -> None:
     """A box over the left third of the image, in which cars cross."""
     over = Boxes(np.array([[0.0, 0.0, 400.0, 360.0]]), np.array([2]), np.ones(1))
     odometry = make_kit_odometry(CAMERA, preset("feature_selection", variant="kit"))
@@ -171,7 +169,7 @@ def test_what_moves_in_a_box_does_not_teach() -> None:
 
 
 # libviso2 has 7.84 % / 2.70 and ORB-SLAM2's published trajectory 5.47 % / 2.54 on the same frames.
-def test_the_real_highway_needs_the_field(clips: Path) -> None:
+def test_calibration_lowers_the_error_of_01(clips: Path) -> None:
     sequence = open_sequence(clips / "sequences" / "01")
     assert sequence.truth is not None
     te, turned, length = {}, {}, {}
@@ -195,7 +193,7 @@ def test_the_real_highway_needs_the_field(clips: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["00", "01", "drive_0005"])
-def test_rows_of_a_real_pair_agree_after_some_frames(clips: Path, name: str) -> None:
+def test_rows_of_real_pairs_agree_after_correction(clips: Path, name: str) -> None:
     sequence = open_sequence(clips / "sequences" / name).part(0, 12)
     config = preset("viso2", variant="kit")
     rig = Rig(sequence.camera, config.calibration)
@@ -210,7 +208,7 @@ def test_rows_of_a_real_pair_agree_after_some_frames(clips: Path, name: str) -> 
 
 
 @pytest.mark.parametrize("seed", [897, 2880])
-def test_few_or_wild_matches_do_no_harm(seed: int) -> None:
+def test_few_or_random_matches_keep_the_estimate_valid(seed: int) -> None:
     rng = np.random.default_rng(seed)
     left, disparity, flat = rng.uniform([0, 0], [1200, 360], (12, 2)), rng.uniform(1, 60, 12), np.zeros(12)
     now = left + rng.normal(0, 3, (12, 2))

@@ -12,10 +12,7 @@ from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib import settings
 from vo_lib.config import preset
 from vo_lib.geometry.boxes import no_boxes
-from vo_lib.geometry.motion import (
-    essential_vector,
-    rotation_angle,
-)
+from vo_lib.geometry.motion import essential_vector, rotation_angle
 from vo_lib.kit.selection import choose_candidate, sample_sets
 from vo_lib.kit.settings import KitSelectionConfig
 from vo_lib.paper.five_point import five_point
@@ -26,7 +23,7 @@ TRACKS = TrackConfig(points=300, noise=0.3)
 DEFAULT_RATIO = KitSelectionConfig().prior_rejection_ratio
 
 
-def test_rotation_noise_of_clean_tracks_is_as_small_as_promised() -> None:
+def test_rotation_noise_of_clean_tracks() -> None:
     """Over 300 frames: refined 0.011°, literal 0.036° ± 0.001°. Noise of 0.3 px asks for 1 px."""
     modes = {mode: KitSelectionConfig(mode=mode, threshold=1.0) for mode in ("literal", "refined")}
     result = medians(Scene(TRACKS), modes, 30, 3)
@@ -43,7 +40,7 @@ def medians(
 
 
 @pytest.mark.parametrize(("ratio", "dropped"), [(DEFAULT_RATIO, True), (10.0, False)])
-def test_a_prior_that_allows_only_a_bad_candidate_is_dropped_and_said_so(ratio: float, dropped: bool) -> None:
+def test_prior_with_only_a_bad_candidate_is_dropped(ratio: float, dropped: bool) -> None:
     (pair,) = frames_of(Scene(TRACKS), 1, 4)
     sets = sample_sets(np.random.default_rng(0), len(pair.x_p), 1)
     E, set_index = five_point(pair.x_p[sets], pair.x_c[sets])
@@ -54,7 +51,7 @@ def test_a_prior_that_allows_only_a_bad_candidate_is_dropped_and_said_so(ratio: 
     assert winner == (best if dropped else worst, dropped)
 
 
-def test_a_standing_camera_keeps_its_place_and_its_essential_vector() -> None:
+def test_standstill_keeps_position_and_prior() -> None:
     """Without parallax the essential matrix is undefined, so what is found is noise and spoils the prior."""
     # Five steps, a rest of five frames, and five steps more.
     poses, config = drive(10)[np.r_[:6, [5] * 5, 6:11]], preset("solution_selection", variant="kit")

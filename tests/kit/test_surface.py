@@ -25,7 +25,7 @@ def disparity_at(uv: Array) -> Array:
     return np.asarray(20.0 + (uv - (350.0, 120.0)) @ SLOPE)
 
 
-def test_a_plane_of_disparity_is_found_with_its_slope() -> None:
+def test_surface_of_a_plane_has_its_slope() -> None:
     v, u = np.mgrid[0:200:2, 0:600:2].astype(float)
     coarse = disparity_at(np.stack([u, v], axis=-1)).astype(np.float32)
     uv = np.array([[350.0, 120.0], [330.0, 110.0]])
@@ -38,7 +38,7 @@ def test_a_plane_of_disparity_is_found_with_its_slope() -> None:
 @pytest.mark.parametrize(
     ("beside", "column", "share"), [(14.5, 178, (0.6, 1.0)), (40.0, 175, (0.3, 0.6)), (-1.0, 0, (0.0, 0.0))]
 )
-def test_what_lies_beside_a_surface_does_not_tilt_it_but_takes_its_share(
+def test_other_depths_lower_the_share_of_a_surface(
     beside: float, column: int, share: tuple[float, float]
 ) -> None:
     """Pixels four nearer, an outline, and no disparities at all."""
@@ -51,7 +51,7 @@ def test_what_lies_beside_a_surface_does_not_tilt_it_but_takes_its_share(
 
 
 @pytest.mark.parametrize("right", [False, True])
-def test_the_bend_is_the_derivative_of_the_motion(right: bool) -> None:
+def test_warp_is_the_derivative_of_the_motion(right: bool) -> None:
     """The right camera sees the same wall from one baseline beside."""
     slope, t = SLOPE, T
     place = np.array([350.0, 120.0])
@@ -70,7 +70,7 @@ def test_the_bend_is_the_derivative_of_the_motion(right: bool) -> None:
     np.testing.assert_allclose(A[0], numeric, atol=1e-4)
 
 
-def test_bent_windows_are_found_to_a_few_hundredths_where_square_ones_are_not() -> None:
+def test_warped_windows_are_more_accurate_on_slopes() -> None:
     left = WALL
     v, u = np.mgrid[0:200, 0:600].astype(np.float32)
     # The right image: a pixel u_r shows the left pixel u with u - d(u, v) = u_r.

@@ -40,7 +40,7 @@ def eliminated(matches: StereoMatches, depth: Array) -> EliminatedPoints:
 
 
 @pytest.mark.parametrize("in_pixels", [False, True])
-def test_eliminating_the_points_changes_nothing(in_pixels: bool) -> None:
+def test_elimination_equals_the_dense_solution(in_pixels: bool) -> None:
     """Against the system of all features, points included, solved densely."""
     matches, X_p = scene(25, 0.5)
     depth = X_p[:, 2] if in_pixels else np.ones(25)
@@ -55,7 +55,7 @@ def test_eliminating_the_points_changes_nothing(in_pixels: bool) -> None:
     np.testing.assert_allclose(result, expected, atol=1e-8)
 
 
-def test_the_start_is_found_though_four_matches_of_ten_are_wrong_together() -> None:
+def test_robust_start_tolerates_consistent_outliers() -> None:
     matches, X_p = scene(300, 0.2, 1)
     wrong = np.random.default_rng(3).random(300) < 0.4
     matches.cur_left[wrong], matches.cur_right[wrong] = CAMERA.project(
@@ -66,18 +66,18 @@ def test_the_start_is_found_though_four_matches_of_ten_are_wrong_together() -> N
 
 
 @pytest.mark.parametrize("features", [1, 100])
-def test_exact_features_even_one_give_the_exact_translation_and_no_residual(features: int) -> None:
+def test_exact_features_give_the_exact_translation(features: int) -> None:
     t, residual = solved(scene(features)[0])
     np.testing.assert_allclose(t, T_CP, atol=1e-6 if features == 1 else 1e-8)
     assert residual.max() < 1e-6
 
 
-def test_noise_of_a_third_of_a_pixel_leaves_millimetres() -> None:
+def test_translation_noise_is_millimetres() -> None:
     errors = [np.linalg.norm(solved(scene(300, 0.3, seed)[0])[0] - T_CP) for seed in range(15)]
     assert np.median(errors) < 4.5e-3
 
 
-def test_far_features_are_left_out_and_none_left_is_said() -> None:
+def test_far_features_are_excluded() -> None:
     matches, X_p = scene(50)
     far = X_p[:, 2] > 20.0
     np.testing.assert_array_equal(np.isinf(solved(matches, max_depth=20.0)[1]), far)
@@ -102,7 +102,7 @@ def pull(depth: float, error: tuple[float, ...], scale: float = 20.0) -> Array:
 
 @pytest.mark.parametrize("scale", [0.5, 2.0])
 @pytest.mark.parametrize(("residual", "weight"), [(1.0, 1 / 2), (3**0.5, 1 / 4), (2.0, 1 / 5)])
-def test_the_weight_is_halved_at_the_scale(scale: float, residual: float, weight: float) -> None:
+def test_weight_is_halved_at_the_scale(scale: float, residual: float, weight: float) -> None:
     # A feature lower by e in both current images leaves e / 2 in each of its four rows along v: e in all.
     little, much = (pull(10.0, (0.0, e, 0.0, e), scale)[1] / e for e in (0.02 * scale, residual * scale))
     assert much / little == pytest.approx(weight, rel=0.02)

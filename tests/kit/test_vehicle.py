@@ -29,30 +29,30 @@ def flags(*motions: FrameResult, seconds: float = FRAME_S, check: bool = True) -
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_turn_of_90_and_a_tilt_of_40_degrees_a_second_are_the_limits(sign: int) -> None:
+def test_turn_and_tilt_limits(sign: int) -> None:
     for axis, limit, flag in ((1, 9.0, TURN), (0, 4.0, TILT), (2, 4.0, TILT)):
         for degrees, expected in ((limit - 0.1, ()), (limit + 0.1, flag), (170.0, flag)):
             assert flags(motion(turn=sign * degrees * np.eye(3)[axis])) == [expected]
 
 
-def test_the_velocity_may_change_by_three_metres_a_second_in_a_tenth_of_one() -> None:
+def test_speed_change_limit() -> None:
     sideways = FrameResult(rigid(np.eye(3), np.array([0.31, 0.0, -1.0])))
     assert flags(motion(0.71), motion()) == [(), ()]
     assert [flags(m) for m in (motion(0.69), motion(1.31), sideways)] == [[SPEED]] * 3
 
 
-def test_limits_hold_for_seconds_not_frames_and_without_times_nothing_is_flagged() -> None:
+def test_limits_are_per_second() -> None:
     assert flags(motion(5.0, (0, 30, 0)), seconds=0.5) == [()]
     assert flags(motion(5.0), seconds=0.0) == [()]
     assert flags(motion(9.0, (0, 0, 60)), check=False) == [()]
 
 
-def test_the_first_motion_may_be_of_63_metres_a_second() -> None:
+def test_first_motion_limit_is_63_metres_per_second() -> None:
     first = [Vehicle(VehicleConfig()).judge(motion(ahead), FRAME_S).flags for ahead in (6.2, 6.4)]
     assert first == [(), SPEED]
 
 
-def test_a_flagged_motion_stays_and_the_next_is_compared_with_the_last_plausible_one() -> None:
+def test_flagged_motion_is_kept_but_not_a_reference() -> None:
     vehicle, jump = Vehicle(VehicleConfig()), motion(6.0)
     vehicle.judge(motion(), FRAME_S)
     judged = vehicle.judge(jump, FRAME_S)
@@ -61,11 +61,11 @@ def test_a_flagged_motion_stays_and_the_next_is_compared_with_the_last_plausible
     assert vehicle.judge(motion(), FRAME_S).flags == ()
 
 
-def test_another_speed_is_plausible_once_the_vehicle_had_time_to_reach_it() -> None:
+def test_new_speed_becomes_plausible_with_time() -> None:
     assert flags(*[motion(1.8)] * 4) == [SPEED, SPEED, (), ()]  # 8 m/s more need 0.27 s
 
 
-def test_the_last_plausible_motion_stands_in_for_missing_ones() -> None:
+def test_last_plausible_motion_replaces_missing_ones() -> None:
     vehicle = Vehicle(VehicleConfig())
     for m in (motion(1.1), motion(9.0)):
         vehicle.judge(m, FRAME_S)
@@ -75,7 +75,7 @@ def test_the_last_plausible_motion_stands_in_for_missing_ones() -> None:
     np.testing.assert_allclose(steps, [1.1] * 12)
 
 
-def test_a_pair_shown_twice_neither_is_doubtful_nor_makes_the_next_motion_so() -> None:
+def test_repeated_pair_causes_no_flag() -> None:
     vehicle = Vehicle(VehicleConfig())
     vehicle.judge(motion(), FRAME_S)
     for _ in range(3):

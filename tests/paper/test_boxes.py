@@ -13,7 +13,7 @@ def box(*xyxy: float, class_id: int = 2, score: float = 1.0) -> Boxes:
     return Boxes(np.array([xyxy], float), np.array([class_id]), np.array([score]))
 
 
-def test_only_vehicle_boxes_of_enough_score_count() -> None:
+def test_only_vehicle_boxes_with_enough_score_count() -> None:
     uv = np.array([[15.0, 15.0], [50.0, 50.0]])
     assert in_boxes(uv, box(10, 10, 20, 20), KitFilterConfig()).tolist() == [True, False]
     assert not in_boxes(uv, box(10, 10, 20, 20, class_id=0), KitFilterConfig()).any()
@@ -21,13 +21,13 @@ def test_only_vehicle_boxes_of_enough_score_count() -> None:
     assert not in_boxes(uv, no_boxes(), KitFilterConfig()).any()
 
 
-def test_the_margin_is_a_share_of_the_box() -> None:
+def test_margin_is_a_fraction_of_the_box() -> None:
     uv = np.array([[21.5, 15.0]])
     assert not in_boxes(uv, box(10, 10, 20, 20), KitFilterConfig(margin=0.1)).any()
     assert in_boxes(uv, box(10, 10, 20, 20), KitFilterConfig(margin=0.2)).all()
 
 
-def test_overlap_is_one_for_the_same_box_and_zero_apart() -> None:
+def test_overlap_of_boxes() -> None:
     a = np.array([[0.0, 0.0, 10.0, 10.0], [20.0, 0.0, 30.0, 10.0]])
     np.testing.assert_allclose(overlap(a, a), np.eye(2))
     np.testing.assert_allclose(overlap(a[:1], np.array([[5.0, 0.0, 15.0, 10.0]])), [[1 / 3]])

@@ -36,7 +36,7 @@ def strongest(result: Described, kind: int) -> tuple[tuple[float, ...], float]:
 
 
 @pytest.mark.parametrize(("height", "kind"), [(50, BLOB_UP), (-50, BLOB_DOWN)])
-def test_a_dot_of_three_by_three_gives_sixteen_times_its_height(height: int, kind: int) -> None:
+def test_blob_mask_on_a_dot(height: int, kind: int) -> None:
     image, (u, v) = flat(), CENTRE
     image[v - 1 : v + 2, u - 1 : u + 2] += np.int8(height).astype(np.uint8)  # modulo 256
     result = describe(image, FeatureConfig())
@@ -47,7 +47,7 @@ def test_a_dot_of_three_by_three_gives_sixteen_times_its_height(height: int, kin
 
 
 @pytest.mark.parametrize(("bright", "kind"), [("upper right", CORNER_UP), ("upper left", CORNER_DOWN)])
-def test_a_chessboard_crossing_gives_eight_times_its_contrast(bright: str, kind: int) -> None:
+def test_corner_mask_on_a_chessboard(bright: str, kind: int) -> None:
     image, (u, v) = flat(), CENTRE
     right, left = slice(u, None), slice(None, u)
     image[:v, right if bright == "upper right" else left] = 180
@@ -74,7 +74,7 @@ def columns(table: NDArray[Any]) -> list[list[float]]:
     return sorted(np.asarray(table, float).T.tolist())
 
 
-def test_the_descriptor_is_both_sobel_responses_at_the_sixteen_places() -> None:
+def test_descriptor_has_32_sobel_responses() -> None:
     image = np.random.default_rng(4).integers(0, 255, (60, 80)).astype(np.uint8)
     result = describe(image, FeatureConfig())
     assert len(result.uv) > 10

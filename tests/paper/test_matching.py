@@ -39,9 +39,7 @@ def most_alike(a: Described, b: Described, near: BoolArray) -> Index:
 
 
 @pytest.mark.parametrize("radius", [8, 30, 200])
-def test_the_best_match_is_the_least_different_of_all_near_ones(
-    radius: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_best_match_has_the_smallest_difference(radius: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("vo_lib.paper.features.BATCH_FEATURES", 4)
     a, b = (describe(image, FEATURES) for image in two_images())
     near = np.all(np.abs(a.uv[:, None] - b.uv) <= radius, axis=2)
@@ -49,7 +47,7 @@ def test_the_best_match_is_the_least_different_of_all_near_ones(
 
 
 @pytest.mark.parametrize("largest", [16, 37, 240])
-def test_a_stereo_match_is_the_least_different_of_its_rows_both_ways(largest: int) -> None:
+def test_stereo_match_has_the_smallest_difference(largest: int) -> None:
     a, b = (describe(image, FEATURES) for image in two_images())
     disparity, row = np.moveaxis(a.uv[:, None] - b.uv, 2, 0)
     near = (disparity >= 0) & (disparity <= largest) & (np.abs(row) <= 2)
@@ -58,7 +56,7 @@ def test_a_stereo_match_is_the_least_different_of_its_rows_both_ways(largest: in
     np.testing.assert_array_equal(to_left, most_alike(b, a, near.T))
 
 
-def test_a_loop_closes_where_four_best_matches_lead_back() -> None:
+def test_loop_closes_where_four_best_matches_return() -> None:
     settings = MatchingConfig(max_disparity=32)
     images = [(seen(u), seen(u + 10)) for u in (MARGIN, MARGIN + 7)]
     for _, right in images:  # a step of one row: the features of left and right come in different orders
@@ -82,7 +80,7 @@ def test_a_loop_closes_where_four_best_matches_lead_back() -> None:
 
 
 @pytest.mark.parametrize(("apart", "within"), [(1.5, True), (3.0, False)])
-def test_the_finish_moves_a_place_by_two_pixels_at_most(apart: float, within: bool) -> None:
+def test_refinement_moves_at_most_two_pixels(apart: float, within: bool) -> None:
     image = seen(0)
     u, v = np.meshgrid(np.arange(40.0, 280, 30), np.arange(30.0, 130, 25))
     uv = np.stack([u.ravel(), v.ravel()], axis=1)
@@ -93,9 +91,7 @@ def test_the_finish_moves_a_place_by_two_pixels_at_most(apart: float, within: bo
 
 
 @pytest.mark.parametrize(("disparity", "largest", "seen_in_both"), [(30, 32, True), (30, 24, False)])
-def test_nothing_is_matched_beyond_the_largest_disparity_or_to_the_wrong_side(
-    disparity: int, largest: int, seen_in_both: bool
-) -> None:
+def test_matches_respect_the_disparity_range(disparity: int, largest: int, seen_in_both: bool) -> None:
     settings = MatchingConfig(max_disparity=largest)
     for shift, there in ((disparity, seen_in_both), (-disparity, False)):
         pair = describe_pair((seen(MARGIN), seen(MARGIN + shift)), FEATURES, settings)

@@ -86,7 +86,7 @@ def test_exact_matches_give_the_exact_motion(method: str) -> None:
     assert motion.flags == ()
 
 
-def test_the_winner_as_it_is_becomes_e_prev() -> None:
+def test_winner_becomes_e_prev() -> None:
     system = odometry()
     first = system.step(scene(noise=0.3), no_boxes())
     assert np.isnan(first.prior_angle)
@@ -101,7 +101,7 @@ def test_the_winner_as_it_is_becomes_e_prev() -> None:
     )
 
 
-def test_the_prior_keeps_the_nearest_solutions_of_each_set_and_the_error_decides_among_them() -> None:
+def test_prior_selects_before_the_error() -> None:
     """Two sets: in the first the truth beside a solution near E_prev, in the second one that lies between."""
     matches = scene()
     x_p, x_c = CAMERA.normalise(matches.prev_left), CAMERA.normalise(matches.cur_left)
@@ -122,7 +122,7 @@ def turned_by(angle: float) -> Array:
     return essential_from_motion(off @ R_CP, T_CP[:3, 3])
 
 
-def test_standing_still_is_the_identity_and_keeps_e_prev() -> None:
+def test_standstill_is_the_identity_and_keeps_e_prev() -> None:
     system = odometry()
     system.step(scene(), no_boxes())
     before = system.e_prev
@@ -132,7 +132,7 @@ def test_standing_still_is_the_identity_and_keeps_e_prev() -> None:
     assert system.e_prev is before
 
 
-def test_without_matches_the_last_motion_goes_on() -> None:
+def test_few_matches_repeat_the_last_motion() -> None:
     system = odometry()
     first = system.step(scene(), no_boxes())
     again = system.step(empty_matches(), no_boxes())
@@ -140,7 +140,7 @@ def test_without_matches_the_last_motion_goes_on() -> None:
     assert again.flags == ("few_matches",)
 
 
-def test_features_in_a_box_of_either_frame_are_gone_before_buckets_are_filled() -> None:
+def test_features_in_boxes_are_removed_before_buckets() -> None:
     system = odometry("feature_selection")
     left = Boxes(np.array([[-1e4, -1e3, 400.0, 1e3]]), np.array([2]), np.ones(1))
     right = Boxes(np.array([[800.0, -1e3, 1e4, 1e3]]), np.array([2]), np.ones(1))
@@ -152,14 +152,14 @@ def test_features_in_a_box_of_either_frame_are_gone_before_buckets_are_filled() 
     assert motion.used > 100
 
 
-def test_one_feature_is_enough_for_a_translation() -> None:
+def test_one_feature_gives_a_translation() -> None:
     """Equation (3): eight rows, six unknowns, as section 2.1 says."""
     M, d = eliminate_points(*feature_rows(CAMERA, scene(5), R_CP))
     for rows, values in zip(M, d, strict=True):
         np.testing.assert_allclose(np.linalg.pinv(rows) @ values, T_CP[:3, 3], atol=1e-9)
 
 
-def test_the_pair_before_adds_four_rows_that_hold_the_point() -> None:
+def test_previous_pair_adds_four_rows() -> None:
     matches = scene(40)
     A, c = earlier_rows(CAMERA, matches, pair_before(matches, T_CP))
     Q = CAMERA.triangulate(matches.prev_left, matches.prev_right)
@@ -175,7 +175,7 @@ def off_by_rectification(matches: StereoMatches) -> StereoMatches:
     return matches
 
 
-def test_three_frames_lower_the_error_that_rectification_makes() -> None:
+def test_third_frame_lowers_the_rectification_error() -> None:
     """Of two steps of 1 m the second is less wrong with the pair before, whose step is too long as well."""
     forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
     errors = []
@@ -208,7 +208,7 @@ class EquationThree(Odometry):
         return np.asarray(t)
 
 
-def test_two_frames_are_equation_3_alone(street: Sequence) -> None:
+def test_two_pairs_equal_equation_3(street: Sequence) -> None:
     """Byte for byte; the third frame changes the path, but for its first step."""
     part, three = street.part(0, 6), preset("feature_selection", variant="published")
     two = change(three, "translation.pairs", 2)
@@ -221,7 +221,7 @@ def test_two_frames_are_equation_3_alone(street: Sequence) -> None:
     assert (paths[1][2:, :3, 3] != alone[2:, :3, 3]).all()
 
 
-def test_after_a_frame_without_a_motion_of_its_own_two_frames_decide() -> None:
+def test_frames_without_motion_are_no_previous_pair() -> None:
     """The pair before is not used after a standstill or a frame with few matches."""
     moving, still = scene(noise=0.1), scene(seed=1, T_cp=np.eye(4))
     two = change(preset("solution_selection"), "translation.pairs", 2)
@@ -233,7 +233,7 @@ def test_after_a_frame_without_a_motion_of_its_own_two_frames_decide() -> None:
         assert motions[0][3] == motions[1][3]
 
 
-def test_stacked_rows_are_the_pseudo_inverse_of_the_whole_system() -> None:
+def test_stacked_rows_equal_the_pseudo_inverse() -> None:
     matches = scene(40, noise=0.2)
     t, agrees = translation(matches, agreement=50.0)
     assert agrees.all()
@@ -247,7 +247,7 @@ def test_stacked_rows_are_the_pseudo_inverse_of_the_whole_system() -> None:
     np.testing.assert_allclose(t, pixels[-3:], atol=1e-9)
 
 
-def test_pixel_noise_does_not_shorten_the_step_of_far_points() -> None:
+def test_pixel_noise_does_not_shorten_steps() -> None:
     """Least squares with noise in its coefficients is biased: rows in metres lose 0.7 % here."""
     forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
     far = (scene(400, seed, forward, noise=0.2, farthest=100.0) for seed in range(40))
@@ -255,7 +255,7 @@ def test_pixel_noise_does_not_shorten_the_step_of_far_points() -> None:
     assert abs(np.mean(steps, axis=0)[2] + 1.0) < 0.003
 
 
-def test_pixel_noise_leaves_the_length_of_a_drawn_path(street: Sequence) -> None:
+def test_pixel_noise_keeps_the_length_of_a_drawn_path(street: Sequence) -> None:
     """True matches of every fourth frame, each place 0.3 px off."""
     truth, camera = open_truth(street.folder), street.camera
     rng, system = np.random.default_rng(5), make_odometry(camera, preset("mesvo_f", variant="published"))
@@ -278,7 +278,7 @@ def test_pixel_noise_leaves_the_length_of_a_drawn_path(street: Sequence) -> None
     assert abs(ours / exact - 1.0) < 0.003
 
 
-def test_a_third_of_wrong_depths_does_not_pull_the_translation() -> None:
+def test_wrong_depths_do_not_change_the_translation() -> None:
     matches = scene(300, noise=0.1)
     wrong = np.arange(300) % 3 == 0
     matches.cur_right[wrong, 0] -= 9.0  # a repeated texture: all nearer by nine pixels
@@ -287,7 +287,7 @@ def test_a_third_of_wrong_depths_does_not_pull_the_translation() -> None:
     assert np.linalg.norm(t - T_CP[:3, 3]) < 0.02
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_does_not(bands: Path) -> None:
+def test_seed_determines_the_bytes(bands: Path) -> None:
     sequence = open_sequence(bands)
     configs = [preset("solution_selection", variant="published", seed=seed) for seed in (1, 1, 2)]
     poses = [run(sequence, config).poses for config in configs]
@@ -295,7 +295,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(bands: Path) ->
     assert np.abs(poses[0][:, 0, 3] - 0.5 * np.arange(6)).max() < 0.03
 
 
-def test_on_real_images_it_is_what_the_paper_without_calibration_can_be(clips: Path) -> None:
+def test_published_errors_on_00(clips: Path) -> None:
     """First 201 frames of KITTI 00, 100 m from every frame."""
     sequence = open_sequence(clips / "sequences" / "00")
     poses = run(sequence, preset("solution_selection", variant="published")).poses

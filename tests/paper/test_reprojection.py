@@ -54,7 +54,7 @@ OTHER_WAYS = [
 
 
 @pytest.mark.parametrize(("step", "wrong"), [(STEP, 0.0), (STEP, 0.3), *((step, 0.2) for step in OTHER_WAYS)])
-def test_exact_matches_give_the_exact_motion_and_wrong_ones_are_found_out(step: Array, wrong: float) -> None:
+def test_exact_matches_give_the_exact_motion_despite_outliers(step: Array, wrong: float) -> None:
     for frame in frames(noise=0.0, wrong=wrong, step=step):
         R, t, inliers = estimate(frame.matches)
         assert (np.array(errors(frame, R, t)) < (1e-6, 1e-7 if step is STEP else 1e-6)).all()
@@ -63,7 +63,7 @@ def test_exact_matches_give_the_exact_motion_and_wrong_ones_are_found_out(step: 
         assert step is not STEP or not (inliers & frame.wrong).any()
 
 
-def test_noise_leaves_hundredths_of_a_degree_and_centimetres_and_moves_no_camera_that_stands() -> None:
+def test_noise_gives_small_errors() -> None:
     for share, limits, given in (
         (0.5, (0.04, 0.03), frames(noise=0.3, wrong=0.3, n=30)),
         (1.0, (0.02, 0.01), frames(noise=0.1, step=np.eye(4))),
@@ -72,13 +72,13 @@ def test_noise_leaves_hundredths_of_a_degree_and_centimetres_and_moves_no_camera
         assert (np.quantile(result, share, axis=0) < limits).all()
 
 
-def test_the_middle_of_the_image_weighs_twenty_times_its_border() -> None:
+def test_weight_falls_from_the_image_centre() -> None:
     X = np.array([[CAMERA.cx, 10.0], [0.0, 300.0], [CAMERA.cx / 2, 0.0]])
     matches = match_points(*2 * (CAMERA.back_project(X, np.full(3, 20.0)),))
     np.testing.assert_allclose(observed(CAMERA, matches, CONFIG)[2], [20.0, 1 / 1.05, 1 / 0.55])
 
 
-def test_an_inlier_has_depth_and_leaves_less_than_the_threshold_over_its_four_coordinates() -> None:
+def test_inliers_have_depth_and_small_residuals() -> None:
     (frame,) = frames(noise=0.0, n=1)
     m, number = frame.matches, np.arange(300)[:, None]
     # 1.5 px in each image: more than 2 px together, less in either. And some have no depth.
@@ -93,7 +93,7 @@ def test_an_inlier_has_depth_and_leaves_less_than_the_threshold_over_its_four_co
     np.testing.assert_array_equal(np.flatnonzero(more), np.arange(280))
 
 
-def test_too_few_matches_and_matches_that_agree_on_nothing_have_no_motion() -> None:
+def test_few_or_random_matches_have_no_motion() -> None:
     rng, m = np.random.default_rng(0), frames(noise=0.0, n=1)[0].matches[np.arange(30)]
     swapped = dataclasses.replace(m, prev_left=m.prev_right, prev_right=m.prev_left)
     left, disparity = rng.uniform([0, 0], [1241, 376], (30, 2)), rng.uniform(1, 90, (30, 1)) * (1.0, 0.0)
@@ -102,7 +102,7 @@ def test_too_few_matches_and_matches_that_agree_on_nothing_have_no_motion() -> N
         assert ransac_motion(CAMERA, nothing, rng, CONFIG) is None
 
 
-def test_in_a_run_a_frame_without_motion_goes_on_with_the_last_one() -> None:
+def test_frame_without_motion_repeats_the_last_one() -> None:
     odometry = make_odometry(CAMERA, preset("viso2", variant="kit"))
     first, second = (frame.matches for frame in frames(noise=0.0, n=2))
     motion = odometry.step(first, no_boxes())
@@ -113,7 +113,7 @@ def test_in_a_run_a_frame_without_motion_goes_on_with_the_last_one() -> None:
     np.testing.assert_array_equal(lost.T_cp, motion.T_cp)
 
 
-def test_on_the_real_clip_00_it_beats_its_model(clips: Path) -> None:
+def test_viso2_errors_on_00(clips: Path) -> None:
     sequence = open_sequence(clips / "sequences" / "00")
     truth, poses = sequence.truth, run(sequence, preset("viso2", variant="kit")).poses
     assert truth is not None

@@ -21,7 +21,7 @@ def by_definition(E: Array, x_p: Array, x_c: Array) -> Array:
 
 
 @pytest.mark.parametrize("motion", [m for m in MOTIONS if m != "pure_rotation"])
-def test_the_products_equal_the_definition(motion: Motion) -> None:
+def test_sampson_products_equal_the_definition(motion: Motion) -> None:
     given = random_problems(np.random.default_rng(1), 6, 50, motion, noise_px=1.0)
     for x_p, x_c in zip(given.x_p, given.x_c, strict=True):
         expected = by_definition(given.E, x_p, x_c)

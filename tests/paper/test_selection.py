@@ -18,7 +18,7 @@ from vo_lib.paper.selection import nearest_to_prior, resolve_by_depth
 FOCAL = 718.856
 
 
-def test_of_each_set_the_nearest_to_the_prior_stay() -> None:
+def test_nearest_candidates_of_each_set_stay() -> None:
     rng = np.random.default_rng(5)
     E = rng.normal(size=(12, 3, 3))
     set_index = np.repeat([0, 2, 7], [1, 4, 7])
@@ -31,7 +31,7 @@ def test_of_each_set_the_nearest_to_the_prior_stay() -> None:
 
 
 @pytest.mark.parametrize("motion", ["general", "forward", "sideways", "planar"])
-def test_known_depth_tells_the_four_motions_of_an_essential_matrix_apart(motion: str) -> None:
+def test_depth_selects_one_of_four_motions(motion: str) -> None:
     problems = random_problems(np.random.default_rng(6), 40, 30, motion)  # type: ignore[arg-type]
     for i in range(40):
         for sign in (1.0, -1.0):
@@ -40,7 +40,7 @@ def test_known_depth_tells_the_four_motions_of_an_essential_matrix_apart(motion:
             np.testing.assert_allclose(t, problems.t_cp[i] / np.linalg.norm(problems.t_cp[i]), atol=1e-6)
 
 
-def test_near_points_outweigh_far_ones_where_the_depth_chooses_the_motion() -> None:
+def test_near_points_outweigh_far_points() -> None:
     rng, t_cp = np.random.default_rng(5), np.array([0.0, 0.0, -1.0])
     R_cp = rotation_from_vector(np.array([0.01, -0.05, 0.02]))
     z = np.concatenate([rng.uniform(4, 10, 40), rng.uniform(400, 800, 40)])

@@ -12,7 +12,7 @@ from vo_lib.data.scenes import SCENES, scene_config
 
 
 @pytest.mark.slow
-def test_the_demo_draws_runs_and_ends_with_the_result(
+def test_demo_ends_with_the_result(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(SCENES, "jam", scene_config("jam", length=52.0, speed=12.0, width=480, height=200))

@@ -22,9 +22,7 @@ def near(picture: Image, colour: tuple[int, int, int], tolerance: int = 0) -> in
     return int(np.count_nonzero((np.abs(picture.astype(int) - colour) <= tolerance).all(axis=2)))
 
 
-def test_a_run_writes_a_film_the_same_again_and_from_kept_matches(
-    bands: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_film_has_the_same_bytes_from_cached_matches(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
     base = bands.parent
     command = ["run", str(bands), "--out", str(base / "out"), "--video"]
     assert main([*command, str(base / "a.mp4")]) == 0
@@ -40,7 +38,7 @@ def test_a_run_writes_a_film_the_same_again_and_from_kept_matches(
 
 
 @pytest.mark.parametrize("variant", ["kit", "published"])
-def test_the_path_grows_and_removed_features_are_orange(bands: Path, variant: str) -> None:
+def test_film_shows_path_and_removed_features(bands: Path, variant: str) -> None:
     (bands / "labels").mkdir()
     (bands / "labels" / "000003.txt").write_text("2 0.5 0.5 0.5 0.5 0.9\n", encoding="utf-8")
     result = run(open_sequence(bands), preset("feature_selection", variant=variant))
@@ -70,7 +68,7 @@ PLAY = """async video => {
 }"""
 
 
-def test_a_browser_plays_a_film_to_its_end_and_jumps_in_it(bands: Path) -> None:
+def test_browser_plays_a_film(bands: Path) -> None:
     browser = find_browser()
     if browser is None:
         pytest.skip("no Chromium or Chrome is installed")

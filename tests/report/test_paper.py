@@ -24,7 +24,7 @@ DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 PRINTED, TRUTH = DATA / "paper_table1.csv", DATA / "kitti_poses"
 
 
-def test_the_shipped_table_has_all_88_printed_numbers_and_dashes_for_01() -> None:
+def test_table_has_88_printed_numbers() -> None:
     table = read_paper_table()
     printed = [
         number for row in PAPER_ROWS for method in PAPER_METHODS for number in table.value(row, method)
@@ -39,7 +39,7 @@ def test_the_shipped_table_has_all_88_printed_numbers_and_dashes_for_01() -> Non
 
 
 @pytest.mark.skipif(not PRINTED.exists(), reason="the paper's table is not in ../shared/data")
-def test_the_shipped_numbers_are_those_of_the_paper_beside_this_checkout() -> None:
+def test_table_equals_the_shared_copy() -> None:
     lines = [line for line in PRINTED.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     table = read_paper_table()
     for row in csv.DictReader(lines):
@@ -48,7 +48,7 @@ def test_the_shipped_numbers_are_those_of_the_paper_beside_this_checkout() -> No
             assert table.value(row["sequence"], method) == expected, (row["sequence"], method)
 
 
-def test_the_gains_are_those_of_the_averages_and_differ_by_how_rows_are_weighted() -> None:
+def test_printed_gains_depend_on_the_weights() -> None:
     (average, rows, pooled), over_mesvo = (printed_gains(read_paper_table(), m) for m in CLAIMS)
     # Averages 0.86 → 0.79 and 0.296 → 0.276: the paper's 8 % and 7 %.
     assert average == pytest.approx((100 * (1 - 0.79 / 0.86), 100 * (1 - 0.276 / 0.296)))
@@ -60,7 +60,7 @@ def test_the_gains_are_those_of_the_averages_and_differ_by_how_rows_are_weighted
 
 
 @pytest.mark.skipif(not TRUTH.is_dir(), reason="the truth of KITTI is not in ../shared/data")
-def test_the_weights_are_the_benchmarks_numbers_of_sub_sequences() -> None:
+def test_weights_are_the_numbers_of_sub_sequences() -> None:
     for row, count in SUB_SEQUENCES.items():
         truth = read_kitti_poses(TRUTH / f"{row}.txt")
         assert len(kitti_errors(truth, truth)) == count, row

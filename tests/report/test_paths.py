@@ -61,7 +61,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return base
 
 
-def test_runs_know_their_truth_and_short_paths_take_short_lengths(
+def test_evaluate_takes_the_truth_from_run_folders(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folders = [str(runs / name) for name in ("a", "b", "part", "else")]
@@ -80,7 +80,7 @@ def test_runs_know_their_truth_and_short_paths_take_short_lengths(
     assert all(0 <= row["ate"]["rmse_m"] < 0.05 for row in rows.values())
 
 
-def test_errors_are_computed_anew_from_the_poses(
+def test_evaluate_computes_errors_from_poses(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(runs / "a", tmp_path / "a")
@@ -96,7 +96,7 @@ def test_errors_are_computed_anew_from_the_poses(
         assert each["rpe"]["translation"]["rmse_m"] == pytest.approx(0.5 * percent / 100)
 
 
-def test_a_run_whose_sequence_is_gone_takes_the_truth_from_a_file(
+def test_evaluate_takes_the_truth_from_a_file(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(runs / "a", tmp_path / "a")
@@ -115,7 +115,7 @@ def test_a_run_whose_sequence_is_gone_takes_the_truth_from_a_file(
         assert result["frames"] == 6
 
 
-def test_labels_are_the_shortest_names_that_tell_systems_apart(
+def test_labels_are_the_shortest_distinct_names(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(runs / "a", tmp_path / "again")
@@ -136,7 +136,7 @@ def test_labels_are_the_shortest_names_that_tell_systems_apart(
         assert list(numbers(capsys, *(tmp_path / f for f in files), "--truth", tmp_path / files[0])) == labels
 
 
-def test_unknown_truths_and_other_numbers_of_poses_are_refused(
+def test_evaluate_refuses_missing_truth_and_other_lengths(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_kitti_poses(tmp_path / "five.txt", straight(5))
@@ -149,9 +149,7 @@ def test_unknown_truths_and_other_numbers_of_poses_are_refused(
     assert "fewer than two poses at the times" in refused(capsys, runs / "a", tmp_path / "later.txt")
 
 
-def test_long_paths_have_pictures_and_tables_the_same_each_time(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evaluate_writes_the_same_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth = winding_road(300, 0.03, 1.07)
     for name, factor in (("07", 1.0), ("ours", 1.02), ("feature_selection", 1.05)):
         write_kitti_poses(tmp_path / f"{name}.txt", scaled(truth, factor))
@@ -178,9 +176,7 @@ def test_long_paths_have_pictures_and_tables_the_same_each_time(
         assert [each["length_m"] for each in result["ours"]["by_length"]] == [20.0]
 
 
-def test_rpe_over_frames_or_metres_and_the_largest_difference_of_times_are_options(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evaluate_options_of_rpe_and_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth, times = straight(101, 0.5), np.arange(101.0)
     (tmp_path / "truth.txt").write_text(format_tum(times, truth))
     (tmp_path / "ours.txt").write_text(format_tum(times + 0.2, scaled(truth, 1.1)))
@@ -206,9 +202,7 @@ def write_euroc(path: Path, times: Array, poses: Array) -> None:
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
-def test_euroc_truth_meets_tum_and_euroc_estimates_at_the_times_all_have(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evaluate_matches_euroc_and_tum_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth = TURNED @ winding_road(150, 0.03, 1.07)
     times = np.linspace(1403636579.75, 1403636579.75 + 0.05 * len(truth), len(truth))
     write_euroc(tmp_path / "data.csv", times, truth)

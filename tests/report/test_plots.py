@@ -9,17 +9,10 @@ from made_entries import straight
 from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import rigid, rotation_from_vector
-from vo_lib.report.plots import (
-    KEPT,
-    REMOVED,
-    jpeg,
-    match_image,
-    png,
-    trajectories_figure,
-)
+from vo_lib.report.plots import KEPT, REMOVED, jpeg, match_image, png, trajectories_figure
 
 
-def test_kept_and_removed_matches_have_their_colours_where_they_are() -> None:
+def test_match_image_colours() -> None:
     prev = np.array([[20.0, 30.0], [70.0, 30.0]])
     cur = np.array([[30.0, 30.0], [80.0, 30.0]])
     one = np.ones(2, np.int64)
@@ -36,7 +29,7 @@ def test_kept_and_removed_matches_have_their_colours_where_they_are() -> None:
     assert np.abs(decoded.astype(int) - picture).mean() < 10
 
 
-def test_the_truth_is_drawn_from_the_place_where_the_estimate_starts() -> None:
+def test_truth_and_estimate_start_at_one_point() -> None:
     start = rigid(rotation_from_vector(np.array([0.0, 0.5, 0.0])), np.array([10.0, 0.0, -4.0]))
     poses = straight(5)
     figure = trajectories_figure({"a title": (start @ poses, {"mine": poses})})
@@ -46,7 +39,7 @@ def test_the_truth_is_drawn_from_the_place_where_the_estimate_starts() -> None:
     assert figure.axes[0].get_aspect() == 1.0
 
 
-def test_the_same_figure_gives_the_same_bytes_and_a_dollar_sign_begins_no_formula() -> None:
+def test_figures_give_the_same_bytes() -> None:
     first, second = (
         png(trajectories_figure({"$a_b$": (straight(5), {"viso2": straight(5)})})) for _ in range(2)
     )

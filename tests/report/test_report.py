@@ -22,7 +22,7 @@ def page(problems: tuple[str, ...] = ()) -> str:
     return render_report(["<said>"], [table], [table], pictures, ["x"], problems)
 
 
-def test_text_is_escaped_and_a_long_name_may_break_at_its_underscores() -> None:
+def test_report_escapes_text() -> None:
     text = page()
     assert "a &amp; b" in text
     assert "solution_<wbr>selection &lt;TE&gt;</th>" in text
@@ -31,7 +31,7 @@ def test_text_is_escaped_and_a_long_name_may_break_at_its_underscores() -> None:
     assert '<div class="scroll" tabindex="0" role="region" aria-label="&lt;b&gt;"><table' in text
 
 
-def test_the_page_begins_with_the_result_and_two_pictures_and_its_links_lead_to_its_parts() -> None:
+def test_report_starts_with_the_result() -> None:
     text = page()
     first, second, third = (match.start() for match in re.finditer("<img", text))
     assert text.index("&lt;said&gt;") < first < second < text.index("<table") < third
@@ -44,7 +44,7 @@ def test_the_page_begins_with_the_result_and_two_pictures_and_its_links_lead_to_
     assert date.today().isoformat() in text
 
 
-def test_problems_come_first_and_only_where_there_are_any() -> None:
+def test_report_starts_with_problems() -> None:
     assert 'class="problems"' not in page()
     text = page(("Not found: <07>",))
     assert text.index("Not found: &lt;07&gt;") < text.index("<table")

@@ -17,12 +17,7 @@ from made_entries import entry_of, sequence_of, table_of_twos
 from vo_lib.commands.cli import main
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.errors import DataError
-from vo_lib.evaluation.kitti import (
-    KITTI_LENGTHS,
-    KITTI_MEASURE,
-    SHORT_MEASURE,
-    Measure,
-)
+from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, SHORT_MEASURE, Measure
 from vo_lib.files import only_process
 from vo_lib.report.entries import Entry, Group, group_entries
 from vo_lib.report.page import ReportTable, markdown, mean_and_spread, plus_minus, records_csv
@@ -40,7 +35,7 @@ def layout(group: Group) -> list[ReportTable]:
     return layout_tables(group, table_of_twos())
 
 
-def test_errors_of_a_method_are_those_of_its_runs_seed_by_seed() -> None:
+def test_entries_have_the_errors_of_each_seed() -> None:
     entry = entry_of("somewhere", 500, [1.0, 2.0])
     # A sub-sequence ends with the first frame beyond its length: some are a frame longer.
     np.testing.assert_allclose(entry.te, [1.0, 2.0], rtol=0.011)
@@ -50,7 +45,7 @@ def test_errors_of_a_method_are_those_of_its_runs_seed_by_seed() -> None:
     assert (entry.removed_share, entry.back_end_ms) == pytest.approx((0.25, 5.0))
 
 
-def test_the_mean_leaves_01_out_and_the_pooled_average_does_not() -> None:
+def test_mean_excludes_01_and_pooled_average_does_not() -> None:
     long, short = entry_of("kitti/00", 500, [1.0, 2.0]), entry_of("kitti/04", 150, [3.0])
     highway = entry_of("kitti/01", 150, [9.0])
     group = group_of(long, highway, short)
@@ -70,7 +65,7 @@ def test_the_mean_leaves_01_out_and_the_pooled_average_does_not() -> None:
     assert group_of(whole, none).mean("viso2")[0] == pytest.approx(whole.te)
 
 
-def test_variants_measures_and_other_data_are_never_averaged_together() -> None:
+def test_groups_separate_variants_measures_and_data() -> None:
     frames = {"kitti/00": 300, "kitti/07": 60, "other": 300}
     entries = [entry_of(name, n, [1.0]) for name, n in frames.items()]
     groups = group_entries([*entries, entry_of("kitti/00", 300, [1.0], variant="published")])
@@ -78,7 +73,7 @@ def test_variants_measures_and_other_data_are_never_averaged_together() -> None:
     assert ["as published" in layout(group)[0].title for group in groups] == [False, False, False, True]
 
 
-def test_our_numbers_the_papers_and_the_difference_stand_side_by_side() -> None:
+def test_table1_compares_with_the_paper() -> None:
     methods = (*PAPER_METHODS, "moving_selection")
     runs = [(name, method) for name in ("01", *PAPER_ROWS[1:]) for method in methods]
     group = group_of(*(entry_of(f"kitti/{n}", EXPECTED_FRAMES[n], [1.0, 1.2], m) for n, m in runs))
@@ -97,7 +92,7 @@ def test_our_numbers_the_papers_and_the_difference_stand_side_by_side() -> None:
     assert rows["pooled viso2"][1:] == ["", "", ""]
 
 
-def test_a_drawn_street_never_stands_beside_a_printed_number() -> None:
+def test_drawn_scenes_have_no_printed_numbers() -> None:
     group = group_of(*(entry_of("synthetic/jam", 300, [1.0], m) for m in ("viso2", "mesvo_f")))
     (table,) = layout(group)
     assert table.title.startswith("synthetic/jam, variant kit: sub-sequences of")
@@ -105,7 +100,7 @@ def test_a_drawn_street_never_stands_beside_a_printed_number() -> None:
     assert [row[0] for row in table.rows] == ["viso2", "mesvo_f"]
 
 
-def test_the_papers_table_is_kept_as_printed() -> None:
+def test_printed_table_is_complete() -> None:
     table = printed_table()
     assert [row[0] for row in table.rows if row[0] != "01"] == list(PAPER_ROWS)
     assert sum(cell != "-" for row in table.rows for cell in row[1:]) == 88
@@ -124,9 +119,7 @@ def test_the_papers_table_is_kept_as_printed() -> None:
         ("04", 271, KITTI_MEASURE),
     ],
 )
-def test_only_whole_sequences_as_the_benchmark_measures_them_stand_beside_the_papers(
-    name: str, frames: int, measure: Measure
-) -> None:
+def test_only_whole_sequences_have_printed_numbers(name: str, frames: int, measure: Measure) -> None:
     def printed(entry: Entry) -> float | None:
         (record,) = table_records(group_entries([entry]), table_of_twos())
         assert record["te_percent"] is not None
@@ -143,7 +136,7 @@ def test_only_whole_sequences_as_the_benchmark_measures_them_stand_beside_the_pa
     }
 
 
-def test_parts_of_sequences_and_missing_boxes_are_said_first() -> None:
+def test_table_head_names_parts_and_missing_boxes() -> None:
     parts = {"kitti/04": 271, "kitti/07": 300}
     for method, boxed in (("feature_selection", True), ("solution_selection", False)):
         head = layout(group_of(*(entry_of(name, n, [1.0], method) for name, n in parts.items())))[0].head
@@ -153,7 +146,7 @@ def test_parts_of_sequences_and_missing_boxes_are_said_first() -> None:
         ] * boxed
 
 
-def test_the_result_compares_the_means_of_the_proposal_with_and_without_the_removal() -> None:
+def test_result_compares_means_with_and_without_removal() -> None:
     pairs = {"solution_selection": [2.0, 4.0], "feature_selection": [1.0, 3.0], "mesvo_f": [1.0, 1.0]}
     entries = [entry_of("kitti/01", 500, [9.0, 9.0], method) for method in pairs]  # left out
     for name, n in (("kitti/00", 500), ("kitti/04", 150)):
@@ -173,7 +166,7 @@ def test_the_result_compares_the_means_of_the_proposal_with_and_without_the_remo
     assert results([group_of(*(e for e in entries if e.method == "mesvo_f"))]) == []
 
 
-def test_cells_of_a_table_its_markdown_and_its_csv() -> None:
+def test_table_as_markdown_and_csv() -> None:
     entries = [entry_of("kitti/00", 300, [1.0, 1.1], m) for m in ("viso2", "mesvo_f")]
     group = group_of(*entries, entry_of("kitti/02", 300, [2.0, 2.1]))
     (table,) = layout(group)
@@ -191,7 +184,7 @@ def test_cells_of_a_table_its_markdown_and_its_csv() -> None:
     assert plus_minus(*mean_and_spread(np.array([1.0]))) == "1.000"
 
 
-def test_a_job_for_each_sequence_method_and_seed_in_a_folder_of_its_own() -> None:
+def test_jobs_have_separate_folders() -> None:
     sequences = [sequence_of("kitti/00", 5), sequence_of("a b", 5)]
     jobs = plan_jobs(sequences, {"published": ["viso2"], "kit": ["viso2", "mesvo_f"]}, 3, Path("out"))
     assert len({job.folder for job in jobs}) == len(jobs) == 18
@@ -219,9 +212,7 @@ def reproduce(tree: Path, *words: str) -> int:
     )
 
 
-def test_the_whole_table_is_made_and_names_what_is_missing(
-    tree: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_reproduce_writes_all_files(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert reproduce(tree, "--sequences", "02,07-08,11") == 0
     assert "Not found, so not run: kitti/08" in capsys.readouterr().out
     out, numbers = tree / "out", ("02", "07", "11")
@@ -239,7 +230,7 @@ def test_the_whole_table_is_made_and_names_what_is_missing(
     assert page.count("<img") == page.count("data:image/png;base64,") == len(figures) + 2  # errors
 
 
-def test_the_report_shows_the_film_of_a_run_in_its_folder(tree: Path) -> None:
+def test_report_embeds_a_film(tree: Path) -> None:
     place = tree / "out" / "runs" / "published" / "kitti_02" / "viso2" / "seed_0"
     film = ["--out", str(place), "--video", str(place / "my film.mp4")]
     assert main(["run", "kitti/02", "--method", "viso2", *film]) == 0
@@ -249,9 +240,7 @@ def test_the_report_shows_the_film_of_a_run_in_its_folder(tree: Path) -> None:
     assert (tree / "out" / unquote(address)).samefile(place / "my film.mp4")
 
 
-def test_a_run_that_fails_is_told_with_its_cause_while_the_others_finish(
-    tree: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_failed_run_is_reported_with_its_cause(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     image = tree / "kitti" / "sequences" / "07" / "image_0" / "000003.png"
     image.write_bytes(image.read_bytes()[:300])
     assert reproduce(tree, "--sequences", "02,07", "--variant", "kit") == 1
@@ -263,7 +252,7 @@ def test_a_run_that_fails_is_told_with_its_cause_while_the_others_finish(
         assert "000003.png" in message
 
 
-def test_started_again_it_does_no_finished_run_again_unless_asked(tree: Path) -> None:
+def test_finished_runs_are_not_repeated(tree: Path) -> None:
     def times(*words: str) -> dict[str, int]:
         assert reproduce(tree, "--sequences", "02", "--variant", "kit", *words) == 0
         return {str(path): path.stat().st_mtime_ns for path in (tree / "out" / "runs").rglob("poses.txt")}
@@ -277,7 +266,7 @@ def test_started_again_it_does_no_finished_run_again_unless_asked(tree: Path) ->
 
 
 @pytest.mark.parametrize("command", ["reproduce", "sweep"])
-def test_another_process_in_the_folder_is_refused(
+def test_folder_in_use_is_refused(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     words = {

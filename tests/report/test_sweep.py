@@ -35,14 +35,14 @@ def sweep_of(sequence: Sequence, place: Path, *axes: str) -> Sweep:
     return run_sweep(sequence, "feature_selection", config, tuple(map(axis, axes)), 2, place, do)
 
 
-def test_an_axis_has_values_of_the_declared_kind() -> None:
+def test_axis_values_have_the_declared_type() -> None:
     assert axis("selection.sets=50,100") == Axis("selection.sets", (50, 100))
     assert axis("filter.margin=0,0.1") == Axis("filter.margin", (0.0, 0.1))
     assert axis("selection.prior=on,off").values == (True, False)
     assert axis("filter.classes=2;2,5,7").values == ((2,), (2, 5, 7))
 
 
-def test_records_hold_the_errors_of_single_runs(sequence: Sequence, tmp_path: Path) -> None:
+def test_sweep_records_equal_single_runs(sequence: Sequence, tmp_path: Path) -> None:
     sweep = sweep_of(sequence, tmp_path, "matching.search_radius=40,60", "selection.sets=10,20")
     grid = [(radius, sets) for radius in ("40", "60") for sets in ("10", "20")]
     names = ("matching.search_radius", "selection.sets")
@@ -66,7 +66,7 @@ def test_records_hold_the_errors_of_single_runs(sequence: Sequence, tmp_path: Pa
     ("more", "lines"),
     [([], 3), (["buckets.features=2,4,6"], 7), (["buckets.features=2,4", "min_matches=6,8"], 9)],
 )
-def test_the_command_writes_table_and_heat_map(
+def test_sweep_writes_table_and_heat_map(
     sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], lines: int
 ) -> None:
     out = tmp_path / "out"
@@ -80,7 +80,7 @@ def test_the_command_writes_table_and_heat_map(
     assert picture.std() > 20
 
 
-def test_a_path_too_short_for_errors_draws_nothing_and_says_why(
+def test_sweep_of_a_short_path_has_no_errors(
     sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["sweep", "--sequence", str(sequence.folder), "--frames", "0:5", "--seeds", "1", "--set"]

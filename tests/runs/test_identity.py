@@ -38,7 +38,7 @@ def hashed(monkeypatch: pytest.MonkeyPatch, folder: Path) -> tuple[str, list[str
         return identity.images_digest(open_sequence(folder)), sorted(read)
 
 
-def test_copies_of_the_images_are_the_same_images_and_names_count(bands: Path, tmp_path: Path) -> None:
+def test_digest_of_images_ignores_the_folder(bands: Path, tmp_path: Path) -> None:
     shutil.copytree(bands, tmp_path / "copy")
     one, other = open_sequence(bands), open_sequence(tmp_path / "copy")
     assert identity.images_digest(one) == identity.images_digest(other)
@@ -46,7 +46,7 @@ def test_copies_of_the_images_are_the_same_images_and_names_count(bands: Path, t
     assert identity.images_digest(one.part(0, 5)) != identity.images_digest(one.part(1, 6))
 
 
-def test_an_image_is_read_once_and_again_when_its_size_or_time_has_changed(
+def test_image_is_hashed_again_after_a_change(
     bands: Path, memory: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, read = hashed(monkeypatch, bands)
@@ -59,12 +59,12 @@ def test_an_image_is_read_once_and_again_when_its_size_or_time_has_changed(
     assert hashed(monkeypatch, bands) == (first, read)
 
 
-def test_a_cache_folder_that_cannot_be_written_is_no_error(bands: Path, memory: Path) -> None:
+def test_unwritable_cache_folder_is_no_error(bands: Path, memory: Path) -> None:
     memory.parent.write_text("a file", encoding="utf-8")
     assert identity.images_digest(open_sequence(bands)) == identity.images_digest(open_sequence(bands))
 
 
-def test_one_grey_level_of_one_pixel_makes_another_image_and_a_missing_one_is_named(bands: Path) -> None:
+def test_digest_changes_with_one_pixel(bands: Path) -> None:
     sequence = open_sequence(bands)
     before = identity.images_digest(sequence)
     path = bands / "image_1" / "000003.png"
@@ -78,7 +78,7 @@ def test_one_grey_level_of_one_pixel_makes_another_image_and_a_missing_one_is_na
         identity.images_digest(sequence)
 
 
-def test_labels_times_and_camera_decide_a_run_and_labels_only_where_they_are_used(bands: Path) -> None:
+def test_identity_has_times_camera_and_used_labels(bands: Path) -> None:
     (bands / "labels").mkdir()
     sequence, kept, removed = open_sequence(bands), preset("solution_selection"), preset("feature_selection")
     before = [identity.run_identity(sequence, config, "m") for config in (kept, removed)]
@@ -94,7 +94,7 @@ def test_labels_times_and_camera_decide_a_run_and_labels_only_where_they_are_use
         assert identity.run_identity(other, kept, "m") != after[0]
 
 
-def test_masks_decide_a_run_and_not_its_matches(bands: Path) -> None:
+def test_masks_are_in_the_identity_of_runs_only(bands: Path) -> None:
     sequence, config = open_sequence(bands), preset("feature_selection")
     matches, runs = [], []
     for value in (None, 0, 255):
@@ -159,18 +159,16 @@ POSES = {"poses published", "poses kit"}
         ("config.py", set()),
     ],
 )
-def test_one_byte_of_code_makes_stale_what_it_decides_and_no_more(
-    package: Path, file: str, expected: set[str]
-) -> None:
+def test_code_digests_cover_the_code_used(package: Path, file: str, expected: set[str]) -> None:
     assert stale(package, file) == expected
 
 
-def test_the_commit_is_that_of_the_kit_or_nothing() -> None:
+def test_git_commit_is_a_hash_or_none() -> None:
     commit = identity.git_commit()
     assert commit is None or len(commit.removesuffix("-dirty")) == 40
 
 
-def test_the_truth_of_what_moves_decides_a_run_that_reads_it(bands: Path) -> None:
+def test_identity_has_the_truth_of_rule_truth(bands: Path) -> None:
     (bands / "truth").mkdir()
     sequence, kit = open_sequence(bands), preset("feature_selection", variant="kit")
     configs = [kit, change(kit, "filter.rule", "truth")]

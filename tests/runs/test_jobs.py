@@ -45,7 +45,7 @@ def all_jobs(sequences: list[Sequence], folder: Path) -> list[Job]:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_jobs_give_the_bytes_of_single_runs(two: list[Sequence], tmp_path: Path, workers: int) -> None:
+def test_jobs_equal_single_runs(two: list[Sequence], tmp_path: Path, workers: int) -> None:
     message: list[tuple[int, int]] = []
     jobs = all_jobs(two, tmp_path / "runs")
     outcomes = run_jobs(jobs, workers, lambda done, total: message.append((done, total)), tmp_path / "cache")
@@ -62,7 +62,7 @@ def test_jobs_give_the_bytes_of_single_runs(two: list[Sequence], tmp_path: Path,
     assert len(list((tmp_path / "cache" / "matches").rglob("*.npz"))) == 2
 
 
-def test_the_front_end_runs_once_and_each_image_is_hashed_once(
+def test_jobs_share_matches_and_hashes(
     two: list[Sequence], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     decoded, hashed = list[int](), list[Path]()
@@ -91,9 +91,7 @@ def test_the_front_end_runs_once_and_each_image_is_hashed_once(
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_a_killed_table_gives_the_same_bytes_and_does_no_finished_run_twice(
-    two: list[Sequence], tmp_path: Path, workers: str
-) -> None:
+def test_killed_table_resumes_to_the_same_bytes(two: list[Sequence], tmp_path: Path, workers: str) -> None:
     words = ["sweep", "--sequence", str(two[0].folder), "--method", "mesvo_f", "--seeds", "4"]
     words += ["--set", "selection.sets=10,20,30", "--cache", str(tmp_path / "cache")]
     out = tmp_path / "out"
@@ -117,9 +115,7 @@ def test_a_killed_table_gives_the_same_bytes_and_does_no_finished_run_twice(
         assert (out / path).read_bytes() == (tmp_path / "whole" / path).read_bytes()
 
 
-def test_a_sequence_with_a_bad_image_fails_and_the_other_finishes(
-    two: list[Sequence], tmp_path: Path
-) -> None:
+def test_bad_image_fails_its_sequence_only(two: list[Sequence], tmp_path: Path) -> None:
     folder = tmp_path / "broken"
     shutil.copytree(two[0].folder, folder)
     broken = open_sequence(folder)
@@ -131,7 +127,7 @@ def test_a_sequence_with_a_bad_image_fails_and_the_other_finishes(
     assert [outcome.error for outcome in outcomes[4:]] == [None] * 4
 
 
-def test_a_lost_worker_ends_the_batch_with_one_line_and_the_same_call_goes_on(
+def test_killed_worker_gives_one_line(
     two: list[Sequence], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     jobs = all_jobs(two[:1], tmp_path / "runs")
@@ -146,7 +142,7 @@ def _killed(job: Job, cache: Path | None) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_a_dask_cluster_does_the_jobs(two: list[Sequence], tmp_path: Path) -> None:
+def test_dask_cluster_runs_the_jobs(two: list[Sequence], tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     jobs = all_jobs(two[:1], tmp_path / "runs")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:

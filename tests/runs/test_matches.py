@@ -33,9 +33,7 @@ def matches_of(source: Iterable[TimedMatches]) -> list[tuple[object, bytes]]:
 
 
 @pytest.mark.parametrize("config", [small(), preset("solution_selection")], ids=["kit", "published"])
-def test_matches_and_poses_are_the_same_bytes_with_and_without_the_cache(
-    sequence: Sequence, config: MethodConfig
-) -> None:
+def test_cached_matches_equal_computed_ones(sequence: Sequence, config: MethodConfig) -> None:
     images = matches_of(find_matches(sequence, config))
     assert matches_of(cached(sequence, config)) == images
     assert matches_of(cached(sequence, config)) == images
@@ -43,9 +41,7 @@ def test_matches_and_poses_are_the_same_bytes_with_and_without_the_cache(
     assert run(sequence, config).poses.tobytes() == again.tobytes()
 
 
-def test_front_end_settings_camera_images_and_code_have_a_file_of_their_own(
-    sequence: Sequence, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cache_key_covers_all_inputs_of_matches(sequence: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
     path = cached(sequence, small()).path
     assert cached(sequence, small(selection__sets=50, seed=3)).path == path
     camera = dataclasses.replace(sequence.camera, baseline=0.6)
@@ -65,7 +61,7 @@ def test_front_end_settings_camera_images_and_code_have_a_file_of_their_own(
 
 
 @pytest.mark.parametrize("damage", ["flip", "cut", "foreign", "missing"])
-def test_a_damaged_or_missing_file_is_made_anew(sequence: Sequence, damage: str) -> None:
+def test_damaged_cache_files_are_replaced(sequence: Sequence, damage: str) -> None:
     matches = matches_of(cached(sequence, small()))
     path = cached(sequence, small()).path
     data = path.read_bytes()
@@ -77,7 +73,7 @@ def test_a_damaged_or_missing_file_is_made_anew(sequence: Sequence, damage: str)
     assert matches_of(cached(sequence, small())) == matches_of(find_matches(sequence, small()))
 
 
-def test_matches_of_other_code_are_removed_and_the_rest_stays(tmp_path: Path) -> None:
+def test_clean_matches_removes_outdated_files(tmp_path: Path) -> None:
     kept, old = code_folder("published", tmp_path), tmp_path / "matches" / "published-0"
     for folder in (kept, old):
         folder.mkdir(parents=True)

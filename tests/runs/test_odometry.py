@@ -26,7 +26,7 @@ def flags(result: Run) -> list[set[str]]:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_each_method_finds_the_exact_motion(bands: Path, method: str) -> None:
+def test_methods_give_the_exact_motion(bands: Path, method: str) -> None:
     sequence = open_sequence(bands)
     result = run(sequence, small(method))
     assert sequence.truth is not None
@@ -36,7 +36,7 @@ def test_each_method_finds_the_exact_motion(bands: Path, method: str) -> None:
 
 
 @pytest.mark.parametrize("variant", ["published", "kit"])
-def test_a_pair_that_equals_the_one_before_is_no_motion_and_flagged(tmp_path: Path, variant: str) -> None:
+def test_repeated_pairs_are_a_standstill(tmp_path: Path, variant: str) -> None:
     sequence = open_sequence(write_bands(tmp_path / "still", standing=True))
     result = run(sequence, preset("solution_selection") if variant == "published" else small())
     assert flags(result) == [{"standstill"}] * 5
@@ -44,14 +44,14 @@ def test_a_pair_that_equals_the_one_before_is_no_motion_and_flagged(tmp_path: Pa
 
 
 @pytest.mark.parametrize("unit", [1e9, 1e-6, 0.0, 1.0])
-def test_times_that_are_no_seconds_are_warned_of(bands: Path, unit: float) -> None:
+def test_times_in_other_units_cause_a_warning(bands: Path, unit: float) -> None:
     sequence = open_sequence(bands)
     warnings = warnings_of(run(dataclasses.replace(sequence, times=unit * sequence.times), small()))
     begin = [] if unit == 1.0 else [f"times.txt has an interval of {0.1 * unit:.3g}"]
     assert [sentence.partition(" s ")[0] for sentence in warnings] == begin
 
 
-def test_after_a_black_frame_the_run_goes_on_with_the_last_motion(tmp_path: Path) -> None:
+def test_black_frame_repeats_the_last_motion(tmp_path: Path) -> None:
     folder = write_bands(tmp_path / "black", frames=8)
     for side in ("image_0", "image_1"):
         path = str(folder / side / "000003.png")
@@ -61,7 +61,7 @@ def test_after_a_black_frame_the_run_goes_on_with_the_last_motion(tmp_path: Path
     np.testing.assert_allclose(result.poses[:, 0, 3], BASELINE * np.arange(8), atol=0.03)
 
 
-def test_a_pair_shown_twice_stays_in_the_path_as_a_standstill(bands: Path) -> None:
+def test_one_repeated_pair_is_a_standstill(bands: Path) -> None:
     for side in ("image_0", "image_1"):
         shutil.copy(bands / side / "000002.png", bands / side / "000003.png")
     sequence = open_sequence(bands)
@@ -71,7 +71,7 @@ def test_a_pair_shown_twice_stays_in_the_path_as_a_standstill(bands: Path) -> No
     np.testing.assert_allclose(result.poses[4:, :3, 3], sequence.truth[4:, :3, 3], atol=0.08)
 
 
-def test_boxes_remove_their_features_and_the_motion_stays(bands: Path) -> None:
+def test_boxes_remove_their_features(bands: Path) -> None:
     sequence = open_sequence(with_box(bands, 6))
     config = small("feature_selection", filter__min_matches=10)
     result = run(sequence, config)
@@ -83,7 +83,7 @@ def test_boxes_remove_their_features_and_the_motion_stays(bands: Path) -> None:
 
 
 # Bounds of the whole method on the first 201 frames of KITTI 00.
-def test_real_clip_00_is_as_good_as_promised(clips: Path) -> None:
+def test_errors_on_00_are_within_bounds(clips: Path) -> None:
     sequence = open_sequence(clips / "sequences" / "00")
     seeds = {str(seed): preset("feature_selection", seed=seed, variant="kit") for seed in range(5)}
     assert sequence.truth is not None
@@ -97,7 +97,7 @@ def test_real_clip_00_is_as_good_as_promised(clips: Path) -> None:
 
 
 @pytest.mark.parametrize("variant", ["published", "kit"])
-def test_masks_leave_out_the_features_of_a_bonnet(tmp_path: Path, variant: str) -> None:
+def test_masks_remove_features_of_the_bonnet(tmp_path: Path, variant: str) -> None:
     folder = write_bands(tmp_path / "bands")
     bonnet = texture(np.random.default_rng(1), 60, 500, 1.2)
     for side, start in (("image_0", 0), ("image_1", 20)):  # the bonnet stays where it is
@@ -123,7 +123,7 @@ def test_masks_leave_out_the_features_of_a_bonnet(tmp_path: Path, variant: str) 
     assert np.abs(runs[0].poses[:, 0, 3] - 0.5 * np.arange(6)).max() < 0.05
 
 
-def test_the_mask_of_the_frame_before_covers_where_features_were(bands: Path) -> None:
+def test_masks_apply_to_both_frames_of_a_match(bands: Path) -> None:
     masks = bands.parent / "masks"
     masks.mkdir()
     for frame in range(6):

@@ -33,7 +33,7 @@ print(sorted({path.rpartition("kit/")[2] for path in called if "vo_lib/kit/" in 
 """
 
 
-def test_a_published_run_imports_and_calls_nothing_of_the_kit(bands: Path) -> None:
+def test_published_run_uses_nothing_of_the_kit(bands: Path) -> None:
     words = [sys.executable, "-c", OF_THE_KIT, str(with_box(bands, 6))]
     printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()
     assert printed[0] == "['vo_lib.kit', 'vo_lib.kit.settings']"
@@ -42,7 +42,7 @@ def test_a_published_run_imports_and_calls_nothing_of_the_kit(bands: Path) -> No
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_every_declared_setting_is_read_by_a_method_of_the_variant(bands: Path, variant: str) -> None:
+def test_every_setting_is_read(bands: Path, variant: str) -> None:
     for side in ("image_0", "image_1"):
         shutil.copy(bands / side / "000003.png", bands / side / "000004.png")
         cv2.imwrite(str(bands / side / "000005.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
@@ -90,7 +90,7 @@ def sections(config: Any) -> Iterator[tuple[int, str]]:
         yield id(part), prefix
 
 
-def test_after_more_than_ten_frames_without_a_motion_tracking_was_lost(bands: Path) -> None:
+def test_eleven_frames_without_motion_are_lost_tracking(bands: Path) -> None:
     config = change(VARIANTS["published"]["solution_selection"], "min_matches", 1000)
     result = run(open_sequence(bands), config)
     assert not any(motion.measured for motion in result.motions)

@@ -63,9 +63,7 @@ def require_same(folder: Path, sequence: Sequence) -> None:
             assert getattr(one, name) == getattr(other, name)
 
 
-def test_a_stopped_run_leaves_nothing_and_starts_over_to_the_same_bytes(
-    sequence: Sequence, folder: Path, tmp_path: Path
-) -> None:
+def test_stopped_run_leaves_no_files(sequence: Sequence, folder: Path, tmp_path: Path) -> None:
     matches = CachedMatches(sequence, boxed(), tmp_path)
     for stop in (1, 14):
         with pytest.raises(Stopped):
@@ -76,7 +74,7 @@ def test_a_stopped_run_leaves_nothing_and_starts_over_to_the_same_bytes(
 
 
 @pytest.mark.parametrize("written", [0, 3, 5, 6])
-def test_a_run_stopped_between_two_of_its_files_is_done_again(
+def test_run_stopped_while_writing_is_repeated(
     sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch, written: int
 ) -> None:
     sequence = sequence.part(0, 4)
@@ -97,9 +95,7 @@ def test_a_run_stopped_between_two_of_its_files_is_done_again(
     require_same(folder, sequence)
 
 
-def test_a_finished_run_is_only_read(
-    sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_finished_run_is_read_only(sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first, _ = run_once(folder, sequence, boxed(), "m")
     written = {path.name: path.read_bytes() for path in folder.iterdir()}
     monkeypatch.setattr("vo_lib.data.sequence.read_image", None)
@@ -109,7 +105,7 @@ def test_a_finished_run_is_only_read(
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == written
 
 
-def test_other_settings_method_sequence_label_or_code_are_refused_by_name(
+def test_folder_of_another_run_is_refused(
     sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run_once(folder, sequence, boxed(), "m")
@@ -142,9 +138,7 @@ def test_other_settings_method_sequence_label_or_code_are_refused_by_name(
     assert run_once(folder, dataclasses.replace(sequence, name="x"), boxed(), "m")[1]
 
 
-def test_a_folder_with_other_files_is_refused_once_and_fresh_overrides(
-    sequence: Sequence, folder: Path
-) -> None:
+def test_folder_with_other_files_needs_fresh(sequence: Sequence, folder: Path) -> None:
     (folder / "notes.md").write_text("mine", encoding="utf-8")
     with pytest.raises(DataError, match=r"other files, such as notes\.md: .*--fresh"):
         run_once(folder, sequence, boxed(), "m")
@@ -153,7 +147,7 @@ def test_a_folder_with_other_files_is_refused_once_and_fresh_overrides(
     assert (folder / "notes.md").read_text(encoding="utf-8") == "mine"
 
 
-def test_a_run_is_read_back_to_the_digits_written(sequence: Sequence, folder: Path) -> None:
+def test_run_folder_round_trip(sequence: Sequence, folder: Path) -> None:
     result, _ = run_once(folder, sequence, boxed(), "m")
     back = read_run(folder, sequence)
     assert back.config == result.config
@@ -168,9 +162,7 @@ def test_a_run_is_read_back_to_the_digits_written(sequence: Sequence, folder: Pa
         read_run(folder, sequence.part(0, 5))
 
 
-def test_a_sequence_keeps_its_truth_and_a_folder_for_work_that_fails_is_removed(
-    bands: Path, tmp_path: Path
-) -> None:
+def test_run_folder_protects_sequences(bands: Path, tmp_path: Path) -> None:
     with pytest.raises(DataError, match="contains images of a sequence"), run_folder(bands):
         pass
     with pytest.raises(DataError, match="empty"), run_folder(""):
@@ -180,7 +172,7 @@ def test_a_sequence_keeps_its_truth_and_a_folder_for_work_that_fails_is_removed(
     assert not (tmp_path / "a").exists()
 
 
-def test_one_process_at_a_time_and_the_lock_of_a_killed_one_is_gone(sequence: Sequence, folder: Path) -> None:
+def test_lock_of_a_killed_process_is_released(sequence: Sequence, folder: Path) -> None:
     code = (
         "import sys, time; from pathlib import Path; from vo_lib.files import only_process\n"
         "with only_process(Path(sys.argv[1])):\n    print('in', flush=True); time.sleep(600)"

@@ -15,7 +15,7 @@ from vo_lib.runs.drive import run_methods
 
 
 @pytest.mark.parametrize(("name", "first"), [("empty", 0), ("parked", 90)])
-def test_where_nothing_moves_the_path_is_right(name: str, first: int) -> None:
+def test_errors_without_traffic_are_small(name: str, first: int) -> None:
     sequence = load_part(f"synthetic/{name}", first, first + 29)
     runs = run_methods(
         sequence, {str(seed): preset("solution_selection", seed=seed, variant="kit") for seed in range(5)}
@@ -26,7 +26,7 @@ def test_where_nothing_moves_the_path_is_right(name: str, first: int) -> None:
         assert (np.array([errors.te, errors.re], float) <= (0.1, 0.25)).all()
 
 
-def test_where_vehicles_fill_the_view_removing_them_helps() -> None:
+def test_box_removal_lowers_the_error_in_a_jam() -> None:
     sequence = load_part("synthetic/jam", 60, 89)
     runs = run_methods(
         sequence, {name: preset(name, variant="kit") for name in ("solution_selection", "feature_selection")}

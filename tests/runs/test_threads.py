@@ -12,7 +12,7 @@ from vo_lib.config import change
 from vo_lib.runs.drive import single_threaded
 
 
-def test_any_number_of_threads_gives_the_same_bytes(bands: Path) -> None:
+def test_number_of_threads_changes_no_byte(bands: Path) -> None:
     sequence, config = (
         open_sequence(bands),
         change(preset("solution_selection", variant="kit"), "features.cell", 10),
@@ -27,7 +27,7 @@ def test_any_number_of_threads_gives_the_same_bytes(bands: Path) -> None:
     assert poses[0] == poses[1]
 
 
-def test_threads_of_one_process_may_enter_and_leave_in_any_order() -> None:
+def test_single_threaded_is_reentrant() -> None:
     before = cv2.getNumThreads()
     one, other = single_threaded(), single_threaded()
     one.__enter__()

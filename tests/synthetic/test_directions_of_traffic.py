@@ -49,7 +49,7 @@ def in_camera(world: World, vehicle: Vehicle) -> tuple[Array, Array, Array]:
 
 
 @pytest.mark.parametrize("kind", ["ahead", "overtaking", "oncoming"])
-def test_every_vehicle_drives_the_way_it_looks_in_its_own_lane(kind: str) -> None:
+def test_vehicles_drive_forward_in_their_lane(kind: str) -> None:
     world, vehicles = traffic(kind)
     for vehicle in vehicles:
         ways, right, ahead = steps(vehicle.poses), vehicle.poses[:-1, :3, 0], vehicle.poses[:-1, :3, 2]
@@ -105,7 +105,7 @@ def pixel(name: str, row: float) -> Array:
     return np.array([[10.0 * NAMES.index(name) + 4.0, row]])
 
 
-def test_vehicles_and_their_shadows_move_between_two_frames(truth: Truth) -> None:
+def test_is_moving_covers_vehicles_and_their_shadows(truth: Truth) -> None:
     for row in (20.0, 43.0):  # the vehicle and its shadow
         uv = np.concatenate([pixel(name, row) for name in NAMES])
         # From the first frame to the second they go; from the second to the third all stand.

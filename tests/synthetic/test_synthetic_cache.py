@@ -25,9 +25,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return ensure_scene(TINY, tmp_path_factory.mktemp("cache"), jobs=1)
 
 
-def test_two_threads_that_draw_at_once_leave_the_same_bytes_as_one_process(
-    drawn: Path, tmp_path: Path
-) -> None:
+def test_parallel_drawing_gives_the_same_bytes(drawn: Path, tmp_path: Path) -> None:
     workers = [threading.Thread(target=ensure_scene, args=(TINY, tmp_path, None, 2)) for _ in range(2)]
     for worker in workers:
         worker.start()
@@ -37,7 +35,7 @@ def test_two_threads_that_draw_at_once_leave_the_same_bytes_as_one_process(
     assert contents(tmp_path / drawn.name) == contents(drawn)
 
 
-def test_the_script_finds_the_scene_and_refuses_nonsense(
+def test_render_synthetic_reuses_a_scene_and_refuses_bad_input(
     drawn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = load("render_synthetic")

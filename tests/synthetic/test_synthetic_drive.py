@@ -45,7 +45,7 @@ def traffic(name: str) -> tuple[Drive, list[Vehicle]]:
 
 
 @pytest.mark.parametrize(("name", "expected"), DRIVES.items())
-def test_the_drive_of_a_scene_is_smooth_and_stays_as_it_was_measured(name: str, expected: float) -> None:
+def test_drives_are_smooth_and_unchanged(name: str, expected: float) -> None:
     config, _, drive = course(name)
     assert drive.s[-1] == pytest.approx(config.length, abs=1.2 * config.speed / config.rate)
     steps = inverse(drive.poses[:-1]) @ drive.poses[1:]
@@ -59,7 +59,7 @@ def test_the_drive_of_a_scene_is_smooth_and_stays_as_it_was_measured(name: str, 
     assert float(np.sum(poses * weights)) == pytest.approx(expected)
 
 
-def test_a_block_is_driven_round_once_and_then_along_its_first_street_again() -> None:
+def test_block_route_returns_to_its_first_street() -> None:
     _, route, drive = course("block")
     assert route.lap is not None
     assert route.pose(route.lap + 30.0) == pytest.approx(route.pose(30.0), abs=1e-9)
@@ -71,7 +71,7 @@ def test_a_block_is_driven_round_once_and_then_along_its_first_street_again() ->
     assert nearest.max() < 1.0
 
 
-def test_the_outer_houses_of_a_block_come_twice() -> None:
+def test_block_repeats_its_outer_houses() -> None:
     config, route, _ = course("block")
     mesh: Any = Fronts()
     names = defaultdict(int, {f"house {k}": k + 1 for k in range(FRONTS)})
@@ -98,7 +98,7 @@ class Fronts:
 
 
 @pytest.mark.parametrize("name", list(SCENES))
-def test_vehicles_never_drive_through_each_other_or_the_camera(name: str) -> None:
+def test_vehicles_never_collide(name: str) -> None:
     drive, vehicles = traffic(name)
     if not vehicles:
         assert name == "empty"

@@ -47,7 +47,7 @@ def away_from_edges(truth: Truth, frame: int) -> np.ndarray:
     return np.asarray(one_thing & (cv2.erode(ids, kernel) == cv2.dilate(ids, kernel)))
 
 
-def test_the_folder_is_a_sequence_in_kittis_layout(sequence: Sequence, truth: Truth) -> None:
+def test_scene_folder_is_a_kitti_sequence(sequence: Sequence, truth: Truth) -> None:
     assert len(sequence) == len(truth.poses) >= 7
     assert len(list((sequence.folder / "labels").iterdir())) == len(sequence)
     np.testing.assert_allclose(np.diff(sequence.times), 0.1, atol=1e-6)
@@ -73,7 +73,7 @@ def cast(faces: Faces, T_s_c: np.ndarray, rays: np.ndarray) -> np.ndarray:
     return best
 
 
-def test_depth_equals_the_nearest_face_along_the_ray(world: World, truth: Truth) -> None:
+def test_depth_equals_ray_casting(world: World, truth: Truth) -> None:
     """Walls, vehicles, trees: an independent ray caster agrees within 1e-4 away from edges."""
     frame = 3
     rng = np.random.default_rng(0)
@@ -106,9 +106,7 @@ def track(
 
 
 @pytest.mark.parametrize("step", [0, 1])
-def test_pictures_agree_with_the_truth_to_a_twentieth_of_a_pixel(
-    sequence: Sequence, truth: Truth, step: int
-) -> None:
+def test_images_agree_with_true_positions(sequence: Sequence, truth: Truth, step: int) -> None:
     """Lucas-Kanade from left to right (step 0) and from frame to frame (1): no bias, rows equal."""
     errors = []
     for frame in range(0, len(truth.poses) - 1, 2):
@@ -127,7 +125,7 @@ def test_pictures_agree_with_the_truth_to_a_twentieth_of_a_pixel(
     assert np.median(np.linalg.norm(error, axis=1)) < 0.2
 
 
-def test_boxes_surround_the_visible_vehicle_pixels(sequence: Sequence, truth: Truth) -> None:
+def test_boxes_enclose_visible_vehicle_pixels(sequence: Sequence, truth: Truth) -> None:
     visible = 0
     with np.load(sequence.folder / "truth" / "objects.npz") as objects:
         kind = objects["kind"]

@@ -30,7 +30,7 @@ def moved(frame: SimulatedFrame) -> np.ndarray:
     return np.concatenate(CAMERA.project(transform(frame.T_cp, X)), axis=1)
 
 
-def test_without_noise_right_matches_satisfy_the_geometry_exactly(poses: np.ndarray) -> None:
+def test_noise_free_tracks_satisfy_the_geometry(poses: np.ndarray) -> None:
     config = TrackConfig(points=300, noise=0.0, wrong=0.15, moving=0.4)
     for frame in simulate_tracks(poses, CAMERA, config, seed=1):
         assert (len(frame.matches), frame.wrong.sum(), frame.moving.sum()) == (300, 45, 120)
@@ -47,7 +47,7 @@ def test_without_noise_right_matches_satisfy_the_geometry_exactly(poses: np.ndar
         assert np.linalg.norm(moved(frame) - current, axis=1)[frame.wrong].min() > 1.0
 
 
-def test_a_feature_keeps_its_number_and_its_measurement(poses: np.ndarray) -> None:
+def test_tracks_keep_id_and_position_between_frames(poses: np.ndarray) -> None:
     frames = list(simulate_tracks(poses, CAMERA, TrackConfig(wrong=0.1, moving=0.1), seed=5))
     for before, now in itertools.pairwise(frames):
         _, i, j = np.intersect1d(before.matches.id, now.matches.id, return_indices=True)
