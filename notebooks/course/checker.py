@@ -17,7 +17,6 @@ from vo_lib.geometry.types import Array
 from .keep import handed_back, is_stub, keep
 from .results import (
     SHORT,
-    Unanswered,
     Unusable,
     Verdict,
     compared,
@@ -35,6 +34,7 @@ Case = tuple[Any, ...]  # the inputs of a call
 LONGEST = 80  # characters of an input that a message tells
 TRIES = 3  # different wrong answers before the line of code is told
 FLOAT32 = 1e-5  # share by which results of single precision may differ
+NO_ANSWER = Verdict(False, "there is no answer, replace the dots.", tried=False)
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Exercise:
 
     def __call__(self, answer: Any, *given: Any) -> Verdict:
         if any(each is None or each is ... for each in (answer, *given)) or is_stub(answer):
-            return Unanswered(False, "there is no answer, replace the dots.")
+            return NO_ANSWER
         self._given = ""
         verdict = self.judge(answer, *given)
         if verdict.passed:

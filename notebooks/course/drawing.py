@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import LogLocator, NullLocator
 
 from vo_lib.geometry.types import Image
 
@@ -85,10 +85,8 @@ def log_axis(axis: Axis, low: float, high: float, steps: tuple[float, ...] = (1.
     """A logarithmic axis with few, plain numbers: the steps × 10ⁿ from low to high."""
     name = "x" if axis is axis.axes.xaxis else "y"
     axis.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
-    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-    ticks = [step * 10.0**power for power in powers for step in steps]
-    shown = [tick for tick in ticks if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
-    axis.set_ticks(shown, labels=[f"{tick:g}" for tick in shown])
+    axis.set_major_locator(LogLocator(subs=steps, numticks=20))
+    axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
 
 

@@ -7,6 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -45,29 +46,22 @@ class Memory(Generic[Value]):
     def __init__(self, size: int):
         self.size = size
         self._kept: OrderedDict[Hashable, Value] = OrderedDict()
-        self._making: dict[Hashable, threading.Lock] = {}
         self._lock = threading.Lock()
 
     def __contains__(self, key: Hashable) -> bool:
         return key in self._kept
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """The result kept under `key`; made now, once, where there is none."""
+        """The result under `key`; computed now where there is none, while other threads use the memory."""
         with self._lock:
-            gate = self._making.setdefault(key, threading.Lock())
-        # Others may make other things meanwhile; who wants the same one waits for it.
-        with gate:
-            try:
-                value = self._kept[key] if key in self._kept else make()
-            finally:
-                with self._lock:
-                    self._making.pop(key, None)
-            with self._lock:
-                self._kept[key] = value
-                self._kept.move_to_end(key)
-                while len(self._kept) > self.size:
-                    self._kept.popitem(last=False)
-            return value
+            value = self._kept.pop(key, None)
+        if value is None:
+            value = make()
+        with self._lock:
+            self._kept[key] = value
+            if len(self._kept) > self.size:
+                self._kept.popitem(last=False)
+        return value
 
 
 _sequences: Memory[Sequence] = Memory(8)
@@ -216,24 +210,19 @@ def truth(sequence: Sequence) -> Truth | None:
     return _truths.get(sequence.folder, lambda: open_truth(sequence.folder))
 
 
-# What a sequence may lack, and what cannot be said then.
-LACKING = {
-    "poses": "has no ground truth: no error can be stated",
-    "depth": "has no true depth of its pixels, as a drawn scene has",
-    "labels": "has no labelled boxes",
-    "moving": "has no truth of moving things, as a drawn scene has",
+# Each kind of data that a sequence may lack: the data, and the words where they are missing.
+LACKING: dict[str, tuple[Callable[[Sequence], object | None], str]] = {
+    "poses": (attrgetter("truth"), "has no ground truth: no error can be stated"),
+    "depth": (truth, "has no true depth of its pixels, unlike a drawn scene"),
+    "labels": (attrgetter("labels"), "has no labelled boxes"),
+    "moving": (truth, "has no truth of moving objects, unlike a drawn scene"),
 }
 
 
 def lacks(sequence: Sequence, what: str = "poses") -> str:
-    """A sentence where a sequence has none of "poses", "depth" (of each pixel), "labels" or "moving"; else ""."""
-    there = {
-        "poses": lambda: sequence.truth is not None,
-        "depth": lambda: truth(sequence) is not None,
-        "labels": lambda: sequence.labels is not None,
-        "moving": lambda: truth(sequence) is not None,
-    }
-    return "" if there[what]() else f"{sequence.name} {LACKING[what]}."
+    """A sentence where a sequence has no data of a kind in `LACKING`; else ""."""
+    data, words = LACKING[what]
+    return f"{sequence.name} {words}." if data(sequence) is None else ""
 
 
 def has_truth(sequence: Sequence, what: str = "poses") -> bool:

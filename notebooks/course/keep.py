@@ -125,19 +125,15 @@ def _import_of(name: str, value: Any, home: str) -> str:
 
 
 def _written(name: str, value: Any) -> str:
-    """A constant as Python writes it: numbers, words, arrays, and lists and dicts of them."""
+    """A constant as Python writes it: an array, or numbers and words, also in lists, tuples and dicts."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size <= LARGEST:
         return f"np.array({value.tolist()!r}, np.{value.dtype.name})"
-    if isinstance(value, (list, tuple)):
-        inside = ", ".join(_written(name, each) for each in value)
-        return f"[{inside}]" if isinstance(value, list) else f"({inside}{',' * (len(value) == 1)})"
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{key!r}: {_written(name, each)}' for key, each in value.items())}}}"
-    if isinstance(value, np.generic):
-        return _written(name, value.item())
-    if value is None or isinstance(value, (bool, int, float, complex, str, bytes)):
-        return repr(value)
-    raise ValueError(f"it uses `{name}`, which is no constant; hand it in as an argument")
+    text = repr(value.item() if isinstance(value, np.generic) else value)
+    try:
+        ast.literal_eval(text)
+    except (SyntaxError, ValueError):
+        raise ValueError(f"it uses `{name}`, which is no constant; make it an argument") from None
+    return text
 
 
 def _refuse_clash(text: str, name: str, needed: Mapping[str, tuple[str, list[str]]]) -> None:
@@ -182,18 +178,11 @@ def _with(text: str, name: str, source: str, imports: list[str]) -> str:
 
 def is_stub(answer: Any) -> bool:
     """Whether an answer is a function as a notebook begins it: `def name(x): ...`, or with lines round the dots."""
-    if not isinstance(answer, FunctionType) or answer.__name__ == "<lambda>":
-        return False
-    if answer.__code__.co_code == _stub.__code__.co_code:
-        return True
     try:
         lines = ast.walk(ast.parse(_source(answer)))
-    except (OSError, SyntaxError, ValueError):
+    except (OSError, SyntaxError, TypeError, ValueError):
         return False
     return any(isinstance(line, ast.Expr) and getattr(line.value, "value", 0) is ... for line in lines)
-
-
-def _stub() -> None: ...
 
 
 def handed_back(answer: Any, names: Sequence[str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -92,12 +93,11 @@ def motion_of(
 
 def drive(frames: int) -> Array:
     """Poses (N, 4, 4) of steps of one metre on gentle bends."""
-    yaw = 0.4 * np.sin(np.arange(frames) / 5.0)
-    poses = np.tile(np.eye(4), (frames + 1, 1, 1))
-    for i, angle in enumerate(np.radians(yaw)):
-        step = rigid(rotation_from_vector(np.array([0.0, angle, 0.0])), np.array([0.0, 0.0, 1.0]))
-        poses[i + 1] = poses[i] @ step
-    return poses
+    turns = np.zeros((frames, 3))
+    turns[:, 1] = np.radians(0.4 * np.sin(np.arange(frames) / 5.0))
+    steps = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, 1.0])), (frames, 1, 1))
+    steps[:, :3, :3] = rotation_from_vector(turns)
+    return np.array([*accumulate(steps, np.matmul, initial=np.eye(4))])
 
 
 def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
+
 import numpy as np
 
 from vo_lib.geometry.motion import rigid, rotation_from_vector
@@ -15,10 +17,7 @@ def block_tour(rounds: int = 2) -> Array:
     straight = rigid(np.eye(3), np.array([0.0, 0.0, 1.0]))
     bend = rigid(rotation_from_vector(np.array([0.0, 0.5 * np.pi / CORNER, 0.0])), np.array([0.0, 0.0, 1.0]))
     side = [straight] * (SIDE - CORNER) + [bend] * CORNER
-    poses = [np.eye(4)]
-    for step in side * 4 * rounds:
-        poses.append(poses[-1] @ step)
-    return np.array(poses)
+    return np.array([*accumulate(side * 4 * rounds, np.matmul, initial=np.eye(4))])
 
 
 def straight_road(frames: int = 1600) -> Array:
@@ -50,7 +49,4 @@ def made_up(
     turn[:, 1] = np.radians(yaw) * way / 100.0 + np.radians(jitter) * rng.normal(size=len(T))
     T[:, :3, 3] = (1.0 + scale / 100.0) * T[:, :3, 3] + 1e-3 * noise * rng.normal(size=(len(T), 3))
     T[:, :3, :3] = T[:, :3, :3] @ rotation_from_vector(turn)
-    poses = [truth[0]]
-    for step in T:
-        poses.append(poses[-1] @ step)
-    return np.array(poses)
+    return np.array([*accumulate(T, np.matmul, initial=truth[0])])

@@ -35,32 +35,26 @@ class Verdict:
     passed: bool
     message: str
     hint: str = ""
+    tried: bool = True
 
     def __repr__(self) -> str:
         word = "right" if self.passed else "not yet"
         return f"{word}: {self.message}" + (f" Hint: {self.hint}" if self.hint else "")
 
     def _repr_html_(self) -> str:
-        colour, word = (RIGHT, "✓ Right:") if self.passed else self._not_yet()
-        name = RIGHT_CLASS if self.passed else NOT_YET_CLASS
+        colour, word, name = NOT_YET, "✗ Not yet:", NOT_YET_CLASS
+        if self.passed:
+            colour, word, name = RIGHT, "✓ Right:", RIGHT_CLASS
+        elif not self.tried:
+            colour, word = UNANSWERED, "Not yet:"
         hint = f"<br><i>Hint: {marked(self.hint)}</i>" if self.hint else ""
         style = f"border-left:4px solid {colour};padding:4px 10px;max-width:940px"
         return f'<div class="{name}" style="{style}"><b>{word}</b> {marked(self.message)}{hint}</div>'
-
-    def _not_yet(self) -> tuple[str, str]:
-        return NOT_YET, "✗ Not yet:"
 
 
 def marked(text: str) -> str:
     """Text as HTML; what stands between backticks is code."""
     return re.sub("`([^`]+)`", r"<code>\1</code>", html.escape(text))
-
-
-class Unanswered(Verdict):
-    """The verdict before the first try."""
-
-    def _not_yet(self) -> tuple[str, str]:
-        return UNANSWERED, "Not yet:"
 
 
 class Unusable(Verdict):

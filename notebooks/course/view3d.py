@@ -45,17 +45,18 @@ HINT = "Drag turns, the wheel zooms, Shift and drag moves, a double click shows 
 
 @dataclass(frozen=True)
 class Shape:
-    """A line through places (N, 3), a filled area or single dots; metres, x right, y down, z ahead.
+    """A line, a filled area or single dots.
 
     Attributes
     ----------
+    at : places (N, 3), metres, x right, y down, z forward.
     colour : "#RRGGBB"; of dots also a grey level each, (N,).
     name : words at the first place of a line or area; of a path, at its last one.
     width : of a line or dot, pixels.
     seen : (N,) frame from which each dot, or place of a path, is shown; a slider for the frame appears.
     """
 
-    places: Array
+    at: Array
     colour: Any = GOOD
     kind: Literal["line", "area", "dots"] = "line"
     name: str = ""
@@ -77,35 +78,21 @@ class View:
     """Shapes as a page within a cell, or as a picture where no script runs; made by `view`."""
 
     def __init__(self, shapes: tuple[Shape, ...], height: int, times: Any, title: str):
-        self.shapes, self.height, self.title = shapes, height, title
-        self.data = {
-            "times": np.round(times, 3).tolist(),
-            "eye": [YAW, TILT],
-            "shapes": [
-                {
-                    "at": np.round(shape.places, 3).tolist(),
-                    "colour": shape.colour
-                    if isinstance(shape.colour, str)
-                    else np.asarray(shape.colour).tolist(),
-                    "seen": None if shape.seen is None else np.asarray(shape.seen).tolist(),
-                    **{name: getattr(shape, name) for name in ("kind", "name", "width")},
-                }
-                for shape in shapes
-            ],
-        }
+        self.shapes, self.height, self.times, self.title = shapes, height, times, title
 
     def page(self) -> str:
         """The page, one text that needs nothing else."""
         template = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True)
-        data = json.dumps(self.data).replace("<", "\\u003c")
-        words = {"title": self.title, "hint": HINT, "palest": PALEST, "data": data}
+        data = {"times": self.times, "eye": [YAW, TILT], "shapes": [*map(vars, self.shapes)]}
+        text = json.dumps(data, default=lambda array: np.round(array, 3).tolist()).replace("<", "\\u003c")
+        words = {"title": self.title, "hint": HINT, "palest": PALEST, "data": text}
         return template.get_template("view3d.html").render(**words)
 
     def still(self) -> bytes:
         """The view at the start, as PNG bytes."""
         made, (axis,) = figure(self.height)
         for shape in self.shapes:
-            x, y, z = np.asarray(shape.places, np.float64).T
+            x, y, z = np.asarray(shape.at, np.float64).T
             u = np.cos(YAW) * x - np.sin(YAW) * z
             v = np.cos(TILT) * y - np.sin(TILT) * (np.sin(YAW) * x + np.cos(YAW) * z)
             if shape.kind == "dots":

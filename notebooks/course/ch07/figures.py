@@ -179,7 +179,7 @@ def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]], heig
     values = [value for _, cells in lines for value in cells.values()]
     ends = 0.9 * min(values), 1.1 * max(values)
     axis.hlines(range(len(lines)), *ends, color=PALE, linewidth=0.5, zorder=0)
-    log_axis(axis.xaxis, *ends, (0.2, 0.3, 0.5, 0.7, 1.0))
+    log_axis(axis.xaxis, *ends, (1.0, 2.0, 3.0, 5.0, 7.0))
     finish(axis, "translation error with another choice", "TE with it / TE as published")
     axis.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=FONT_SIZE - 1, frameon=False)
     return made

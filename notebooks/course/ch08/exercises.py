@@ -18,7 +18,7 @@ from vo_lib.runs.drive import run_methods, single_threaded
 from vo_lib.runs.matches import CachedMatches
 
 from ..ch00.exercises import beeline, way
-from ..checker import Exercise
+from ..checker import NO_ANSWER, Exercise
 from ..frames import true_poses
 from ..keep import handed_back
 from ..results import Unusable, Verdict, outcome
@@ -115,7 +115,7 @@ less_luck = Exercise(
 def better(drive: Any, sequence: Sequence) -> Verdict:
     """The verdict on `drive(sequence, matches, seed=…)`, run with `SEEDS` on a sequence that hides its truth."""
     if drive is ...:
-        return Verdict(False, "there is no answer, replace the dots.")
+        return NO_ANSWER
     if not callable(drive):
         return Verdict(False, f"expected your function `drive`, got {type(drive).__name__}.")
     if name := handed_back(drive, ("run", "run_methods", "make_odometry")):
