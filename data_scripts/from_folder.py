@@ -65,8 +65,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     more = parser.add_argument_group("times, truth, output")
     text = f"stereo pairs per second; default: from the file names or the video, or else {DEFAULT_FPS:g}"
     more.add_argument("--fps", type=float, metavar="N", help=text)
-    more.add_argument("--times", type=Path, metavar="FILE", help="times of the pairs, seconds, one per line")
-    more.add_argument("--poses", type=Path, metavar="FILE", help="ground-truth poses in KITTI's format")
+    text = "a line per pair, or per left image"
+    more.add_argument("--times", type=Path, metavar="FILE", help=f"times, seconds; {text}")
+    text = f"ground-truth poses in KITTI's format; {text}"
+    more.add_argument("--poses", type=Path, metavar="FILE", help=text)
     more.add_argument("--copy", action="store_true", help="copy PNG images instead of linking them")
     more.add_argument("--anyway", action="store_true", help="write the sequence even if a check fails")
     more.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the new sequence")
@@ -102,6 +104,9 @@ def run(options: argparse.Namespace) -> int:
         times = read_times(options.times)
     if options.poses is not None:
         poses = read_kitti_poses(options.poses)
+    if isinstance(source, FolderSource):
+        times = times if isinstance(times, float) else source.of_pairs(times)
+        poses = None if poses is None else source.of_pairs(poses)
     with reporting("writing pairs") as report:
         count = write_sequence(source, rig, options.out, times, poses, options.copy, report)
     camera = open_sequence(options.out).camera

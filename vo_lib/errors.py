@@ -6,6 +6,8 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
+RENAMED = {"finish_window": "subpixel_window"}  # settings of earlier versions
+
 
 class DataError(Exception):
     """Bad input: a file, a folder or an option that cannot be used as it is.
@@ -20,6 +22,8 @@ class DataError(Exception):
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """The question "did you mean NAME? ", with the nearest valid name; "" if no name is near."""
+    """The question "did you mean NAME? ", with the new or the nearest valid name; "" if no name is near."""
+    for earlier, new in RENAMED.items():
+        name = name.replace(earlier, new)
     near = difflib.get_close_matches(name, list(names), n=1)
     return f"did you mean {near[0]}? " if near else ""

@@ -12,7 +12,7 @@ import typing
 from dataclasses import dataclass
 from typing import Any
 
-from .errors import DataError
+from .errors import DataError, did_you_mean
 
 SWITCH = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}
 
@@ -127,10 +127,10 @@ def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
 
 def replace(config: Any, name: str, value: Any) -> Any:
     """A copy of nested settings with a new value, checked, for the setting of a dotted name."""
-    item = next((item for item in declared(type(config)) if item.name == name), None)
-    if item is None:
-        raise DataError(f"{name}: there is no such setting")
-    item.check(value)
+    items = {item.name: item for item in declared(type(config))}
+    if name not in items:
+        raise DataError(f"{name}: there is no such setting; {did_you_mean(name, items)}".rstrip("; "))
+    items[name].check(value)
     head, _, rest = name.partition(".")
     changed = replace(getattr(config, head), rest, value) if rest else value
     return dataclasses.replace(config, **{head: changed})
@@ -148,7 +148,7 @@ def from_dict(cls: Any, data: dict[str, Any]) -> Any:
     hints, values = _hints(cls), dict[str, Any]()
     for name, value in data.items():
         if name not in hints:
-            raise DataError(f"{name}: there is no such setting")
+            raise DataError(f"{name}: there is no such setting; {did_you_mean(name, hints)}".rstrip("; "))
         value = from_dict(hints[name], value) if dataclasses.is_dataclass(hints[name]) else value
         values[name] = tuple(value) if isinstance(value, list) else value
     return cls(**values)

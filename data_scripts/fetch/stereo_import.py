@@ -115,7 +115,9 @@ def write_sequence(
         rows = np.arange(count) / times if isinstance(times, float) else times
         for name, length in (("times", len(rows)), ("poses", count if poses is None else len(poses))):
             if length != count:
-                raise DataError(f"{length} rows of {name} for {count} pairs: expected one row per pair")
+                raise DataError(
+                    f"{length} rows of {name} for {count} pairs: expected a row per pair or per left image"
+                )
         write_tables(folder, rig, rows, poses)
         try:
             open_sequence(folder)

@@ -51,11 +51,21 @@ class Drive:
 
 @dataclass(frozen=True)
 class FolderSource:
-    """N pairs of image files; `times` (N,), seconds, if the names are times; `note` as in `Drive`."""
+    """N pairs of image files; `times` (N,), seconds, if the names are times; `note` as in `Drive`.
+
+    `left` : number of each pair's left image among all left images, skipped ones included; `left_count` :
+    number of all left images.
+    """
 
     paths: list[tuple[Path, Path]]
     times: Array | None = None
     note: str = ""
+    left: tuple[int, ...] = ()
+    left_count: int = 0
+
+    def of_pairs(self, rows: Array) -> Array:
+        """The rows (N, …) of the pairs, from such rows or from a row for each left image."""
+        return rows[[*self.left]] if len(rows) == self.left_count else rows
 
     def sample(self) -> list[Pair]:
         """Pairs spread over the whole sequence."""
@@ -169,9 +179,9 @@ def pair_images(
     if single and not skip_unpaired:
         raise DataError("the image has no partner; --skip-unpaired skips such images", single[0])
     if single:
-        notes.append(f"{len(single)} images without a partner are left out")
+        notes.append(f"images without a partner, skipped: {len(single)}")
     paths = [(files[0][n], files[1][m]) for n, m in zip(*chosen, strict=True)]
-    return FolderSource(paths, times, "; ".join(notes))
+    return FolderSource(paths, times, "; ".join(notes), tuple(chosen[0]), len(files[0]))
 
 
 def _images(place: Path) -> dict[str, Path]:

@@ -64,7 +64,9 @@ def test_patterns_pair_images_of_one_folder(bands: Path) -> None:
         pair_images(*patterns)
     result = pair_images(*patterns, skip_unpaired=True)
     assert numbers(result, bands) == [f"I1_{n}.png I2_{n}.png" for n in (0, 1, 2, 4, 5)]
-    assert result.note == "1 images without a partner are left out"
+    assert result.note == "images without a partner, skipped: 1"
+    assert result.of_pairs(np.arange(6.0)).tolist() == [0, 1, 2, 4, 5]  # rows of all left images
+    assert result.of_pairs(np.arange(5.0)).tolist() == [0, 1, 2, 3, 4]  # rows of the pairs
     with pytest.raises(DataError, match="expected two or more images, found 0"):
         pair_images(bands / "I1_*.png", bands / "I3_*.png")
 
@@ -85,9 +87,7 @@ def test_names_that_are_times_are_paired_by_time(bands: Path, digits: int) -> No
         pair_images(*sides)
     result = pair_images(*sides, skip_unpaired=True)
     assert numbers(result, bands) == [f"{name(0, frame)} {name(1, frame)}" for frame in range(4)]
-    assert (
-        result.note == "left and right images are up to 2.0 ms apart; 4 images without a partner are left out"
-    )
+    assert result.note == "left and right images are up to 2.0 ms apart; images without a partner, skipped: 4"
     assert result.times is not None
     np.testing.assert_allclose(result.times - 1e-9 * start, [0.0, 0.1, 0.2, 0.3], atol=1e-5)
     assert len(pair_images(*sides, max_delay=0.03).paths) == 6
@@ -101,7 +101,7 @@ def test_truth_and_times_are_written(source: FolderSource, tmp_path: Path) -> No
     sequence = open_sequence(tmp_path / "mine")
     np.testing.assert_allclose(sequence.times, times)
     np.testing.assert_allclose(np.asarray(sequence.truth), poses)
-    with pytest.raises(DataError, match="expected one row per pair"):
+    with pytest.raises(DataError, match="expected a row per pair or per left image"):
         write_sequence(source, RIG, tmp_path / "other", times, poses[:4])
     assert not (tmp_path / "other").exists()
 

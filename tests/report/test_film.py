@@ -14,8 +14,8 @@ from vo_lib import preset, run
 from vo_lib.commands.cli import main
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.geometry.types import Image
-from vo_lib.report.film import PATH_COLOUR, TRUE_PATH_COLOUR, WORDS_HEIGHT_PX, Film, film_frames
-from vo_lib.report.plots import REMOVED
+from vo_lib.report.film import WORDS_HEIGHT_PX, Film, film_frames
+from vo_lib.report.plots import METHOD_COLOURS, REMOVED, TRUTH_COLOUR, bgr
 
 
 def near(picture: Image, colour: tuple[int, int, int], tolerance: int = 0) -> int:
@@ -46,7 +46,7 @@ def test_film_shows_path_and_removed_features(bands: Path, variant: str) -> None
         pictures = {shown.index: film.picture(shown) for shown in film_frames(result)}
     assert list(pictures) == [1, 2, 3, 4, 5]
     image, words = (slice(None, 240), slice(None, 480)), (slice(300, None),)
-    for colour in (PATH_COLOUR, TRUE_PATH_COLOUR):
+    for colour in map(bgr, (METHOD_COLOURS["feature_selection"], TRUTH_COLOUR)):
         drawn = [near(picture[:300, 480:], colour, 60) for picture in pictures.values()]
         assert drawn == sorted(drawn)
         assert drawn[-1] > 3 * drawn[0] > 0

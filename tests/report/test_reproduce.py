@@ -22,7 +22,7 @@ from vo_lib.files import only_process
 from vo_lib.report.entries import Entry, Group, group_entries
 from vo_lib.report.page import ReportTable, markdown, mean_and_spread, plus_minus, records_csv
 from vo_lib.report.printed import AVERAGE, PAPER_METHODS, PAPER_ROWS, printed_table
-from vo_lib.report.reproduce import TABLE_FILES, plan_jobs
+from vo_lib.report.reproduce import TABLE_FILES, Reproduction, plan_jobs
 from vo_lib.report.table1 import layout_tables, results, table_records
 
 
@@ -161,9 +161,24 @@ def test_result_compares_means_with_and_without_removal() -> None:
     assert text.endswith(
         f"lowers TE from {means[0]} to {means[1]} % (−33.3 %) compared with solution_selection."
     )
-    note = layout(group)[-1].notes[-1]
-    assert note.endswith(f"raises TE from {means[2]} to {means[1]} % (+100.0 %) compared with mesvo_f.")
     assert results([group_of(*(e for e in entries if e.method == "mesvo_f"))]) == []
+    # 01 counts if there is no other sequence; its errors are equal here.
+    (text,) = results([group_of(*entries[:3])])
+    assert text.startswith("kitti/01, variant kit: feature_selection")
+    assert "changes neither TE nor RE compared" in text
+
+
+def test_a_path_without_sub_sequences_has_a_sentence_and_no_row() -> None:
+    short, long = entry_of("a", 5, [1.0], measure=KITTI_MEASURE), entry_of("b", 300, [1.0])
+    assert layout(group_of(short)) == []
+    assert [row[0] for row in layout(group_of(short, long))[0].rows] == [
+        "mean of 2 viso2",
+        "b viso2",
+        "pooled viso2",
+    ]
+    assert Reproduction([], {}, [short, long]).problems == [
+        "Shorter than every sub-sequence, so no errors: a."
+    ]
 
 
 def test_table_as_markdown_and_csv() -> None:

@@ -18,7 +18,7 @@ from .script import ENDINGS, OneLineParser, exit_code
 # Module and help line of each command. Only the module of the command in use is imported: all imports
 # together take two seconds.
 COMMANDS = {
-    "demo": ("demo", "all methods on a drawn street; nothing is downloaded"),
+    "demo": ("demo", "the paper's claim on a drawn traffic jam; nothing is downloaded"),
     "run": ("run", "one run over one sequence"),
     "reproduce": ("reproduce", "Table 1 and Figure 4: methods over sequences and seeds"),
     "sweep": ("sweep", "a grid over settings on cached matches: table, CSV, heat map"),

@@ -108,7 +108,8 @@ def read_settings(options: argparse.Namespace) -> MethodConfig:
     try:
         config = settings.from_dict(config_class(data["variant"]), data["settings"])
     except (DataError, KeyError, TypeError) as error:
-        raise DataError(f"expected {expected} ({error})", options.config) from None
+        page = f"see vo run --variant {options.variant} --help-settings"
+        raise DataError(f"expected {expected} ({error}; {page})", options.config) from None
     return config
 
 

@@ -7,6 +7,7 @@ import shlex
 
 from ..data.catalogue import DRAWING_PROCESSES
 from . import common, reproduce
+from .console import say
 from .script import steps
 
 # Moving vehicles fill the images of this street, so the removal has a clear effect.
@@ -35,4 +36,6 @@ def _demo(options: argparse.Namespace) -> int:
     words = [*OPTIONS, "--jobs", str(DRAWING_PROCESSES), "--out", options.out, "--fresh"]
     line = f"vo reproduce {shlex.join(words)}"
     chosen = parser.parse_args(words, argparse.Namespace(line=line, cache=options.cache))
-    return reproduce.reproduce(chosen, before="What next:" + steps(NEXT_STEPS), after=LIMIT)
+    code = reproduce.reproduce(chosen, LIMIT)
+    say("\nWhat next:" + steps(NEXT_STEPS))
+    return code

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 from ..data.poses import TIME_TOLERANCE_S
+from ..errors import DataError
 from ..evaluation.ate_rpe import Alignment
 from ..files import write_atomic
 from ..report.paths import evaluate_paths, evaluation_tables, read_paths, write_pictures
@@ -42,6 +43,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _evaluate(options: argparse.Namespace) -> int:
     lengths = None if options.lengths is None else parse_lengths(options.lengths)
     step = None if options.step is None else parse_whole("--step", options.step)
+    if not options.t_max_diff >= 0:
+        raise DataError(f"--t-max-diff {options.t_max_diff:g}: expected 0 s or more")
     alignment, delta = Alignment(options.alignment), parse_delta(options.delta)
     results = [
         (paths, evaluate_paths(paths, lengths, step, alignment, delta))

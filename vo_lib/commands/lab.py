@@ -34,9 +34,10 @@ def add(parser: argparse.ArgumentParser) -> None:
         "name. Running a notebook does not count as a change. A file that you deleted is copied again."
     )
     parser.epilog = "example: vo lab -- --port 8889 --no-browser"
-    parser.add_argument("--copy", metavar="DIR", help="folder of the copy")
+    place = parser.add_mutually_exclusive_group()
+    place.add_argument("--copy", metavar="DIR", help="folder of the copy")
     text = "open the kit's own notebooks, not a copy"
-    parser.add_argument("--here", dest="copy", action="store_const", const=NOTEBOOKS, help=text)
+    place.add_argument("--here", dest="copy", action="store_const", const=NOTEBOOKS, help=text)
     parser.add_argument("--teacher", action="store_true", help="also copy solutions and teaching notes")
     parser.add_argument("jupyter", nargs="*", metavar="-- …", help="options for JupyterLab")
     parser.set_defaults(command=_lab)

@@ -43,8 +43,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=reproduce)
 
 
-def reproduce(options: argparse.Namespace, before: str = "", after: str = "") -> int:
-    """Do the runs, write the table and print the result between two texts; exit code 1 if a run failed."""
+def reproduce(options: argparse.Namespace, *remarks: str) -> int:
+    """Do the runs, write and print the table, the result and remarks; exit code 1 if a run failed."""
     start, config = time.perf_counter(), None
     if options.config is not None:
         if options.methods is not None:
@@ -75,12 +75,11 @@ def reproduce(options: argparse.Namespace, before: str = "", after: str = "") ->
             raise DataError(" ".join(result.problems))
         closed = closing.close_outcomes(outcomes, LoopConfig()) if options.loops else []
         groups = group_entries(result.entries)
-        conclusions = [*results(groups), *filter(None, [after])]
+        conclusions = [*results(groups), *remarks]
         origin = [options.line, f"duration {time.perf_counter() - start:.0f} s, processes: {workers}"]
         write_table_files(folder, result, paper, conclusions, origin, closed)
     for table in [*(table for group in groups for table in layout_tables(group, paper)), *closed]:
         show_report_table(table)
-    tell("", *result.problems)
-    say(*filter(None, [before]), f"Report with figures: {folder / 'report.html'}")
-    tell(*conclusions)
+    tell("", *result.problems, *conclusions)
+    say(f"Report with figures: {folder / 'report.html'}")
     return 1 if result.failed else 0

@@ -101,7 +101,8 @@ def _run(options: argparse.Namespace) -> int:
         say(f"loops closed: {len(pairs)}, beyond the paper; {LOOPS_POSES} and {LOOPS}")
     say(f"written to {folder}")
     if options.video is not None:
-        with reporting("drawing frames") as report, Film(options.video, result, label, pairs) as film:
+        film = Film(options.video, result, label, pairs, options.method)
+        with reporting("drawing frames") as report, film:
             for frame in film_frames(result, matches, calibration):
                 film.add(frame)
                 report(frame.index + 1, len(sequence))

@@ -66,7 +66,7 @@ class Sequence:
 
     def mask_files(self) -> list[Path]:
         """The mask of each frame, or one mask for all; empty without masks."""
-        if self.masks is None or self.masks.is_file():
+        if self.masks is None or not self.masks.is_dir():
             return [] if self.masks is None else [self.masks]
         return [self.masks / f"{frame}.png" for frame in self.frames]
 

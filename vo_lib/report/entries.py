@@ -87,6 +87,11 @@ class Group:
         return list(dict.fromkeys(sequence for sequence, _ in self.entries))
 
     @property
+    def averaged(self) -> list[str]:
+        """Names of the sequences of the mean: all, without KITTI's 01 if there are others."""
+        return [name for name in self.sequences if name != f"{KITTI}{LEFT_OUT}"] or self.sequences
+
+    @property
     def methods(self) -> list[str]:
         """Names of the methods, in order."""
         return list(dict.fromkeys(method for _, method in self.entries))
@@ -102,8 +107,8 @@ class Group:
         return [entry for (_, name), entry in self.entries.items() if name == method]
 
     def mean(self, method: str) -> Array:
-        """TE and RE of each seed, (2, S): the plain mean over the sequences, without KITTI's 01."""
-        entries = [e for e in self.of_method(method) if e.sequence != f"{KITTI}{LEFT_OUT}"]
+        """TE and RE of each seed, (2, S): the plain mean over the averaged sequences."""
+        entries = [e for e in self.of_method(method) if e.sequence in self.averaged]
         by_seed = [te_and_re(part for part in parts if len(part)) for parts in _by_seed(entries)]
         means = [part.mean(axis=1) if part.size else (np.nan, np.nan) for part in by_seed]
         return np.reshape(means, (-1, 2)).T

@@ -22,7 +22,17 @@ from ..geometry.types import Array, BoolArray, Image, IntArray
 from ..paper.boxes import on_vehicles
 from ..runs.drive import MethodRun, Run, single_threaded, unmasked
 from ..runs.front_end import TimedMatches, find_matches
-from .plots import AGE_COLOURS, REMOVED, distance_from_truth, match_image
+from .plots import (
+    AGE_COLOURS,
+    LOOP_COLOUR,
+    METHOD_COLOURS,
+    REMOVED,
+    TRUTH_COLOUR,
+    bgr,
+    distance_from_truth,
+    match_image,
+)
+from .printed import PROPOSAL
 
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
@@ -35,8 +45,8 @@ FILM_CODEC = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLa
 ENCODER_FPS = 5000
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
 WORDS_HEIGHT_PX = 60  # height of the lines of text at the bottom
-DARK, PALE, WHITE = (28, 28, 28), (110, 110, 110), (235, 235, 235)  # BGR
-TRUE_PATH_COLOUR, PATH_COLOUR, LOOP_LINE_COLOUR = WHITE, (240, 190, 80), (167, 121, 204)
+WHITE, PALE = (255, 255, 255), (200, 200, 200)  # BGR
+TRUE_PATH_COLOUR, LOOP_LINE_COLOUR = bgr(TRUTH_COLOUR), bgr(LOOP_COLOUR)
 
 
 @dataclass(frozen=True)
@@ -87,11 +97,20 @@ def film_frames(
 class Film:
     """A video file of a run's frames; the file appears, complete, at the end of the context.
 
-    `loops` : pairs of frames at one place, drawn from the second of them on.
+    `loops` : pairs of frames at one place, drawn from the second of them on. `method` : name of the method,
+    for the colour of the path.
     """
 
-    def __init__(self, path: Path, run: Run, label: str, loops: Sequence[tuple[int, int]] = ()):
+    def __init__(
+        self,
+        path: Path,
+        run: Run,
+        label: str,
+        loops: Sequence[tuple[int, int]] = (),
+        method: str = PROPOSAL,
+    ):
         self.path, self.run, self.label, self.loops = path, run, label, loops
+        self._colour = bgr(METHOD_COLOURS[method])
         camera, truth = run.sequence.camera, run.sequence.truth
         side = max(camera.height, MIN_PATH_SIDE_PX)
         # Encoders require even numbers of pixels.
@@ -126,7 +145,7 @@ class Film:
 
     def picture(self, frame: FilmFrame) -> Image:
         """The picture of a frame, BGR: the image, the path to its right, text below."""
-        page = np.full((*self._shape, 3), DARK, np.uint8)
+        page = np.full((*self._shape, 3), WHITE, np.uint8)
         left, _ = self.run.sequence.stereo(frame.index)
         image = match_image(left, frame.matches, frame.keep, frame.boxes, frame.state, by_age=True)
         height, width = left.shape
@@ -142,13 +161,13 @@ class Film:
         size = np.array(part.shape[1::-1])
         scale = float(((size - 50.0) / np.maximum(high - low, 1.0)).min())
         path, *truth = (scale * (xz - (low + high) / 2) * [1.0, -1.0] + size / 2 for xz in points)
-        _draw_line(part, path[: index + 1], PATH_COLOUR, 3)
+        _draw_line(part, path[: index + 1], self._colour, 3)
         for line in truth:
             _draw_line(part, line, PALE, 1)
             _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, 1)
         for visits in (list(pair) for pair in self.loops if pair[1] <= index):
             _draw_line(part, path[visits], LOOP_LINE_COLOUR, 2)
-        cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, PATH_COLOUR, -1, cv2.LINE_AA)
+        cv2.circle(part, np.rint(path[index]).astype(int).tolist(), 4, self._colour, -1, cv2.LINE_AA)
 
     def _write_words(self, part: Image, frame: FilmFrame) -> None:
         index, motion = frame.index, frame.motion
@@ -161,7 +180,7 @@ class Film:
         _write(part, "  ".join([*first, *motion.flags]), (12, 22))
         counts = [f"{getattr(motion, name)} {name}" for name in ("matches", "removed", "used", "inliers")]
         legend = [("  ".join(counts), WHITE), ("new match", AGE_COLOURS[0]), ("old", AGE_COLOURS[-1])]
-        legend += [("removed", REMOVED), ("path", PATH_COLOUR)]
+        legend += [("removed", REMOVED), ("path", self._colour)]
         if self._drift is not None:
             legend.append(("truth", TRUE_PATH_COLOUR))
         if self.loops:
@@ -171,7 +190,8 @@ class Film:
             legend.append(("boxes: solid moving, dashed parked, dotted unknown", WHITE))
         at = 12
         for text, colour in legend:
-            at = _write(part, text, (at, 46), colour) + 20
+            cv2.circle(part, (at, 42), 4, colour, -1, cv2.LINE_AA)
+            at = _write(part, text, (at + 8, 46)) + 20
 
 
 def with_frame_rate(video: bytes, frames: int) -> bytes:
@@ -200,7 +220,7 @@ def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: 
     cv2.polylines(part, [fixed], False, colour, width, cv2.LINE_AA, shift=4)
 
 
-def _write(part: Image, text: str, at: tuple[int, int], colour: tuple[int, int, int] = WHITE) -> int:
+def _write(part: Image, text: str, at: tuple[int, int]) -> int:
     """Write a line of text and return the column of its end, pixels."""
-    cv2.putText(part, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
+    cv2.putText(part, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
     return at[0] + cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]

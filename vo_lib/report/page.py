@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from typing import Any
 
@@ -28,6 +28,13 @@ class ReportTable:
     rows: list[list[str]]
     notes: list[str]
     head: list[str] = field(default_factory=list)
+
+
+def without_empty_columns(table: ReportTable) -> ReportTable:
+    """The table without the columns that have dashes only."""
+    kept = [k for k in range(len(table.columns)) if any(row[k] != NO_NUMBER for row in table.rows)]
+    columns, *rows = [[line[k] for k in kept] for line in (table.columns, *table.rows)]
+    return replace(table, columns=columns, rows=rows)
 
 
 def finite(value: float | None) -> float | None:

@@ -18,7 +18,7 @@ from ..evaluation.kitti import SHORT_MEASURE, Measure, suitable_measure
 from ..files import read_text, write_atomic
 from ..geometry.types import Array, Index
 from ..runs.folder import CONFIG, POSES, POSES_TUM, read_config
-from .page import ReportTable, number
+from .page import ReportTable, number, without_empty_columns
 from .plots import error_curves_figure, png, trajectories_figure
 from .reproduce import slug
 from .table1 import ERROR_KINDS
@@ -48,7 +48,10 @@ def read_path(path: Path) -> tuple[Array | None, Array]:
     first = next(rows, "")
     if "," in first:
         return read_euroc(path)
-    return read_tum(path) if len(first.split()) == 8 else (None, read_kitti_poses(path))
+    columns = len(first.split())
+    if columns == 8 or (columns != 12 and "tum" in path.name):
+        return read_tum(path)
+    return None, read_kitti_poses(path)
 
 
 def read_paths(
@@ -122,9 +125,8 @@ def _compared(
     matched = [_matched(file, truth, tolerance) for file in files]
     common = functools.reduce(np.intersect1d, [rows for rows, _ in matched])
     if len(common) < 2:
-        raise DataError(
-            f"has fewer than two poses at the times of the other paths of {truth.name}", files[-1]
-        )
+        place = f"at the times of the other paths of {truth.name}, within --t-max-diff {tolerance:g} s"
+        raise DataError(f"has fewer than two poses {place}", files[-1])
     estimates = {}
     for labels, (rows, poses) in zip(names, matched, strict=True):
         others = {name for other in names if other is not labels for name in other}
@@ -167,8 +169,11 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
         drift = map(rmse, (s.ate.distance, s.rpe.translation, np.degrees(s.rpe.rotation)))
         rows.append([s.name, number(s.kitti.te), number(s.kitti.re), *(number(value, 4) for value in drift)])
     columns = ["system", *(unit for unit, _ in ERROR_KINDS.values()), "ATE m", "RPE m", "RPE deg"]
-    words = systems[0].ate.alignment.words
-    note = f"ATE and RPE: root mean squares; ATE {words}; RPE {systems[0].rpe.delta.words}."
+    first = systems[0]
+    notes = [f"ATE and RPE: root mean squares; ATE {first.ate.alignment.words}; RPE {first.rpe.delta.words}."]
+    shorter = f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter than"
+    notes += [f"No TE and RE: {shorter} every sub-sequence."] if not len(first.kitti) else []
+    notes += [f"No RPE: {shorter} its interval."] if not len(first.rpe.rotation) else []
     short = "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
     head = [short] if measure == SHORT_MEASURE else []
     by_length = []
@@ -176,7 +181,8 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
         parts = [s.kitti[s.kitti.length == length] for s in systems]
         if len(parts[0]):
             by_length.append([f"{length:g} m", *(f"{number(part.te)} / {number(part.re)}" for part in parts)])
-    tables = [ReportTable(f"{name}: sub-sequences of {measure.words}", columns, rows, [note], head)]
+    errors = ReportTable(f"{name}: sub-sequences of {measure.words}", columns, rows, notes, head)
+    tables = [without_empty_columns(errors)]
     if by_length:
         names = [s.name for s in systems]
         tables.append(ReportTable("TE % / RE deg/100 m by length", ["length", *names], by_length, []))

@@ -57,6 +57,12 @@ def page(title: str = "", width: float = SMALL_PAGE[0], height: float = SMALL_PA
     return figure
 
 
+def bgr(colour: str) -> tuple[int, int, int]:
+    """OpenCV's form of a colour such as "#0072B2"."""
+    red, green, blue = bytes.fromhex(colour[1:])
+    return blue, green, red
+
+
 def method_colour(name: str, number: int) -> str:
     """The colour of the truth or of a method; for another name, the colour of its number."""
     return TRUTH_COLOUR if name == TRUTH else METHOD_COLOURS.get(name, CYCLE[number % len(CYCLE)])
@@ -182,7 +188,7 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -
 
 
 # BGR colours of features that are kept (blue) or removed (orange), and of boxes (white).
-KEPT, REMOVED, BOX = (178, 114, 0), (0, 94, 213), (255, 255, 255)
+KEPT, REMOVED, BOX = bgr(CYCLE[0]), bgr(CYCLE[1]), (255, 255, 255)
 # BGR colours of kept features by age, from new (blue) to old (green).
 AGE_COLOURS = [(255 - 13 * n, 90 + 11 * n, 12 * n // 2) for n in range(16)]
 

@@ -59,6 +59,8 @@ class Reproduction:
             sentences.append(
                 f"No ground truth, so the folder runs has poses, but no errors: {', '.join(bare)}."
             )
+        if short := dict.fromkeys(e.sequence for e in self.entries if not np.isfinite(e.te).any()):
+            sentences.append(f"Shorter than every sub-sequence, so no errors: {', '.join(short)}.")
         for cause, (job, *others) in self.failed.items():
             sentences.append(f"Failed: {job}{f' and {len(others)} more' if others else ''}: {cause}")
         return sentences

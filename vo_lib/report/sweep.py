@@ -14,13 +14,13 @@ import numpy as np
 from .. import settings
 from ..config import CONFIG_CLASSES, change
 from ..data.sequence import Sequence
-from ..errors import DataError
+from ..errors import DataError, did_you_mean
 from ..evaluation.kitti import suitable_measure
 from ..paper.settings import MethodConfig
 from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
 from .entries import measure_runs
-from .page import NO_NUMBER, ReportTable, number, plus_minus, seeds_text
+from .page import NO_NUMBER, ReportTable, number, plus_minus, seeds_text, without_empty_columns
 from .plots import SMALL_PAGE, page, png
 from .table1 import ERROR_KINDS, number_fields
 
@@ -59,13 +59,14 @@ def parse_axis(text: str, config: MethodConfig) -> Axis:
     Raises `DataError` for an unknown setting or an invalid value.
     """
     name, equals, rest = text.partition("=")
-    declared = [item for cls in (type(config), *CONFIG_CLASSES.values()) for item in settings.declared(cls)]
-    item = next((item for item in declared if item.name == name), None)
+    declared = {item.name: item for cls in CONFIG_CLASSES.values() for item in settings.declared(cls)}
+    item = (declared | {item.name: item for item in settings.declared(type(config))}).get(name)
     if name == "seed":
         raise DataError("--set seed: all cells have the same seeds; set the number of seeds with --seeds")
     if item is None or not equals:
+        near = did_you_mean(name, declared) if item is None else ""
         raise DataError(
-            f"--set {text!r}: expected SETTING=VALUE,VALUE,… with a setting of "
+            f"--set {text!r}: {near}expected SETTING=VALUE,VALUE,… with a setting of "
             f"`vo run --variant {config.variant} --help-settings`"
         )
     values = tuple(item.parse(word) for word in rest.split(";" if isinstance(item.default, tuple) else ","))
@@ -137,7 +138,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
             notes.append(f"Failed: {place}, {record['failed']}")
     if not sweep.has_errors:
         notes.append("No errors and no heat map: the path is shorter than every sub-sequence.")
-    return ReportTable(sweep.title, columns, rows, notes)
+    return without_empty_columns(ReportTable(sweep.title, columns, rows, notes))
 
 
 def heat_map(sweep: Sweep) -> bytes:

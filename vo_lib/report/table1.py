@@ -30,7 +30,7 @@ def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]
 
 def _records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
     left_out, several = f"{KITTI}{LEFT_OUT}", len(group.sequences) > 1
-    mean = AVERAGE if group.is_papers else f"mean of {len(group.sequences) - (left_out in group.sequences)}"
+    mean = AVERAGE if group.is_papers else f"mean of {len(group.averaged)}"
     records = [_record(group, paper, mean, method, group.mean(method)) for method in group.methods if several]
     for (sequence, method), entry in sorted(group.entries.items(), key=lambda item: item[0][0] == left_out):
         records.append(_record(group, paper, sequence, method, entry.errors))
@@ -60,8 +60,14 @@ def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]
 
 
 def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
-    """Tables of a group's records: one table or, with the paper's numbers, one of TE and one of RE."""
-    records, several = _records(group, paper), len(group.sequences) > 1
+    """Tables of a group's records: one table or, with the paper's numbers, one of TE and one of RE.
+
+    Without rows that have errors there is no table.
+    """
+    records = [record for record in _records(group, paper) if record["te_percent"] is not None]
+    if not records:
+        return []
+    several = len(group.sequences) > 1
     printed = any(record["paper_te_percent"] is not None for record in records)
     name = "KITTI" if group.kitti else f"{len(group.sequences)} sequences"
     title = f"{name if several else group.sequences[0]}, {VARIANT_WORDS[group.variant]}"
@@ -87,7 +93,7 @@ def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
     notes = [f"{seeds_text(max(record['seeds'] for record in records)).capitalize()}."]
     mean = "Avg and mean, without 01" if group.kitti else "mean"
     weights = f"{mean}: sequences weigh the same; pooled: sub-sequences do, as on KITTI's server."
-    tables[-1].notes.extend([*notes, *[weights] * several, *_comparison(group, "mesvo_f")])
+    tables[-1].notes.extend([*notes, *[weights] * several])
     return tables
 
 
@@ -118,23 +124,27 @@ def caveats(group: Group) -> list[str]:
 
 
 def results(groups: list[Group]) -> list[str]:
-    """One sentence per group: the proposal compared with the same method without removal of features."""
-    return [sentence for group in groups for sentence in _comparison(group, "solution_selection")]
+    """Sentences on each group: the proposal compared with the methods that the paper compares it with.
+
+    The first comparison is with the same method without removal; the others are the paper's only.
+    """
+    compared = ((group, other) for group in groups for other in list(CLAIMS)[: 2 if group.is_papers else 1])
+    return [sentence for group, other in compared for sentence in _comparison(group, other)]
 
 
 def _comparison(group: Group, other: str) -> list[str]:
-    """A sentence on the mean errors of the proposal and of another method; none if equal or without boxes."""
-    if not any(entry.labels for entry in group.of_method(PROPOSAL)):
+    """A sentence on the mean errors of the proposal and of another method; none without boxes or errors."""
+    means = [[mean_and_spread(e)[0] for e in group.mean(method)] for method in (other, PROPOSAL)]
+    if not np.isfinite(means).all() or not any(entry.labels for entry in group.of_method(PROPOSAL)):
         return []
-    parts, means = [], (group.mean(other), group.mean(PROPOSAL))
-    for (kind, _), claim, *errors in zip(ERROR_KINDS.values(), CLAIMS[other], *means, strict=True):
-        before, after = (mean_and_spread(values)[0] for values in errors)
+    parts = []
+    for (kind, _), claim, before, after in zip(ERROR_KINDS.values(), CLAIMS[other], *means, strict=True):
         less, (name, unit) = float(gain(before, after)), kind.split(" ", 1)
         if np.isfinite(less) and less != 0.0:
             change = f"{signed(-less, 1)} %" + (f", in the paper −{claim:g} %" if group.is_papers else "")
             verb = "lowers" if less > 0 else "raises"
             parts.append(f"{verb} {name} from {number(before)} to {number(after)} {unit} ({change})")
-    rows = [name for name in group.sequences if name != f"{KITTI}{LEFT_OUT}"]
+    rows, changes = group.averaged, " and ".join(parts) or "changes neither TE nor RE"
     where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
-    result = f"{PROPOSAL}, which removes the features in vehicle boxes, {' and '.join(parts)}"
-    return [f"{where}, {VARIANT_WORDS[group.variant]}: {result} compared with {other}."] if parts else []
+    result = f"{PROPOSAL}, which removes the features in vehicle boxes, {changes}"
+    return [f"{where}, {VARIANT_WORDS[group.variant]}: {result} compared with {other}."]
