@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import re
 import subprocess
 import sys
-import traceback
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -20,10 +18,8 @@ import pytest
 from conftest import HEIGHT, WIDTH, write_bands
 
 from vo_lib import settings
-from vo_lib.commands import common
 from vo_lib.commands.cli import main
 from vo_lib.config import CONFIG_CLASSES
-from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import read_kitti_poses, read_tum
 from vo_lib.files import read_csv
 from vo_lib.kit.calibration import read_learnt_calibration
@@ -31,7 +27,6 @@ from vo_lib.kit.calibration import read_learnt_calibration
 ROOT = Path(__file__).resolve().parents[2]
 FILES = {"config.json", "frames.csv", "metrics.json", "poses.txt", "poses_tum.txt", "trajectory.png"}
 SMALL = {"published": ["--features.blob_cell", "9"], "kit": ["--variant", "kit", "--features.cell", "10"]}
-START = "import sys; from vo_lib.__main__ import main; sys.exit(main())"
 BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
 
 
@@ -213,22 +208,6 @@ def test_short_help_omits_thresholds(capsys: pytest.CaptureFixture[str], words: 
     assert len(text.splitlines()) < 60
 
 
-def test_five_functions_lie_from_the_program_to_the_sequence(
-    bands: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    files: list[str] = []
-
-    def opened(*details: Any) -> Any:
-        files.extend(frame.filename for frame in traceback.extract_stack())
-        return open_sequence(*details)
-
-    monkeypatch.setattr(common, "open_sequence", opened)
-    monkeypatch.setattr(sys, "argv", ["vo", "run", str(bands), "--out", str(bands.parent / "out")])
-    assert importlib.import_module("vo_lib.__main__").main() == 0
-    inside = [name for name in files if Path(name).is_relative_to(ROOT / "vo_lib")]
-    assert len([*inside, open_sequence]) <= 5
-
-
 def test_help_does_not_import_matplotlib() -> None:
     code = (
         "import sys; from vo_lib.commands.cli import COMMANDS, make_parser\n"
@@ -264,10 +243,3 @@ def test_library_warnings_are_printed_after_success(
     assert main(["list"]) == code
     text = capsys.readouterr().err
     assert text == line if error is not None else text.startswith(line)
-
-
-def test_unknown_matplotlib_backend_is_one_line(bands: Path, tmp_path: Path) -> None:
-    ended = program(START, "run", str(bands), "--out", str(tmp_path / "out"), MPLBACKEND="nonsense")
-    assert ended.returncode == 2
-    assert re.search(r"^vo: error: .*nonsense.*\n\Z", ended.stderr, re.M)
-    assert "Traceback" not in ended.stderr

@@ -90,15 +90,6 @@ def test_changed_files_are_kept(tmp_path: Path, source: Path, capsys: pytest.Cap
         assert said() == ""
         assert beside.read_text(encoding="utf-8") == version
         assert mine.read_text(encoding="utf-8") == "first"
-    # The new version is the reader's too, once it is changed or takes the place of the old one.
-    beside.write_text("mine", encoding="utf-8")
-    theirs.write_text("fourth = 4", encoding="utf-8")
-    assert said().endswith("course/a.new.new.py\n")
-    assert beside.read_text(encoding="utf-8") == "mine"
-    mine.with_name("a.new.new.py").replace(mine)
-    theirs.write_text("fifth = 5", encoding="utf-8")
-    assert said() == ""
-    assert mine.read_text(encoding="utf-8") == "fifth = 5"
 
 
 def test_executed_notebooks_are_updated(
@@ -120,12 +111,3 @@ def test_executed_notebooks_are_updated(
     lab.copy_course(source, mine.parent, teacher=False)
     assert mine.read_text(encoding="utf-8") == "no JSON"
     assert capsys.readouterr().out.startswith("You changed 01.ipynb")
-
-
-def test_full_disk_leaves_no_partial_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("vo_lib.files.os.fsync", full)
-    assert main(["lab", "--copy", str(tmp_path)]) == 2
-    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from file_server import FileServer
 
-from fetch.kitti_archive import CALIB, GRAY, POSES, absent, fetch, link_tree, plan, sequence_archives
+from fetch.kitti_archive import CALIB, GRAY, POSES, absent, fetch, plan, sequence_archives
 from fetch.zip_archives import Archives, Member
 from vo_lib.errors import DataError
 
@@ -101,19 +101,3 @@ def test_no_file_is_written_outside_the_root(tmp_path: Path) -> None:
     (tmp_path / "odd.zip").write_bytes(zipped(names))
     unpack([str(tmp_path / "odd.zip")], tmp_path / "root")
     assert files_below(tmp_path) == ["odd.zip", "root/poses/07.txt", "root/sequences/07/calib.txt"]
-
-
-def test_other_trees_are_linked(tmp_path: Path) -> None:
-    tree, root = tmp_path / "tree", tmp_path / "root"
-    (tree / "dataset" / "sequences" / "07").mkdir(parents=True)
-    (tree / "dataset" / "poses").mkdir()
-    (tree / "dataset" / "poses" / "07.txt").write_text("poses", encoding="utf-8")
-    for _ in range(2):
-        assert link_tree(tree, root, ["04", "07"]) == ["07"]
-    link = root / "sequences" / "07"
-    assert link.resolve() == tree / "dataset" / "sequences" / "07"
-    assert (root / "poses" / "07.txt").read_text(encoding="utf-8") == "poses"
-    link.unlink()
-    link.mkdir()
-    with pytest.raises(DataError, match="already exists"):
-        link_tree(tree, root, ["07"])

@@ -34,9 +34,3 @@ def test_parts_are_joined_in_their_order() -> None:
     parts = [POINTS[np.array([2])], POINTS[np.zeros(0, int)], POINTS[np.array([0, 1])]]
     assert joined(parts).number.tolist() == [2, 0, 1]
     assert joined(iter(parts)).uv.tolist() == [[4, 5], [0, 1], [2, 3]]
-
-
-def test_rows_compare_and_hash_by_identity() -> None:
-    one, other = POINTS[np.arange(2)], POINTS[np.arange(2)]
-    assert one != other
-    assert len({one, other, one}) == 2

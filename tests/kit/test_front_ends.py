@@ -8,15 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from box_scenes import CAMERA, match_points
-from conftest import BANDS, HEIGHT, small, texture
+from conftest import BANDS, HEIGHT, small
 
 from vo_lib import open_sequence, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import rotation_from_vector
 from vo_lib.kit.klt import next_motion
-from vo_lib.paper.matching import LoopMatcher
-from vo_lib.paper.settings import FeatureConfig, MatchingConfig
+from vo_lib.paper.settings import FeatureConfig
 from vo_lib.runs.front_end import FrontEnd, make_front_end
 
 FEATURES = FeatureConfig(blob_cell=9, blob_quality=30)
@@ -77,18 +76,6 @@ def test_black_images_give_no_matches(bands: Path, kind: str) -> None:
     assert len(front_end.step(front_end.prepare((black, black)))) == 0
     assert len(front_end.step(front_end.prepare(sequence.stereo(2)))) == 0
     assert len(front_end.step(front_end.prepare(sequence.stereo(3)))) > FRONT_ENDS[kind][0]
-
-
-def test_features_match_after_a_large_step() -> None:
-    wall = texture(np.random.default_rng(1), 160, 400, 2.0)
-    matcher = LoopMatcher(FeatureConfig(blob_cell=9, blob_quality=30), MatchingConfig(max_disparity=32))
-    result = [
-        matcher.step(matcher.prepare((wall[:, at : at + 320].copy(), wall[:, at + 10 : at + 330].copy())))
-        for at in (0, 4, 8, 12, 62)
-    ]
-    assert len(result[3]) > 50
-    moved = result[4].prev_left - result[4].cur_left
-    assert np.count_nonzero(np.abs(moved - (50.0, 0.0)).max(axis=1) < 1.0) > 30
 
 
 def test_next_search_starts_from_the_last_motion() -> None:

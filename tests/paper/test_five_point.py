@@ -88,14 +88,6 @@ def test_number_of_candidates_is_even_and_at_most_ten() -> None:
     assert 4.0 < count.mean() < 5.0
 
 
-def test_candidates_of_a_set_differ() -> None:
-    given = problems("general", 2000)
-    E, index = five_point(given.x_p, given.x_c)
-    assert np.all(np.diff(index) >= 0)
-    same_set = index[1:] == index[:-1]
-    assert np.min(distance(E[1:], E[:-1])[same_set]) > 1e-7
-
-
 @pytest.mark.parametrize("motion", ["general", "sideways", "forward"])
 def test_opencv_finds_the_same_candidates(motion: Motion) -> None:
     given = problems(motion, 400, noise_px=0.3)

@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 from box_scenes import CAMERA, match_points
 
-from course.simulation.truth import predict
 from vo_lib.config import PUBLISHED, change, preset
 from vo_lib.data.catalogue import open_sequence
-from vo_lib.data.sequence import Sequence
-from vo_lib.data.truth import open_truth
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.geometry.boxes import Boxes, no_boxes
 from vo_lib.geometry.matches import StereoMatches, empty_matches
@@ -29,9 +26,8 @@ from vo_lib.geometry.motion import (
     transform,
 )
 from vo_lib.geometry.types import Array, BoolArray
-from vo_lib.paper.odometry import Odometry, Rotation
+from vo_lib.paper.odometry import Odometry
 from vo_lib.paper.translation import (
-    SOLVING_ROUNDS,
     PairBefore,
     earlier_rows,
     eliminate_points,
@@ -191,36 +187,6 @@ def test_third_frame_lowers_the_rectification_error() -> None:
     assert 0.0 < three < 0.9 * two
 
 
-class EquationThree(Odometry):
-    """The paper's method with the eight rows of (3) written out."""
-
-    def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
-        chosen, config = matches[rotation.inliers], self.config.translation
-        depth = self.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2]
-        near = depth <= config.max_depth
-        rows = eliminate_points(*feature_rows(self.camera, chosen[near], rotation.R_cp))
-        M, d = rows[0] / depth[near, None, None], rows[1] / depth[near, None]
-        H, g = M.swapaxes(1, 2) @ M, (M.swapaxes(1, 2) @ d[..., None])[..., 0]
-        t = np.median(np.linalg.solve(H, g[..., None])[..., 0], axis=0)
-        for _ in range(SOLVING_ROUNDS):
-            fits = self.camera.f * np.linalg.norm(d - M @ t, axis=1) < config.agreement
-            t = np.linalg.solve(H[fits].sum(axis=0), g[fits].sum(axis=0))
-        return np.asarray(t)
-
-
-def test_two_pairs_equal_equation_3(street: Sequence) -> None:
-    """Byte for byte; the third frame changes the path, but for its first step."""
-    part, three = street.part(0, 6), preset("feature_selection", variant="published")
-    two = change(three, "translation.pairs", 2)
-    paths = [run(part, config).poses for config in (two, three)]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vo_lib.runs.drive.Odometry", EquationThree)
-        alone = run(part, three).poses
-    assert paths[0].tobytes() == alone.tobytes()
-    assert paths[1][:2].tobytes() == alone[:2].tobytes()
-    assert (paths[1][2:, :3, 3] != alone[2:, :3, 3]).all()
-
-
 def test_frames_without_motion_are_no_previous_pair() -> None:
     """The pair before is not used after a standstill or a frame with few matches."""
     moving, still = scene(noise=0.1), scene(seed=1, T_cp=np.eye(4))
@@ -253,29 +219,6 @@ def test_pixel_noise_does_not_shorten_steps() -> None:
     far = (scene(400, seed, forward, noise=0.2, farthest=100.0) for seed in range(40))
     steps = [translation(matches, np.eye(3))[0] for matches in far]
     assert abs(np.mean(steps, axis=0)[2] + 1.0) < 0.003
-
-
-def test_pixel_noise_keeps_the_length_of_a_drawn_path(street: Sequence) -> None:
-    """True matches of every fourth frame, each place 0.3 px off."""
-    truth, camera = open_truth(street.folder), street.camera
-    rng, system = np.random.default_rng(5), make_odometry(camera, preset("mesvo_f", variant="published"))
-    system.start(no_boxes())
-    steps = []
-    for frame in range(1, len(street), 4):
-        uv = rng.uniform((20, 20), (camera.width - 20, camera.height - 20), (800, 2))
-        _, right, there = predict(truth, frame - 1, frame - 1, uv)
-        *current, visible = predict(truth, frame - 1, frame, uv)
-        good = there & visible & ~truth.is_moving(frame - 1, uv, frame)
-        a, b, c, d = (
-            view[good] + 0.3 * rng.standard_normal((good.sum(), 2)) for view in (uv, right, *current)
-        )
-        age = np.ones(good.sum(), np.int64)
-        matches = StereoMatches(a, b, c, d, age, age.astype(float), 1000 * frame + np.arange(len(age)))
-        motion = system.step(matches, no_boxes())
-        true = inverse(truth.poses[frame]) @ truth.poses[frame - 1]
-        steps.append([np.linalg.norm(T[:3, 3]) for T in (motion.T_cp, true)])
-    ours, exact = np.sum(steps, axis=0)
-    assert abs(ours / exact - 1.0) < 0.003
 
 
 def test_wrong_depths_do_not_change_the_translation() -> None:

@@ -9,7 +9,7 @@ from made_entries import straight
 from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import rigid, rotation_from_vector
-from vo_lib.report.plots import KEPT, REMOVED, jpeg, match_image, png, trajectories_figure
+from vo_lib.report.plots import KEPT, REMOVED, jpeg, match_image, trajectories_figure
 
 
 def test_match_image_colours() -> None:
@@ -37,10 +37,3 @@ def test_truth_and_estimate_start_at_one_point() -> None:
     truth, mine = (np.array(lines[name].get_data(), np.float64) for name in ("ground truth", "mine"))
     np.testing.assert_allclose(truth, mine, atol=1e-12)
     assert figure.axes[0].get_aspect() == 1.0
-
-
-def test_figures_give_the_same_bytes() -> None:
-    first, second = (
-        png(trajectories_figure({"$a_b$": (straight(5), {"viso2": straight(5)})})) for _ in range(2)
-    )
-    assert first == second

@@ -59,11 +59,6 @@ def test_image_is_hashed_again_after_a_change(
     assert hashed(monkeypatch, bands) == (first, read)
 
 
-def test_unwritable_cache_folder_is_no_error(bands: Path, memory: Path) -> None:
-    memory.parent.write_text("a file", encoding="utf-8")
-    assert identity.images_digest(open_sequence(bands)) == identity.images_digest(open_sequence(bands))
-
-
 def test_digest_changes_with_one_pixel(bands: Path) -> None:
     sequence = open_sequence(bands)
     before = identity.images_digest(sequence)
@@ -141,31 +136,18 @@ POSES = {"poses published", "poses kit"}
     ("file", "expected"),
     [
         ("data/kitti.py", EVERYTHING),
-        ("data/sequence.py", EVERYTHING),
-        ("runs/front_end.py", EVERYTHING),
         ("paper/matching.py", EVERYTHING),
-        ("geometry/motion.py", EVERYTHING),
         ("runs/drive.py", POSES),
         ("paper/selection.py", POSES),
-        ("paper/viso2.py", POSES),
         ("kit/rig.py", {"poses kit"}),
-        ("kit/vehicle.py", {"poses kit"}),
         ("kit/surface.py", {"matches kit", "poses kit"}),
-        ("kit/settings.py", {"matches kit", "poses kit"}),
         ("report/plots.py", set()),
-        ("commands/console.py", set()),
-        ("detection/yolo.py", set()),
         ("runs/jobs.py", set()),
         ("config.py", set()),
     ],
 )
 def test_code_digests_cover_the_code_used(package: Path, file: str, expected: set[str]) -> None:
     assert stale(package, file) == expected
-
-
-def test_git_commit_is_a_hash_or_none() -> None:
-    commit = identity.git_commit()
-    assert commit is None or len(commit.removesuffix("-dirty")) == 40
 
 
 def test_identity_has_the_truth_of_rule_truth(bands: Path) -> None:

@@ -56,38 +56,27 @@ def test_every_setting_is_read(bands: Path, variant: str) -> None:
 
 @contextmanager
 def recorded(config: Any, read: set[str]) -> Iterator[None]:
-    """A context that notes the dotted names of the settings of this configuration that are read."""
-    names = dict(sections(config))
+    """A context that collects the dotted names of the settings of a configuration that are read."""
 
-    def watch(cls: type) -> Any:
-        original: Any = cls.__getattribute__
-
+    def watch(prefix: str) -> Any:
         def getter(self: Any, name: str) -> Any:
-            if id(self) in names and not name.startswith("_"):
-                read.add(f"{names[id(self)]}{name}")
-            return original(self, name)
+            if not name.startswith("_"):
+                read.add(prefix + name)
+            return object.__getattribute__(self, name)
 
         return getter
 
-    classes = {type(part) for _, part in parts(config)}
     with pytest.MonkeyPatch.context() as patch:
-        for cls in classes:
-            patch.setattr(cls, "__getattribute__", watch(cls), raising=False)
+        for prefix, part in parts(config):
+            patch.setattr(type(part), "__getattribute__", watch(prefix), raising=False)
         yield
 
 
-def parts(config: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The configuration and its sections, with the beginning of their settings' names."""
-    yield prefix, config
-    for item in dataclasses.fields(config):
-        value = getattr(config, item.name)
-        if dataclasses.is_dataclass(value):
-            yield from parts(value, f"{prefix}{item.name}.")
-
-
-def sections(config: Any) -> Iterator[tuple[int, str]]:
-    for prefix, part in parts(config):
-        yield id(part), prefix
+def parts(config: Any, prefix: str = "") -> list[tuple[str, Any]]:
+    """The configuration and its sections, with the prefix of their settings' names."""
+    values = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
+    sections = [(f"{prefix}{name}.", part) for name, part in values.items() if dataclasses.is_dataclass(part)]
+    return [(prefix, config), *(pair for prefix, part in sections for pair in parts(part, prefix))]
 
 
 def test_eleven_frames_without_motion_are_lost_tracking(bands: Path) -> None:

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
 from vo_lib.data.scenes import SceneConfig, scene_config
-from vo_lib.data.truth import Truth
-from vo_lib.geometry.motion import inverse, rigid
+from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.types import Array
 from vo_street.drive import make_drive, make_route
 from vo_street.shapes import SHAPES
 from vo_street.traffic import Traffic, Vehicle
-from vo_street.truth_files import encode_depth
 from vo_street.vehicles import Model
 from vo_street.world import World
 
@@ -68,49 +64,3 @@ def test_vehicles_drive_forward_in_their_lane(kind: str) -> None:
             assert (z > 5.0).all()
         # Half a lane, and the camera looks aside a little; the others drive further to the left.
         assert (np.abs(x).max() < 1.65 + 0.02 * z.max()) if kind == "ahead" else (x < -2.0).all()
-
-
-# A truth of two frames made by hand: 10 px columns of the picture show one thing each, straight on.
-CONFIG = SceneConfig(width=64, height=48, focal=50.0, baseline=0.5)
-AHEAD = 0.8  # metres that the camera goes
-DEPTH = 12.0
-# Step of each vehicle in the world, metres: it comes, it goes faster than the camera, it stands, it crosses.
-STEPS = {"oncoming": (0, 0, -1.5), "overtaking": (0, 0, 2.0), "parked": (0, 0, 0), "crossing": (0.6, 0, 0)}
-NAMES = ("street", *STEPS)
-
-
-@pytest.fixture
-def truth(tmp_path: Path) -> Truth:
-    for name in ("depth", "instance"):
-        (tmp_path / "truth" / name).mkdir(parents=True)
-    ids = np.zeros((48, 64), np.uint8)
-    for k in range(1, 5):
-        ids[:, 10 * k : 10 * k + 10] = k
-        ids[40:, 10 * k : 10 * k + 10] = 4 + k  # the shadow under it
-    ids[:, 50:] = 0
-    count = 3
-    for frame in range(count):
-        depth = encode_depth(np.full((48, 64), 1 / DEPTH, np.float32))
-        cv2.imwrite(str(tmp_path / "truth" / "depth" / f"{frame:06d}.png"), depth)
-        cv2.imwrite(str(tmp_path / "truth" / "instance" / f"{frame:06d}.png"), ids)
-    poses = np.stack([rigid(np.eye(3), np.array([0, 0, AHEAD * i])) for i in range(count)])
-    objects = np.tile(np.eye(4), (count, 4, 1, 1))
-    for k, step in enumerate(STEPS.values()):
-        # From frame 0 to frame 1; then everything stands.
-        objects[:, k, :3, 3] = np.array([0.0, 1.0, DEPTH]) + np.outer([0, 1, 1], step)
-    return Truth(tmp_path, CONFIG, poses, objects)
-
-
-def pixel(name: str, row: float) -> Array:
-    return np.array([[10.0 * NAMES.index(name) + 4.0, row]])
-
-
-def test_is_moving_covers_vehicles_and_their_shadows(truth: Truth) -> None:
-    for row in (20.0, 43.0):  # the vehicle and its shadow
-        uv = np.concatenate([pixel(name, row) for name in NAMES])
-        # From the first frame to the second they go; from the second to the third all stand.
-        for one, other in ((0, 1), (1, 0), (0, 2), (1, 2), (2, 1)):
-            moving = {
-                name for name, moves in zip(NAMES, truth.is_moving(one, uv, other), strict=True) if moves
-            }
-            assert moving == ({"oncoming", "overtaking", "crossing"} if 0 in (one, other) else set())

@@ -125,6 +125,18 @@ def test_images_agree_with_true_positions(sequence: Sequence, truth: Truth, step
     assert np.median(np.linalg.norm(error, axis=1)) < 0.2
 
 
+def test_is_moving_covers_vehicles_and_their_shadows(truth: Truth) -> None:
+    ids, count = truth.instances(0), truth.objects.shape[1]
+    steps = np.linalg.norm(np.diff(truth.objects[:2, :, :3, 3], axis=0)[0], axis=1)
+    moving = np.flatnonzero(steps > 0.0) + 1
+    expected = np.isin(ids, [*moving, *(moving + count)])
+    assert expected[ids > count].any()
+    assert not expected[(ids > 0) & (ids <= count)].all()
+    row, column = np.nonzero(ids >= 0)
+    moves = truth.is_moving(0, np.stack([column, row], axis=1).astype(float), 1)
+    np.testing.assert_array_equal(moves, expected[row, column])
+
+
 def test_boxes_enclose_visible_vehicle_pixels(sequence: Sequence, truth: Truth) -> None:
     visible = 0
     with np.load(sequence.folder / "truth" / "objects.npz") as objects:
