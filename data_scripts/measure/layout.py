@@ -7,14 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from vo_lib.geometry.types import Array
-from vo_lib.report.page import NO_NUMBER, ReportTable, number
+from vo_lib.report.page import NO_NUMBER, SPREADS, ReportTable, number
 
 # TE and RE, mean and standard deviation over the seeds each: (2, 2); None without a number.
 Cell = Array | None
 Cells = Mapping[str, Mapping[str, Cell]]  # by row and column
 KINDS = "TE, %", "RE, deg/100 m"
 SAME, LEAST_SPREAD = "=", 0.0005  # a cell that repeats another; a spread that three digits show
-SPREADS, SHARE = 2.0, 0.02  # a change counts beyond so many spreads and this share of the error
+SHARE = 0.02  # a change counts beyond the spread and this share of the error
 
 
 def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence") -> list[ReportTable]:

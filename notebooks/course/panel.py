@@ -257,12 +257,16 @@ class Panel:
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
         words = f'role="alert" style="{ERROR_STYLE}">{marked(self.error)}'
         self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'
-        self._text.value, self.facts = "", {}
+        self._clear()
 
     def _not_opened(self, error: Exception) -> None:
-        self._sequence, self.facts = None, {}
-        self.picture.value, self._text.value, self.tables.value = self._white(), "", ""
+        self._sequence = None
+        self._clear()
         self._fail(error)
+
+    def _clear(self) -> None:
+        """No picture, sentence, numbers or tables."""
+        self.picture.value, self._text.value, self.tables.value, self.facts = self._white(), "", "", {}
 
     def _white(self) -> bytes:
         return stack([np.full((2, WIDTH, 3), 255, np.uint8)], self.height)

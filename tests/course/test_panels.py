@@ -148,7 +148,7 @@ def test_what_is_wrong_is_shown_and_the_panel_goes_on(example: Example) -> None:
     assert example.state().config.filter.classes == (2, 7)
     example.frame.value = 2
     assert example.error == "ValueError: no second frame"
-    assert example.facts == {}
+    assert (example.facts, example.picture.value) == ({}, example._white())
     example.frame.value = 3
     assert example.error == ""
     assert example.picture.value == good

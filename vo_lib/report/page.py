@@ -14,6 +14,7 @@ from ..geometry.types import Array
 from ..runs.identity import surroundings, versions
 
 NO_NUMBER = "–"
+SPREADS = 2.0  # a difference counts beyond so many standard deviations
 
 
 @dataclass(frozen=True)

@@ -45,10 +45,11 @@ def shrunk(estimate: Array, covariance: Array, spare: float = 0.0) -> Array:
 
 
 def estimates() -> list[Case]:
-    """Estimates of four errors, pixels: clear, doubtful, within noise; deviations alike, different, correlated."""
+    """Estimates of four and of two errors, pixels: clear, doubtful, within noise; independent and correlated."""
     alike, different = 0.04 * np.eye(4), np.diag([0.01, 0.04, 0.09, 0.25])
-    sizes = [np.array(each) for each in ([1.0, -0.5, 0.3, 0.2], [0.2, -0.5, 0.3, 0.2], [0.1, -0.1, 0.1, 0.1])]
-    return [(sizes[0], alike), (sizes[1], different), (sizes[1], 0.02 + different), (sizes[2], alike)]
+    clear, doubtful = np.array([1.0, -0.5, 0.3, 0.2]), np.array([0.2, -0.5, 0.3, 0.2])
+    two = clear[:2], alike[:2, :2]
+    return [(clear, alike), (doubtful, different), (doubtful, 0.02 + different), (0.3 * doubtful, alike), two]
 
 
 far_point = Exercise(

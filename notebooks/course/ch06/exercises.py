@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.evaluation.kitti import KITTI_LENGTHS, kitti_errors, trajectory_distances
+from vo_lib.evaluation.kitti import KITTI_LENGTHS, trajectory_distances
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
@@ -90,24 +90,23 @@ def errors(
     return measured(error, length, cosine)
 
 
-def te_re(mean: Callable[[Array, Array], Any], every: int | None = None) -> Callable[..., Any]:
-    """TE and RE over all sub-sequences by a mean of (errors, lengths), from every so many frames."""
-
-    def both(truth: Array, estimate: Array, lengths: Any, step: int) -> tuple[Any, Any]:
-        found = kitti_errors(truth, estimate, lengths, every or step)
-        return 100.0 * mean(found.t_err, found.length), 100.0 * np.degrees(mean(found.r_err, found.length))
-
-    return both
-
-
 def loop(
-    truth: Array, estimate: Array, lengths: Any, step: int, end: Callable[..., int | None] = end
+    truth: Array,
+    estimate: Array,
+    lengths: Any,
+    step: int,
+    end: Callable[..., int | None] = end,
+    mean: Callable[..., Any] = np.mean,
+    along: Array | None = None,
 ) -> Array:
-    """TE and RE (2,) over all sub-sequences, as the exercise builds them, with a rule for their ends."""
-    path = trajectory_distances(truth)
+    """TE and RE (2,) over all sub-sequences; `end` gives their last frames.
+
+    The path is that of the truth, or the one given as `along`.
+    """
+    path = trajectory_distances(truth if along is None else along)
     parts = [(i, end(path, i, length), length) for i in range(0, len(truth), step) for length in lengths]
-    judged = [errors(truth, estimate, i, last, length) for i, last, length in parts if last is not None]
-    return np.asarray(np.mean(judged, axis=0))
+    judged = [errors(truth, estimate, i, j, length) for i, j, length in parts if j is not None]
+    return np.asarray(mean(judged, axis=0))
 
 
 def by_frame_number(path: Array, first: int, length: float) -> int | None:
@@ -213,7 +212,7 @@ yaw_on_a_straight = Exercise(
 
 once_round = Exercise(
     0.0,
-    atol=0.02,
+    atol=5e-3,
     task="TE, %, of 800 m once round the block of 800 m, when every step is 1 % too long.",
     praise="almost zero: a larger block is closed too. TE depends on the end of a sub-sequence, not on its middle.",
     hint="draw the estimate: it is a slightly larger block.",
@@ -226,32 +225,32 @@ once_round = Exercise(
 )
 
 all_errors = Exercise(
-    te_re(lambda each, length: each.mean()),
-    lambda: [(*judged_pair(), KITTI_LENGTHS[:4], 10)],
+    loop,
+    lambda: [(*judged_pair(), KITTI_LENGTHS[:4], 10), (*judged_pair(), (150.0,), 25)],
     parts=("te", "re"),
-    atol=5e-3,
+    atol=1e-6,
     task="A function (truth, estimate, lengths, step) -> TE, RE: means over all sub-sequences.",
     praise="TE {got[0]:.3f} %, RE {got[1]:.3f} deg/100 m over all sub-sequences, as `kitti_errors` has it.",
-    hint="leave out the sub-sequences that `end_frame` answers with None; take one mean over all the others.",
+    hint="leave out the sub-sequences for which `end_frame` returns None; take one mean over all the others.",
     line="if (last := end_frame(path, first, length)) is not None: "
     "errors.append(part_errors(truth, estimate, first, last, length))",
     library=("kitti_errors",),
     mistakes={
-        "this is the root of the mean square; KITTI takes the plain mean.": te_re(
-            lambda each, length: np.sqrt(np.mean(each**2))
-        ),
-        "this is the mean over the lengths' means; KITTI takes one mean, in which frequent lengths count more.": te_re(
-            lambda each, length: np.mean([each[length == L].mean() for L in np.unique(length)])
+        "this is the root of the mean square; KITTI takes the plain mean.": partial(
+            loop, mean=lambda errors, axis: np.sqrt(np.mean(np.square(errors), axis))
         ),
         "this is the sum or the median; TE and RE are means.": (
-            te_re(lambda each, length: each.sum()),
-            te_re(lambda each, length: np.median(each)),
+            partial(loop, mean=np.sum),
+            partial(loop, mean=np.median),
         ),
-        "the starts are at every frame, not at every `step`-th.": te_re(
-            lambda each, length: each.mean(), every=1
+        "the starts are at every frame, not at every `step`-th.": lambda truth, estimate, lengths, step: loop(
+            truth, estimate, lengths, 1
         ),
         "the sub-sequences end at wrong frames: `first` is the number of a frame, `path[first]` are metres.": (
             partial(loop, end=by_frame_number)
+        ),
+        "the length of a sub-sequence is measured along the estimate; KITTI measures it along the truth.": (
+            lambda truth, estimate, lengths, step: loop(truth, estimate, lengths, step, along=estimate)
         ),
     },
 )
@@ -286,6 +285,9 @@ blind_ate = Exercise(
     praise="TE {TE:.1f} %, RE {RE:.2f} deg/100 m, ATE {ATE:.2f} m. Every step is too long by the same share. The "
     "alignment sim3 scales the estimate before the distances are taken, so ATE does not see this error.",
     mistakes={
+        "the panel shows no TE: choose a sequence with a ground truth, and press Run for a method.": lambda now: (
+            np.isnan(now["TE"])
+        ),
         "TE is only {TE:.2f} %: which made-up error lengthens every step?": lambda now: not now["TE"] > 3,
         "RE is {RE:.2f} deg/100 m: which made-up errors turn the car?": lambda now: not now["RE"] < 0.5,
         "ATE is {ATE:.2f} m: which alignment removes an error of scale before ATE is taken?": lambda now: (

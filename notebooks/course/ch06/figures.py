@@ -14,9 +14,7 @@ from vo_lib.evaluation.kitti import KittiErrors, kitti_errors, trajectory_distan
 from vo_lib.geometry.types import Array
 
 from ..colours import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD
-from ..drawing import FONT_SIZE, figure, finish, room
-
-PER_CENT, PER_100_M = 100.0, 100.0 * 180.0 / np.pi  # of KittiErrors.t_err and .r_err
+from ..drawing import FONT_SIZE, figure, finish, room, say
 
 
 def paths_chart(
@@ -41,25 +39,6 @@ def _at_start(truth: Array, estimate: Array, first: int, last: int) -> tuple[Arr
     return truth[first : last + 1], moved
 
 
-def draw_part(axis: Axes, truth: Array, estimate: Array, first: int, last: int, number: int = 0) -> None:
-    """A sub-sequence, the estimate moved so that both start at one pose; `number` is that of the path's first frame."""
-    piece, moved = _at_start(truth, estimate, first, last)
-    axis.plot(piece[:, 0, 3], piece[:, 2, 3], color=FIFTH, linewidth=5, alpha=0.7, label="truth")
-    axis.plot(moved[:, 0, 3], moved[:, 2, 3], color=GOOD, linewidth=1.5, label="estimate, moved")
-    ends = np.stack([piece[-1, [0, 2], 3], moved[-1, [0, 2], 3]])
-    axis.plot(ends[:, 0], ends[:, 1], color=BAD, linewidth=2, label="error at the end")
-    size = 0.12 * float(np.ptp(piece[:, [0, 2], 3], axis=0).max() + 1e-9)
-    for pose, colour in ((piece[-1], FIFTH), (moved[-1], GOOD)):
-        tip = pose[[0, 2], 3] + size * pose[[0, 2], 2]
-        axis.plot(*tip, alpha=0)  # annotations alone do not widen the axes
-        arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
-        axis.annotate("", tip, pose[[0, 2], 3], arrowprops=arrow)
-    axis.plot(*piece[0, [0, 2], 3], "o", color=DARK, markersize=5)
-    axis.set_aspect("equal", adjustable="datalim")
-    title = f"frames {number + first} to {number + last}, starts made equal"
-    finish(axis, title, "x, right [m]", "z, forward [m]")
-
-
 def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int) -> None:
     """How the error grows along a sub-sequence whose starts are made equal, in the axes of its start."""
     piece, moved = _at_start(truth, estimate, first, last)
@@ -79,33 +58,23 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
 def length_chart(
     axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool = False
 ) -> None:
-    """Each sub-sequence as a dot over its length, the mean of each length as a line."""
-    factor, values = (PER_100_M, errors.r_err) if rotation else (PER_CENT, errors.t_err)
+    """Each sub-sequence as a dot over its length, the mean of each length as a line; means of others, too."""
+    values = 100.0 * (np.degrees(errors.r_err) if rotation else errors.t_err)
     lengths = np.unique(errors.length).tolist()
     apart = np.min(np.diff(lengths), initial=lengths[0] if lengths else 1.0)
     spread = 0.3 * apart * (np.random.default_rng(0).random(len(errors)) - 0.5)
-    axis.plot(errors.length + spread, factor * values, ".", color=PALE, markersize=3)
-    for (name, each), colour in zip({"": errors, **others}.items(), (GOOD, *CYCLE[1:]), strict=False):
+    axis.plot(errors.length + spread, values, ".", color=PALE, markersize=3)
+    for (name, each), colour in zip({"estimate": errors, **others}.items(), (GOOD, *CYCLE[1:]), strict=False):
         means = [part.re if rotation else part.te for part in each.by_length(lengths).values()]
-        width, size = (1.2, 3) if name else (2.0, 6)
-        axis.plot(
-            lengths,
-            np.array(means, float),
-            "-o",
-            color=colour,
-            linewidth=width,
-            markersize=size,
-            label=name or None,
-        )
+        width = 1.2 if name in others else 2.0
+        axis.plot(lengths, np.array(means, float), "-o", color=colour, linewidth=width, label=name)
     highest = max(float(np.max(line.get_ydata(), initial=0.0)) for line in axis.get_lines())
     axis.set_ylim(0, room(1.05 * highest, least=1e-3))
-    if lengths:
-        axis.set_xlim(lengths[0] - 0.2 * apart, lengths[-1] + 0.2 * apart)
-        axis.set_xticks(lengths[:8])
-    else:
-        axis.text(0.5, 0.5, "no sub-sequence is so long", ha="center", transform=axis.transAxes)
+    if not lengths:
+        say(axis, "no sub-sequence is so long")
+    axis.set_xticks(lengths[:8])
     kind, unit = ("rotation", "RE [deg/100 m]") if rotation else ("translation", "TE [%]")
-    finish(axis, f"{kind} error by length", "length [m]", unit, "lower right")
+    finish(axis, f"{kind} error by length", "length [m]", unit)
 
 
 def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) -> Figure:
@@ -119,10 +88,24 @@ def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) ->
 def part_figure(
     truth: Array, estimate: Array, first: int, last: int, height: int = 300, number: int = 0
 ) -> Figure:
-    """The paths from one start, with a sub-sequence marked, and the sub-sequence by itself; as `draw_part`."""
+    """The paths from one start, and a sub-sequence with its starts made equal; `number` is that of frame 0."""
     made, (whole, part) = figure(height, 2)
     paths_chart(whole, from_first(truth), from_first(estimate), "the whole path", (first, last))
-    draw_part(part, truth, estimate, first, last, number)
+    piece, moved = _at_start(truth, estimate, first, last)
+    part.plot(*piece[:, [0, 2], 3].T, color=FIFTH, linewidth=5, alpha=0.7, label="truth")
+    part.plot(*moved[:, [0, 2], 3].T, color=GOOD, linewidth=1.5, label="estimate, moved")
+    ends = np.stack([piece[-1, [0, 2], 3], moved[-1, [0, 2], 3]])
+    part.plot(*ends.T, color=BAD, linewidth=2, label="error at the end")
+    size = 0.12 * float(np.ptp(piece[:, [0, 2], 3], axis=0).max() + 1e-9)
+    for pose, colour in ((piece[-1], FIFTH), (moved[-1], GOOD)):
+        tip = pose[[0, 2], 3] + size * pose[[0, 2], 2]
+        part.plot(*tip, alpha=0)  # annotations alone do not widen the axes
+        arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
+        part.annotate("", tip, pose[[0, 2], 3], arrowprops=arrow)
+    part.plot(*piece[0, [0, 2], 3], "o", color=DARK, markersize=5)
+    part.set_aspect("equal", adjustable="datalim")
+    title = f"frames {number + first} to {number + last}, starts made equal"
+    finish(part, title, "x, right [m]", "z, forward [m]")
     return made
 
 

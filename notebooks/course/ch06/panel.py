@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from vo_lib.config import PUBLISHED, preset
-from vo_lib.data.poses import from_first, read_kitti_poses, read_tum
-from vo_lib.data.sequence import Sequence
+from vo_lib.data.poses import from_first
 from vo_lib.errors import DataError
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, check_pair, relative_error, rmse
 from vo_lib.evaluation.kitti import KittiErrors, kitti_errors, suitable_measure
-from vo_lib.files import read_text
 from vo_lib.geometry.types import Array, Progress
-from vo_lib.runs.drive import run_methods
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.report.entries import te_and_re
+from vo_lib.report.paths import read_path
 from vo_lib.settings import Checked, setting
 
+from ..ch07.runs import has_run, poses_of
 from ..controls import Control
 from ..drawing import figure, photo, say, stack
-from ..frames import key_of, lacks, stereo, true_poses
+from ..frames import lacks, stereo, true_poses
 from ..made_up import made_up
 from ..panel import Drawing, Panel, State
 from ..results import Fact
-from .figures import PER_100_M, PER_CENT, drift_chart, length_chart, paths_chart
+from .figures import drift_chart, length_chart, paths_chart
 
 MADE_UP = "made-up errors"
 PATH_HEIGHT, CHART_HEIGHT = 330, 220
 MILLI = 1e3
-TUM_COLUMNS = 8
-
-_runs: dict[Hashable, Array] = {}
 
 
 @dataclass(frozen=True)
@@ -53,37 +49,7 @@ class EvaluationView(Checked):
     yaw: float = setting(1.0, "made-up: turns too far to the right", unit="deg/100 m", low=-5, high=5)
     noise: float = setting(5.0, "made-up: noise of each step", unit="mm", low=0, high=100)
     jitter: float = setting(0.0, "made-up: noise of each turn", unit="deg", low=0, high=0.5)
-    file: str = setting("", "its path, to judge that instead: KITTI's format (12 numbers a row) or TUM's (8)")
-
-
-def known_run(sequence: Sequence, method: str) -> Array | None:
-    """Poses of a method that `method_poses` has run here, or None."""
-    return _runs.get((*key_of(sequence, len(sequence)), method))
-
-
-def method_poses(sequence: Sequence, method: str, progress: Progress | None = None) -> Array:
-    """Poses (N, 4, 4) of a method over a whole sequence; the matches are kept on disk, the poses here."""
-    poses = known_run(sequence, method)
-    if poses is None:
-        config = preset(method)
-        matches = CachedMatches(sequence, config)
-        poses = run_methods(sequence, {method: config}, progress, matches)[method].poses
-        _runs[*key_of(sequence, len(sequence)), method] = poses
-    return poses
-
-
-def read_own(path: str, truth: Array) -> Array:
-    """Poses (N, 4, 4) of a file in KITTI's or TUM's format, as many as the truth has.
-
-    Raises
-    ------
-    DataError : the file cannot be read, or has another number of poses.
-    """
-    rows = [line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
-    is_tum = bool(rows) and len(rows[0].split()) == TUM_COLUMNS
-    poses = read_tum(path)[1] if is_tum else read_kitti_poses(path)
-    check_pair(truth, poses, f"{path}: ")
-    return poses
+    file: str = setting("", "path of a file to judge instead, in the format of KITTI, TUM or EuRoC")
 
 
 class EvaluationPanel(Panel):
@@ -129,16 +95,19 @@ class EvaluationPanel(Panel):
             raise DataError("the panel judges your file: empty its field to run a method")
         if state.view.estimate not in PUBLISHED:
             raise DataError(f"choose one of the methods as the estimate: {', '.join(PUBLISHED)}")
-        method_poses(state.sequence, state.view.estimate, progress)
+        poses_of(state.sequence, preset(state.view.estimate), progress)
         return self.draw(state)
 
     def _estimate(self, state: State, truth: Array) -> Array | None:
         view = state.view
-        if view.file.strip():
-            return read_own(view.file.strip(), truth)
+        if path := view.file.strip():
+            poses = read_path(Path(path))[1]
+            check_pair(truth, poses, f"{path}: ")
+            return poses
         if view.estimate == MADE_UP:
             return made_up(truth, view.scale, view.yaw, view.noise, view.jitter)
-        return known_run(state.sequence, view.estimate)
+        config = preset(view.estimate)
+        return poses_of(state.sequence, config) if has_run(state.sequence, config) else None
 
     def _judged(self, state: State, truth: Array, estimate: Array) -> Drawing:
         view, frame = state.view, state.frame
@@ -146,8 +115,9 @@ class EvaluationPanel(Panel):
         errors = kitti_errors(truth, estimate, lengths, view.step)
         part = longest_from(truth, estimate, lengths, frame)
         aligned, scale = align(truth, estimate, Alignment(view.alignment))
-        ate = rmse(absolute_error(truth, estimate, Alignment(view.alignment)).distance)
-        rpe = relative_error(truth, estimate)
+        distance = absolute_error(truth, estimate, Alignment(view.alignment)).distance
+        steps = relative_error(truth, estimate).translation
+        ate, rpe = np.array([rmse(distance), rmse(steps)], float).tolist()  # None becomes NaN
         shown = (int(part.first[0]), int(part.last[0])) if len(part) else None
         paths, (whole, piece) = figure(PATH_HEIGHT, 2)
         paths_chart(whole, truth, aligned, f"{state.sequence.name}, alignment {view.alignment}", shown)
@@ -156,21 +126,20 @@ class EvaluationPanel(Panel):
         else:
             drift_chart(piece, truth, estimate, *shown)
         others = {
-            name: kitti_errors(truth, poses, lengths, view.step)
+            name: kitti_errors(truth, poses_of(state.sequence, preset(name)), lengths, view.step)
             for name in PUBLISHED
-            if name != view.estimate and (poses := known_run(state.sequence, name)) is not None
+            if name != view.estimate and has_run(state.sequence, preset(name))
         }
         by_length, axes = figure(CHART_HEIGHT, 2)
         for axis, rotation in zip(axes, (False, True), strict=True):
             length_chart(axis, errors, others, rotation)
+        (te,), (re,) = te_and_re([errors]).tolist()
         facts = (
-            Fact("TE", _number(errors.te), "%", 3),
-            Fact("RE", _number(errors.re), "deg/100 m", 3),
+            Fact("TE", te, "%", 3),
+            Fact("RE", re, "deg/100 m", 3),
             Fact("sub-sequences", len(errors)),
-            Fact("TE here", _number(part.te), "%", 3),
-            Fact("RE here", _number(part.re), "deg/100 m", 3),
-            Fact("ATE", _number(ate), "m", 3),
-            Fact("RPE", MILLI * _number(rmse(rpe.translation)), "mm", 2),
+            Fact("ATE", ate, "m", 3),
+            Fact("RPE", MILLI * rpe, "mm", 2),
             Fact("scale", scale, "", 4),
         )
         return Drawing(stack([paths, by_length], self.height), _sentence(errors, part), facts)
@@ -186,14 +155,8 @@ def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], firs
 def _sentence(errors: KittiErrors, part: KittiErrors) -> str:
     if len(part) == 0:
         return "No sub-sequence of these lengths starts here: choose an earlier frame, or shorter lengths."
-    metres = float(part.t_err[0] * part.length[0])
-    degrees = float(np.degrees(part.r_err[0] * part.length[0]))
+    ((te,), (re,)), length = te_and_re([part]), part.length[0]
     return (
-        f"From frame {part.first[0]} to {part.last[0]}, {part.length[0]:g} m: the end is {metres:.2f} m off "
-        f"({PER_CENT * part.t_err[0]:.2f} %), and turned by {degrees:.2f}° ({PER_100_M * part.r_err[0]:.2f} "
-        f"deg/100 m). TE and RE are the means over {len(errors)} such sub-sequences."
+        f"From frame {part.first[0]} to {part.last[0]}, {length:g} m: the error at the end is "
+        f"{te * length / 100:.2f} m ({te:.2f} %) and {re * length / 100:.2f}° ({re:.2f} deg/100 m). TE and RE are the means over {len(errors)} such sub-sequences."
     )
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else value

@@ -14,11 +14,13 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.geometry.matches import empty_matches
 from vo_lib.geometry.types import Array
+from vo_lib.report.entries import te_and_re
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.front_end import TimedMatches
 from vo_lib.settings import replace
 
 from ..checker import Exercise, When
+from ..frames import true_poses
 from ..lessons import CAMERA, drive
 
 USED, TRUE = 5555.6, 100.0 * 180.0 / np.pi  # factors from rad/m to deg/100 m
@@ -53,14 +55,10 @@ def simulated() -> tuple[Sequence, list[TimedMatches]]:
 def errors_of_sets() -> tuple[Array, Array]:
     """TE and RE of `solution_selection` on the simulated frames by number of sets, (len(VALUES),) each."""
     sequence, matches = simulated()
-    assert sequence.truth is not None
-    errors = []
-    for value in VALUES:
-        config = replace(preset("solution_selection", variant="kit"), "selection.sets", value)
-        poses = run_methods(sequence, {"": config}, matches=matches)[""].poses
-        found = kitti_errors(sequence.truth, poses, LENGTHS, 1)
-        errors.append((found.te, found.re))
-    te, re = np.array(errors, np.float64).T
+    kit = preset("solution_selection", variant="kit")
+    configs = {str(value): replace(kit, "selection.sets", value) for value in VALUES}
+    runs = run_methods(sequence, configs, matches=matches).values()
+    te, re = te_and_re(kitti_errors(true_poses(sequence), run.poses, LENGTHS, 1) for run in runs)
     return te, re
 
 
@@ -79,6 +77,7 @@ paper_average = Exercise(
         "divided by more rows than have a number. In the first case three rows are left: 1, 2 and 6.": (
             lambda te: sum(rows(te)) / 10,
             lambda te: sum(rows(te)) / 11,
+            lambda te: sum(rows(te)) / len(te),
         ),
         "this is the median; *Avg* is a mean.": lambda te: np.median(rows(te)),
         "01 is in it, which has dashes in the paper's table.": lambda te: np.mean(rows(te, without="")),
@@ -103,7 +102,7 @@ true_rotation_error = Exercise(
     slips={"inverse": "this is the other way round: printed / 5555.6 is in rad/m."},
     mistakes={
         "this is the difference, not the RE.": When(
-            lambda got: min(abs(got - 0.0313), abs(got - 3.13)) < 3e-3
+            lambda got: min(abs(got - 0.0313), abs(got - 3.13) / 100) < 1e-3
         ),
         "{got:.3g} is in rad/m: multiply by 100 · 180/π.": When(lambda got: abs(got * USED - 1.0) < 0.02),
         "{got:.3g} is in degrees per metre: multiply by 100.": When(

@@ -6,30 +6,25 @@ import functools
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from vo_lib.config import PUBLISHED, change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors
-from vo_lib.geometry.types import Array, Progress
+from vo_lib.geometry.types import Progress
 from vo_lib.kit.settings import KitConfig
-from vo_lib.paper.settings import MethodConfig
+from vo_lib.report.entries import te_and_re
 from vo_lib.report.table1 import BOX_METHODS, VARIANT_WORDS
-from vo_lib.runs.drive import run_methods
 from vo_lib.runs.matches import CachedMatches
 from vo_lib.settings import Checked, setting
 
-from ..ch05.claim import claim_figure, step_errors
+from ..ch05.claim import claim_figure
 from ..controls import Control
 from ..drawing import photo, stack
-from ..frames import Memory, lacks, opened, stereo, true_poses
+from ..frames import lacks, opened, stereo, true_poses
 from ..panel import Drawing, Panel, State
 from ..results import Fact
-from .runs import part_of
+from .runs import part_of, poses_of
 
 FRAMES = 30
-
-_runs: Memory[Array] = Memory(400)
 
 
 @dataclass(frozen=True)
@@ -69,12 +64,7 @@ class ExplorePanel(Panel):
             name: value
             for name, value in settings.items()
             if not (name.startswith(("view.", "seed")) or self._lacks(state.config, name))
-            # A slider's 0.05 may be 0.04999999999999999.
-            and (
-                value != self._first[name]
-                if isinstance(value, str)
-                else abs(value - self._first[name]) > 1e-9
-            )
+            and _shown(value) != _shown(self._first[name])
         }
 
     def idle(self, state: State) -> set[str]:
@@ -95,9 +85,9 @@ class ExplorePanel(Panel):
         paths = {"preset": poses_of(sequence, base)}
         config = functools.reduce(lambda config, name: change(config, name, changed[name]), changed, base)
         paths["with these settings"] = poses_of(sequence, config)
-        (te_preset, re_preset), (te, re) = (errors_of(truth, poses) for poses in paths.values())
-        frame = min(state.frame, len(sequence) - 1)
-        turn, step = step_errors(sequence, paths["with these settings"])
+        measure = SHORT_MEASURE.lengths, SHORT_MEASURE.step
+        found = (kitti_errors(truth, poses, *measure) for poses in paths.values())
+        (te_preset, te), (re_preset, re) = te_and_re(found).tolist()
         facts = (
             Fact("TE", te, "%", 4),
             Fact("TE of the preset", te_preset, "%", 4),
@@ -105,16 +95,14 @@ class ExplorePanel(Panel):
             Fact("RE of the preset", re_preset, "deg/100 m", 4),
             Fact("five-point sets", state.config.selection.sets),
             Fact("settings changed", len(changed)),
-            Fact("rotation error here", float(turn[frame - 1]), "deg", 4),
-            Fact("translation error here", float(step[frame - 1]), "mm", 1),
         )
-        words = [f"{n} = {f'{v:g}' if isinstance(v, float) else v}" for n, v in changed.items()]
+        words = [f"{name} = {_shown(value)}" for name, value in changed.items()]
         sentence = (
             f"{method}, {VARIANT_WORDS[variant]}, {len(sequence)} frames; TE and RE over "
             f"{SHORT_MEASURE.words}, as far as the path goes. "
             f"Changed: {', '.join(words) or 'nothing'}."
         )
-        picture = claim_figure(sequence, paths, self.height, frame)
+        picture = claim_figure(sequence, paths, self.height, min(state.frame, len(sequence) - 1))
         return Drawing(stack([picture], self.height), sentence, facts)
 
     def _open(self, name: str) -> None:
@@ -126,18 +114,10 @@ class ExplorePanel(Panel):
                 report(done, len(sequence))
             return sequence
 
-        self.picture.value, self._text.value = self._white(), ""
+        self._clear()
         self.job.start(f"matching {FRAMES} frames of {name}", prepare, self._use, self._not_opened)
 
 
-def poses_of(sequence: Sequence, config: MethodConfig) -> Array:
-    """Poses (N, 4, 4) of a configuration on the kept matches: the back end alone."""
-    key = sequence.folder, sequence.frames[0], len(sequence), sequence.labels, config
-    matches = CachedMatches(sequence, config)
-    return _runs.get(key, lambda: run_methods(sequence, {"": config}, matches=matches)[""].poses)
-
-
-def errors_of(truth: Array, poses: Array) -> tuple[float, float]:
-    """TE in % and RE in deg/100 m over short sub-sequences; NaN where the path holds none."""
-    errors = kitti_errors(truth, poses, SHORT_MEASURE.lengths, SHORT_MEASURE.step)
-    return float(errors.te or np.nan), float(errors.re or np.nan)
+def _shown(value: Any) -> str:
+    """A setting as text; a slider's 0.05 may be 0.04999999999999999."""
+    return f"{value:g}" if isinstance(value, float) else str(value)

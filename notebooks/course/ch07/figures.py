@@ -8,7 +8,6 @@ import html
 import itertools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,60 +17,32 @@ from vo_lib.data.poses import from_first
 from vo_lib.evaluation.kitti import trajectory_distances
 from vo_lib.files import read_csv
 from vo_lib.geometry.types import Array
+from vo_lib.report import printed as table1
 from vo_lib.report.entries import Entry, group_entries
-from vo_lib.report.page import ReportTable, number, signed
-from vo_lib.report.plots import draw_drift, draw_errors, draw_trajectories
-from vo_lib.report.printed import (
-    AVERAGE,
-    PAPER_METHODS,
-    PAPER_ROWS,
-    PRINTED_NAMES,
-    PROPOSAL,
-    PaperTable,
-    read_paper_table,
-)
+from vo_lib.report.page import SPREADS, ReportTable, number, signed
+from vo_lib.report.plots import draw_drift, draw_trajectories
 from vo_lib.report.table1 import ERROR_KINDS, layout_tables
 
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
 from ..ch05.claim import results_table as results_table
 from ..colours import CYCLE, DARK, PALE
-from ..drawing import FONT_SIZE, figure, finish, log_axis, say
+from ..drawing import FONT_SIZE, figure, finish, log_axis
 
-UNITS = "TE [%]", "RE [deg/100 m]"
-SPREADS, FEWEST = 2.0, 3  # standard deviations that a difference may have; seeds that a verdict needs
+PATHS_HEIGHT = 340
+FEWEST = 3  # seeds that a verdict needs
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 
 
-def errors_figure(entries: list[Entry], height: int) -> Figure:
-    """TE and RE of methods on a sequence: a bar a method, a line for one standard deviation over the seeds."""
-    made, axes = figure(height, 2)
-    errors = {(entry.sequence, entry.method): entry.errors for entry in entries}
-    for axis, kind, unit in zip(axes, (0, 1), UNITS, strict=True):
-        draw_errors(axis, errors, kind)
-        finish(axis, ("translation error", "rotation error")[kind], "", unit)
-        bars: Any = axis.patches
-        legend: Any = axis.get_legend()  # the names are below the bars
-        names = [entry.method.replace("_selection", "\nselection") for entry in entries]
-        axis.set_xticks([bar.get_x() + bar.get_width() / 2 for bar in bars], names)
-        legend.remove()
-    return made
+def paths_figure(title: str, truth: Array, estimates: dict[str, Array], frame: int = 0) -> Figure:
+    """Paths from above, as the paper's Figure 4, and beside them their distances from the truth.
 
-
-def paths_figure(
-    title: str, truth: Array, estimates: dict[str, Array], height: int = 340, frame: int = 0, words: str = ""
-) -> Figure:
-    """Paths from above, as the paper's Figure 4, and beside them how far they are from the truth.
-
-    truth : (N, 4, 4); estimates : (N, 4, 4) by name; frame : marked on both; words : in place of the distances.
+    truth : (N, 4, 4); estimates : (N, 4, 4) by name; frame : marked in both pictures.
     """
-    made, (paths, drift) = figure(height, 2)
+    made, (paths, drift) = figure(PATHS_HEIGHT, 2)
     draw_trajectories(paths, "", truth, estimates)
     place = from_first(truth)[frame, [0, 2], 3]
     paths.plot(*place, "o", color=DARK, markersize=7, markerfacecolor="none")
     finish(paths, title, "x, right [m]", "z, forward [m]")
-    if words:
-        say(drift, words)
-        return made
     draw_drift(drift, truth, estimates)
     drift.axvline(float(trajectory_distances(truth)[frame]), color=PALE, linewidth=1)
     finish(drift, "distance from the truth", "along the path [m]", "distance [m]")
@@ -80,11 +51,11 @@ def paths_figure(
 
 def tables_of(entries: list[Entry]) -> list[ReportTable]:
     """TE and RE of methods, mean ± standard deviation over the seeds; the paper's beside whole sequences alone."""
-    paper = read_paper_table()
+    paper = table1.read_paper_table()
     return [table for group in group_entries(entries) for table in layout_tables(group, paper)]
 
 
-def verdicts(folder: Path, paper: PaperTable) -> list[ReportTable]:
+def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
     """A verdict on each printed TE and RE that a report of `vo reproduce` has; none without a report.
 
     The paper's number is one run more. It is within the spread where it differs from the mean of our n seeds by at
@@ -96,8 +67,8 @@ def verdicts(folder: Path, paper: PaperTable) -> list[ReportTable]:
     published = {(r["sequence"], r["method"]): r for r in records if r["variant"] == "published"}
     for kind, (words, digits) in ERROR_KINDS.items() if published else ():
         rows, counts = [], collections.Counter[str]()
-        for row, method in itertools.product(PAPER_ROWS, PAPER_METHODS):
-            ours = published.get((row if row == AVERAGE else f"{KITTI}{row}", method), {})
+        for row, method in itertools.product(table1.PAPER_ROWS, table1.PAPER_METHODS):
+            ours = published.get((row if row == table1.AVERAGE else f"{KITTI}{row}", method), {})
             printed = paper.value(row, method)[kind == "re_deg_per_100m"]
             cells, verdict = ["–"] * 3, "cannot be told: not run"
             if ours and not ours[f"paper_{kind}"]:
@@ -108,13 +79,14 @@ def verdicts(folder: Path, paper: PaperTable) -> list[ReportTable]:
                 most = SPREADS * deviation * np.sqrt(1 + 1 / n) + 0.5 * 10**-digits
                 cells = [number(float(ours[kind])), signed(less, digits), number(most)]
                 verdict = "reproduced" if abs(less) <= most else "not reproduced"
-                verdict = "cannot be told: fewer than three seeds" if n < FEWEST else verdict
-                without = (
-                    method == PROPOSAL and ours.get("removed_share") and not float(ours["removed_share"])
-                )
-                verdict = "cannot be told: no boxes" if without else verdict
+                if n < FEWEST:
+                    verdict = "cannot be told: fewer than three seeds"
+                elif method == table1.PROPOSAL and float(ours["removed_share"] or "nan") == 0.0:
+                    verdict = "cannot be told: no boxes"
             if ours:
-                rows.append([f"{row} {PRINTED_NAMES[method]}", number(printed, digits), *cells, verdict])
+                rows.append(
+                    [f"{row} {table1.PRINTED_NAMES[method]}", number(printed, digits), *cells, verdict]
+                )
             counts[verdict] += printed is not None
         columns = ["sequence, system", "printed", "ours", "difference", "allowed", "verdict"]
         head = "; ".join(f"{verdict}: {count}" for verdict, count in counts.items() if count)
@@ -162,9 +134,9 @@ def choice_ratios(path: Path = CHOICES) -> dict[str, dict[str, dict[str, float]]
     return {name: ratios[name] for name in sorted(ratios, key=size, reverse=True)}
 
 
-def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]], height: int = 380) -> Figure:
-    """A line an alternative, a dot a sequence: left of 1 the other choice is better, right of it worse."""
-    made, (axis,) = figure(height)
+def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
+    """A line per alternative, a dot per sequence: left of 1 the other choice is better, right of 1 worse."""
+    made, (axis,) = figure(380)
     box = axis.get_position()
     axis.set_position((0.27, box.y0, 0.57, box.height))  # room for names and for the legend
     lines = [(f"{name}: {words}", cells) for name, each in ratios.items() for words, cells in each.items()]
@@ -176,10 +148,9 @@ def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]], heig
     axis.axvline(1.0, color=DARK, linewidth=0.8)
     axis.set_yticks(range(len(lines)), [words for words, _ in lines])
     axis.set_ylim(len(lines) - 0.5, -0.5)
+    axis.grid(axis="y", color=PALE, linewidth=0.5)
     values = [value for _, cells in lines for value in cells.values()]
-    ends = 0.9 * min(values), 1.1 * max(values)
-    axis.hlines(range(len(lines)), *ends, color=PALE, linewidth=0.5, zorder=0)
-    log_axis(axis.xaxis, *ends, (1.0, 2.0, 3.0, 5.0, 7.0))
+    log_axis(axis.xaxis, 0.9 * min(values), 1.1 * max(values), (1.0, 2.0, 3.0, 5.0, 7.0))
     finish(axis, "translation error with another choice", "TE with it / TE as published")
     axis.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=FONT_SIZE - 1, frameon=False)
     return made

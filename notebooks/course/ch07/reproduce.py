@@ -19,11 +19,9 @@ from ..drawing import photo, stack
 from ..frames import lacks, stereo, true_poses
 from ..panel import Drawing, Panel, State
 from ..results import Fact
-from .figures import errors_figure, paths_figure, table_html, tables_of
+from .figures import PATHS_HEIGHT, paths_figure, table_html, tables_of
 from .runs import Plan, part_of, run_plan
 
-PATHS_HEIGHT, ERRORS_HEIGHT = 340, 240
-IMAGE_HEIGHT = 297  # of a frame, before anything was run
 GAIN = ("solution_selection", "feature_selection")  # before and after features in boxes are removed
 
 
@@ -43,7 +41,7 @@ class ReproducePanel(Panel):
     title = "Table 1 and Figure 4"
     view = ReproduceView
     kit = preset(GAIN[1], variant="kit")
-    height = PATHS_HEIGHT + ERRORS_HEIGHT
+    height = PATHS_HEIGHT
     long_job = "Run the methods"
     controls = (
         Control("view.methods", "systems"),
@@ -54,7 +52,7 @@ class ReproducePanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         if lacking := lacks(state.sequence):
-            image = photo(stereo(state.sequence, state.frame)[0], height=IMAGE_HEIGHT)
+            image = photo(stereo(state.sequence, state.frame)[0], height=self.height)
             return Drawing(stack([image], self.height), lacking)
         plan = _plan(state)
         sequence, truth = plan.sequence, true_poses(plan.sequence)
@@ -62,30 +60,21 @@ class ReproducePanel(Panel):
         title = f"{sequence.name}, frames {sequence.frames[0]} to {sequence.frames[-1]}"
         if not plan.is_run:
             runs = len(plan.methods) * plan.seeds
-            words = [
-                f"Not run yet, {plan.variant}:",
-                f"{len(plan.methods)} methods × {plan.seeds} seeds = {runs} runs",
-                f"of {len(sequence)} frames, boxes: {state.view.model}, judged over",
-                suitable_measure(truth).words,
-            ]
-            image = photo(stereo(sequence, frame)[0], height=IMAGE_HEIGHT)
-            paths = paths_figure(title, truth, {}, self.height - IMAGE_HEIGHT, frame, "\n".join(words))
-            return Drawing(stack([image, paths], self.height), "Press Run.", (Fact("runs", runs),))
-        entries = run_plan(plan)
-        poses = {entry.method: entry.poses for entry in entries}
-        paths = paths_figure(title, truth, poses, PATHS_HEIGHT, frame)
-        facts = [
-            fact
-            for entry in entries
-            for fact in (
-                Fact(f"TE {entry.method}", float(entry.te.mean()), "%", 3),
-                Fact(f"RE {entry.method}", float(entry.re.mean()), "deg/100 m", 3),
+            sentence = (
+                f"Not run yet: {len(plan.methods)} methods of {plan.variant} × {plan.seeds} seeds on {len(sequence)} "
+                f"frames, boxes: {state.view.model}, measured over {suitable_measure(truth).words}. Press Run."
             )
-        ]
-        sentence = f"{_gain(entries)} The run folders are in {plan.folder}."
+            picture = stack([paths_figure(title, truth, {}, frame)], self.height)
+            return Drawing(picture, sentence, (Fact("runs", runs),))
+        entries = run_plan(plan)
+        paths = paths_figure(title, truth, {entry.method: entry.poses for entry in entries}, frame)
+        facts = tuple(
+            Fact(f"{kind} {entry.method}", float(errors.mean()), unit, 3)
+            for entry in entries
+            for kind, unit, errors in (("TE", "%", entry.te), ("RE", "deg/100 m", entry.re))
+        )
         tables = "".join(map(table_html, tables_of(entries)))
-        picture = stack([paths, errors_figure(entries, ERRORS_HEIGHT)], self.height)
-        return Drawing(picture, sentence, tuple(facts), tables)
+        return Drawing(stack([paths], self.height), _gain(entries), facts, tables)
 
     def work(self, state: State, progress: Progress) -> Drawing:
         plan = _plan(state)

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
-from pathlib import Path
 
 from vo_lib.config import preset
 from vo_lib.data.catalogue import KITTI, available, open_sequence
-from vo_lib.data.drawn import cache_folder
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.labels import labelled_sequence
 from vo_lib.detection.models import list_detectors
 from vo_lib.evaluation.kitti import KITTI_MEASURE, suitable_measure
-from vo_lib.geometry.types import Progress
+from vo_lib.geometry.types import Array, Progress
+from vo_lib.paper.settings import MethodConfig
 from vo_lib.report.entries import Entry, measure_runs
 from vo_lib.runs.drive import run_methods
-from vo_lib.runs.folder import run_folder, write_run
-from vo_lib.runs.identity import run_identity
 from vo_lib.runs.matches import CachedMatches
 
 from ..frames import Memory, opened
@@ -26,6 +24,26 @@ WHOLE = "kitti/04"  # the shortest sequence of Table 1, 271 frames
 FIRST = {"kitti/00": 16}  # where a part begins: the true steps before are wrong by up to 20 cm
 
 _entries: Memory[list[Entry]] = Memory(12)
+_poses: Memory[Array] = Memory(400)
+
+
+def _key(sequence: Sequence, *others: Hashable) -> tuple[Hashable, ...]:
+    """What decides a result on a sequence."""
+    return sequence.folder, sequence.labels, sequence.frames[0], len(sequence), *others
+
+
+def has_run(sequence: Sequence, config: MethodConfig) -> bool:
+    """Whether `poses_of` has the result already."""
+    return _key(sequence, config) in _poses
+
+
+def poses_of(sequence: Sequence, config: MethodConfig, progress: Progress | None = None) -> Array:
+    """Poses (N, 4, 4) of a configuration; the matches are kept on disk, the poses in memory."""
+
+    def run() -> Array:
+        return run_methods(sequence, {"": config}, progress, CachedMatches(sequence, config))[""].poses
+
+    return _poses.get(_key(sequence, config), run)
 
 
 @dataclass(frozen=True)
@@ -38,16 +56,9 @@ class Plan:
     variant: str
 
     @property
-    def key(self) -> tuple[object, ...]:
+    def key(self) -> tuple[Hashable, ...]:
         """What decides the result."""
-        sequence = self.sequence
-        place = sequence.folder, sequence.labels, sequence.frames[0], len(sequence)
-        return *place, self.methods, self.seeds, self.variant
-
-    @property
-    def folder(self) -> Path:
-        """Where its run folders are written."""
-        return cache_folder().parent / "runs" / "chapter7" / f"{len(self.sequence)}_frames"
+        return _key(self.sequence, self.methods, self.seeds, self.variant)
 
     @property
     def is_run(self) -> bool:
@@ -85,21 +96,19 @@ def clip(
 
 
 def run_plan(plan: Plan, progress: Progress | None = None) -> list[Entry]:
-    """Errors of each method, all run on the same matches; run folders are written once the last frame is done.
+    """Errors of each method, all run on the same matches.
 
     They are taken over KITTI's sub-sequences where the path holds one, else over shorter ones.
     """
-    return _entries.get(plan.key, lambda: _run(plan, progress))
 
+    def run() -> list[Entry]:
+        pairs = [(method, seed) for method in plan.methods for seed in range(plan.seeds)]
+        configs = {f"{m} {seed}": preset(m, variant=plan.variant, seed=seed) for m, seed in pairs}
+        matches = CachedMatches(plan.sequence, next(iter(configs.values())))
+        runs = [*run_methods(plan.sequence, configs, progress, matches).values()]
+        return [
+            measure_runs(method, runs[i * plan.seeds :][: plan.seeds])
+            for i, method in enumerate(plan.methods)
+        ]
 
-def _run(plan: Plan, progress: Progress | None) -> list[Entry]:
-    names = {(method, seed): f"{method} {seed}" for method in plan.methods for seed in range(plan.seeds)}
-    configs = {name: preset(m, variant=plan.variant, seed=seed) for (m, seed), name in names.items()}
-    first = next(iter(configs.values()))
-    matches = CachedMatches(plan.sequence, first)
-    runs = run_methods(plan.sequence, configs, progress, matches)
-    place = plan.folder / plan.variant / plan.sequence.folder.name
-    for (method, seed), name in names.items():
-        with run_folder(place / method / f"seed_{seed}") as folder:
-            write_run(folder, runs[name], run_identity(plan.sequence, configs[name], method))
-    return [measure_runs(m, [runs[names[m, seed]] for seed in range(plan.seeds)]) for m in plan.methods]
+    return _entries.get(plan.key, run)

@@ -33,12 +33,10 @@ def drift_of(poses: Array, sequence: Sequence) -> float:
     return 100.0 * float(np.linalg.norm((np.linalg.inv(poses[0]) @ poses[-1])[:3, 3] - end)) / way(truth)
 
 
-def measured(
-    poses: Array, sequence: Sequence, lengths: tuple[float, ...] = (20.0,), step: int = 1
-) -> tuple[float, float]:
-    """TE in % and RE in deg/100 m of poses (N, 4, 4)."""
-    found = kitti_errors(true_poses(sequence), poses, lengths, step)
-    return float(found.te or np.nan), float(found.re or np.nan)
+def measured(poses: Array, sequence: Sequence, lengths: tuple[float, ...] = (10.0,), step: int = 2) -> Array:
+    """TE in % and RE in deg/100 m, (2,), of poses (N, 4, 4)."""
+    errors = kitti_errors(true_poses(sequence), poses, lengths, step)
+    return np.array([errors.te, errors.re], float)  # None becomes NaN
 
 
 all_yours = Exercise(
@@ -84,15 +82,18 @@ te_and_re = Exercise(
     parts=("te", "re"),
     atol=6e-4,
     slips={"share": "TE is a fraction: times 100.", "radians": "this is in radians; RE is in degrees."},
-    task="TE in % and RE in deg/100 m of the estimate over 20 m, a start every frame.",
+    task="TE in % and RE in deg/100 m of the estimate over 10 m, a start at every second frame.",
     praise="TE {right[0]:.3f} %, RE {right[1]:.3f} deg/100 m.",
-    hint="call your own `all_errors` with one length and a step of one frame.",
-    line="te_re = mine.all_errors(street.truth, yours, (20,), 1)",
+    hint="call your own `all_errors` with one length and a step of two frames.",
+    line="te_re = mine.all_errors(street.truth, yours, (10,), 2)",
     mistakes={
-        "these pieces start at every tenth frame; the step is 1.": partial(measured, step=10),
-        "these pieces have other lengths than 20 m.": (
-            partial(measured, lengths=(10.0,)),
-            partial(measured, lengths=(20.0, 50.0)),
+        "these pieces start at other frames; the step is 2.": (
+            partial(measured, step=10),
+            partial(measured, step=1),
+        ),
+        "these pieces have other lengths than 10 m.": (
+            partial(measured, lengths=(20.0,)),
+            partial(measured, lengths=(20.0,), step=1),
         ),
     },
 )
@@ -131,7 +132,8 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
     paper = [run.poses for run in run_methods(sequence, configs).values()]
     try:
         mine, theirs = (
-            np.mean([measured(np.asarray(p), sequence)[1] for p in each]) for each in (paths, paper)
+            np.mean([measured(np.asarray(p), sequence, (20.0,), 1)[1] for p in each])
+            for each in (paths, paper)
         )
     except (DataError, ValueError, TypeError) as error:
         return Verdict(

@@ -50,10 +50,9 @@ def random_problems(
     motion: Motion = "general",
     *,
     noise_px: float = 0.0,
-    baseline: float = 1.0,
     rotation: float | None = None,
 ) -> PoseProblems:
-    """Draw `count` problems of `points` matches seen by both cameras.
+    """Draw `count` problems of `points` matches seen by both cameras; t_cp has one metre.
 
     Parameters
     ----------
@@ -61,11 +60,8 @@ def random_problems(
         "planar" and "planar_forward" the same with all points of a problem on one plane of random tilt;
         "small_baseline" 1 cm in any direction; "pure_rotation" no translation.
     noise_px : standard deviation of Gaussian noise on every image coordinate, pixels.
-    baseline : length of t_cp, metres; not used by "small_baseline" and "pure_rotation".
     rotation : largest rotation angle, radians; by default 0.3, and 0.05 when moving forward as a car does.
     """
-    if motion not in MOTIONS:
-        raise ValueError(f"motion {motion!r} is not one of {', '.join(MOTIONS)}")
     forward = motion in ("forward", "planar_forward")
     if rotation is None:
         rotation = 0.05 if forward else 0.3
@@ -75,7 +71,7 @@ def random_problems(
         t_cp = np.tile([0.0, 0.0, -1.0], (count, 1))  # the scene comes nearer
     elif motion == "sideways":
         t_cp = np.tile([-1.0, 0.0, 0.0], (count, 1))
-    t_cp = t_cp * {"small_baseline": 0.01, "pure_rotation": 0.0}.get(motion, baseline)
+    t_cp = t_cp * {"small_baseline": 0.01, "pure_rotation": 0.0}.get(motion, 1.0)
     X_p = _visible_points(rng, R_cp, t_cp, points, planar=motion.startswith("planar"))
     X_c = X_p @ np.swapaxes(R_cp, 1, 2) + t_cp[:, None]
     E = essential_from_motion(R_cp, t_cp)
@@ -114,4 +110,4 @@ def _visible_points(rng: np.random.Generator, R_cp: Array, t_cp: Array, points: 
         seen = (depth > NEAREST / 2) & (depth < 2 * FARTHEST) & (depth_c > IN_FRONT)
         X_p[s[seen], n[seen]] = X[seen]
         todo[s[seen], n[seen]] = False
-    raise ValueError("no points in front of both cameras: the baseline or the rotation is too large")
+    raise ValueError("no points in front of both cameras: the rotation is too large")

@@ -13,15 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import inverse, rigid, rotation_from_vector, transform
 from vo_lib.geometry.rows import Rows, joined
 from vo_lib.geometry.types import Array, BoolArray, IntArray
-from vo_lib.settings import Checked, setting
-
-Rng = np.random.Generator
 
 ROUNDS = 8  # attempts to fill a frame with points before it is left with fewer
 NEAREST, FARTHEST = 4.0, 70.0  # metres, depth of the points
@@ -30,18 +26,16 @@ AHEAD = rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))  # an object's way from fram
 
 
 @dataclass(frozen=True)
-class TrackConfig(Checked):
+class TrackConfig:
     """What the simulated front end finds."""
 
-    points: int = setting(400, "Matches in each frame.", low=1, high=20000)
-    noise: float = setting(0.2, "Standard deviation of each coordinate measured.", unit="px", low=0, high=10)
-    wrong: float = setting(0.0, "Share of matches whose current pair shows another point.", low=0, high=1)
-    moving: float = setting(0.0, "Share of matches on moving objects.", low=0, high=1)
-    objects: int = setting(2, "Moving objects in view.", low=1, high=20)
-    object_heading: float = setting(
-        0.0, "Heading of objects, to the right of the camera's.", unit="deg", low=-180, high=180
-    )
-    survival: float = setting(0.8, "Share of features found again in the next frame.", low=0, high=1)
+    points: int = 400  # matches in each frame
+    noise: float = 0.2  # standard deviation of each measured coordinate, pixels
+    wrong: float = 0.0  # share of matches whose current pair shows another point
+    moving: float = 0.0  # share of matches on moving objects
+    objects: int = 2  # moving objects in view
+    object_heading: float = 0.0  # of the objects, degrees to the right of the camera's
+    survival: float = 0.8  # share of features that are matched again in the next frame
 
 
 @dataclass(frozen=True)
@@ -78,7 +72,7 @@ class _Features(Rows):
 
 
 def simulate_tracks(
-    poses: Array, camera: StereoCamera, config: TrackConfig | None = None, seed: int | Rng = 0
+    poses: Array, camera: StereoCamera, config: TrackConfig | None = None, seed: int = 0
 ) -> Iterator[SimulatedFrame]:
     """Matches along a trajectory, frame by frame.
 
@@ -87,15 +81,13 @@ def simulate_tracks(
     poses : (N, 4, 4) T_w_c of the left camera, for example KITTI's ground truth.
     camera : the stereo camera, with its image size.
     config : how many points, how good and how many of them lie.
-    seed : number or generator from which all chance follows.
+    seed : of all random numbers.
 
     Yields
     ------
     SimulatedFrame for the pairs 1 to N - 1. What is measured in the current pair is the previous pair of the
     next frame, as with a real tracker. With zero noise the right matches satisfy the geometry exactly.
     """
-    if camera.width <= 0 or camera.height <= 0:
-        raise DataError("simulated matches need the size of the image in the camera")
     street = _Street(
         np.asarray(poses, np.float64), camera, config or TrackConfig(), np.random.default_rng(seed)
     )
@@ -105,7 +97,7 @@ def simulate_tracks(
 class _Street:
     """The state that runs along: features alive, and where the objects are."""
 
-    def __init__(self, poses: Array, camera: StereoCamera, config: TrackConfig, rng: Rng):
+    def __init__(self, poses: Array, camera: StereoCamera, config: TrackConfig, rng: np.random.Generator):
         self.poses, self.camera, self.config, self.rng = poses, camera, config, rng
         self.from_world = inverse(poses)
         # Poses T_w_o of the objects in the current pair; far away until they are placed.
