@@ -9,7 +9,8 @@ import ipywidgets as widgets
 
 from vo_lib.settings import Setting
 
-COLUMN = {"flex": "0 1 300px", "min_width": "260px", "margin": "0 12px 0 0"}  # of controls
+COLUMN = {"flex": "0 1 320px", "min_width": "260px", "margin": "0 12px 0 0"}  # of controls
+LABEL_WIDTH = "150px"  # of the longest label: all sliders begin below each other
 STEPS = 100  # of a slider for numbers, where no step is given
 
 
@@ -62,8 +63,8 @@ class Knob:
 
 def labelled(words: str) -> dict[str, Any]:
     """Words before a widget, and a width that follows its column."""
-    style, layout = {"description_width": "initial"}, {"width": "auto"}
-    return {"description": words, "style": style, "layout": layout}
+    style = {"description_width": LABEL_WIDTH}
+    return {"description": words, "style": style, "layout": {"width": "auto"}}
 
 
 def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:

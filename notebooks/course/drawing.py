@@ -131,7 +131,7 @@ def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
 
 def caption(picture: Image, words: str) -> Image:
     """Words on a dark strip in the upper left corner of a BGR picture; ASCII only."""
-    font, size, white = cv2.FONT_HERSHEY_SIMPLEX, 0.42, (255, 255, 255)
+    font, size, white = cv2.FONT_HERSHEY_SIMPLEX, 0.48, (255, 255, 255)
     (w, h), _ = cv2.getTextSize(words, font, size, 1)
     out = picture.copy()
     out[: h + 10, : w + 12] = out[: h + 10, : w + 12] // 4

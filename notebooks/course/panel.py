@@ -133,6 +133,8 @@ class Panel:
             self.variant.observe(self.redraw, "value")
         self.knobs = self._make_knobs({key.replace("__", "."): value for key, value in values.items()})
         self._first = {"frame": frame, **{name: knob.widget.value for name, knob in self.knobs.items()}}
+        if self.variant is not None:
+            self._first["variant"] = VARIANTS[0]
         self.chooser = widgets.Dropdown(options=[*available()], value=None, **labelled("sequence"))
         self.folder = widgets.Text(placeholder="path of a folder", continuous_update=False, **labelled("or"))
         self.frame = widgets.IntSlider(
@@ -229,8 +231,7 @@ class Panel:
 
     def reset(self, _: Any = None) -> None:
         """Every control as at the start; the sequence stays."""
-        variant = {} if self.variant is None else {"variant": VARIANTS[0]}
-        self.set(**{**self._first, **variant, "frame": min(self._first["frame"], self.frame.max)})
+        self.set(**self._first)
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         return self.box._repr_mimebundle_(**options)
@@ -277,15 +278,13 @@ class Panel:
         return not name.startswith("view.") and name not in {item.name for item in declared(type(config))}
 
     def _make_knobs(self, first: dict[str, Any]) -> dict[str, Knob]:
-        configs = [config for config in (self.start, self.kit) if config is not None]
-        settings = {item.name: item for config in configs for item in declared(type(config))}
-        settings |= {item.name: item for item in (declared(self.view, "view.") if self.view else ())}
+        own = declared(self.view, "view.") if self.view else ()
+        settings = {item.name: (item, item.default) for item in own}
+        for config in filter(None, (self.kit, self.start)):
+            settings |= {item.name: (item, attrgetter(item.name)(config)) for item in declared(type(config))}
         knobs = {}
         for control in self.controls:
-            setting, value = settings[control.name], settings[control.name].default
-            for config in reversed(configs):
-                if not control.name.startswith("view.") and not self._lacks(config, control.name):
-                    value = attrgetter(control.name)(config)
+            setting, value = settings[control.name]
             knobs[control.name] = Knob(control, setting, first.pop(control.name, value))
             knobs[control.name].widget.observe(self.redraw, "value")
         if first:
@@ -339,6 +338,6 @@ class Panel:
                 self._frames[self._sequence.name] = self.frame.value
             self._sequence, self._home, self.facts = sequence, self._home or sequence, {}
             self.frame.max = len(sequence) - 1
-            self.frame.value = min(self._frames.get(sequence.name, self.frame.value), self.frame.max)
+            self.frame.value = self._frames.get(sequence.name, self.frame.value)  # or its maximum
             self._quiet = quiet
         self.redraw()

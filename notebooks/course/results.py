@@ -190,7 +190,7 @@ class Fact:
 def facts_html(sentence: str, facts: tuple[Fact, ...], before: dict[str, float]) -> str:
     """A sentence, and below it the facts in a row, each with its change since `before`."""
     cells = "".join(
-        '<div style="margin-right:26px">'
+        '<div style="margin:0 26px 4px 0">'
         f'<div style="font-size:11px;opacity:.7">{html.escape(fact.name)}</div>'
         f'<div style="font-size:15px">{fact.text(before.get(fact.name))}</div></div>'
         for fact in facts
