@@ -1,4 +1,4 @@
-"""The checker of all exercises: it runs an answer over the cases and says what is wrong with it."""
+"""The checker of all exercises: it calls an answer with each case and names the mistake."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from .results import (
 )
 
 Case = tuple[Any, ...]  # the inputs of a call
-LONGEST = 80  # characters of an input that a message tells
-TRIES = 3  # different wrong answers before the line of code is told
-FLOAT32 = 1e-5  # share by which results of single precision may differ
+LONGEST = 80  # maximal length of an input in a message, characters
+TRIES = 3  # different wrong answers in a row, after which the line of code is shown
+FLOAT32 = 1e-5  # relative tolerance of results in single precision
 NO_ANSWER = Verdict(False, "there is no answer, replace the dots.", tried=False)
 
 
 @dataclass(frozen=True)
 class When:
-    """A mistake that is told by a test of (the first wrong result, *inputs)."""
+    """A mistake that is recognised by a test of (the first wrong result, *inputs)."""
 
     test: Callable[..., Any]
 
@@ -53,61 +53,61 @@ def _of_mask(make: Callable[[Array], Any]) -> Callable[[Array], Any]:
     return lambda right: make(right) if right.ndim and np.isin(right, (0, 1)).all() else None
 
 
-# Slips that any exercise may be answered with: words, and what a right result becomes.
+# Slips that are possible in any exercise: the message, and the function that turns right results into wrong ones.
 SLIPS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "sign": ("{what} has the wrong sign.", np.negative),
     "double": ("{what} is off by a factor of two.", lambda right: 2.0 * right),
     "half": ("{what} is off by a factor of two.", lambda right: 0.5 * right),
     "share": (
-        "{what} is a hundredth of what is asked for: a share, not per cent?",
+        "{what} is a hundredth of the right one: a share instead of per cent?",
         lambda right: right / 100,
     ),
-    "radians": ("{what} is in radians; degrees are asked for.", np.radians),
-    "degrees": ("{what} is in degrees; radians are asked for.", np.degrees),
-    "inverse": ("{what} is one divided by what is asked for.", lambda right: 1.0 / right),
-    "square": ("{what} is the square of what is asked for.", np.square),
-    "one more": ("{what} is too large by one: where does counting begin?", lambda right: right + 1),
-    "one less": ("{what} is too small by one: where does counting begin?", lambda right: right - 1),
+    "radians": ("{what} is in radians; the task asks for degrees.", np.radians),
+    "degrees": ("{what} is in degrees; the task asks for radians.", np.degrees),
+    "inverse": ("{what} is one divided by the right one.", lambda right: 1.0 / right),
+    "square": ("{what} is the square of the right one.", np.square),
+    "one more": ("{what} is too large by one: is the first index zero?", lambda right: right + 1),
+    "one less": ("{what} is too small by one: is the first index zero?", lambda right: right - 1),
     "transposed": ("{what} is transposed.", lambda right: np.swapaxes(right, -1, -2)),
     "columns": ("{what} has its columns exchanged.", lambda right: right[:, ::-1]),
-    "order": ("these are the right ones in another order.", in_order),
+    "order": ("these are the right results in another order.", in_order),
     "indices": (
-        "these are indices; a mask was asked for, one True or False for each.",
+        "these are indices; the task asks for a mask, one True or False for each.",
         _of_mask(np.flatnonzero),
     ),
-    "inverted": ("the mask is upside down: good and bad are exchanged.", _of_mask(lambda right: 1 - right)),
+    "inverted": ("the mask is inverted: good and bad are exchanged.", _of_mask(lambda right: 1 - right)),
 }
 
 
 def any_order(indices: Array) -> Array:
-    """The form of a result whose order is free."""
+    """The form of a result whose order does not matter."""
     return np.sort(indices, axis=None) if indices.ndim < 2 else indices
 
 
 @dataclass(eq=False, repr=False)
 class Exercise:
-    """An exercise; called with an answer, and what the task needs beside it, it gives the `Verdict`.
+    """An exercise; a call with an answer, and with further data that the task names, returns the `Verdict`.
 
-    An answer is right when its results are those of `right` in every case. If not, it is compared with the
-    known mistakes: the one that gives the same results beyond the first wrong one, and for longest, is named;
-    else a slip, and else a mistake whose test holds. A failure is told the idea (the mistake or the `hint`); the
-    third different wrong answer in a row also the `line` of code.
+    An answer is right if its results equal those of `right` in every case. A wrong answer is compared with the
+    known mistakes: the message names the mistake that has the same results in the largest number of cases; else
+    a slip, and else a mistake whose test holds. A verdict has the idea (the mistake or the `hint`); the third
+    different wrong answer in a row also gets the `line` of code.
 
     Parameters
     ----------
-    right : a function of a case's inputs; a value; or, where a panel is read, facts of one that passes.
-    cases : where the answer is a function, gives the inputs of its calls, simple ones first.
-    also : other answers that are right.
-    task, praise, hint : what is to be done; what is said of a right answer, and of one that is wrong in a way
-        not known. Of `got` and `right`, results of the first case, or of facts, by their names.
-    line : what is to be written, told from the third different failure on; the hint where there is none.
-    library : the library's functions that an answer must not call.
-    mistakes : by the words they are told in, of `got` and `right` or of facts: answers that make the mistake,
-        functions of a case's inputs or values, one or several, and `When`. Of facts, a test each.
-    slips : words for slips of `SLIPS`, by name, that say more than the usual ones. Of a value only these are told.
-    parts : names of the results, where there are several; they are judged in this order.
-    form : what of a result is compared: `any_order`, say.
-    atol, rtol : by how much a result may differ, in its unit and as a share of what is expected.
+    right : a function of the inputs of a case; a value; or, for a panel, facts of a panel that passes.
+    cases : for functions: returns the inputs of the calls, simple inputs first.
+    also : other right answers.
+    task, praise, hint : the task, and the messages for right answers and for unknown mistakes. Fields of `praise`
+        are `got` and `right`, results of the first case, or names of facts.
+    line : the code of a right answer, shown from the third different failure on; by default the hint.
+    library : functions of the library that an answer must not call.
+    mistakes : message (with `got` and `right`, or with facts) to one or several answers with the mistake, each
+        a function of the inputs or a value, or to a `When`; for facts, to a test of the facts.
+    slips : messages for slips of `SLIPS`, by name, in place of the usual ones. For values, only these are used.
+    parts : names of several results, in the order in which they are judged.
+    form : the part of a result that is compared, such as `any_order`.
+    atol, rtol : tolerance in the unit of the result, and as a share of the expected result.
     """
 
     right: Any
@@ -129,7 +129,7 @@ class Exercise:
     def __post_init__(self) -> None:
         self.__doc__ = self.task
         self.more = f"In code: `{self.line}`." if self.line else self.hint
-        self.failures = set[str]()  # the different ones in a row
+        self.failures = set[str]()  # different failures in a row
         self._given = ""  # results of the last answer, as text
         usual = {name: says for name, (says, _) in SLIPS.items()} if self.cases else {}
         self.slips = {**usual, **self.slips}
@@ -150,17 +150,17 @@ class Exercise:
         if verdict.passed:
             self.failures.clear()
             return Verdict(True, verdict.message + keep(answer, self.judge)) if self.cases else verdict
-        # Answers that cannot be compared are of one kind.
+        # All answers that cannot be compared count as one.
         self.failures.add("" if isinstance(verdict, Unusable) else self._given)
         told_again = len(self.failures) >= TRIES and self.more != verdict.hint
         return replace(verdict, hint=f"{verdict.hint} {self.more}".strip()) if told_again else verdict
 
     def judge(self, answer: Any, *given: Any) -> Verdict:
-        """The verdict on an answer; no failure is counted, and nothing is kept."""
+        """The verdict on an answer, without counting failures or keeping functions."""
         if self.cases and not callable(answer):
             return Verdict(False, f"expected a function, got {type(answer).__name__}.")
         if self.cases and (name := handed_back(answer, self.library)):
-            hint = "writing it yourself is the point here; compare the two once yours passes."
+            hint = "write it yourself, and compare both once yours passes."
             return Verdict(False, f"this hands the work to `{name}`.", hint)
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -174,11 +174,11 @@ class Exercise:
             return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
 
     def _judge_facts(self, answer: Any) -> Verdict:
-        """The first mistake that the facts of a panel show; an unknown fact is NaN."""
+        """The first mistake in the facts of a panel; a missing fact is NaN."""
         if not isinstance(answer, Mapping):
             return Verdict(False, f"expected the facts of a panel, got {type(answer).__name__}.")
         if not answer:
-            return Verdict(False, "the panel shows no numbers: choose a sequence that opens.")
+            return Verdict(False, "the panel shows no numbers: choose another sequence.")
         self._given = str(answer)
         facts = defaultdict(lambda: float("nan"), answer)
         for says, test in self.tests.items():
@@ -199,7 +199,7 @@ class Exercise:
         if isinstance(expected, Unusable):
             return expected
         if self.parts and all(map(self._same, got, [*right[len(cases) :], *right[: len(cases)]])):
-            return Verdict(False, f"{' and '.join(self.parts)} have changed places.")
+            return Verdict(False, f"{' and '.join(self.parts)} are exchanged.")
         part, case = divmod(first, len(cases))
         what = self.parts[part] if self.parts else "the result"
         lengths = {
@@ -207,11 +207,11 @@ class Exercise:
             for says, answers in self.answers.items()
         }
         named = max(lengths, key=lengths.__getitem__, default="")
-        if lengths.get(named, 0) < (part + 1) * len(cases):  # what explains the whole part comes first
+        if lengths.get(named, 0) < (part + 1) * len(cases):  # an explanation of the whole part comes first
             partly = named if lengths.get(named, 0) > first else not_indices(wrong, expected)
             named = self._slip(got, right, part, len(cases)) or partly
         if not named:
-            # A function that may give back None can do so in the wrong case.
+            # A function that may return None can do so in the wrong case.
             missing = wrong is None and any(each is None for each in right)
             if not missing and (reason := unusable(wrong, expected, what, self.hint)):
                 return reason
@@ -221,13 +221,15 @@ class Exercise:
             return Verdict(False, named.format_map({"got": wrong, "right": expected, "what": what}))
         constant = first > 0 and not self.parts and all(self._same(each, got[0]) for each in got)
         if constant and expected is not None:
-            return Verdict(False, "the result is the same whatever the inputs are.", "compute it from them.")
+            return Verdict(
+                False, "the result is the same for all inputs.", "compute the result from the inputs."
+            )
         if wrong is not None and np.isnan(wrong).any():
-            return Verdict(False, f"{what} contains NaN.", "is something divided by zero?")
+            return Verdict(False, f"{what} contains NaN.", "is there a division by zero?")
         return Verdict(False, self._difference(wrong, expected, what, cases[case]), self.hint)
 
     def _slip(self, got: list[Any], right: list[Any], part: int, cases: int) -> str:
-        """Words for what has been made of all right results of a part; "" where it is nothing known."""
+        """The message of the slip that explains all results of a part; "" if there is none."""
         here = slice(part * cases, (part + 1) * cases)
         if not all(isinstance(each, np.ndarray) for each in (*got[here], *right[here])):
             return ""
@@ -239,18 +241,18 @@ class Exercise:
         return ""
 
     def _passed(self, got: list[Any], right: list[Any], cases: int, changed: list[int]) -> Verdict:
-        """Praise, with the results of the first case; unless a call changed its inputs."""
+        """Praise with the results of the first case, unless a call changed its inputs."""
         if changed:
             name = [*inspect.signature(self.right).parameters][changed[0]]
-            says = f"all is right, but the function changes its input `{name}`."
-            return Verdict(False, says, "copy it first.")
+            says = f"the results are right, but the function changes its input `{name}`."
+            return Verdict(False, says, "copy the input first.")
         first = [table[::cases] if self.parts else table[0] for table in (got, right)]
         return Verdict(True, self.praise.format(got=first[0], right=first[1]))
 
     def _results(self, answer: Any, cases: list[Case], changed: list[int] | None = None) -> list[Any]:
-        """What an answer gives, part by part and in a part case by case: arrays, None or `Unusable`.
+        """Results of an answer, ordered by part, then by case: arrays, None or `Unusable`.
 
-        Every call has inputs of its own; `changed` gets the numbers of those that a call changed.
+        Each call gets a copy of the inputs; `changed` collects the numbers of inputs that a call changed.
         """
         rows = []
         for inputs in cases:
@@ -261,18 +263,18 @@ class Exercise:
         return [row[part] for part in range(len(rows[0])) for row in rows]
 
     def _split(self, given: Any) -> list[Any]:
-        """The results that a call gave back: one, or one for each name in `parts`."""
+        """The results of a call: one, or one for each name in `parts`."""
         if not self.parts or given is None or isinstance(given, Unusable):
             return [result(given)] * max(len(self.parts), 1)
         results = list(given) if np.iterable(given) else []
         if len(results) == len(self.parts):
             return [result(each) for each in results]
         names = ", ".join(self.parts)
-        message = f"the function should give back {len(self.parts)} results: {names}."
+        message = f"the function should return {len(self.parts)} results: {names}."
         return [Unusable(False, message, f"`return {names}`.")] * len(self.parts)
 
     def _agreed(self, got: list[Any], expected: list[Any]) -> int:
-        """How many results are the same before the first that differs."""
+        """Number of equal results before the first different one."""
         same = [self._same(*pair) for pair in zip(got, expected, strict=True)]
         return same.index(False) if False in same else len(same)
 
@@ -288,13 +290,13 @@ class Exercise:
         return got.shape == expected.shape and np.allclose(got, expected, rtol, atol, equal_nan=True)
 
     def _difference(self, got: Any, expected: Any, what: str, inputs: Case) -> str:
-        """What was got and what was expected, for the inputs of a case as far as they are short."""
+        """The wrong and the expected result, with the short ones of the inputs."""
         if self.cases is None:
-            return f"{shown(got)} is not it."  # the right value stays unsaid
+            return f"{shown(got)} is wrong."  # the message hides the right value
         if is_list(expected) and (expected.size > SHORT or not shown(got)):
             others = np.setdiff1d(got, expected)
-            named = f" ({others[0]:g} for one)" if len(others) else ""
-            strangers = f"{len(others)} of them do not belong there{named}"
+            named = f" (for example {others[0]:g})" if len(others) else ""
+            strangers = f"{len(others)} of them are wrong{named}"
             return f"{what} has {got.size} indices, expected {expected.size}; {strangers}."
         if not (shown(got) and shown(expected)):
             wrong = ~np.isclose(got, expected, self.rtol, self.atol)

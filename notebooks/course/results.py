@@ -1,4 +1,4 @@
-"""What an answer gives back, made comparable and shown in a few words; and the facts below a panel's picture."""
+"""Results of an answer: as arrays, as text and as a verdict; and the facts below the picture of a panel."""
 
 from __future__ import annotations
 
@@ -18,13 +18,11 @@ from .colours import DARK
 from .drawing import WIDTH
 
 RIGHT, NOT_YET, UNANSWERED = "#009E73", "#D55E00", "#999999"
-RIGHT_CLASS, NOT_YET_CLASS = "vo-right", "vo-not-yet"  # tests look for them
-SHORT = 6  # so many numbers are shown whole
-DIGITS = 5, 7, 9  # of two numbers: as many as tell them apart
-COMPLEX = (
-    "drop what has an imaginary part and take `.real` of the rest; `np.linalg.eigh` and `svd` stay real."
-)
-MASKS = "masks are joined by `&` and `|`, not by `and` and `or`; each comparison needs brackets: `(a < b) & (c < d)`."
+RIGHT_CLASS, NOT_YET_CLASS = "vo-right", "vo-not-yet"  # of CSS; tests search for both
+SHORT = 6  # maximal size of an array whose numbers are all shown
+DIGITS = 5, 7, 9  # of two numbers: the first choice that distinguishes the numbers
+COMPLEX = "drop solutions with an imaginary part and take `.real` of the others; `np.linalg.eigh` and `svd` stay real."
+MASKS = "join masks by `&` and `|`, not by `and` and `or`, with brackets round each comparison: `(a < b) & (c < d)`."
 NOT_OWN = str(Path(__file__).parent), str(Path(vo_lib.__path__[0])), "site-packages"
 
 
@@ -53,12 +51,12 @@ class Verdict:
 
 
 def marked(text: str) -> str:
-    """Text as HTML; what stands between backticks is code."""
+    """Text as HTML; text between backticks is code."""
     return re.sub("`([^`]+)`", r"<code>\1</code>", html.escape(text))
 
 
 class Unusable(Verdict):
-    """A result that cannot be compared; two are alike when they begin alike, with a kind of exception."""
+    """A result that cannot be compared; two are equal if their messages are equal up to the colon."""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Unusable) and self.message.split(":")[0] == other.message.split(":")[0]
@@ -67,13 +65,13 @@ class Unusable(Verdict):
 
 
 def outcome(answer: Any, inputs: tuple[Any, ...]) -> Any:
-    """What an answer gives for the inputs of a case; a value gives itself."""
+    """The result of an answer for the inputs of a case; a value is its own result."""
     if not callable(answer):
         return answer
     try:
         return answer(*inputs)
     except Exception as error:
-        # The innermost line that is the student's own.
+        # The innermost line of the student's own code.
         frames = traceback.extract_tb(error.__traceback__)
         own = [f.line for f in frames if not any(place in f.filename for place in NOT_OWN)]
         where = f" in the line `{own[-1]}`" if own else ""
@@ -82,56 +80,59 @@ def outcome(answer: Any, inputs: tuple[Any, ...]) -> Any:
 
 
 def result(outcome: Any) -> Any:
-    """A result as an array, a lone number with the shape (); None and `Unusable` as they are."""
+    """A result as an array, a single number with the shape (); None and `Unusable` unchanged."""
     if outcome is None or isinstance(outcome, Unusable):
         return outcome
     try:
         value = np.asarray(sorted(outcome) if isinstance(outcome, (set, frozenset)) else outcome)
+        if value.dtype.kind == "c":
+            return Unusable(False, "expected real numbers, got complex ones.", COMPLEX)
         if value.dtype.kind in "SU":
             raise TypeError
         if value.dtype.kind not in "iu" and value.dtype != np.float32:
-            value = value.astype(np.float64, casting="same_kind" if value.dtype.kind == "c" else "unsafe")
+            value = value.astype(np.float64)
     except (TypeError, ValueError):
-        if isinstance(outcome, np.ndarray) and outcome.dtype.kind == "c":
-            return Unusable(False, "expected real numbers, got complex ones.", COMPLEX)
-        return Unusable(False, f"expected numbers, got {type(outcome).__name__}.")
+        kind = type(outcome).__name__
+        return Unusable(
+            False, f"expected numbers, got {kind}: `np.asarray` makes no array of numbers from it."
+        )
     return value.reshape(()) if value.size == 1 else value
 
 
 def is_list(expected: Any) -> bool:
-    """Whether a result is a list of indices, whose length is a part of the answer."""
+    """Whether a result is a list of indices, whose length is part of the answer."""
     return isinstance(expected, np.ndarray) and expected.dtype.kind in "iu" and expected.ndim == 1
 
 
 def not_indices(got: Any, expected: Any) -> str:
-    """What a result is instead of indices, in words; "" where it may be indices, or none are expected."""
+    """A sentence if a result has another form than the expected indices; else ""."""
     if not (is_list(expected) and isinstance(got, np.ndarray) and np.isfinite(got).all()):
         return ""
     if got.size > 2 and np.isin(got, (0, 1)).all():
-        return "this looks like a mask; indices are wanted."
+        return "this looks like a mask; the task asks for indices."
     if got.ndim == 2 and got.shape[1] == 1:
-        return (
-            "each index is in a row of its own: `np.flatnonzero` gives a plain list, `np.argwhere` does not."
-        )
-    return "indices are asked for, not values." if got.ndim > 1 or np.mod(got, 1).any() else ""
+        return "each index has a row of its own: `np.flatnonzero` gives a flat list, `np.argwhere` does not."
+    return "the task asks for indices, not for values." if got.ndim > 1 or np.mod(got, 1).any() else ""
 
 
 def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
-    """Why a wrong result cannot even be compared with what is expected; the hint is for another shape."""
+    """The reason why a result cannot be compared with the expected one; `hint` is for another shape."""
     if isinstance(got, Unusable):
         return got
     if got is None:
-        says = f"{what} is missing: the function gives back nothing."
+        says = f"{what} is missing: the function returns None."
         return Unusable(False, says, "does it end with `return`?")
     if expected is None or got.shape == expected.shape or is_list(expected):
         return None
-    hint = "a transpose is missing." if got.shape == expected.shape[::-1] else hint
+    if got.size == expected.size:
+        transposed = got.shape == expected.shape[::-1] and expected.ndim > 1
+        hint = "a transpose is missing." if transposed else f"`np.reshape(…, {expected.shape})` is missing."
     given = f"has shape {got.shape}" if got.shape else "is one number"
     return Unusable(False, f"{what} {given}, expected {expected.shape or 'one number'}.", hint)
 
 
 def holds(test: Callable[..., Any], *given: Any) -> bool:
-    """Whether a test of a result holds; not where the result is nothing that it can be made on."""
+    """Whether a test of a result holds; False for a result that the test does not accept."""
     try:
         return bool(test(*given))
     except (TypeError, ValueError, IndexError):
@@ -139,7 +140,7 @@ def holds(test: Callable[..., Any], *given: Any) -> bool:
 
 
 def differ(one: Any, other: Any) -> bool:
-    """Whether arrays, lists of them or dictionaries differ; other things are not looked into."""
+    """Whether arrays, lists of arrays or dictionaries differ; False for other objects."""
     if isinstance(one, np.ndarray):
         return not np.array_equal(one, other, equal_nan=True)
     if isinstance(one, (list, tuple)):
@@ -148,7 +149,7 @@ def differ(one: Any, other: Any) -> bool:
 
 
 def shown(value: Any, digits: int = DIGITS[0]) -> str:
-    """A number, a short array or a list of indices as text; else nothing."""
+    """A number, a short array or a list of indices as text; else ""."""
     if isinstance(value, np.ndarray) and value.ndim:
         short = value.size <= SHORT or is_list(value)
         text = np.array2string(value, separator=", ", formatter={"all": f"{{:.{digits - 1}g}}".format})
@@ -159,7 +160,7 @@ def shown(value: Any, digits: int = DIGITS[0]) -> str:
 
 
 def compared(got: Any, expected: Any) -> str:
-    """What was got and what was expected, in as many digits as tell them apart; else by how much they differ."""
+    """Both numbers in enough digits to distinguish them; else their difference."""
     for digits in DIGITS:
         if shown(got, digits) != shown(expected, digits):
             return f"is {shown(got, digits)}, expected {shown(expected, digits)}"
@@ -169,7 +170,7 @@ def compared(got: Any, expected: Any) -> str:
 
 @dataclass(frozen=True)
 class Fact:
-    """A number shown below a picture; `digits` after the point."""
+    """A number below a picture; `digits` after the point."""
 
     name: str
     value: float
@@ -177,7 +178,7 @@ class Fact:
     digits: int = 0
 
     def text(self, before: float | None) -> str:
-        """The number with its unit, and how it changed from `before`, as HTML."""
+        """The number with its unit, and its change since `before`, as HTML."""
         space = "" if self.unit in ("", "°") else "&nbsp;"
         value = round(self.value, self.digits) + 0.0  # no minus before a zero
         shown = "–" if np.isnan(value) else f"{value:.{self.digits}f}{space}{html.escape(self.unit)}"
@@ -188,7 +189,7 @@ class Fact:
 
 
 def facts_html(sentence: str, facts: tuple[Fact, ...], before: dict[str, float]) -> str:
-    """A sentence, and below it the facts in a row, each with its change since `before`."""
+    """A sentence and a row of facts, each with its change since `before`."""
     cells = "".join(
         '<div style="margin:0 26px 4px 0">'
         f'<div style="font-size:11px;opacity:.7">{html.escape(fact.name)}</div>'

@@ -60,13 +60,13 @@ VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
     # 2 x is right for 0 and 2, x³ for 0 only: the mistake that agrees for longest is named.
     (SQUARE, (lambda x: 2.0 * x,), "not yet: twice: 6."),
     (SQUARE, (lambda x: x + 2.0,), "not yet: the result is 2, expected 0 for x = 0. Hint: try."),
-    (SQUARE, (lambda x: 0.0,), "whatever the inputs are"),
+    (SQUARE, (lambda x: 0.0,), "the same for all inputs"),
     (SQUARE, (begun,), "there is no answer, replace the dots."),
     (SQUARE, (lambda x: sum(np.square(y) for y in [x]),), "hands the work to `square`"),
     (SQUARE, (lambda x: square(x),), "right: "),  # a function of one's own may have the name
     (VALUE, (11.5, 10), "right: "),
     (VALUE, (20, 10), "not yet: twice: 20."),
-    (VALUE, (15, 10), "not yet: 15 is not it. Hint: try."),
+    (VALUE, (15, 10), "not yet: 15 is wrong. Hint: try."),
     (FACTS, ({"got": 3.0},), "right: "),
     (FACTS, ({"got": 2.0},), "twice: 2."),
     (FACTS, ({},), "the panel shows no numbers"),
@@ -86,7 +86,7 @@ VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
     (
         table(lambda a: np.arange(9), ones(1)),
         (lambda a: [*range(8), 77],),
-        "1 of them do not belong there (77",
+        "1 of them are wrong (for example 77",
     ),
     (STOPS, (lambda x: {0.0: 1.0}.get(x) or [].pop(),), "odd."),
     (STOPS, (lambda x: 1.0,), "expected None for x = 2"),
