@@ -1,4 +1,4 @@
-"""A street of points with vehicles among them, for tests of the box rules: exact, or with noise."""
+"""A street of points and vehicles, for tests of the box rules: exact, or with noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vo_lib.geometry.motion import rigid, rotation_from_vector, transform
 from vo_lib.geometry.types import Array
 
 CAMERA = StereoCamera(f=718.856, cx=607.2, cy=185.2, baseline=0.537, width=1241, height=376)
-# The camera drives forward a metre a frame and turns by half a degree.
+# The camera moves 1 m forward per frame and turns by 0.5°.
 STEP = rigid(rotation_from_vector(np.array([0.001, 0.009, -0.001])), np.array([0.02, -0.01, -1.0]))
 
 
@@ -27,7 +27,7 @@ def street_points(rng: np.random.Generator, number: int) -> Array:
 def match_points(
     X_p: Array, X_c: Array, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> StereoMatches:
-    """Matches of points (N, 3) in the axes of the previous and of the current left camera."""
+    """Matches of points (N, 3), given in the frames of the previous and the current left camera."""
     n = len(X_p)
     views = (*CAMERA.project(X_p), *CAMERA.project(X_c))
     if rng is not None:
@@ -38,7 +38,7 @@ def match_points(
 
 @dataclass
 class Vehicle:
-    """A vehicle of 20 points: where it is against the camera, and its step a frame against the street."""
+    """A vehicle of 20 points: its position relative to the camera, and its step per frame, metres."""
 
     place: tuple[float, float, float]
     step: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -49,7 +49,7 @@ class Vehicle:
         self.X = np.array(self.place) + rng.uniform(-1, 1, (20, 3)) * (0.9, 0.75, 0.5)
 
     def box(self) -> Array:
-        """Its box in the left image, (4,)."""
+        """The box of the vehicle in the left image, (4,)."""
         corners = np.array(self.place) + np.array(
             [[x, y, z] for x in (-0.9, 0.9) for y in (-0.75, 0.75) for z in (-0.5, 0.5)]
         )
@@ -57,7 +57,7 @@ class Vehicle:
         return np.concatenate([uv.min(axis=0), uv.max(axis=0)])
 
     def drive(self) -> None:
-        """To the next frame, in the axes of its camera."""
+        """Move the vehicle to the next frame and its camera axes."""
         turned = transform(STEP, self.X) - transform(STEP, np.array([self.place]))
         self.place = tuple((transform(STEP, np.array([self.place]))[0] + self.step).tolist())
         self.X = np.array(self.place) + turned
@@ -66,7 +66,7 @@ class Vehicle:
 def drive(
     vehicles: list[Vehicle], frames: int, noise: float = 0.15
 ) -> tuple[Boxes, list[tuple[StereoMatches, Boxes]]]:
-    """Boxes of the first frame; then matches and boxes of each next one. Vehicles hide nothing."""
+    """Boxes of the first frame; then matches and boxes of each next frame, without occlusion."""
     rng = np.random.default_rng(6)
     first, result = _boxes(vehicles), []
     for _ in range(frames):

@@ -1,4 +1,4 @@
-"""Whether moving code changes a path: a digest of the poses of every method, before and after. No test.
+"""Script, not a test: digests of the poses of every method, to compare paths before and after a change.
 
     python tests/compare_paths.py [SEQUENCE ...] > before.txt
     python tests/compare_paths.py [SEQUENCE ...] | diff before.txt -

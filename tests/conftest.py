@@ -1,4 +1,4 @@
-"""Shared data: a tiny exact stereo sequence made on the spot, and real KITTI clips where they exist."""
+"""Shared data: a small synthetic stereo sequence with exact geometry, and real KITTI clips if they exist."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from vo_lib.kit.settings import KitConfig
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
 
-# A busy machine is no fault: no example is timed. The gate tries the same examples in every run;
-# `--hypothesis-profile long` tries many more, others each time.
+# No time limit per example, because a machine may be busy. The default profile has the same examples in
+# every run; `--hypothesis-profile long` has many more, and others in each run.
 settings.register_profile("gate", deadline=None, max_examples=50, derandomize=True)
 settings.register_profile("long", deadline=None, max_examples=2000)
 settings.load_profile("gate")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # A shell's background job is born deaf to it, and so would be every program that the tests start.
+    # A background job of a shell ignores SIGINT, and so would every program that the tests start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Files that take longest come first, so that no process works on one when the others are done.
+# The slowest files start first, so that no process works on one when the others are done.
 LONGEST = (
     "test_notebooks_sequences.py",
     "test_notebooks.py",
@@ -52,18 +52,18 @@ BANDS = (4, 6, 9, 12, 16, 20)  # disparity of each band of rows, pixels
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest files first."""
+    """Sort the tests: the slowest files first."""
     items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
 
 
 def find_browser() -> str | None:
-    """Path of the system's Chromium or Chrome, if there is one."""
+    """Path of the installed Chromium or Chrome, or None."""
     return next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_hashes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Hashes of the tests' images do not pile up in the user's cache folder."""
+    """Keep the hashes of the tests' images out of the user's cache folder."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("user") / "synthetic"
         patch.setattr("vo_lib.runs.identity.cache_folder", lambda: folder)
@@ -72,7 +72,7 @@ def _own_hashes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def clips() -> Path:
-    """Root of the real KITTI clips; skips where they are absent."""
+    """Root of the real KITTI clips; the test is skipped without them."""
     if not CLIPS.is_dir():
         pytest.skip("the real KITTI clips are not beside this checkout (shared/data/kitti_clips)")
     return CLIPS
@@ -82,7 +82,7 @@ def clips() -> Path:
 def street(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     """`synthetic/traffic` in the user's cache folder, as the notebooks use it.
 
-    Drawing it takes most of a minute: the first test process that asks does it, the others wait.
+    Drawing takes most of a minute: the first test process draws the scene, the others wait.
     """
     base = tmp_path_factory.getbasetemp()
     with FileLock((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "street.lock"):
@@ -90,17 +90,18 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
 
 
 def texture(rng: np.random.Generator, height: int, width: int, smooth: float) -> Image:
-    """Random grey values (H, W) that use the whole range, blurred by `smooth` pixels."""
+    """Random grey values (H, W) over the whole range, blurred by `smooth` pixels."""
     noise = cv2.GaussianBlur(rng.uniform(0, 255, (height, width)), (0, 0), smooth)
     low, high = noise.min(), noise.max()
     return np.asarray(255 * (noise - low) / (high - low), np.uint8)
 
 
 def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
-    """A KITTI-layout folder whose geometry is exact in whole pixels.
+    """A folder in KITTI's layout whose geometry is exact in integer pixels.
 
-    Six bands of texture stand at six depths; the camera moves to the right by one baseline a frame, so
-    the left image of a frame equals the right image of the frame before. `standing`: it does not move.
+    The scene has six bands of texture at six depths. The camera moves to the right by one baseline per
+    frame, so the left image of a frame equals the right image of the previous frame. `standing`: the
+    camera does not move.
     """
     rng = np.random.default_rng(7)
     for side in ("image_0", "image_1"):
@@ -126,7 +127,7 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
 
 
 def small(method: str = "solution_selection", **changes: object) -> KitConfig:
-    """A method with cells that suit the band sequence, and settings such as selection__sets=20."""
+    """A method of variant `kit` with cells for the band sequence, and settings such as selection__sets=20."""
     config = change(preset(method, variant="kit"), "features.cell", 10)
     for name, value in changes.items():
         config = change(config, name.replace("__", "."), value)
@@ -134,7 +135,7 @@ def small(method: str = "solution_selection", **changes: object) -> KitConfig:
 
 
 def with_box(folder: Path, frames: int, box: str = "2 0.25 0.5 0.3 0.8\n") -> Path:
-    """The sequence with the same vehicle box in each frame."""
+    """The sequence with the same vehicle box in every frame."""
     (folder / "labels").mkdir()
     for frame in range(frames):
         (folder / "labels" / f"{frame:06d}.txt").write_text(box, encoding="utf-8")
@@ -142,7 +143,7 @@ def with_box(folder: Path, frames: int, box: str = "2 0.25 0.5 0.3 0.8\n") -> Pa
 
 
 def winding_road(frames: int, turn: float, step: float) -> Array:
-    """Poses (N, 4, 4) along gentle curves; `turn` is the most radians a frame, `step` metres."""
+    """Poses (N, 4, 4) along gentle curves; `turn` is the largest rotation per frame, radians."""
     poses = np.tile(np.eye(4), (frames, 1, 1))
     for i in range(1, frames):
         R = rotation_from_vector(np.array([0.0, turn * np.sin(i / 9), 0.0]))
@@ -152,13 +153,13 @@ def winding_road(frames: int, turn: float, step: float) -> Array:
 
 @pytest.fixture
 def bands(tmp_path: Path) -> Path:
-    """The band sequence of six frames in a folder of its own."""
+    """The band sequence of six frames, in a new folder."""
     return write_bands(tmp_path / "bands")
 
 
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[FileServer]:
-    """A web server on this machine; downloads do not pause before they try again."""
+    """A web server on this machine; downloads retry without a pause."""
     monkeypatch.setattr("fetch.download.PAUSE_S", 0.0)
     made = FileServer()
     yield made

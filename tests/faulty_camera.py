@@ -1,7 +1,7 @@
 """A stereo camera with known faults, written from the pinhole equations alone.
 
-Nothing of the library makes these matches: a point (X, Y, Z) is seen at u = f X / Z + cx, v = f Y / Z + cy,
-and the faults are added to that.
+The matches are independent of the library: a point (X, Y, Z) has the image u = f X / Z + cx,
+v = f Y / Z + cy, and the faults are added.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def none(x: Array, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Faults:
-    """Disparities and rows too large by fields of (x, y), half of them each camera's; lenses; in pixels."""
+    """Errors of disparities and rows as fields of (x, y), half in each camera, and of lenses, pixels."""
 
     disparities: Field = none
     rows: Field = none
@@ -35,7 +35,7 @@ class Faults:
     k1: float = 0.0
 
 
-# What sequences 00 and 01 of KITTI show, to a first approximation.
+# The approximate errors of sequences 00 and 01 of KITTI.
 KITTI = Faults(
     lambda x, y: -0.6 + 0.5 * x**2 + 6.3 * y**2 + 0.3 * x * y - 3.5 * x**4 - 0.4 * x - 0.3 * y,
     lambda x, y: 0.1 + 0.3 * x - 0.4 * y - 5.8 * x * y + 0.2 * x**2 + 0.5 * y**2,
@@ -66,7 +66,7 @@ def pair(X: Array, faults: Faults, noise: float, rng: np.random.Generator) -> tu
 def drive(
     frames: int, faults: Faults, noise: float = 0.2, points: int = 300, step: float = 1.0
 ) -> Iterator[tuple[StereoMatches, Array, Array]]:
-    """Matches, R_cp and t_cp of a camera that goes `step` metres ahead a frame and turns."""
+    """Matches, R_cp and t_cp of a camera that moves `step` metres forward per frame and turns."""
     rng = np.random.default_rng(11)
     for i in range(frames):
         R_cp, t_cp = yaw_matrix(0.01 * np.sin(i / 5)), np.array([0.0, 0.0, -step])

@@ -1,4 +1,4 @@
-"""A web server on 127.0.0.1 for tests of downloads: ranges, and the ways in which servers fail."""
+"""A web server on 127.0.0.1 for tests of downloads, with ranges and typical failures."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ class FileServer:
 
     Attributes
     ----------
-    files : content by name. ranges : whether parts of a file are given.
+    files : content by name. ranges : whether the server supports ranges.
     drop_every : close the connection half-way through every n-th answer (0: never).
-    status : answer every GET with this code instead (0: as it should be).
-    gets, sent : how many GETs and body bytes were answered, by name.
+    status : code of every answer (0: the normal one).
+    gets, sent : number of GETs and of sent body bytes, by name.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class FileServer:
             protocol_version = "HTTP/1.1"
 
             def log_message(self, *words: object) -> None:
-                """Be quiet."""
+                """Log nothing."""
 
             def do_GET(self) -> None:
                 name = self.path.rpartition("/")[2]
@@ -61,7 +61,7 @@ class FileServer:
                     self.send_header(name, value)
                 self.end_headers()
                 sent = data[: (len(data) + 1) // 2] if drop else data
-                # Before it is sent: the test may look as soon as it has all.
+                # Count before sending: the test may read the counter as soon as it has the whole body.
                 owner.sent[self.path.rpartition("/")[2]] += len(sent)
                 self.wfile.write(sent)
                 if drop:
@@ -71,7 +71,7 @@ class FileServer:
             daemon_threads = True
 
             def handle_error(self, *details: object) -> None:
-                """A client that goes away is part of the tests."""
+                """Ignore lost connections: they are part of the tests."""
 
         self._server = Quiet(("127.0.0.1", 0), Handler)
         self.url = f"http://127.0.0.1:{self._server.server_address[1]}/"
@@ -79,14 +79,14 @@ class FileServer:
         self._thread.start()
 
     def count(self, name: str) -> bool:
-        """Note a GET; whether its connection is to break."""
+        """Count a GET; returns whether its connection must break."""
         with self._lock:
             self.gets[name] += 1
             number = sum(self.gets.values())
             return bool(self.drop_every) and number % self.drop_every == 0
 
     def close(self) -> None:
-        """Stop; later calls are refused."""
+        """Stop the server; later requests are refused."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()

@@ -1,4 +1,4 @@
-"""Runs made up for tables: straight drives whose steps are too long by a known share."""
+"""Artificial runs for tables: straight drives whose steps are too long by a known percentage."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def entry_of(
     variant: str = "kit",
     measure: Measure | None = None,
 ) -> Entry:
-    """Runs whose steps are too long by so many percent, a seed each."""
+    """Runs whose steps are too long by `percent`, one run per seed."""
     ms = {"matching": 30.0, "wait_images": 9.0, "cached_matches": 2.0, "rotation": 4.0, "filter": 1.0}
     motion = FrameResult(np.eye(4), matches=100, removed=25, ms=ms)
     sequence = sequence_of(name, n)
@@ -53,6 +53,6 @@ def entry_of(
 
 
 def table_of_twos() -> PaperTable:
-    """A made-up table in which every printed number is 2."""
+    """An artificial table in which every printed number is 2."""
     numbers: dict[tuple[str, str], float | None] = {(r, m): 2.0 for r in PAPER_ROWS for m in PAPER_METHODS}
     return PaperTable(numbers, dict(numbers))

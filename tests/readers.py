@@ -1,4 +1,4 @@
-"""Every reader of files, with a folder of valid ones: what the tests of bad input damage."""
+"""All readers of files, each with a folder of valid files that the tests of bad input damage."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ STAMPS = "2011-09-26 13:02:25.964389445\n2011-09-26 13:02:26.064389445\n"
 
 
 def expanded(text: str) -> str:
-    """A text in which <words*times> stands for words so many times."""
+    """The text with each <words*times> replaced by that many copies of the words."""
     return re.sub(r"<(.+?)\*(\d+)>", lambda run: run[1] * int(run[2]), text)
 
 
 @dataclass(frozen=True)
 class Reader:
-    """A file of a folder, how the folder is read, and the text or bytes of all files in it."""
+    """A file in a folder, the function that reads the folder, and the content of all its files."""
 
     file: str
     read: Callable[[Path], Any]
@@ -66,12 +66,12 @@ class Reader:
 
     @property
     def valid(self) -> bytes:
-        """The file's bytes as they should be."""
+        """The valid bytes of the file."""
         content = self.files[self.file]
         return content.encode() if isinstance(content, str) else content
 
     def write(self, folder: Path) -> Path:
-        """Make the folder; returns the path of the file."""
+        """Write the folder, and return the path of the file."""
         for name, content in self.files.items():
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -129,7 +129,7 @@ def _truth() -> dict[str, str | bytes]:
 
 @functools.cache
 def _run() -> tuple[dict[str, str | bytes], Callable[[Path], Any]]:
-    """The files of a run's folder, and how it is read."""
+    """The files of a run folder, and the function that reads it."""
     with tempfile.TemporaryDirectory() as place:
         sequence = open_sequence(write_bands(Path(place, "bands"), frames=3))
         config = preset("solution_selection", variant="kit")

@@ -1,4 +1,4 @@
-"""The notebooks as a reader meets them: all cells run in JupyterLab in a real browser, a slider moves."""
+"""The notebooks in JupyterLab in a real browser: all cells run, and a slider changes a picture."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from course.results import NOT_YET_CLASS, RIGHT_CLASS
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
 CASES = [("", path) for path in NOTEBOOKS]  # without KITTI; test_notebooks_sequences.py has its clips
 TOKEN = "notebooks-under-test"
-LONG = 600_000.0  # milliseconds that one step may take; a safeguard
-SELDOM = 200.0  # milliseconds between looks at a page; by default it is looked at, and drawn, at every tick
+LONG = 600_000.0  # time limit of one step, milliseconds
+SELDOM = 200.0  # polling interval, milliseconds; the default polls, and draws, every animation frame
 SETTINGS = {
     # The page draws every cell, not only those in view.
     "@jupyterlab/notebook-extension/tracker": {"windowingMode": "none"}
@@ -46,7 +46,7 @@ def free_port() -> int:
 
 @pytest.fixture(scope="module")
 def lab(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a JupyterLab that `vo lab` started on a copy of the notebooks, KITTI in the folder named."""
+    """Address of a JupyterLab that `vo lab` started on a copy of the notebooks, with a given KITTI_ROOT."""
     folder, port = tmp_path_factory.mktemp("lab"), free_port()
     for plugin, values in SETTINGS.items():
         path = folder / "settings" / f"{plugin}.jupyterlab-settings"
@@ -91,12 +91,12 @@ def answers(address: str) -> bool:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[BrowserContext]:
-    """Headless Chromium, the one of the system; pages of one context share what they have loaded."""
+    """Headless system Chromium; the pages of one context share a cache."""
     found = find_browser()
     if found is None:
         pytest.skip(f"needs one of the browsers {', '.join(BROWSERS)}")
     with sync_playwright() as driver:
-        # A container's root has no sandbox, and little shared memory.
+        # Root in a container has no sandbox and little shared memory.
         words = ["--no-sandbox", "--disable-dev-shm-usage"]
         started = driver.chromium.launch(executable_path=found, args=words)
         yield started.new_context(viewport={"width": 1400, "height": 1000})
@@ -114,7 +114,7 @@ def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContex
     page.on("console", lambda line: complaints.append(line.text) if line.type == "error" else None)
     page.goto(f"{lab}/lab/tree/{path.name}?token={TOKEN}&reset")
     page.locator(".jp-Notebook .jp-CodeCell").first.wait_for()
-    page.get_by_text("| Idle").first.wait_for()  # earlier, "Run" would ask for a kernel
+    page.get_by_text("| Idle").first.wait_for()  # before that, "Run" would open a kernel dialog
     page.get_by_role("menuitem", name="Run", exact=True).click()
     page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
     page.wait_for_function(ALL_DONE, polling=SELDOM)
@@ -123,7 +123,7 @@ def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContex
     handle = page.locator(".widget-slider .noUi-handle").last
     handle.scroll_into_view_if_needed()
     handle.focus()
-    # Any slider may stand at one of its ends: go one way, then further the other way.
+    # A slider may be at one end: move it in one direction, then further in the other.
     for key, times in (("ArrowRight", 3), ("ArrowLeft", 6)):
         for _ in range(times):
             page.keyboard.press(key)

@@ -1,4 +1,4 @@
-"""Every notebook runs from top to bottom, shows no error anywhere, and is committed clean."""
+"""Every notebook runs from top to bottom without an error, and is committed without outputs."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ APPENDICES = sorted(FOLDER.glob("appendix_*.ipynb"))
 SOLUTIONS = sorted((FOLDER / "solutions").glob("*.ipynb"))
 WIDGETS = "application/vnd.jupyter.widget-state+json"
 UNSEEN = pytest.mark.skipif(find_browser() is not None, reason="test_browser.py runs it, in a browser")
-STREET = "synthetic/traffic"  # what the notebooks load
-CELL_TIMEOUT_S = 300  # a safeguard, not a measurement
+STREET = "synthetic/traffic"  # the sequence that the notebooks load
+CELL_TIMEOUT_S = 300
 
 
 def name(path: Path) -> str:
@@ -40,7 +40,7 @@ def outputs(notebook: Any) -> list[Any]:
 
 
 def complaints(notebook: Any) -> list[str]:
-    """Errors in the outputs and in the saved widget state: panels catch theirs and show them."""
+    """Errors in the outputs and in the saved widget state, where panels show theirs."""
     states = notebook.metadata.get("widgets", {}).get(WIDGETS, {}).get("state", {}).values()
     shown = [output for state in states for output in state["state"].get("outputs", [])]
     result = []
@@ -54,13 +54,13 @@ def complaints(notebook: Any) -> list[str]:
 
 
 def verdicts(notebook: Any) -> list[str]:
-    """The exercises' verdicts as HTML."""
+    """Verdicts of the exercises as HTML."""
     pages = [output.get("data", {}).get("text/html", "") for output in outputs(notebook)]
     return [page for page in pages if RIGHT_CLASS in page or NOT_YET_CLASS in page]
 
 
 def execute(path: Path, folder: Path, sequence: str = STREET, **environment: str) -> Any:
-    """The notebook with outputs and widget state, run in a folder of its own, maybe on another sequence."""
+    """The notebook with outputs and widget state, run in a folder and optionally on another sequence."""
     notebook = read(path)
     for cell in notebook.cells:
         cell.source = cell.source.replace(f'load("{STREET}")', f"load({sequence!r})")
@@ -87,7 +87,7 @@ def test_chapters_run_with_unanswered_exercises(path: Path, tmp_path: Path) -> N
 
 @pytest.fixture(scope="module")
 def student(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[Path, Any]]:
-    """A student who has worked through all chapters: the folder with what is kept, and the notebooks."""
+    """A student who has solved all chapters: the folder with the saved answers, and the notebooks."""
     folder = tmp_path_factory.mktemp("student")
     (folder / "00_start_here.ipynb").touch()
     return folder, {path: execute(path, folder) for path in SOLUTIONS}

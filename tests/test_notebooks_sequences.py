@@ -1,4 +1,4 @@
-"""The notebooks run on any sequence: on a short drive without truth, and on KITTI 00 where it is there."""
+"""The notebooks run on other sequences: a short drive without truth, and KITTI 00 if it exists."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from test_notebooks import APPENDICES, CHAPTERS, complaints, execute, name
 
 from vo_lib.data.sequence import Sequence
 
-UNTRUE_FRAMES = 54  # as many as the shortest drive that the notebooks name
+UNTRUE_FRAMES = 54  # length of the shortest drive in the notebooks
 
 
 @pytest.fixture(scope="module")
 def untrue(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first frames of the drawn street as a camera records them: without poses and true depth."""
+    """The first frames of the drawn street without poses and true depth."""
     folder = tmp_path_factory.mktemp("untrue") / "street"
     late = [f"{number:06d}.*" for number in range(UNTRUE_FRAMES, len(street))]
     shutil.copytree(street.folder, folder, ignore=shutil.ignore_patterns("poses.txt", "truth", *late))

@@ -1,4 +1,4 @@
-"""The page "paper and code" and its list of choices say what the code is."""
+"""The page "paper and code" and its list of choices agree with the code."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
 PAGE = (NOTEBOOKS / "paper_and_code.md").read_text(encoding="utf-8")
 WORDS = ("as said", "changed", "left open")
 DOTTED = re.compile(r"`((?:vo_lib|course|fetch|training)(?:\.\w+){2,}|train_detector\.\w+)`")
-HELPERS = {"__init__", "settings", "real_roots", "sampson"}  # modules that are no stage of the method
-GIVEN = {"buckets.size", "selection.keep"}  # settings that the paper itself gives
+HELPERS = {"__init__", "settings", "real_roots", "sampson"}  # modules without a stage of the method
+GIVEN = {"buckets.size", "selection.keep"}  # settings with values in the paper
 
 
 def table_rows(text: str) -> list[list[str]]:
@@ -30,7 +30,7 @@ def table_rows(text: str) -> list[list[str]]:
 
 
 def named(name: str) -> Any:
-    """What a dotted name stands for."""
+    """The object with a dotted name."""
     parts = name.split(".")
     for length in range(len(parts) - 1, 0, -1):
         try:

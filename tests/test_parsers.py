@@ -1,4 +1,4 @@
-"""Whatever the bytes of a file and the words of an option: a result, or one line that says what is wrong."""
+"""Any file content and any option value gives a result or an error of one line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from vo_lib.kit.settings import KitConfig
 from vo_lib.report.sweep import parse_axis
 from vo_lib.settings import declared
 
-# Words parted by blanks, and what holds blanks or is long.
+# Unusual words: first those without blanks, then those with blanks and long ones.
 ODD = """0 -1 1e308 -1e308 1e400 nan inf 1e-320 1_0 ٣ null true [] {} [ { ] " ' : , # x é ../.. =
     - ; % 2001-99-99 !!python/name:os.system &a""".split()  # noqa: SIM905
 ODD += ["", "\n", "\t", "\0", "*a", "9" * 20, "9" * 5000, "[" * 3000, '{"a":' * 3000]
@@ -33,7 +33,7 @@ PIECE = re.compile(rb"[^\s,:\[\]{}\"]+")
 
 @st.composite
 def damaged(draw: st.DrawFn, valid: bytes) -> bytes:
-    """Any bytes, or a valid file of which some words are odd ones, or a part is gone, doubled or other."""
+    """Random bytes, or a valid file with unusual words, or with a part removed, doubled or replaced."""
     how = draw(st.sampled_from(["bytes", "words", "words", "words", "part"]))
     if how == "bytes":
         return draw(st.binary(max_size=200))
@@ -49,7 +49,7 @@ def damaged(draw: st.DrawFn, valid: bytes) -> bytes:
 
 
 def outcome(work: Callable[[], Any]) -> tuple[Any, str]:
-    """The result of some work, and the text of its `DataError`."""
+    """The result of a function, and the text of its `DataError`."""
     try:
         return work(), ""
     except DataError as error:
@@ -70,7 +70,7 @@ def arrays(value: Any) -> Iterator[Any]:
 def spoilt(how: str | list[str], valid: bytes) -> bytes:
     """A file's bytes: `how` itself, or the valid ones with the first of two texts replaced by the second.
 
-    Bytes that are no UTF-8 are written as Python's surrogates.
+    Bytes that are not UTF-8 are written as Python's surrogates.
     """
     if isinstance(how, str):
         return expanded(how).encode("utf-8", "surrogateescape")

@@ -1,4 +1,4 @@
-"""The presets and the paper's thresholds, value by value, each with its reason."""
+"""Values of the presets, with the reason of each choice of the paper."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import PublishedConfig
 from vo_lib.settings import declared
 
-# All defaults. One that is to change is changed there too, and the results are measured again.
+# All defaults. A change of a default is made there too, and the results are measured again.
 DEFAULTS = Path(__file__).with_name("defaults.json")
-# What decides a method of Table 1: the reason it is so, and the value for each of the presets.
+# Settings that distinguish the methods of Table 1: the reason, and the value of each preset.
 ORDER = ("viso2", "mesvo_f", "solution_selection", "feature_selection", "moving_selection")
 DECISIVE: dict[str, tuple[str, tuple[Any, ...]]] = {
     "estimator": (
@@ -34,7 +34,7 @@ DECISIVE: dict[str, tuple[str, tuple[Any, ...]]] = {
         (None, "inliers", "error", "error", "error"),
     ),
     "filter.rule": (
-        "section 3: feature selection removes what lies in vehicle boxes; beyond the paper they must move",
+        "section 3: feature selection removes features in boxes; moving_selection only in moving boxes",
         ("none", "none", "none", "all", "moving"),
     ),
     "buckets.features": ("StereoScan keeps 2 of a bucket, the others 3", (2, 3, 3, 3, 3)),

@@ -1,4 +1,4 @@
-"""The promises of the project's own files."""
+"""Consistency of the project's files and imports."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ def test_citation_has_the_installed_version() -> None:
     assert named == [str(minor + more) for more in range(3)]
 
 
-# The rooms that each room, or module beside the rooms, may import besides itself.
+# Packages (or single modules) that each package may import.
 BASE = {"errors", "settings", "files", "parallel", "geometry"}
 ABOVE_DATA = BASE | {"paper", "data", "evaluation"}
-ROOMS: dict[str, set[str]] = {
+MAY_IMPORT: dict[str, set[str]] = {
     "geometry": {"errors", "settings", "files"},
     "paper": BASE,
     "kit": BASE | {"paper"},
@@ -87,7 +87,7 @@ ROOMS: dict[str, set[str]] = {
 
 
 def imports(path: Path) -> set[str]:
-    """Dotted names of what a file imports, at its top or inside a function."""
+    """Dotted names of all imports of a file, at its top or inside a function."""
     own = path.relative_to(ROOT).with_suffix("").parts
     result: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -99,8 +99,8 @@ def imports(path: Path) -> set[str]:
     return result
 
 
-def rooms(path: Path) -> set[str]:
-    """Rooms (or modules beside them) of vo_lib that a file imports."""
+def imported_packages(path: Path) -> set[str]:
+    """Packages (or single modules) of vo_lib that a file imports."""
     return {name.split(".")[1] for name in imports(path) if name.startswith("vo_lib.")}
 
 
@@ -109,21 +109,21 @@ def packages(path: Path) -> set[str]:
     return {name.split(".")[0] for name in imports(path)}
 
 
-def room_of(path: Path) -> str:
-    """The room of a file of vo_lib, or its own name beside the rooms."""
+def package_of(path: Path) -> str:
+    """The package of a file of vo_lib, or the name of a single module."""
     parts = path.relative_to(ROOT / "vo_lib").with_suffix("").parts
     return parts[0]
 
 
 def test_packages_import_only_packages_above_them() -> None:
     for path in (ROOT / "vo_lib").rglob("*.py"):
-        room = room_of(path)
-        assert rooms(path) - {room} <= ROOMS[room], path.relative_to(ROOT)
+        package = package_of(path)
+        assert imported_packages(path) - {package} <= MAY_IMPORT[package], path.relative_to(ROOT)
 
 
 def test_renderer_imports_little_of_the_library() -> None:
     for path in (ROOT / "data_scripts" / "vo_street").glob("*.py"):
-        assert rooms(path) <= BASE | {"data"}, path
+        assert imported_packages(path) <= BASE | {"data"}, path
 
 
 def test_paper_package_is_short() -> None:
@@ -137,8 +137,8 @@ def test_public_names_are_unique() -> None:
     for path in (ROOT / "vo_lib").rglob("*.py"):
         assert path.stem not in folders, path
         for name in public_names(path) - {"add"}:  # each command declares its options by `add`
-            homes.setdefault(name, set()).add(room_of(path))
-    del homes["main"]  # of the program, and of the `vo` command that it starts
+            homes.setdefault(name, set()).add(package_of(path))
+    del homes["main"]  # once in the program, once in the `vo` command
     assert {name: result for name, result in homes.items() if len(result) > 1} == {}
 
 
@@ -157,7 +157,7 @@ def public_names(path: Path) -> set[str]:
 
 def test_library_does_not_import_course_scripts_or_pyplot() -> None:
     above = {path.stem for folder in ("data_scripts", "notebooks") for path in (ROOT / folder).iterdir()}
-    above.remove("vo_street")  # imported where a scene is missing, and not at the top of a file
+    above.remove("vo_street")  # imported inside a function, when a scene must be drawn
     for path in (ROOT / "vo_lib").rglob("*.py"):
         assert not packages(path) & above, path
         assert not any(name.startswith("matplotlib.pyplot") for name in imports(path)), path

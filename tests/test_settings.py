@@ -1,4 +1,4 @@
-"""Every threshold is declared once and checked wherever it comes from."""
+"""Settings: declared ranges, parsing, and refusal of bad values."""
 
 from __future__ import annotations
 

@@ -45,9 +45,11 @@ def plan(
 ) -> list[Member]:
     """The members of archives that have a target, one per target, in the order of the targets.
 
-    Parameters ---------- places : paths or URLs. A file in several archives is taken from the last one:
-    KITTI's calibration archive replaces the older calib.txt in the image archives. progress : called with
-    (archives read, total archives).
+    Parameters
+    ----------
+    places : paths or URLs. A file in several archives is taken from the last one: KITTI's calibration archive
+        replaces the older calib.txt in the image archives.
+    progress : called with (archives read, total archives).
     """
     chosen_members: dict[PurePosixPath, Member] = {}
     patterns = [(re.compile(f"(?:.*/)?{inside}", re.ASCII), path) for inside, path in targets.items()]

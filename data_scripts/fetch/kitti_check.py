@@ -22,10 +22,13 @@ LAST_WITH_POSES = "10"
 class SequenceReport:
     """The result of the check of one sequence.
 
-    Attributes ---------- name : the sequence's name. part : options of `vo data get_kitti` for this part of a
-    sequence; "" for a whole sequence. pairs, expected : stereo pairs present, and in the part or benchmark
-    (None for a user's own sequence). parts : (part, content) as text, in a fixed order. problems : missing or
-    invalid files, a sentence each; empty for a complete sequence.
+    Attributes
+    ----------
+    name : the sequence's name.
+    part : options of `vo data get_kitti` for this part of a sequence; "" for a whole sequence.
+    pairs, expected : stereo pairs present, and in the part or benchmark (None for a user's own sequence).
+    parts : (part, content) as text, in a fixed order.
+    problems : missing or invalid files, a sentence each; empty for a complete sequence.
     """
 
     name: str

@@ -55,8 +55,11 @@ def read_object_set(
 ) -> list[Labelled]:
     """KITTI's object images: `image_2` with `label_2`.
 
-    Parameters ---------- root : folder of both; KITTI's `training`. mapping, permutation :
-    `train_mapping.txt` and `train_rand.txt` of the object development kit, with the raw drive of each image.
+    Parameters
+    ----------
+    root : folder of both; KITTI's `training`.
+    mapping, permutation : `train_mapping.txt` and `train_rand.txt` of the object development kit, with the
+        raw drive of each image.
     """
     drives = _object_drives(mapping, permutation)
     images = []
@@ -65,7 +68,7 @@ def read_object_set(
         boxes = _boxes([(number, words) for number, words in rows if words], path)
         number = int(path.stem)
         if drives and number >= len(drives):
-            raise DataError(f"the mapping knows {len(drives)} images only", path)
+            raise DataError(f"the mapping has only {len(drives)} images", path)
         drive = drives[number] if drives else ""
         image = root / "image_2" / f"{path.stem}.png"
         if not image.is_file():

@@ -105,7 +105,7 @@ def prism(base: Array, top: Array) -> Array:
 
 
 def ring(centre: Array, radius: float, count: int) -> Array:
-    """Corners (count, 3) of a level ring, metres, in order seen from above."""
+    """Corners (count, 3) of a horizontal ring, metres, in the order of rising angles."""
     angle = 2 * np.pi * np.arange(count) / count
     return np.asarray(centre + radius * np.stack([np.cos(angle), np.zeros(count), np.sin(angle)], axis=1))
 

@@ -39,7 +39,7 @@ class Shape:
 
     @property
     def height(self) -> float:
-        """Of the highest point, metres."""
+        """Height of the highest point, metres."""
         return max(max(h for _, h in self.body), self.cabin[5] if self.cabin else 0.0)
 
 

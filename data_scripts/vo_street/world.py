@@ -52,7 +52,7 @@ class World:
     Attributes
     ----------
     config : the scene's settings.
-    route, drive : the street's centre line and the camera's way.
+    route, drive : the street's centre line and the camera's path.
     atlas : all textures; `sky` is the number of the clouds.
     still : faces that never move: street and parked vehicles, street frame.
     vehicles : all K vehicles; vehicle k has instance number k + 1, its shadow K + k + 1.

@@ -1,4 +1,4 @@
-"""Bad input to any command is one line that says what is wrong, and exit code 2 before any work."""
+"""Bad input to any command gives an error of one line, and exit code 2 before any work."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from readers import expanded
 
 from vo_lib.commands.cli import main
 
-# A command line and a part of the error; words in capitals stand for places, <9*50> for 50 nines.
+# A command line and a part of the error; words in capitals are names of paths, <9*50> is 50 nines.
 CASES = json.loads((Path(__file__).parent / "bad_input.json").read_text(encoding="utf-8"))
 
 

@@ -1,4 +1,4 @@
-"""The command as a person uses it: files written, tables printed, how it starts and ends."""
+"""The `vo` command: files, printed tables, help and exit codes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
 
 @pytest.fixture
 def done(bands: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """A function that runs `vo run` on the bands, to its end, and gives what it printed."""
+    """A function that calls `vo run` on the bands and returns its output."""
 
     def run(out: str, *words: str, code: int = 0, variant: str = "published") -> str:
         assert main(["run", str(bands), "--out", str(bands.parent / out), *SMALL[variant], *words]) == code
@@ -51,7 +51,7 @@ def read_log(out: Path) -> list[dict[str, str]]:
 
 
 def program(code: str, *words: str, **environ: str) -> subprocess.CompletedProcess[str]:
-    """A fresh Python that does some code with words, at the end of its own environment."""
+    """Run code with arguments in a new Python process, with additional environment variables."""
     command = [sys.executable, "-c", code, *words]
     return subprocess.run(
         command, capture_output=True, text=True, cwd=ROOT, env={**os.environ, **environ}, encoding="utf-8"
@@ -77,7 +77,7 @@ def test_a_run_writes_its_files(bands: Path, done: Callable[..., str], variant: 
     assert image is not None
     assert image.std() > 5
     assert f"bands, mesvo_f, {variant}, 6 frames" in printed
-    assert "ATE m" in printed  # though the path is too short for TE
+    assert "ATE m" in printed  # the path is too short for TE
     assert str(out) in printed
     if variant == "kit":
         learnt = read_learnt_calibration(out / "calibration.json").in_words(config.calibration)
@@ -131,7 +131,7 @@ def test_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) 
 
 def test_lost_tracking_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bands = write_bands(tmp_path / "bands", 14)
-    for frame in range(3, 13):  # the frame behind them has no motion either
+    for frame in range(3, 13):  # the next frame has no motion either
         for side in ("image_0", "image_1"):
             cv2.imwrite(str(bands / side / f"{frame:06d}.png"), BLACK)
     assert main(["run", str(bands), "--out", str(tmp_path / "out"), *SMALL["published"]]) == 0
@@ -151,7 +151,7 @@ def test_config_repeats_a_run_and_options_override_it(
     stored = read_json(tmp_path / "c" / "config.json")
     assert (stored["method"], stored["variant"], stored["settings"]["seed"]) == ("mesvo_f", "published", 3)
     assert stored["settings"]["features"]["blob_cell"] == 9
-    # A table and a grid take it as well.
+    # `vo reproduce` and `vo sweep` accept the file too.
     config += ["--seeds", "1", "--cache", str(tmp_path / "cache")]
     assert main(["reproduce", "--sequences", str(bands), *config, "--out", str(tmp_path / "d")]) == 0
     grid = ["--sequence", str(bands), "--set", "selection.sets=200", "--out", str(tmp_path / "e")]

@@ -1,4 +1,4 @@
-"""Every data script starts as `vo data NAME` and as a file, from any folder."""
+"""Data scripts run as `vo data NAME`, or as a file from any folder."""
 
 from __future__ import annotations
 

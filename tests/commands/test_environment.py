@@ -1,4 +1,4 @@
-"""`vo list` and `vo check`: sequences, packages, data, caches, and the steps to missing data."""
+"""`vo list` and `vo check`: sequences, packages, data, caches, and commands for missing data."""
 
 from __future__ import annotations
 

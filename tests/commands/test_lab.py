@@ -1,4 +1,4 @@
-"""`vo lab` works in a copy of the course, kept up to date around the reader's own changes."""
+"""`vo lab` updates a copy of the course and keeps the reader's own changes."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ LINK = re.compile(r"\]\((?!\w+://)([^)#\s]+)")
 
 
 def files(folder: Path) -> set[str]:
-    """Names of all files in a folder but the caches and the note of what was copied."""
+    """Names of all files in a folder except caches and the file of digests."""
     paths = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
     return {path.as_posix() for path in paths if not {"__pycache__", lab.DIGESTS_FILE} & {*path.parts}}
 
 
 def notebook(source: str, count: int | None = None) -> str:
-    """A notebook of one cell, run as often as `count` says."""
+    """A notebook of one cell with an execution count."""
     cell = {"cell_type": "code", "source": [source], "execution_count": count}
     return json.dumps({"cells": [cell], "metadata": {}, "nbformat": 4, "nbformat_minor": 5})
 
@@ -64,7 +64,7 @@ def test_teacher_copy_has_all_course_files(
     assert files(source) - files(tmp_path / "class") == {"my_vo.py", "solutions/my_vo.py"}
     for name in files(tmp_path / "class"):
         assert (tmp_path / "class" / name).read_bytes() == (source / name).read_bytes()
-    # A student's copy becomes a teacher's, whose links lead to the answers.
+    # A student's copy becomes a teacher's copy, which has links to the answers.
     for teacher in (False, True):
         lab.copy_course(source, tmp_path / "student", teacher)
     assert (tmp_path / "student" / lab.FIRST_NOTEBOOK).read_bytes() == (
@@ -82,7 +82,7 @@ def test_changed_files_are_kept(tmp_path: Path, source: Path, capsys: pytest.Cap
         return capsys.readouterr().out
 
     assert said() == ""
-    mine.write_text("first", encoding="utf-8")  # a beginning of its source
+    mine.write_text("first", encoding="utf-8")  # a prefix of its source
     assert said() == ""
     for version in ("second = 2", "third = 3"):
         theirs.write_text(version, encoding="utf-8")
@@ -106,7 +106,7 @@ def test_executed_notebooks_are_updated(
     mine.unlink()
     lab.copy_course(source, mine.parent, teacher=False)
     assert mine.read_text(encoding="utf-8") == notebook("second")
-    mine.write_text("no JSON", encoding="utf-8")  # the reader's as well
+    mine.write_text("no JSON", encoding="utf-8")  # also a change of the reader
     (source / mine.name).write_text(notebook("third"), encoding="utf-8")
     lab.copy_course(source, mine.parent, teacher=False)
     assert mine.read_text(encoding="utf-8") == "no JSON"

@@ -1,4 +1,4 @@
-"""Label files: what is written is read again, and wrong lines are named."""
+"""Label files: clipping, optional scores, and empty files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trajectory files: what is written is read back, and what is no trajectory is refused with its line."""
+"""Trajectory files: round trips, matching of times, and failed writes."""
 
 from __future__ import annotations
 

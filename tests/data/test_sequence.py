@@ -1,4 +1,4 @@
-"""KITTI-layout folders: what is read, what is refused, and with which words."""
+"""Folders in KITTI's layout: their content, and the errors of invalid ones."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_folder_has_camera_times_and_truth(bands: Path) -> None:
 
 
 def test_baseline_is_the_distance_between_the_cameras(bands: Path) -> None:
-    """KITTI's colour cameras stand beside the origin: P2 has a last column of its own."""
+    """KITTI's colour cameras are beside the origin: the last column of P2 is not zero."""
     words = (bands / "calib.txt").read_text(encoding="utf-8").split()
     words[4] = str(float(words[4]) + 30.0)  # P0[0,3]
     words[17] = str(float(words[17]) + 30.0)  # P1[0,3]
@@ -85,7 +85,7 @@ def remove_pairs(*frames: int) -> Callable[[Path], object]:
     return apply
 
 
-# Faults of a single file are in tests/bad_files.json; here are those that show beside the images.
+# Faults of a single file are in tests/bad_files.json; these faults concern several files.
 FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "no calib.txt": (lambda f: (f / "calib.txt").unlink(), r"calib\.txt: .*missing"),
     "skew": (edit("calib.txt", lambda t: t.replace("0 240", "55 240")), r"line 1: P0: expected f 0 cx"),
@@ -130,4 +130,4 @@ def test_damaged_images_are_refused(
     path.write_bytes(data)
     with pytest.raises(DataError, match="truncated or damaged"):
         read_image(path)
-    assert capfd.readouterr() == ("", "")  # libpng and OpenCV write nothing beside the error
+    assert capfd.readouterr() == ("", "")  # no output of libpng and OpenCV

@@ -1,4 +1,4 @@
-"""The data scripts as a person calls them: what is printed, what is written, and the exit code."""
+"""The data scripts as commands: output, files and exit code."""
 
 from __future__ import annotations
 

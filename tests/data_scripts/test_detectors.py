@@ -1,4 +1,4 @@
-"""Detectors by name: fetched and verified, registered from disk, or explained."""
+"""Detectors by name: download, verification, registration, and errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DATA = np.random.default_rng(1).bytes(200_000)
 
 @pytest.fixture
 def small(server: FileServer) -> Detector:
-    """A fetchable detector on the test's server."""
+    """A detector on the test's server."""
     server.files["small.onnx"] = DATA
     sha256 = hashlib.sha256(DATA).hexdigest()
     return Detector("small", server.url + "small.onnx", len(DATA), sha256, "for tests")
@@ -27,7 +27,7 @@ def small(server: FileServer) -> Detector:
 
 @pytest.fixture
 def onnx(tmp_path: Path) -> Path:
-    """A model that the kit can run."""
+    """A valid model."""
     return write_answering(tmp_path / "own.onnx", np.zeros((1, 5, 84), np.float32), names="['car']")
 
 

@@ -1,4 +1,4 @@
-"""One file over HTTP: it appears whole and verified, or not at all, whatever the server does."""
+"""Download of one file over HTTP: it is complete and verified, or absent."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from vo_lib.geometry.types import Array
 
 START = 1403636579763555584  # ns
 STEP = 50_000_000
-# The body's axes are x up and z ahead; the cameras look ahead and are turned a little against each other.
+# The body's axes are x up and z forward; both cameras look forward, at slightly different angles.
 T_B_0 = rigid(
     rotation_from_vector(np.array([0.02, -0.01, 1.56])) @ rotation_from_vector(np.array([0.01, 0.02, 0.0])),
     np.array([-0.02, -0.06, 0.01]),
@@ -28,7 +28,7 @@ SIZE = (752, 480)
 
 
 def bodies(frames: int) -> Array:
-    """Poses T_w_b of a body that climbs and turns, in a world of its own."""
+    """Poses T_w_b of a body that climbs and turns."""
     T = [rigid(rotation_from_vector(np.array([0.4, 1.2, -0.7])), np.array([4.0, -2.0, 1.0]))]
     for _ in range(frames - 1):
         turn = rotation_from_vector(np.array([0.01, -0.02, 0.015]))
@@ -37,7 +37,7 @@ def bodies(frames: int) -> Array:
 
 
 def write_mav0(base: Path, T_w_b: Array, frames: int) -> Path:
-    """The folder mav0 with grey images, one a STEP, and the body's truth as often."""
+    """The folder mav0 with grey images and the true poses of the body, one per STEP."""
     mav0 = base / "MH_00" / "mav0"
     for camera in range(2):
         folder = mav0 / f"cam{camera}"
@@ -79,7 +79,7 @@ def test_euroc_points_project_as_the_poses_predict(tmp_path: Path) -> None:
     X_w = transform(T_w_b[0] @ T_B_0, X)
 
     def seen(frame: int, camera: int) -> Array:
-        """Rectified pixels of the points, by the cameras as they are."""
+        """Rectified pixels of the points, projected by the distorted cameras."""
         T_c_w = inverse(T_w_b[frame] @ T_B_C[camera])
         f_u, f_v, c_u, c_v = INTRINSICS[camera]
         K = np.array([[f_u, 0, c_u], [0, f_v, c_v], [0, 0, 1]])
@@ -97,7 +97,7 @@ def test_euroc_points_project_as_the_poses_predict(tmp_path: Path) -> None:
         now = transform(inverse(drive.poses[frame]), first)
         uv = rig.f * now[:, :2] / now[:, 2:] + [rig.cx, rig.cy]
         np.testing.assert_allclose(uv, seen(frame, 0), atol=0.5)
-        assert np.abs(uv - left).max() > 5  # so that the test says something
+        assert np.abs(uv - left).max() > 5  # the points move far enough for a test
 
 
 def test_euroc_pairs_without_truth_or_partner_are_omitted(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_euroc_pairs_without_truth_or_partner_are_omitted(tmp_path: Path) -> Non
     drive = read_euroc_drive(mav0)
     np.testing.assert_allclose(drive.times - 1e-9 * START, [0.0, 0.1, 0.15], atol=1e-6)
     assert "1 images without a partner" in drive.note
-    # The other camera may be a little late.
+    # The right camera may be late by `delay`.
     late = [row.replace(f"{START + 2 * STEP},", f"{START + 2 * STEP + 4_000_000},") for row in rows]
     (mav0 / "cam1" / "data.csv").write_text("\n".join(late) + "\n", encoding="utf-8")
     assert [len(read_euroc_drive(mav0, delay).paths) for delay in (0.001, 0.005)] == [3, 4]

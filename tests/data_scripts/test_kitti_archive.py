@@ -1,4 +1,4 @@
-"""Sequences out of zip archives, over ranges and from disk: whole files, checksums, second calls."""
+"""Sequences from zip archives, by HTTP ranges or from disk: complete files, checksums, second calls."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vo_lib.errors import DataError
 
 
 def content(name: str) -> bytes:
-    """Bytes of a member, different for every name, that do not compress."""
+    """Incompressible bytes of a member, different for every name."""
     return np.random.default_rng(list(name.encode())).bytes(3000 + len(name))
 
 
@@ -35,7 +35,7 @@ EXPECTED = sorted(["poses/07.txt", *(f"sequences/07/{name}" for name in (*IMAGES
 
 @pytest.fixture
 def kitti(server: FileServer) -> FileServer:
-    """The three archives of the benchmark, small."""
+    """Small versions of the three archives of the benchmark."""
     server.files[GRAY] = zipped([*GRAY_NAMES, "dataset/sequences/07/calib.txt", "dataset/readme.txt"])
     texts = [f"dataset/sequences/{s}/{name}" for s in ("04", "07") for name in ("calib.txt", "times.txt")]
     server.files[CALIB] = zipped(texts, zipfile.ZIP_DEFLATED)
@@ -44,7 +44,7 @@ def kitti(server: FileServer) -> FileServer:
 
 
 def take(server: FileServer, root: Path, jobs: int = 4) -> list[Member]:
-    """A call of the script for sequence 07; returns the members fetched."""
+    """Fetch sequence 07, and return the fetched members."""
     return unpack([server.url + kind for kind in (GRAY, CALIB, POSES)], root, jobs)
 
 
@@ -68,7 +68,7 @@ def assert_whole(root: Path) -> None:
 def test_only_missing_and_damaged_files_are_fetched(kitti: FileServer, tmp_path: Path) -> None:
     take(kitti, tmp_path)
     assert_whole(tmp_path)
-    # Half of the images, and once the end of the archive with its directory.
+    # Half of the images, and the directory at the end of the archive.
     assert kitti.sent[GRAY] < 0.6 * len(kitti.files[GRAY]) + 70_000
     assert take(kitti, tmp_path) == []
     cut, changed = (tmp_path / name for name in EXPECTED[3:5])
@@ -80,7 +80,7 @@ def test_only_missing_and_damaged_files_are_fetched(kitti: FileServer, tmp_path:
 
 def test_lost_connections_are_resumed(kitti: FileServer, tmp_path: Path) -> None:
     kitti.drop_every = 4
-    take(kitti, tmp_path, jobs=1)  # with several threads the failing requests would be chance
+    take(kitti, tmp_path, jobs=1)  # with several threads, the failing requests would be random
     assert_whole(tmp_path)
 
 

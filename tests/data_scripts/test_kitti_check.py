@@ -1,4 +1,4 @@
-"""A KITTI tree, complete or not: missing and wrong files are named."""
+"""Check of a KITTI folder: missing and wrong files are listed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FRAMES = 6
 
 @pytest.fixture
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A root with a complete sequence 04, which has six frames here."""
+    """A root with a complete sequence 04 of six frames."""
     monkeypatch.setitem(EXPECTED_FRAMES, "04", FRAMES)
     folder = write_bands(tmp_path / "root" / "sequences" / "04", FRAMES)
     (tmp_path / "root" / "poses").mkdir()
@@ -64,7 +64,7 @@ def test_damaged_images_are_listed(tree: Path) -> None:
     cut, other = folder / "image_0" / "000005.png", folder / "image_1" / "000001.png"
     cut.write_bytes(cut.read_bytes()[:-40])
     cv2.imwrite(str(other), np.zeros((240, 100), np.uint8))
-    assert only(tree).problems == ()  # only a deep look decodes images
+    assert only(tree).problems == ()  # only the deep check decodes images
     first, second = only(tree, deep=True).problems
     assert first.startswith("image_0/000005.png: the image is truncated")
     assert second == "image_1/000001.png: 100×240, the others are 480×240"

@@ -1,4 +1,4 @@
-"""Parts of sequences and drives of the raw data, as the script fetches them from a server."""
+"""Parts of sequences and raw drives, fetched from a server."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SYNC, CALIBRATION = f"{NAME}_sync.zip", "2011_09_26_calib.zip"
 
 @pytest.fixture
 def raw(server: FileServer, drive: Path) -> FileServer:  # noqa: F811
-    """The archives of a made drive of eight pairs, which also has laser points, and of its day."""
+    """The archives of a synthetic drive of eight pairs, with laser points, and of its calibration."""
     points = drive / "velodyne_points" / "data" / "0000000003.bin"
     points.parent.mkdir(parents=True)
     points.write_bytes(np.random.default_rng(0).bytes(1_000_000))
@@ -50,7 +50,7 @@ def images(folder: Path) -> list[list[int]]:
 
 
 def assert_drive(folder: Path, start: int, stop: int) -> None:
-    """The folder has these frames of the made drive, with its calibration, times and path."""
+    """Require these frames of the synthetic drive, with calibration, times and path."""
     sequence = open_folder(folder, "")
     assert [int(frame) for frame in sequence.frames] == list(range(start, stop))
     assert sequence.camera.f == P0[0, 0]
@@ -69,7 +69,7 @@ def test_part_of_a_raw_drive_can_be_extended(
     root, folder = tmp_path / "root", tmp_path / "root" / "sequences" / "drive_0005"
     assert get(raw, root, "--raw", NAME, "--frames", "2:5") == 0
     assert_drive(folder, 2, 5)
-    assert sum(raw.sent.values()) < 150_000  # the points are not fetched
+    assert sum(raw.sent.values()) < 150_000  # the laser points are not fetched
     assert load("check_kitti")(["--root", str(root), "--deep"]) == 0
     mark, printed = f"--raw {NAME} --frames 2:5", capsys.readouterr().out
     assert "drive_0005: 3 of 3 pairs, complete" in printed
@@ -142,7 +142,7 @@ def test_part_of_a_sequence_can_be_completed(kitti: FileServer, tmp_path: Path) 
     assert get(kitti, tmp_path, "--sequences", "07") == 0
     assert images(folder) == [[*range(12)], [*range(12)]]
     assert not (folder / PART).exists()
-    # A range of a whole sequence fetches what is missing of it and makes no part of it.
+    # A range of a whole sequence only fetches missing files: the sequence does not become a part.
     (folder / "image_0" / "000003.png").unlink()
     assert get(kitti, tmp_path, *words, "2:5") == 0
     assert images(folder) == [[*range(12)], [*range(12)]]

@@ -1,4 +1,4 @@
-"""A drive of KITTI's raw data: names, times, calibration, and the left camera's path from the GPS/IMU."""
+"""A drive of KITTI's raw data: names, times, calibration, and the path from the GPS/IMU."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vo_lib.geometry.types import Array
 P0 = np.array([[720.0, 0, 60, 0], [0, 720, 20, 0], [0, 0, 1, 0]])
 P1 = P0 - np.array([[0, 0, 0, 387.0], [0, 0, 0, 0], [0, 0, 0, 0]])
 VELO_IMU = rigid(rotation_from_vector(np.array([0.001, -0.002, 0.015])), np.array([-0.81, 0.32, -0.8]))
-# Camera axes (x right, y down, z forward) of the laser's (x forward, y left, z up), turned a little.
+# From laser axes (x forward, y left, z up) to camera axes (x right, y down, z forward), slightly rotated.
 CAM_VELO = rigid(
     np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]) @ rotation_from_vector(np.array([0.01, -0.005, 0.008])),
     np.array([-0.004, -0.076, -0.27]),
@@ -35,7 +35,7 @@ def path_of_the_camera(frames: int = 8) -> Array:
 
 
 def packets(T_w_c: Array) -> list[str]:
-    """GPS/IMU rows of a vehicle whose left camera moves so, by the inverse of the Mercator projection."""
+    """GPS/IMU rows of a vehicle with these camera poses, by the inverse Mercator projection."""
     T_cam_imu = rigid(R_RECT, np.zeros(3)) @ CAM_VELO @ VELO_IMU
     start = rigid(rotation_from_vector(np.array([0.0, 0.0, 0.7])), np.array([0.0, 0.0, 116.0]))
     T = start @ inverse(T_cam_imu) @ T_w_c @ T_cam_imu
@@ -60,7 +60,7 @@ def numbers(matrix: Array) -> str:
 
 @pytest.fixture
 def drive(tmp_path: Path) -> Path:
-    """A synced and rectified drive of eight pairs, with its day's calibration above it."""
+    """A synced and rectified drive of eight pairs, with the calibration in the parent folder."""
     day = tmp_path / "2011_09_26"
     folder = day / "2011_09_26_drive_0005_sync"
     truth = path_of_the_camera()
@@ -88,13 +88,13 @@ def test_path_images_times_and_calibration_are_read(drive: Path) -> None:
     result = read_raw_drive(drive)
     assert result.poses is not None
     assert result.note == ""
-    # Over 10 m the map's scale, that of the first latitude, changes by parts of a million.
+    # Over 10 m, the scale of the map changes by a few parts per million.
     np.testing.assert_allclose(result.poses, path_of_the_camera(), atol=1e-4)
     assert [left.stem for left, _ in result.paths] == [f"{i:010d}" for i in range(8)]
     assert result.paths[3][1].parent.parent.name == "image_01"
     rig = result.rig
     assert (rig.f, rig.cx, rig.cy, rig.baseline) == pytest.approx((720.0, 60.0, 20.0, 387.0 / 720.0))
-    # Midnight passes between the sixth frame and the seventh.
+    # Midnight is between the sixth and the seventh frame.
     np.testing.assert_allclose(result.times, [0, 0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 1.1], atol=1e-6)
 
 

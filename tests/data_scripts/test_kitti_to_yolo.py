@@ -1,4 +1,4 @@
-"""KITTI's labels as a YOLO data set: classes, where the images come from."""
+"""KITTI's labels as a YOLO data set: classes, and origin of the images."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def write_image(path: Path) -> None:
 
 @pytest.fixture
 def objects(tmp_path: Path) -> Path:
-    """Six object images; the mapping has them in another order, two from an evaluated drive."""
+    """Six object images, in another order in the mapping; two are from an evaluated drive."""
     root = tmp_path / "object"
     (root / "label_2").mkdir(parents=True)
     for k in range(6):
@@ -96,6 +96,6 @@ def test_tracking_labels_are_assigned_to_frames(tmp_path: Path) -> None:
     assert result[2].boxes.xyxy[0].tolist() == [100, 30, 140, 70]
     words = ["tracking", str(root), str(tmp_path / "set"), "--drive", f"0000={FREE}"]
     assert kitti_to_yolo(words) == 0
-    # One drive alone: its last frame validates.
+    # With one drive, the last frame is the validation set.
     assert [p.stem for p in (tmp_path / "set" / "valid" / "images").iterdir()] == [f"{FREE}_000002"]
     assert kitti_to_yolo([*words[:4], f"0000={EVALUATED}"]) == 2

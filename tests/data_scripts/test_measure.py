@@ -1,4 +1,4 @@
-"""The scripts that measure: speed, the axes of a truth, the size of the cache."""
+"""Measuring scripts: speed, axes of the truth, choices, ideas and result tables."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_fit_axes_recovers_pitch_and_yaw(pitch: float, yaw: float) -> None:
     assert (fit.pitch, fit.yaw) == pytest.approx((pitch, yaw), abs=1e-6)
     assert fit.kitti.te == pytest.approx(0.0, abs=1e-4)
     x, y, _ = axes_rotation((0.5, 0.9)) @ np.array([0.0, 0.0, 1.0])
-    assert x > 0 > y  # with positive angles the camera looks right and up
+    assert x > 0 > y  # positive angles: the camera looks to the right and up
 
 
 def test_measure_axes_prints_the_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

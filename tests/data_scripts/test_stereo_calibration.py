@@ -1,4 +1,4 @@
-"""Calibration files as tools write them; rectification brings both cameras to equal rows."""
+"""Calibration files of other tools, and rectification to equal rows."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def write(path: Path, matrices: dict[str, Array]) -> Path:
 
 
 def rectified_pixels(maps: tuple[NDArray[np.uint8], NDArray[np.uint8]], uv: Array) -> Array:
-    """Where raw pixels (N, 2) land in the rectified image, by search in the map."""
+    """Positions of raw pixels (N, 2) in the rectified image, by search in the map."""
     back = cv2.convertMaps(maps[0], maps[1], cv2.CV_32FC1)[:2]
     source = np.stack(back, axis=-1)
     landed = []
@@ -61,7 +61,7 @@ def test_rectified_points_have_equal_rows() -> None:
     )
     np.testing.assert_allclose(a[:, 1], b[:, 1], atol=0.1)
     depth = rig.f * rig.baseline / (a[:, 0] - b[:, 0])
-    # The rectified camera is turned a little, so depths along its axis are those of X to some percent.
+    # The rectified camera is slightly rotated, so its depths differ from those of X by some percent.
     np.testing.assert_allclose(depth, X[:, 2], rtol=0.04)
 
 

@@ -1,4 +1,4 @@
-"""Swapped images, wrong baselines and rows that do not match, on drawn and on real pairs."""
+"""Checks for swapped images, wrong baselines and shifted rows, on a drawn and a real pair."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Folders and videos become sequences in KITTI's layout: linked, copied or rectified, whole or not at all."""
+"""Folders and videos become sequences in KITTI's layout, with linked, copied or rectified images."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ K = np.array([[300.0, 0, 240], [0, 300, 120], [0, 0, 1]])
 
 @pytest.fixture
 def source(bands: Path) -> FolderSource:
-    """The band images under names of their own, as a user would have them."""
+    """The band images under other names, as in a user's folder."""
     for side in ("image_0", "image_1"):
         for path in sorted((bands / side).iterdir()):
             path.rename(path.with_name(f"img_{int(path.stem) + 7}.png"))
@@ -44,7 +44,7 @@ def test_png_images_are_linked_in_order(source: FolderSource, tmp_path: Path) ->
 
 
 def renamed(bands: Path, name: Callable[[int, int], str]) -> Path:
-    """All band images in one folder, under names made of their camera and frame."""
+    """All band images in one folder, named by camera and frame."""
     for side in range(2):
         for path in sorted((bands / f"image_{side}").iterdir()):
             path.rename(bands / name(side, int(path.stem)))

@@ -1,4 +1,4 @@
-"""Detection data sets: drawn, read, refused; and with Ultralytics a tiny training."""
+"""Detection data sets, and a short training with Ultralytics."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_paths_identify_evaluated_drives() -> None:
 
 
 def write_set(folder: Path, count: int = 12, roboflow: bool = False, prefix: str = "") -> Path:
-    """A data set of bright rectangles on dark images, as ours or with the paths of a Roboflow export."""
+    """A data set of bright rectangles on dark images, in the kit's layout or in that of a Roboflow export."""
     rng = np.random.default_rng(3)
     for split in ("train", "valid"):
         for kind in ("images", "labels"):
@@ -88,7 +88,7 @@ def test_train_detector_refuses_evaluated_images(
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.filterwarnings("default")  # Ultralytics' own
+@pytest.mark.filterwarnings("default")  # warnings of Ultralytics
 def test_trained_model_runs_in_the_kit(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,4 +1,4 @@
-"""Label folders of a detector: resumable, guarded, equal from the cache."""
+"""Label folders of a detector: resuming, protection of other labels, and the cache."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Write = Callable[..., int]
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    """A network that finds one car in the middle of every image."""
+    """A network that detects one car in the middle of every image."""
     answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
     answer[0, :, 0] = 32, 32, 20, 10, 0.9
     return write_answering(tmp_path / "model.onnx", answer, names="['car']")
@@ -32,7 +32,7 @@ def model(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def write(bands: Path, model: Path) -> Write:
-    """The script on the bands with this network, and more words."""
+    """A function that calls the script on the bands with this network and more options."""
     return lambda *words: load("write_labels")([str(bands), "--model", str(model), *words])
 
 
@@ -89,7 +89,7 @@ def test_cached_labels_belong_to_one_detector(bands: Path, model: Path, tmp_path
     configs = (DetectorConfig(), DetectorConfig(score=0.5), DetectorConfig(threads=2))
     sequences = [labelled_sequence(open_sequence(bands), model, config, cache=tmp_path) for config in configs]
     folders = [sequence.labels for sequence in sequences]
-    assert len(set(folders)) == 2  # the number of threads changes no box
+    assert len(set(folders)) == 2  # the number of threads does not change the boxes
     assert folders[0] is not None
     whole = texts(folders[0])
     (folders[0] / "000002.txt").write_text("2 0.5 0.")

@@ -1,4 +1,4 @@
-"""The detector: fitting images in, both layouts, suppression, clear errors, quality on real images."""
+"""The detector: letterbox, both layouts, suppression, errors, and recall and precision."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_letterbox_round_trip(width: int, height: int, columns: int, rows: int, 
     box = np.array([[0.2 * width, 0.1 * height, 0.9 * width, 0.7 * height]])
     inside = box * letterbox.scale + [letterbox.left, letterbox.top, letterbox.left, letterbox.top]
     assert letterbox.to_image(inside, width, height) == pytest.approx(box - 0.5, abs=1e-6)
-    # The scaled image lies inside of the network's, to rounding.
+    # The scaled image is inside the network's image, up to rounding.
     assert letterbox.left + letterbox.scale * width <= letterbox.width + 1
     assert letterbox.top + letterbox.scale * height <= letterbox.height + 1
 
@@ -46,7 +46,7 @@ def yolov8_answer(classes: int = 2) -> np.ndarray:
 
 
 def yolox_answer() -> np.ndarray:
-    """The same box, as raw numbers of a cell of stride 16: column 1, row 1."""
+    """The same box as raw numbers of a cell of stride 16, in column 1 and row 1."""
     answer = np.zeros((1, CELLS, 5 + 2), np.float32)
     row = 8 * 8 + 1 * 4 + 1
     answer[0, row, :4] = 32 / 16 - 1, 24 / 16 - 1, np.log(20 / 16), np.log(10 / 16)
@@ -59,7 +59,7 @@ LAYOUTS = {"yolov8": yolov8_answer(), "yolox": yolox_answer()}
 
 @pytest.fixture(params=LAYOUTS)
 def either(request: pytest.FixtureRequest, tmp_path: Path) -> YoloDetector:
-    """A network of each layout that finds this box, a car, in every image."""
+    """A network of each layout that detects this box, a car, in every image."""
     path = write_answering(tmp_path / "m.onnx", LAYOUTS[request.param], names="{0: 'cat', 1: 'Car'}")
     detector = YoloDetector(path)
     assert detector.layout == request.param
@@ -70,7 +70,7 @@ def test_both_layouts_give_the_box(either: YoloDetector) -> None:
     # The image fills the network's image from edge to edge at half the scale.
     result = either.detect(np.zeros((128, 128), np.uint8))
     assert result.xyxy == pytest.approx(np.array([[43.5, 37.5, 83.5, 57.5]]), abs=1e-3)
-    assert result.class_id.tolist() == [2]  # COCO's number, whatever the model counts
+    assert result.class_id.tolist() == [2]  # COCO's number, not the model's
     assert result.score == pytest.approx([0.75], abs=1e-6)
 
 

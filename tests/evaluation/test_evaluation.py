@@ -1,4 +1,4 @@
-"""KITTI errors, ATE and RPE: known cases, invariances, and slow or foreign implementations as oracles."""
+"""KITTI errors, ATE and RPE: known cases, invariances, and comparisons with other implementations."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from vo_lib.geometry.types import Array
 
 KITTI_TRUTH = Path(__file__).resolve().parents[3] / "shared" / "data" / "kitti_poses"
 BENCHMARK = KITTI_TRUTH.parent / "benchmark"
-# With steps of 1.07 m no path ends within 0.1 m of these, so that rounding cannot move an end frame.
+# With steps of 1.07 m, no path ends within 0.1 m of these lengths, so rounding cannot change an end frame.
 STEP_LENGTH, LENGTHS = 1.07, (20.0, 50.0, 105.0)
 
 seeds = st.integers(0, 2**32 - 1)
@@ -50,7 +50,7 @@ def random_motions(rng: np.random.Generator, n: int, turn: float, length: float)
 
 
 def random_pair(seed: int, n: int = 140) -> tuple[Array, Array]:
-    """A winding path of equal steps and an estimate of it that drifts."""
+    """A winding path of equal steps, and an estimate with drift."""
     rng = np.random.default_rng(seed)
     motions = random_motions(rng, n - 1, 0.05, STEP_LENGTH)
     return chain(motions), chain(motions @ random_motions(rng, n - 1, 0.002, 0.01))
@@ -74,9 +74,9 @@ def drifting(truth: Array, seed: int) -> Array:
 def literal_kitti_errors(
     truth: Array, estimate: Array, lengths: tuple[float, ...], step: int
 ) -> list[tuple[float, ...]]:
-    """The benchmark's definition, one sub-sequence at a time, path lengths in single precision.
+    """The benchmark's definition, one sub-sequence at a time.
 
-    So are errors over its own lengths; others are in double precision.
+    Path lengths, and errors over the benchmark's own lengths, are in single precision.
     """
     path = [np.float32(0.0)]
     for before, after in zip(truth[:-1, :3, 3], truth[1:, :3, 3], strict=True):
@@ -124,7 +124,7 @@ def test_kitti_errors_equal_the_development_kit(name: str) -> None:
     errors = kitti_errors(truth, estimate)
     np.testing.assert_array_equal(errors.first, first)
     np.testing.assert_array_equal(errors.length, length)
-    # Speeds tell where each sub-sequence ends: one frame more or less is 0.006 m/s or more.
+    # The speed shows the end of a sub-sequence: one frame more or less is at least 0.006 m/s.
     np.testing.assert_allclose(errors.speed, speed, rtol=0.0, atol=2e-6)
     np.testing.assert_allclose(errors.t_err, t_err, rtol=0.0, atol=5.0001e-7)
     np.testing.assert_allclose(errors.r_err, r_err, rtol=0.0, atol=5.0001e-7)
@@ -157,7 +157,7 @@ def test_identical_paths_have_no_error() -> None:
     errors = kitti_errors(printed, printed, LENGTHS, step=1)
     assert len(errors) > 500
     assert errors.t_err.max() < 1e-12
-    # acos near 1 turns rounding of 1e-16 into 1e-8; the transpose as inverse would give 4e-4.
+    # acos near 1 amplifies rounding of 1e-16 to 1e-8; the transpose as inverse would give 4e-4.
     assert (errors.r_err * errors.length).max() < 1e-7
     assert absolute_error(printed, printed).distance.max() < 1e-9
 
@@ -266,5 +266,5 @@ def test_curves_omit_bins_with_few_sub_sequences() -> None:
     assert length == 100.0
     assert te == pytest.approx(1.01)
     assert re == pytest.approx(0.0, abs=1e-6)
-    # Bins of 2 m/s round 8 and 10 m/s hold 9.8 m/s.
+    # 9.8 m/s is in the bins around 8 and 10 m/s.
     assert [at for at, _, _ in errors.curve("speed")] == pytest.approx([3.6 * 8, 3.6 * 10])

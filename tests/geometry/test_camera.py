@@ -1,4 +1,4 @@
-"""Projection and back-projection undo each other."""
+"""Projection and back-projection are inverse to each other."""
 
 from __future__ import annotations
 

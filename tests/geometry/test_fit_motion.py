@@ -1,4 +1,4 @@
-"""Motion from points and their pixels in a pair, robustly: exact where the pixels are."""
+"""Robust motion from points and their pixels in a stereo pair."""
 
 from __future__ import annotations
 

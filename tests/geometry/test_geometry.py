@@ -1,4 +1,4 @@
-"""Group laws of motions and the definition of the essential matrix."""
+"""Group laws of motions, and properties of the essential matrix."""
 
 from __future__ import annotations
 

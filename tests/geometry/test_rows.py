@@ -1,4 +1,4 @@
-"""Rows of several arrays are chosen and joined together."""
+"""Selection and joining of the rows of several arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vo_lib.geometry.types import Array, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Points(Rows):
-    """Places (N, 2) and numbers (N,)."""
+    """Pixels (N, 2) and numbers (N,)."""
 
     uv: Array
     number: IntArray

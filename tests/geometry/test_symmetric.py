@@ -1,4 +1,4 @@
-"""Symmetric 3×3 matrices kept as six numbers."""
+"""Symmetric 3×3 matrices as six numbers."""
 
 from __future__ import annotations
 

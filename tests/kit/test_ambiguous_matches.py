@@ -1,4 +1,4 @@
-"""What looks alike misleads one leg of the loop: only the check that the loop closes finds it out."""
+"""Similar textures mislead one step of the loop: only the check of the loop detects this error."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Pair = tuple[Image, Image]
 
 def matched(kind: str, pairs: list[Pair], loop_tolerance: float) -> StereoMatches:
     """Matches of the last pair with the one before."""
-    # The surface of a feature is let pass: the picture shows two depths at once.
+    # The surface check is off: the image shows two depths at once.
     open_ones: dict[str, Any] = {"surface_share": 0.0, "surface_tolerance": 10.0, "max_difference": 40.0}
     limits: dict[str, Any] = {"max_disparity": 32, "loop_tolerance": loop_tolerance}
     front_end: FrontEnd = KltMatcher(
@@ -45,11 +45,12 @@ def waves(seed: int, shift: float) -> Array:
 
 
 def window_pane(slip: float) -> list[Pair]:
-    """Two pairs of a camera that stands: a wall, and before it a pane that mirrors something.
+    """Two pairs of a still camera: a wall, and in front of it a pane with a reflection.
 
-    In the first right image the mirrored picture is faint, in the second left image the wall is. So from
-    right to right the wall is followed, and across the second pair the mirrored picture. That one is at
-    the wall's place in every image, but in the last one it is `slip` pixels to the right.
+    The reflection is faint in the first right image, the wall in the second left image. Matching from right
+    to right therefore follows the wall, and matching within the second pair follows the reflection. Wall and
+    reflection have the same position in every image, except that the reflection of the last image is `slip`
+    pixels to the right.
     """
 
     def image(of_wall: float, mirrored: float, place: float, slipped: float = 0.0) -> Image:
@@ -65,14 +66,14 @@ def test_mixed_textures_do_not_close_a_loop(kind: str) -> None:
     default = KitMatchingConfig().loop_tolerance
 
     def share(slip: float, tolerance: float = default) -> float:
-        """Of the loops that end anywhere those that close."""
+        """Fraction of all loops that close."""
         closed, any_loop = (len(matched(kind, window_pane(slip), each)) for each in (tolerance, 10.0))
         assert any_loop > 100
         return closed / any_loop
 
-    # With one place in all images the loops close. With two, 1.5 px apart, most of them stay open.
+    # With one position in all images the loops close; with two, 1.5 px apart, most stay open.
     assert share(0.0) > {"kit": 0.8, PAPER: 0.85}[kind]
     assert share(1.5) < 0.6
-    # Two textures in one window move a place by some tenths of a pixel; no more than that.
+    # Two textures in one window move a position by some tenths of a pixel.
     assert default < 0.5
     assert kind == PAPER or share(0.0, 0.5) > 0.95

@@ -1,4 +1,4 @@
-"""What was learnt of a rig is kept to the last bit, said in words, and refused where it is damaged."""
+"""Learnt calibrations: round trip of the file, description in words, and refusal of damaged files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vo_lib.kit.settings import CalibrationConfig
 
 @pytest.fixture
 def learnt() -> Calibration:
-    """Numbers that no short decimal fraction is."""
+    """A calibration of random numbers, which have no short decimal form."""
     rng = np.random.default_rng(4)
     root = rng.normal(size=(ERROR_COUNT, ERROR_COUNT))
     return Calibration(CAMERA, rng.normal(size=ERROR_COUNT), root @ root.T)
@@ -45,7 +45,7 @@ def test_calibration_file_round_trip(learnt: Calibration, tmp_path: Path) -> Non
 
 
 def test_rounded_covariance_is_symmetric(learnt: Calibration, tmp_path: Path) -> None:
-    """A long drive leaves entries near zero, which differ from their mirror images by rounding."""
+    """After a long drive, entries near zero differ from their transposed entries by rounding."""
     learnt.covariance[0, 1], learnt.covariance[1, 0] = 1e-15, -1e-15
     path = tmp_path / "calibration.json"
     path.write_text(learnt.to_json(), encoding="utf-8")

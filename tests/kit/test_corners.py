@@ -1,4 +1,4 @@
-"""Corners lie where corners are; buckets keep the oldest, then the strongest."""
+"""Corners: position, strength, border and cells."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_corners_respect_the_border() -> None:
 
 
 def cells_of(uv: Array) -> set[tuple[int, ...]]:
-    """The cells, 18 px wide, in which pixels (N, 2) lie."""
+    """The cells, 18 px wide, of pixels (N, 2)."""
     return {tuple(cell) for cell in (uv // 18).astype(int).tolist()}
 
 

@@ -1,4 +1,4 @@
-"""Features in vehicle boxes of their own image go, before bucketing, unless too few would be left."""
+"""Box rules: features in vehicle boxes of their own image are removed unless too few would remain."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def box(*xyxy: float) -> Boxes:
     return Boxes(np.array([xyxy]), np.array([2]), np.ones(1))
 
 
-# A car's box goes 100 px to the right from frame to frame.
+# A car's box moves 100 px to the right per frame.
 LEFT, MIDDLE, RIGHT = (100.0, 100.0, 150.0, 150.0), (200.0, 100.0, 250.0, 150.0), (300.0, 100.0, 350.0, 150.0)
 IN_LEFT, IN_MIDDLE, IN_RIGHT, AWAY = (125.0, 125.0), (225.0, 125.0), (325.0, 125.0), (500.0, 125.0)
 Point = tuple[float, float]
@@ -35,13 +35,13 @@ def going(*steps: tuple[Point, Point]) -> StereoMatches:
     return StereoMatches(p, p - (20.0, 0.0), c, c - (20.0, 0.0), whole, np.ones(len(p)), np.arange(len(p)))
 
 
-# What stays of the matches from one place to another when the box goes from LEFT to MIDDLE.
+# Whether a match is kept when the box moves from LEFT to MIDDLE.
 STEPS = {
     (IN_LEFT, IN_MIDDLE): False,  # on the car
-    (IN_LEFT, AWAY): False,  # on the car's old place: it was covered then
-    (AWAY, IN_MIDDLE): False,  # on the car's new place: it is covered now
-    (IN_MIDDLE, AWAY): True,  # where the car had not come yet
-    (AWAY, IN_LEFT): True,  # where the car was and is no more
+    (IN_LEFT, AWAY): False,  # on the old position of the car, which it covered then
+    (AWAY, IN_MIDDLE): False,  # on the new position of the car, which it covers now
+    (IN_MIDDLE, AWAY): True,  # where the car was not yet
+    (AWAY, IN_LEFT): True,  # where the car no longer is
     (AWAY, AWAY): True,
 }
 
@@ -65,14 +65,14 @@ def test_filter_is_off_with_too_few_matches() -> None:
         filtered = rule.step(matches, box(*LEFT))
         assert filtered.flags == flags
         assert filtered.keep.sum() == (10 if flags else 1)
-    # Few matches from the start are not the filter's fault.
+    # No flag if the matches were few before the filter.
     assert BoxFilter(CAMERA, KitFilterConfig()).step(matches, no_boxes()).flags == ()
 
 
 def filtered(config: KitFilterConfig, kept: slice = slice(None), outline: float = 0.0) -> list[Filtered]:
-    """What a rule does with features 200 … 219 of a car that keeps its distance, and 20 of a parked one.
+    """The results of a rule for features 200 … 219 on a car at constant distance, and 20 on a parked car.
 
-    kept : the features given. outline : pixels by which the last one jumps in the last of six frames.
+    kept : the input features. outline : jump of the last feature in the last of six frames, pixels.
     """
     ahead = tuple((-STEP[:3, 3]).tolist())
     first, frames = drive([Vehicle((-0.5, 0.8, 14.0), ahead), Vehicle((4.0, 0.8, 22.0))], 6, noise=0.1)
@@ -93,7 +93,7 @@ def test_moving_vehicles_of_a_drawn_street_are_detected(street: Sequence) -> Non
     sequence, config = street.part(90, 150), preset("moving_selection", variant="kit")
     rule = BoxFilter(sequence.camera, config.filter)
     rule.start(sequence.boxes(0))
-    text: dict[bool, list[bool]] = {True: [], False: []}  # by whether it moves: was each box said to move?
+    text: dict[bool, list[bool]] = {True: [], False: []}  # by true motion: was the box judged as moving?
     for index, (matches, _) in enumerate(find_matches(sequence, config)):
         if index == 0:
             continue

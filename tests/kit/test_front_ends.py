@@ -1,4 +1,4 @@
-"""The paper's front end and the kit's through one interface."""
+"""The front ends of both variants through one interface."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vo_lib.paper.settings import FeatureConfig
 from vo_lib.runs.front_end import FrontEnd, make_front_end
 
 FEATURES = FeatureConfig(blob_cell=9, blob_quality=30)
-# How many matches there are at least, their median error and that of nine in ten, pixels.
+# Minimal number of matches, their median error and its 90 % quantile, pixels.
 FRONT_ENDS = {"kit": (60, 0.02, 0.1), "published": (30, 0.03, 0.2)}
 
 

@@ -1,4 +1,4 @@
-"""Boxes along a street: what moves is found moving, what is parked is left alone."""
+"""Judgement of vehicle boxes: moving, parked or unknown."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vo_lib.paper.boxes import inside
 from vo_lib.paper.sampson import sampson_distance
 from vo_lib.runs.front_end import find_matches
 
-AHEAD = tuple((STEP[:3, 3] * -1.0).tolist())  # the step of a car that keeps its distance
+AHEAD = tuple((STEP[:3, 3] * -1.0).tolist())  # the step of a car ahead at constant distance
 STANDS = (0.0, 0.0, 0.0)
 Frames = list[tuple[StereoMatches, Boxes]]
 
@@ -42,7 +42,7 @@ def test_car_ahead_at_constant_distance_moves() -> None:
 
 
 def test_features_of_moving_boxes_are_removed() -> None:
-    """A car crosses by three metres a frame: some features of the street are in one of its boxes alone."""
+    """A car crosses by 3 m per frame, so some features of the street are in only one of its boxes."""
     before, frames = drive([Vehicle((-6.0, 0.8, 14.0), (3.0, 0.0, 0.0))], 3)
     for number, judgement in enumerate(judged(before, frames)):
         matches, boxes = frames[number]
@@ -91,7 +91,7 @@ def test_van_and_truck_of_drive_0005(clips: Path) -> None:
     for index, (matches, _) in enumerate(find_matches(sequence, config)):
         judgement = classifier.step(matches, sequence.boxes(index))
         x0, _, x1, _ = judgement.boxes.xyxy.T
-        # The van drives from u = 890 to u = 540; the truck stands at the right border for 15 frames.
+        # The van drives from u = 890 to u = 540; the truck is at the right border for 15 frames.
         expected = np.interp(index, [1, 12, 23], [888, 707, 541])
         van.append(judgement.state[np.argmin(np.abs((x0 + x1) / 2 - expected))])
         truck.append(judgement.state[np.argmax(x1)])

@@ -1,4 +1,4 @@
-"""How the vehicle in a box moves: steps of features in space, and of the boxes that hold them."""
+"""Motion of the vehicle in a box: steps of features in space, and of their boxes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from vo_lib.geometry.motion import rigid, rotation_angle, rotation_from_vector, 
 from vo_lib.geometry.types import Array
 from vo_lib.kit.moving import PointSteps, background_motion, box_steps, owner_of, point_steps
 
-CAR = np.array([-0.7, 0.3, 0.2])  # step of a car against the street, current camera's axes
+CAR = np.array([-0.7, 0.3, 0.2])  # step of a car relative to the street, current camera's axes
 
 
 def step_of(yaw: float, roll: float = 0.0) -> Array:
-    """Motion T_cp of a camera that goes 0.8 m ahead and turns, degrees."""
+    """Motion T_cp of a camera that moves 0.8 m forward and turns, degrees."""
     return rigid(rotation_from_vector(np.radians([0.0, yaw, roll])), np.array([0.05, 0.0, -0.8]))
 
 

@@ -1,4 +1,4 @@
-"""The refinement turns the right way round, from far off and for large rotations."""
+"""The refinement converges from a distant start and for large rotations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vo_lib.paper.sampson import match_terms, sampson_distance
 
 FOCAL = 700.0
 DIRECTION = np.array([0.1, -0.05, -1.0]) / np.linalg.norm([0.1, -0.05, -1.0])
-# The camera turns about each axis and about a mixed one; by as much as no car does.
+# Rotations about each axis and about a mixed one, larger than those of a car.
 AXES = {"pitch": (1, 0, 0), "yaw": (0, 1, 0), "roll": (0, 0, 1), "mixed": (0.6, -0.7, 0.4)}
 
 
@@ -24,7 +24,7 @@ def turn(axis: str, degrees: float) -> Array:
 
 
 def seen(R_cp: Array, number: int = 200, seed: int = 0) -> tuple[Array, Array, Array]:
-    """Normalised points x_p, x_c (N, 2) of points X_p (N, 3) that both cameras have before them."""
+    """Normalised points x_p, x_c (N, 2) of points X_p (N, 3) in front of both cameras."""
     X_c = np.random.default_rng(seed).uniform([-6, -3, 6], [6, 3, 30], (60 * number, 3))
     X_p = (X_c - 1.2 * DIRECTION) @ R_cp
     ahead = np.flatnonzero(X_p[:, 2] > 1.0)[:number]

@@ -1,4 +1,4 @@
-"""The errors of a rig are found where there are some, and none are invented elsewhere."""
+"""Self-calibration: true errors are estimated, and a perfect rig stays uncorrected."""
 
 from __future__ import annotations
 
@@ -33,7 +33,6 @@ from vo_lib.kit.settings import CalibrationConfig
 from vo_lib.runs.front_end import find_matches
 
 GRID = np.stack(np.meshgrid(np.linspace(60, 1140, 9), np.linspace(20, 340, 5)), axis=-1).reshape(-1, 2)
-# Noise is all there is in these drives: nothing is to be inflated.
 
 
 def of_stereo(x: Array, disparity: Array) -> Array:
@@ -47,7 +46,7 @@ def learnt(
     noise: float = 0.2,
     step: float = 1.0,
 ) -> Rig:
-    """What is known after a drive whose motion is known."""
+    """The rig after a drive with known motion."""
     rig = Rig(CAMERA, config or CalibrationConfig())
     for matches, R_cp, t_cp in drive(frames, faults, noise, step=step):
         rig.update_from_rows(matches)
@@ -109,7 +108,7 @@ def test_corrected_positions_equal_the_exact_ones(faults: Faults, errors: Array 
 
 @pytest.mark.parametrize(("noise", "step"), [(0.1, 1.0), (0.3, 1.0), (0.3, 0.15)])
 def test_perfect_lenses_stay_uncorrected(noise: float, step: float) -> None:
-    """However the matches scatter: noise of a place does not look like a pincushion."""
+    """For any noise of the matches: noise of a position does not resemble a lens error."""
     rig = learnt(Faults(), CalibrationConfig(), 100, noise, step)
     np.testing.assert_array_equal(rig.errors[FIELD:], np.zeros(4))
     assert (np.abs(rig.estimate[FIELD:]) < 2.0 * np.sqrt(np.diag(rig.covariance)[FIELD:])).all()
@@ -121,7 +120,7 @@ def test_perfect_lenses_stay_uncorrected(noise: float, step: float) -> None:
         ((0.9, -0.4, 1.0, 1.0), (1.0, 0.25, 4.0, 4.0), (0.0, 0.0, 0.0, 0.0)),
         # Variances and floors, 0.51 + 0.7² = 1, 0.56 + 1.2² = 2, 5 + 2² = 9, 9 + 4² = 25.
         ((2.0, -4.0, 6.0, 10.0), (0.51, 0.56, 5.0, 9.0), (1.5, -3.5, 4.5, 7.5)),
-        # Of p1 and k1 the frames know less than half of what was known before them, 1.5² and 15².
+        # The variances of p1 and k1 are above half of their priors, 1.5² and 15².
         ((4.0, 4.0, 90.0, 90.0), (1.13, 1.12, 113.0, 49.0), (0.0, 3.36, 0.0, 89.27778)),
     ],
 )
@@ -169,7 +168,7 @@ def test_calibration_lowers_the_error_of_01(clips: Path) -> None:
         turned[estimate] = fit_axes(sequence.truth, poses, [20.0], 1).kitti.te or np.inf
         length[estimate] = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum() / true
     assert te[True] < 1.0 < 2.0 < te[False]
-    # The field is found within the first frames: else this is 0.3 %.
+    # The field must be estimated within the first frames: otherwise the error is 0.3 %.
     assert turned[True] < 0.2
     assert length[True] == pytest.approx(1.0, abs=0.003)
 
@@ -181,7 +180,7 @@ def test_rows_of_real_pairs_agree_after_correction(clips: Path, name: str) -> No
     rig = Rig(sequence.camera, config.calibration)
     for matches, _ in find_matches(sequence, config):
         if len(matches):
-            corrected = rig.correct(matches)  # with what was learnt before this frame
+            corrected = rig.correct(matches)  # with the estimate before this frame
             rig.update_from_rows(matches)
     before, after = (
         float(np.median(np.abs(m.cur_left[:, 1] - m.cur_right[:, 1]))) for m in (matches, corrected)

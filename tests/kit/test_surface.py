@@ -1,4 +1,4 @@
-"""Windows on slanted surfaces: how they are bent, and how well they are found again."""
+"""Windows on slanted surfaces: their warp, and the accuracy of their matches."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_other_depths_lower_the_share_of_a_surface(
 
 @pytest.mark.parametrize("right", [False, True])
 def test_warp_is_the_derivative_of_the_motion(right: bool) -> None:
-    """The right camera sees the same wall from one baseline beside."""
+    """The right camera sees the same wall from one baseline to the right."""
     slope, t = SLOPE, T
     place = np.array([350.0, 120.0])
     if right:
@@ -86,7 +86,7 @@ def test_warped_windows_are_more_accurate_on_slopes() -> None:
 
 
 def error_of(left: Image, right: Image, uv: Array, start: Array, slope: Array, true: Array) -> float:
-    """Median error of the places found, pixels, with windows bent by a slope (2,)."""
+    """Median error of the matched positions, pixels, with windows warped by a slope (2,)."""
     result, difference = track_warped(left, right, uv, start, stereo_warp(np.tile(slope, (len(uv), 1))), 11)
     good = np.isfinite(difference)
     assert good.mean() > 0.9

@@ -1,4 +1,4 @@
-"""Equations (2) and (3): eight rows a feature, one translation for all, and how hard each one pulls it."""
+"""Equations (2) and (3): eight rows per feature, one translation, and the weight of each feature."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def solved(matches: StereoMatches, R_cp: Array = R_CP, **settings: float) -> tup
 
 
 def eliminated(matches: StereoMatches, depth: Array) -> EliminatedPoints:
-    """The system as the library has it, rows divided by depth (N,)."""
+    """The system of the library, rows divided by depth (N,)."""
     before = stereo_points(CAMERA, matches.prev_left, matches.prev_right).rotated(R_CP)
     now = stereo_points(CAMERA, matches.cur_left, matches.cur_right)
     return EliminatedPoints(before, now, depth, depth)
@@ -85,14 +85,15 @@ def test_far_features_are_excluded() -> None:
 
 
 def pull(depth: float, error: tuple[float, ...], scale: float = 20.0) -> Array:
-    """How far t (3,) moves, metres, when one feature straight ahead is off in the current pair.
+    """Change of t (3,), metres, by the error of one feature straight ahead in the current pair.
 
-    error : pixels, u and v on the left, u and v on the right. The camera stands, which keeps every depth,
-    before 800 points mirrored about the line midway between its eyes: no axis couples with another.
+    error : pixels, u and v on the left, u and v on the right. The camera does not move, so every depth stays
+    the same. The other 800 points are symmetric about the line midway between the cameras, so the axes are
+    not coupled.
     """
     x, y, z = np.random.default_rng(0).uniform([0.5, -2, 6], [6, 2, 30], (200, 3)).T
     crowd = [np.stack([a * x, b * y, z], 1) for a in (1, -1) for b in (1, -1)]
-    # Half way between both eyes the feature's ray is the axis.
+    # Half way between both cameras, the ray of the feature is the axis.
     X = np.array([CAMERA.baseline / 2, 0.0, 0.0]) + np.concatenate([*crowd, [[0.0, 0.0, depth]]])
     matches = match_points(X, X)
     matches.cur_left[-1] += error[:2]
@@ -103,6 +104,6 @@ def pull(depth: float, error: tuple[float, ...], scale: float = 20.0) -> Array:
 @pytest.mark.parametrize("scale", [0.5, 2.0])
 @pytest.mark.parametrize(("residual", "weight"), [(1.0, 1 / 2), (3**0.5, 1 / 4), (2.0, 1 / 5)])
 def test_weight_is_halved_at_the_scale(scale: float, residual: float, weight: float) -> None:
-    # A feature lower by e in both current images leaves e / 2 in each of its four rows along v: e in all.
+    # A feature lower by e in both current images has residuals of e / 2 in four rows along v: e in all.
     little, much = (pull(10.0, (0.0, e, 0.0, e), scale)[1] / e for e in (0.02 * scale, residual * scale))
     assert much / little == pytest.approx(weight, rel=0.02)

@@ -1,4 +1,4 @@
-"""Motions beyond the limits of a vehicle are flagged; an earlier one stands in only where there is none."""
+"""Motions beyond the limits of a vehicle are flagged; an earlier motion replaces only a missing one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def motion(ahead: float = 1.0, turn: Array | tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 def flags(*motions: FrameResult, seconds: float = FRAME_S, check: bool = True) -> list[tuple[Flag, ...]]:
-    """Flags of the last motions of a drive that begins with one of a metre a frame."""
+    """Flags of the last motions of a drive that begins at 10 m/s."""
     vehicle = Vehicle(VehicleConfig(check=check))
     vehicle.judge(motion(10.0 * seconds), seconds)
     return [vehicle.judge(m, seconds).flags for m in motions]

@@ -1,4 +1,4 @@
-"""Boxes: which points they hold, and how much two of them share."""
+"""Boxes: points inside, margin and overlap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The five-point solver and the generator of problems it is tested on."""
+"""The five-point solver on simulated problems."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ WITH_PARALLAX: list[Motion] = [motion for motion in MOTIONS if motion != "pure_r
 
 
 def distance(E: Array, F: Array) -> Array:
-    """‖E - F‖ of unit matrices (..., 3, 3), whatever their signs."""
+    """‖E - F‖ of unit matrices (..., 3, 3) up to sign."""
     return np.asarray(np.minimum(*(np.linalg.norm(E + sign * F, axis=(-2, -1)) for sign in (-1.0, 1.0))))
 
 
 def off_essential(E: Array) -> Array:
-    """By how much singular values of unit matrices (M, 3, 3) are not those of an essential matrix, (M, 3)."""
+    """Deviation (M, 3) of the singular values of unit matrices (M, 3, 3) from an essential matrix."""
     return np.asarray(np.abs(np.linalg.svd(E, compute_uv=False) - [0.5**0.5, 0.5**0.5, 0.0]))
 
 
 def error_of_best(result: Candidates, truth: Array) -> Array:
-    """Distance of the nearest candidate to the truth (S, 3, 3) in each set, (S,); infinite without any."""
+    """Distance (S,) of the nearest candidate of a set to the truth (S, 3, 3); infinite without candidates."""
     error = np.full(len(truth), np.inf)
     np.minimum.at(error, result.set_index, distance(result.E, truth[result.set_index]))
     return error
@@ -45,14 +45,14 @@ def test_candidates_contain_the_true_essential_matrix(motion: Motion) -> None:
     assert np.median(error) <= 1e-12
     assert np.percentile(error, 95) <= 1e-10
     assert np.mean(error > 1e-6) <= 1e-3
-    assert np.max(error) < 1e-2  # none is lost
+    assert np.max(error) < 1e-2  # no solution is lost
 
 
 @pytest.mark.parametrize(
     ("motion", "seed", "rotation", "most"),
     [
         *((motion, 3, 0.0, 1e-6) for motion in ("forward", "planar_forward")),
-        # Each of these batches has sets that are solved only when looked at along other axes.
+        # Each of these batches has sets that are solved only in rotated coordinates.
         *(("small_baseline", seed, None, 1e-5) for seed in (1, 2, 3, 5)),
     ],
 )
@@ -100,7 +100,7 @@ def test_opencv_finds_the_same_candidates(motion: Motion) -> None:
         gaps = distance(E[index == s][:, None], F[None])
         ours += [*np.min(gaps, axis=1, initial=np.inf)]
         theirs += [*np.min(gaps, axis=0, initial=np.inf)]
-        # OpenCV does not polish; some of what it returns is no essential matrix to nine digits.
+        # OpenCV does not polish: some of its matrices are essential only to fewer than nine digits.
         precise += [*(np.ptp(np.linalg.svd(F, compute_uv=False)[:, :2], axis=1) < 1e-9)]
     gap = np.array(theirs)
     assert gap.size > 1500
@@ -152,7 +152,7 @@ def test_degenerate_sets_give_finite_candidates() -> None:
 
 
 def test_real_roots_are_all_found() -> None:
-    """Products of known factors, some roots beyond 1, where the solver looks for w/z."""
+    """Products of known factors; for roots beyond 1 the solver computes w/z."""
     rng = np.random.default_rng(2)
     for expected in ([0.3], [-0.9, 0.91, 5.0], [0.1, 0.101, -7.0, 100.0], list(np.linspace(-3.1, 2.7, 10))):
         complex_pairs = (10 - len(expected)) // 2

@@ -1,4 +1,4 @@
-"""The two 5×5 masks answer to what they are made for, and the descriptor reads what the paper's source says.
+"""The responses of the two 5×5 masks, and the pixels of the descriptor, as in the paper's source.
 
 StereoScan (Geiger, Ziegler and Stiller 2011), section III: blob and corner masks of 5×5, and the horizontal
 and the vertical Sobel response at 16 places of an 11×11 block.
@@ -18,8 +18,8 @@ from vo_lib.paper.settings import FeatureConfig
 
 BLOB_UP, BLOB_DOWN, CORNER_UP, CORNER_DOWN = range(4)
 CENTRE = (40, 30)
-# In the 11×11 block: the four corners and, near the middle of the left and right side, two places each;
-# two columns beside the centre, four places each.
+# In the 11×11 block: the four corners, two positions near the middle of the left and of the right side,
+# and four positions in each of the two columns beside the centre.
 OUTER = {(u, v) for u in (-5, 5) for v in (-5, -1, 1, 5)}
 INNER = {(u, v) for u in (-1, 1) for v in (-3, -1, 1, 3)}
 
@@ -29,7 +29,7 @@ def flat(grey: int = 100) -> Image:
 
 
 def strongest(result: Described, kind: int) -> tuple[tuple[float, ...], float]:
-    """Place and strength of the strongest feature of a kind."""
+    """Position and strength of the strongest feature of a kind."""
     mine = np.flatnonzero(result.kind == kind)
     best = mine[np.argmax(result.strength[mine])]
     return tuple(result.uv[best].tolist()), float(result.strength[best])
@@ -41,7 +41,7 @@ def test_blob_mask_on_a_dot(height: int, kind: int) -> None:
     image[v - 1 : v + 2, u - 1 : u + 2] += np.int8(height).astype(np.uint8)  # modulo 256
     result = describe(image, FeatureConfig())
     assert strongest(result, kind) == (CENTRE, 16.0 * 50)
-    # The other kind of blob answers only beside the dot, weaker.
+    # The other kind of blob has a weaker response beside the dot.
     others = result.strength[result.kind == 1 - kind]
     assert (others < 16.0 * 50 / 2).all()
 
@@ -54,7 +54,7 @@ def test_corner_mask_on_a_chessboard(bright: str, kind: int) -> None:
     image[v:, left if bright == "upper right" else right] = 180
     result = describe(image, FeatureConfig(blob_cell=5))
     place, strength = strongest(result, kind)
-    # The crossing lies between two pixels. Both kinds of pixel beside it see all but one row and column.
+    # The crossing is between two pixels: the mask at either covers all but one row and column.
     assert np.abs(np.array(place) - CENTRE).max() <= 1
     assert strength == pytest.approx(8 * 80, abs=0.5)
     assert not np.any(result.kind == 5 - kind)
@@ -70,7 +70,7 @@ def sobel(image: Image, u: int, v: int) -> tuple[int, int]:
 
 
 def columns(table: NDArray[Any]) -> list[list[float]]:
-    """The columns of a table in an order that does not depend on how they were written."""
+    """The columns of a table, sorted."""
     return sorted(np.asarray(table, float).T.tolist())
 
 
@@ -83,5 +83,5 @@ def test_descriptor_has_32_sobel_responses() -> None:
         [response for du, dv in sorted(OUTER | INNER) for response in sobel(image, int(u) + du, int(v) + dv)]
         for u, v in result.uv
     ]
-    # In which order the 32 numbers stand does not matter, if it is the same for all features.
+    # The order of the 32 numbers is arbitrary, but the same for all features.
     assert columns(result.descriptor) == columns(np.array(expected))

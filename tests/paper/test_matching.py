@@ -1,4 +1,4 @@
-"""The paper's loop matching: most similar feature, range of the sub-pixel refinement, nearest depth."""
+"""The paper's loop matching: best match, closed loops, sub-pixel refinement, range of disparities."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def seen(left_edge: int) -> Image:
 
 
 def two_images() -> tuple[Image, Image]:
-    """An image, blurred noise twice side by side, and its mirror image: some descriptors occur twice."""
+    """Blurred noise twice side by side, and its mirror image: some descriptors occur twice."""
     image = np.random.default_rng(1).integers(0, 255, (80, 120), np.uint8)
     image = np.tile(np.asarray(cv2.GaussianBlur(image, (5, 5), 1), np.uint8), (1, 2))
     return image, image[:, ::-1].copy()
 
 
 def most_alike(a: Described, b: Described, near: BoolArray) -> Index:
-    """For each of N features the first of the least different among M near ones of its kind; near (N, M)."""
+    """Index (N,) of the most similar feature of the same kind among the M features, where near (N, M)."""
     near = near & (a.kind[:, None] == b.kind)
     difference = np.abs(a.descriptor[:, None] - b.descriptor).sum(axis=2)
     match = np.where(near.any(axis=1), np.argmin(np.where(near, difference, np.inf), axis=1), -1)
@@ -59,7 +59,7 @@ def test_stereo_match_has_the_smallest_difference(largest: int) -> None:
 def test_loop_closes_where_four_best_matches_return() -> None:
     settings = MatchingConfig(max_disparity=32)
     images = [(seen(u), seen(u + 10)) for u in (MARGIN, MARGIN + 7)]
-    for _, right in images:  # a step of one row: the features of left and right come in different orders
+    for _, right in images:  # a step of one row: left and right features have different orders
         right[:, :160] = np.roll(right[:, :160], 1, axis=0)
     before, pair = (describe_pair(each, FEATURES, settings) for each in images)
     place = np.arange(len(before.to_right))

@@ -1,4 +1,4 @@
-"""The paper's method as published: what it decides, when it stands still, what it gives on real images."""
+"""Variant `published`: selection, standstill, translation, and errors on real images."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ CONFIG = PUBLISHED["solution_selection"].translation
 def scene(
     number: int = 300, seed: int = 0, T_cp: Array = T_CP, noise: float = 0.0, farthest: float = 50.0
 ) -> StereoMatches:
-    """Matches of points that fill the image, 6 m to `farthest` away, under a known motion."""
+    """Matches of points all over the image, 6 m to `farthest` metres away, for a motion T_cp."""
     rng = np.random.default_rng(seed)
     disparity = CAMERA.f * CAMERA.baseline / rng.uniform(6.0, farthest, number)
     X = CAMERA.back_project(rng.uniform((60, 20), (1180, 356), (number, 2)), disparity)
@@ -62,7 +62,7 @@ def translation(
 
 
 def pair_before(matches: StereoMatches, T_cp: Array) -> PairBefore:
-    """The pair before of all matches but the last, in another order, with the same motion."""
+    """The previous pair of all matches but the last, in another order, with the same motion."""
     X_p = CAMERA.triangulate(matches.prev_left, matches.prev_right)
     earlier = match_points(transform(inverse(T_cp), X_p), X_p)
     return PairBefore(earlier[np.arange(len(matches) - 2, -1, -1)], T_cp)
@@ -88,7 +88,7 @@ def test_winner_becomes_e_prev() -> None:
     assert np.isnan(first.prior_angle)
     assert system.e_prev is not None
     before = system.e_prev
-    # The winner goes through five noisy matches, so it is near the truth and not it.
+    # The winner fits five noisy matches, so it is near the truth.
     truth = essential_vector(essential_from_motion(R_CP, T_CP[:3, 3]))
     assert 1e-6 < float(essential_angle(before, truth)) < 0.05
     second = system.step(scene(seed=1, noise=0.3), no_boxes())
@@ -98,7 +98,7 @@ def test_winner_becomes_e_prev() -> None:
 
 
 def test_prior_selects_before_the_error() -> None:
-    """Two sets: in the first the truth beside a solution near E_prev, in the second one that lies between."""
+    """Two sets: the first has the truth and a solution near E_prev, the second a solution between them."""
     matches = scene()
     x_p, x_c = CAMERA.normalise(matches.prev_left), CAMERA.normalise(matches.cur_left)
     before, between = (turned_by(angle) for angle in (0.10, 0.05))
@@ -108,12 +108,12 @@ def test_prior_selects_before_the_error() -> None:
         system = make_odometry(CAMERA, change(preset(method, variant="published"), "selection.keep", 1))
         system.e_prev = essential_vector(before)
         chosen[method] = system.select(E, np.array([0, 0, 1]), x_p, x_c)
-    # Consensus takes the truth. The prior leaves one of each set: of these the better one wins.
+    # Consensus selects the truth. The prior keeps one solution per set, and the better of these wins.
     assert chosen == {"mesvo_f": 0, "solution_selection": 2}
 
 
 def turned_by(angle: float) -> Array:
-    """The true essential matrix with a rotation that is off, radians."""
+    """The essential matrix of the true motion with an additional rotation, radians."""
     off = rotation_from_vector(np.array([0.0, angle, 0.0]))
     return essential_from_motion(off @ R_CP, T_CP[:3, 3])
 
@@ -160,11 +160,11 @@ def test_previous_pair_adds_four_rows() -> None:
     A, c = earlier_rows(CAMERA, matches, pair_before(matches, T_CP))
     Q = CAMERA.triangulate(matches.prev_left, matches.prev_right)
     np.testing.assert_allclose((A @ Q[:, :, None])[..., 0], c, atol=1e-9)
-    assert np.linalg.matrix_rank(A).tolist() == 39 * [3] + [0]  # the last one was not seen there
+    assert np.linalg.matrix_rank(A).tolist() == 39 * [3] + [0]  # the last feature has no match there
 
 
 def off_by_rectification(matches: StereoMatches) -> StereoMatches:
-    """The matches with the disparity error that KITTI's rectification leaves: a smooth field."""
+    """The matches with a smooth disparity error like that of KITTI's rectification."""
     for right in (matches.prev_right, matches.cur_right):
         x, y = CAMERA.normalise(right).T
         right[:, 0] += 0.2 - 0.8 * x**2 - 6.3 * y**2 - 0.8 * x * y + 4 * x**4 - 1.5 * x**2 * y
@@ -172,7 +172,7 @@ def off_by_rectification(matches: StereoMatches) -> StereoMatches:
 
 
 def test_third_frame_lowers_the_rectification_error() -> None:
-    """Of two steps of 1 m the second is less wrong with the pair before, whose step is too long as well."""
+    """After a step of 1 m, the previous pair lowers the error of the next one, though both are too long."""
     forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
     errors = []
     for seed in range(20):
@@ -188,7 +188,7 @@ def test_third_frame_lowers_the_rectification_error() -> None:
 
 
 def test_frames_without_motion_are_no_previous_pair() -> None:
-    """The pair before is not used after a standstill or a frame with few matches."""
+    """The previous pair is not used after a standstill or a frame with few matches."""
     moving, still = scene(noise=0.1), scene(seed=1, T_cp=np.eye(4))
     two = change(preset("solution_selection"), "translation.pairs", 2)
     for matches in (still, empty_matches()):
@@ -207,14 +207,14 @@ def test_stacked_rows_equal_the_pseudo_inverse() -> None:
     whole = np.zeros((40, 8, 3 * 40 + 3))
     for i in range(40):
         whole[i, :, 3 * i : 3 * i + 3], whole[i, :, -3:] = A[i], B[i]
-    # In pixels, as (2) projects: each feature's rows divided by its depth.
+    # In pixels, as in (2): the rows of a feature divided by its depth.
     depth = CAMERA.triangulate(matches.prev_left, matches.prev_right)[:, 2:]
     pixels = np.linalg.pinv((whole / depth[:, None]).reshape(320, -1)) @ (c / depth).ravel()
     np.testing.assert_allclose(t, pixels[-3:], atol=1e-9)
 
 
 def test_pixel_noise_does_not_shorten_steps() -> None:
-    """Least squares with noise in its coefficients is biased: rows in metres lose 0.7 % here."""
+    """Least squares with noisy coefficients is biased: with rows in metres, steps are 0.7 % too short."""
     forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
     far = (scene(400, seed, forward, noise=0.2, farthest=100.0) for seed in range(40))
     steps = [translation(matches, np.eye(3))[0] for matches in far]
@@ -224,7 +224,7 @@ def test_pixel_noise_does_not_shorten_steps() -> None:
 def test_wrong_depths_do_not_change_the_translation() -> None:
     matches = scene(300, noise=0.1)
     wrong = np.arange(300) % 3 == 0
-    matches.cur_right[wrong, 0] -= 9.0  # a repeated texture: all nearer by nine pixels
+    matches.cur_right[wrong, 0] -= 9.0  # a repeated texture: nine pixels nearer
     t, agrees = translation(matches)
     assert not agrees[wrong].any()
     assert np.linalg.norm(t - T_CP[:3, 3]) < 0.02

@@ -1,4 +1,4 @@
-"""The VISO2 estimator: known motions from simulated matches, right and wrong ones."""
+"""The VISO2 estimator on simulated matches with outliers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from vo_lib.paper.viso2 import observed, ransac_motion
 from vo_lib.runs.drive import make_odometry
 
 CONFIG = ReprojectionConfig()
-# Positions of the camera in the world: it drives forward a metre a frame and turns by half a degree.
+# Step of the camera pose in the world: 1 m forward per frame and 0.5° of rotation.
 STEP = rigid(rotation_from_vector(np.array([0.001, 0.009, -0.001])), np.array([0.02, -0.01, 1.0]))
 
 
@@ -46,7 +46,7 @@ def errors(frame: SimulatedFrame, R: Array, t: Array) -> tuple[float, float]:
     return float(np.degrees(rotation_angle(R.T @ T[:3, :3]))), float(np.linalg.norm(t - T[:3, 3]))
 
 
-# Back, and turns on the spot.
+# Backwards, and rotations on the spot.
 OTHER_WAYS = [
     rigid(rotation_from_vector(np.array([0.0, turn, 0.0])), np.array([0.0, 0.0, z]))
     for turn, z in ((0.0, -0.4), (0.05, 0.0), (-0.15, 0.0))
@@ -59,7 +59,7 @@ def test_exact_matches_give_the_exact_motion_despite_outliers(step: Array, wrong
         R, t, inliers = estimate(frame.matches)
         assert (np.array(errors(frame, R, t)) < (1e-6, 1e-7 if step is STEP else 1e-6)).all()
         assert inliers[~frame.wrong].all()
-        # A wrong match may by chance be another place with the same picture of the motion; few are.
+        # A few wrong matches agree with the motion by chance.
         assert step is not STEP or not (inliers & frame.wrong).any()
 
 
@@ -81,7 +81,7 @@ def test_weight_falls_from_the_image_centre() -> None:
 def test_inliers_have_depth_and_small_residuals() -> None:
     (frame,) = frames(noise=0.0, n=1)
     m, number = frame.matches, np.arange(300)[:, None]
-    # 1.5 px in each image: more than 2 px together, less in either. And some have no depth.
+    # 1.5 px in each image: above 2 px for both together. Some matches have no depth.
     down, beyond = (number < 10) * (0.0, 1.5), (number >= 280) * (300.0, 0.0)
     moved = dataclasses.replace(
         m, cur_left=m.cur_left + down, cur_right=m.cur_right + down, prev_right=m.prev_right + beyond
@@ -117,7 +117,7 @@ def test_viso2_errors_on_00(clips: Path) -> None:
     sequence = open_sequence(clips / "sequences" / "00")
     truth, poses = sequence.truth, run(sequence, preset("viso2", variant="kit")).poses
     assert truth is not None
-    # libviso2, with features of its own, has 1.44 / 1.17 over 100 m and 1.61 / 1.88 over 50 m here.
+    # libviso2 with its own features has 1.44 / 1.17 over 100 m and 1.61 / 1.88 over 50 m.
     for length, te, turned, re in ((100.0, 1.25, 0.60, 1.17), (50.0, 1.55, 1.30, 1.88)):
         result, without = kitti_errors(truth, poses, [length], 1), fit_axes(truth, poses, [length], 1).kitti
         assert (np.array([result.te, result.re, without.te], float) < (te, re, turned)).all()

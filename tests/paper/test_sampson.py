@@ -1,4 +1,4 @@
-"""The Sampson distance by matrix products."""
+"""The Sampson distance as matrix products."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's claim with nothing downloaded, on a small scene drawn here."""
+"""`vo demo` on a small drawn scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The film of a run: a frame for each motion, with the features, the boxes and the path so far."""
+"""The film of a run: an image per motion, with features, boxes and path."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_film_has_the_same_bytes_from_cached_matches(bands: Path, capsys: pytest
     assert main([*command, str(base / "b.mp4"), "--cache", str(base / "cache")]) == 0
     assert (base / "a.mp4").read_bytes() == (base / "b.mp4").read_bytes()
     video = cv2.VideoCapture(str(base / "a.mp4"))
-    # An image of 480×240, a square for the path beside it, words below.
+    # An image of 480×240, a square for the path beside it, text below.
     wanted = (5, 10, 480 + 300, 300 + WORDS_HEIGHT_PX)
     kinds = cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
     assert tuple(map(video.get, kinds)) == wanted

@@ -1,4 +1,4 @@
-"""The paper's Table 1 as a data file, and what the kit says about its numbers."""
+"""The paper's Table 1 as a data file, and the averages of its numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`vo evaluate`: runs and foreign pose files side by side, and their truth."""
+"""`vo evaluate`: runs, pose files of other systems, and their truth."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ TURNED = rigid(rotation_from_vector(np.array([0.3, -1.0, 2.0])), np.array([4.0, 
 
 
 def scaled(poses: Array, factor: float) -> Array:
-    """The path with all its steps so many times as long."""
+    """The path with all steps longer by a factor."""
     longer = poses.copy()
     longer[:, :3, 3] *= factor
     return longer
 
 
 def numbers(capsys: pytest.CaptureFixture[str], *words: Path | str) -> dict[str, dict[str, Any]]:
-    """Errors of the one sequence in the JSON of `vo evaluate` by system."""
+    """Errors by system, from the JSON of `vo evaluate` on one sequence."""
     capsys.readouterr()
     assert main(["evaluate", *map(str, words), "--json"]) == 0
     (sequence,) = json.loads(capsys.readouterr().out)["sequences"]
@@ -41,7 +41,7 @@ def numbers(capsys: pytest.CaptureFixture[str], *words: Path | str) -> dict[str,
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
-    """The line of an error."""
+    """The error of a refused `vo evaluate`."""
     assert main(["evaluate", *map(str, words)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     return line
@@ -70,7 +70,7 @@ def test_evaluate_takes_the_truth_from_run_folders(
     for words in ("bands: sub-sequences of 20, 50, 100 m", "bands, frames 1-4", "shorter than KITTI"):
         assert words in text
     names = ("bands", "bands_frames_1-4", "street")
-    # 2.5 m hold no sub-sequence, so there are no curves.
+    # A path of 2.5 m has no sub-sequence, so there are no curves.
     files = {f"trajectory_{name}.png" for name in names}
     assert {path.name for path in tmp_path.iterdir()} == files | {"evaluation.json"}
     stored = json.loads((tmp_path / "evaluation.json").read_text(encoding="utf-8"))["sequences"]
@@ -92,7 +92,7 @@ def test_evaluate_computes_errors_from_poses(
     result = numbers(capsys, tmp_path / "a", tmp_path / "orb.txt", tmp_path / "timed.txt")
     assert list(result) == ["viso2", "orb", "timed"]
     for (name, each), percent in zip(result.items(), (10, 20, 30), strict=True):
-        assert each["frames"] == 5, name  # which all of them have
+        assert each["frames"] == 5, name  # common frames of all systems
         assert each["rpe"]["translation"]["rmse_m"] == pytest.approx(0.5 * percent / 100)
 
 
@@ -160,13 +160,13 @@ def test_evaluate_writes_the_same_bytes(tmp_path: Path, capsys: pytest.CaptureFi
     text = capsys.readouterr().out
     assert "│ 100 m" in text
     assert "SE3" in text
-    # The road is driven at one speed: no curve over it.
+    # The speed is constant, so there is no curve over speed.
     files = {"trajectory_07.png", "errors_07_by_length.png"}
     assert {path.name for path in (tmp_path / "one").glob("*.p*")} == files
     for path in (tmp_path / "one").iterdir():
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
     result = numbers(capsys, *command[1:])
-    # A sub-sequence ends up to a step past its length.
+    # A sub-sequence is up to one step longer than its length.
     assert [each["te_percent"] for each in result.values()] == pytest.approx([2.0, 5.0], rel=0.02)
     for alignment in Alignment:
         result = numbers(
@@ -183,7 +183,7 @@ def test_evaluate_options_of_rpe_and_times(tmp_path: Path, capsys: pytest.Captur
     files: list[Path | str] = [tmp_path / "ours.txt", "--truth", tmp_path / "truth.txt"]
     words = [*files, "--t-max-diff", "0.3"]
     assert "fewer than two poses" in refused(capsys, *files)
-    # A step is 0.5 m long and its error a tenth of that.
+    # A step is 0.5 m long, and its error 0.05 m.
     for delta, key, error in (("1f", "frames", 0.05), ("8f", "frames", 0.4), ("3.2m", "m", 0.35)):
         rpe = numbers(capsys, *words, "--delta", delta)["ours"]["rpe"]
         assert rpe[f"delta_{key}"] == float(delta[:-1])

@@ -1,4 +1,4 @@
-"""Figures show what they are given."""
+"""Figures: colours of matches, and alignment of paths."""
 
 from __future__ import annotations
 

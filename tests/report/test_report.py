@@ -1,4 +1,4 @@
-"""Reports: one page that holds everything, escapes its text and can be read on any screen."""
+"""The HTML page of a report: escaping, order and links."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PNG = bytes(cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1])
 
 
 def page(problems: tuple[str, ...] = ()) -> str:
-    """A page with signs of markup wherever a text may stand."""
+    """A page with markup characters in every text."""
     table = ReportTable(
         "<b>", ["a & b", "solution_selection <TE>"], [["kitti/07, <script> a_b", "1"]], ["1 < 2"]
     )
@@ -27,7 +27,7 @@ def test_report_escapes_text() -> None:
     assert "a &amp; b" in text
     assert "solution_<wbr>selection &lt;TE&gt;</th>" in text
     assert "kitti/07, &lt;script&gt; a_<wbr>b</th>" in text
-    # A box that scrolls is reached with the keyboard and has a name.
+    # A scrolling box has a name, and the keyboard reaches it.
     assert '<div class="scroll" tabindex="0" role="region" aria-label="&lt;b&gt;"><table' in text
 
 

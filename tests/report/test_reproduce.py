@@ -1,4 +1,4 @@
-"""Table 1 over sequences, methods and seeds: averages by hand, and whole commands on small KITTI trees."""
+"""Table 1 over sequences, methods and seeds: averages, layout, and `vo reproduce` on a small KITTI folder."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def layout(group: Group) -> list[ReportTable]:
 
 def test_entries_have_the_errors_of_each_seed() -> None:
     entry = entry_of("somewhere", 500, [1.0, 2.0])
-    # A sub-sequence ends with the first frame beyond its length: some are a frame longer.
+    # A sub-sequence ends with the first frame beyond its length, so some are a frame longer.
     np.testing.assert_allclose(entry.te, [1.0, 2.0], rtol=0.011)
     np.testing.assert_allclose(entry.re, 0.0, atol=1e-9)
     assert (entry.seeds, entry.measure) == ((0, 1), KITTI_MEASURE)
-    # Of the time a frame, without the front end.
+    # Time per frame without the front end.
     assert (entry.removed_share, entry.back_end_ms) == pytest.approx((0.25, 5.0))
 
 
@@ -49,7 +49,7 @@ def test_mean_excludes_01_and_pooled_average_does_not() -> None:
     long, short = entry_of("kitti/00", 500, [1.0, 2.0]), entry_of("kitti/04", 150, [3.0])
     highway = entry_of("kitti/01", 150, [9.0])
     group = group_of(long, highway, short)
-    # Of each seed that all sequences have.
+    # Only seeds of all sequences count.
     assert group.mean("viso2")[0] == pytest.approx((long.te[:1] + short.te) / 2)
     counts = [len(e.results[0].kitti) for e in (long, highway, short)]
     values = [float(e.te[0]) for e in (long, highway, short)]
@@ -57,10 +57,10 @@ def test_mean_excludes_01_and_pooled_average_does_not() -> None:
     assert len(set(counts)) == 2
     names = [record["sequence"] for record in table_records([group], table_of_twos())]
     assert names == ["mean of 2", "kitti/00", "kitti/04", "kitti/01", "pooled"]
-    # Sequences that are not KITTI's are averaged as they are.
+    # For other sequences, 01 is not excluded.
     others = group_of(entry_of("x/00", 500, [1.0]), entry_of("x/01", 500, [3.0]))
     assert others.mean("viso2")[0] == pytest.approx(2.0, rel=0.011)
-    # A path that holds no sub-sequence counts for nothing.
+    # A path without a sub-sequence does not count.
     whole, none = entry_of("a", 300, [1.0]), entry_of("b", 5, [1.0], measure=KITTI_MEASURE)
     assert group_of(whole, none).mean("viso2")[0] == pytest.approx(whole.te)
 
@@ -120,7 +120,7 @@ def test_only_whole_sequences_have_printed_numbers(name: str, frames: int, measu
     assert printed(entry_of("kitti/04", 271, [1.0])) == 2.0
     other = entry_of(name, frames, [1.0], measure=measure)
     assert printed(other) is None
-    # With another in the place of one of its rows there is no average of the paper's.
+    # If another sequence replaces a row of the paper, there is no average of the paper.
     entries = [entry_of(f"kitti/{n}", EXPECTED_FRAMES[n], [1.0]) for n in PAPER_ROWS[1:] if n != "04"]
     assert AVERAGE not in {
         r["sequence"] for r in table_records(group_entries([*entries, other]), table_of_twos())
@@ -148,7 +148,7 @@ def test_result_compares_means_with_and_without_removal() -> None:
     (text,) = results([group])
     assert text.startswith("Mean of 2 sequences, variant kit: feature_selection")
     means = [f"{group.mean(method)[0].mean():.3f}" for method in pairs]
-    # From 3 to 2 %; the rotations have no errors.
+    # From 3 to 2 %; the rotations are exact.
     assert text.endswith(
         f"lowers TE from {means[0]} to {means[1]} % (−33.3 %) compared with solution_selection."
     )
@@ -178,7 +178,7 @@ def test_table_as_markdown_and_csv() -> None:
     (table,) = layout(group)
     assert {len(row) for row in table.rows} == {len(table.columns)} == {4}
     assert "02 viso2" in (rows := [row[0] for row in table.rows])
-    assert "02 mesvo_f" not in rows  # no row of what did not run
+    assert "02 mesvo_f" not in rows  # no row without a run
     assert "over 2 seeds" in table.notes[0]
     text = markdown(ReportTable("t", ["a", "b"], [["1", "2\n3"]], ["n"], ["h"]))
     assert text == "## t\n\nh\n\n| a | b |\n| --- | ---: |\n| 1 | 2<br>3 |\n\nn\n"
@@ -203,7 +203,7 @@ def test_jobs_have_separate_folders() -> None:
 
 @pytest.fixture
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A KITTI root with 02, 07 and, without truth, 11; a folder for what is found in it."""
+    """A folder with a KITTI root of 02, 07 and, without truth, 11."""
     for name in ("02", "07", "11"):
         write_bands(tmp_path / "kitti" / "sequences" / name)
     (tmp_path / "kitti" / "sequences" / "11" / "poses.txt").unlink()

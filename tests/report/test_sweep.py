@@ -1,4 +1,4 @@
-"""A grid over settings: every combination is a run of its own, whatever computes it."""
+"""`vo sweep`: axes, records of single runs, and the heat map."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vo_lib.runs.jobs import run_jobs
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    """Forty-three frames, 21 m: sub-sequences of 20 m fit."""
+    """Forty-three frames, 21 m: long enough for sub-sequences of 20 m."""
     return open_sequence(write_bands(tmp_path_factory.mktemp("sweep") / "bands", 43))
 
 
@@ -30,7 +30,7 @@ def axis(text: str) -> Axis:
 
 
 def sweep_of(sequence: Sequence, place: Path, *axes: str) -> Sweep:
-    """A sweep of `feature_selection` with two seeds, with its cache and its runs in a folder."""
+    """A sweep of `feature_selection` with two seeds; cache and runs are in a folder."""
     do, config = partial(run_jobs, cache=place / "cache"), preset("feature_selection")
     return run_sweep(sequence, "feature_selection", config, tuple(map(axis, axes)), 2, place, do)
 
@@ -57,7 +57,7 @@ def test_sweep_records_equal_single_runs(sequence: Sequence, tmp_path: Path) -> 
     record, te_of_seeds = sweep.records[2], np.array(te, float)
     assert record["te_percent"] == pytest.approx(te_of_seeds.mean(), abs=1e-6)
     assert record["te_percent_std"] == pytest.approx(te_of_seeds.std(), abs=1e-6)
-    # A front end for each value of its setting, shared by the rest.
+    # One front end per value of its setting, shared by the other runs.
     assert len(list((tmp_path / "cache").rglob("*.npz"))) == 2
     assert len(sweep_table(sweep).rows) == 4
 

@@ -1,4 +1,4 @@
-"""Digests change with everything that decides a result, and with nothing else."""
+"""Digests change with every input of a result, and with nothing else."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from vo_lib.files import file_sha256
 
 @pytest.fixture
 def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder for remembered hashes."""
+    """An empty folder for stored hashes."""
     monkeypatch.setattr(identity, "cache_folder", lambda: tmp_path / "user" / "synthetic")
     return tmp_path / "user" / "hashes"
 
 
 def hashed(monkeypatch: pytest.MonkeyPatch, folder: Path) -> tuple[str, list[str]]:
-    """The digest of a sequence's images, and the names of the images that were read for it."""
+    """The digest of a sequence's images, and the names of the images read for the digest."""
     read: list[str] = []
 
     def watched(path: Path) -> str:
@@ -104,14 +104,14 @@ def test_masks_are_in_the_identity_of_runs_only(bands: Path) -> None:
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of vo_lib whose files may be changed."""
+    """A copy of vo_lib for changes of files."""
     shutil.copytree(identity.PACKAGE, tmp_path / "vo_lib", ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(identity, "PACKAGE", tmp_path / "vo_lib")
     return tmp_path / "vo_lib"
 
 
 def stale(package: Path, file: str) -> set[str]:
-    """Which digests of code change with one byte of a file."""
+    """Names of the code digests that change with one byte of a file."""
     digests = {
         f"{name} {variant}": modules
         for name, code in (("matches", identity.FRONT_END_CODE), ("poses", identity.POSE_CODE))

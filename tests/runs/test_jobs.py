@@ -1,4 +1,4 @@
-"""Many runs at once: the same bytes as one by one, one front end for all, an end of its own for each."""
+"""Parallel runs: same bytes as single runs, shared front end, separate failures."""
 
 from __future__ import annotations
 

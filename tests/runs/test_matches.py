@@ -1,4 +1,4 @@
-"""Matches from the cache are those from the images, to the last bit; a damaged file is made anew."""
+"""The match cache: bytes equal to computed matches, keys, and damaged files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole runs: exact on the band sequence, flagged where images fail, good on real clips."""
+"""Whole runs: exact on the band sequence, flags for bad images, error bounds on real clips."""
 
 from __future__ import annotations
 
@@ -82,13 +82,13 @@ def test_boxes_remove_their_features(bands: Path) -> None:
     assert all("filter_off" in motion.flags and motion.removed == 0 for motion in off.motions)
 
 
-# Bounds of the whole method on the first 201 frames of KITTI 00.
 def test_errors_on_00_are_within_bounds(clips: Path) -> None:
     sequence = open_sequence(clips / "sequences" / "00")
     seeds = {str(seed): preset("feature_selection", seed=seed, variant="kit") for seed in range(5)}
     assert sequence.truth is not None
     for result in run_methods(sequence, seeds).values():
-        # KITTI's truth looks aside: a principal point that is off imitates that, so TE is judged without it.
+        # KITTI's truth is slightly rotated. A wrong principal point has the same effect, so TE is also judged
+        # without this rotation.
         for length, te, turned, re in ((100.0, 1.20, 0.70, 1.17), (50.0, 1.65, 1.45, 1.7)):
             errors = kitti_errors(sequence.truth, result.poses, [length], 1)
             without = fit_axes(sequence.truth, result.poses, [length], 1).kitti
@@ -100,7 +100,7 @@ def test_errors_on_00_are_within_bounds(clips: Path) -> None:
 def test_masks_remove_features_of_the_bonnet(tmp_path: Path, variant: str) -> None:
     folder = write_bands(tmp_path / "bands")
     bonnet = texture(np.random.default_rng(1), 60, 500, 1.2)
-    for side, start in (("image_0", 0), ("image_1", 20)):  # the bonnet stays where it is
+    for side, start in (("image_0", 0), ("image_1", 20)):  # the bonnet does not move
         for path in (folder / side).glob("*.png"):
             image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
             assert image is not None

@@ -1,4 +1,4 @@
-"""A published run is the paper and no more; each variant declares the settings that it reads."""
+"""A run of variant `published` uses nothing of the kit; every declared setting of a variant is read."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_published_run_uses_nothing_of_the_kit(bands: Path) -> None:
     words = [sys.executable, "-c", OF_THE_KIT, str(with_box(bands, 6))]
     printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()
     assert printed[0] == "['vo_lib.kit', 'vo_lib.kit.settings']"
-    # Its settings declare themselves when they are imported.
+    # The settings are declared at import.
     assert printed[1] in ("['__init__.py', 'settings.py']", "['settings.py']")
 
 

@@ -1,4 +1,4 @@
-"""A run killed at any moment and started again gives the same bytes; a folder belongs to one run."""
+"""Run folders: restart after an interruption, refusal of other runs, and locks."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def stop_at(frame: int) -> Callable[[int, int], None]:
 
 
 def require_same(folder: Path, sequence: Sequence) -> None:
-    """The folder holds what a run in one go gives, but for milliseconds."""
+    """Require the results of an uninterrupted run in the folder, except for times."""
     whole, done = run(sequence, boxed()), read_run(folder, sequence)
     assert (folder / "poses.txt").read_text(encoding="utf-8") == format_kitti_poses(whole.poses)
     for one, other in zip(whole.motions, done.motions, strict=True):
@@ -134,7 +134,7 @@ def test_folder_of_another_run_is_refused(
     with monkeypatch.context() as patch:
         patch.setattr("vo_lib.runs.identity.code_digest", lambda modules: "changed")
         assert "differs in made_with.code;" in refused()
-    # A name of the same data is no other run.
+    # Another name for the same data is the same run.
     assert run_once(folder, dataclasses.replace(sequence, name="x"), boxed(), "m")[1]
 
 

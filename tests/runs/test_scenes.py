@@ -1,6 +1,6 @@
-"""The whole method on drawn streets of full size: accuracy against exact truth, and what boxes do.
+"""The whole method on drawn streets of full size: errors against exact truth, and the effect of boxes.
 
-Those of `parked` and `jam` are chapter 5's: all are drawn into the user's cache folder, once.
+The scenes are drawn once into the user's cache folder; `parked` and `jam` are also used in chapter 5.
 """
 
 from __future__ import annotations

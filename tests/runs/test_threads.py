@@ -1,4 +1,4 @@
-"""The number of threads changes the time of a run, not one bit of it."""
+"""The number of threads does not change a result."""
 
 from __future__ import annotations
 

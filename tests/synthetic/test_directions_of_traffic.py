@@ -1,4 +1,4 @@
-"""Which way vehicles drive: in the traffic that is drawn, and in what the truth says of their points."""
+"""Directions and lanes of the vehicles in drawn traffic."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from vo_street.traffic import Traffic, Vehicle
 from vo_street.vehicles import Model
 from vo_street.world import World
 
-NOTHING: Any = None  # what a picture needs and a motion does not
-SCENE = scene_config("jam", length=60.0, parked=0.5, bends=0.0)  # a straight street: lanes are plain to see
+NOTHING: Any = None  # in place of images, which motions do not need
+SCENE = scene_config("jam", length=60.0, parked=0.5, bends=0.0)  # a straight street
 
 
 def traffic(kind: str, config: SceneConfig = SCENE) -> tuple[World, list[Vehicle]]:
@@ -32,13 +32,15 @@ def traffic(kind: str, config: SceneConfig = SCENE) -> tuple[World, list[Vehicle
 
 
 def steps(poses: Array) -> Array:
-    """Way (N - 1, 3) of bodies from frame to frame."""
+    """Displacements (N - 1, 3) of bodies from frame to frame."""
     return np.asarray(np.diff(poses[:, :3, 3], axis=0))
 
 
 def in_camera(world: World, vehicle: Vehicle) -> tuple[Array, Array, Array]:
-    """Metres to the right (N,) and ahead (N,) of each frame's camera, and metres ahead (N - 1,) of the later
-    frames at which the vehicle stood in the frame before."""
+    """Positions of a vehicle to the right (N,) and ahead (N,) of the camera of each frame, metres.
+
+    Also its position in the previous frame, ahead (N - 1,) of the camera of the later frame.
+    """
     eye = inverse(world.drive.poses)
     here, before = eye @ vehicle.poses, eye[1:] @ vehicle.poses[:-1]
     return here[:, 0, 3], here[:, 2, 3], before[:, 2, 3]
@@ -62,5 +64,5 @@ def test_vehicles_drive_forward_in_their_lane(kind: str) -> None:
             assert z[-1] > z[0]
         else:
             assert (z > 5.0).all()
-        # Half a lane, and the camera looks aside a little; the others drive further to the left.
+        # Within half a lane, with a tolerance for the camera's yaw; other vehicles are further to the left.
         assert (np.abs(x).max() < 1.65 + 0.02 * z.max()) if kind == "ahead" else (x < -2.0).all()

@@ -1,4 +1,4 @@
-"""The same settings give the same bytes, and a scene has its name only when it is complete."""
+"""Drawn scenes: same bytes for the same settings, and reuse from the cache."""
 
 from __future__ import annotations
 

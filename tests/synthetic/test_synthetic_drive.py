@@ -1,4 +1,4 @@
-"""The street's course, the way the car drives it, and the traffic around it."""
+"""The route of the street, the drive of the camera, and the traffic."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from vo_street.site import Site
 from vo_street.traffic import Vehicle, make_traffic
 from vo_street.vehicles import Model
 
-NOTHING: Any = None  # faces, which a motion does not need
-# A sum over all poses with fixed weights: the scenes that results were measured on.
+NOTHING: Any = None  # in place of faces, which motions do not need
+# Sum over all poses with fixed weights: the measured results depend on these scenes.
 DRIVES = {
     "empty": -434.007837,
     "parked": -348.505225,
@@ -38,7 +38,7 @@ def course(name: str) -> tuple[SceneConfig, Route, Drive]:
 
 
 def traffic(name: str) -> tuple[Drive, list[Vehicle]]:
-    """Vehicles of a scene, without their faces."""
+    """Drive and vehicles of a scene, without faces."""
     config, route, drive = course(name)
     models = [Model(key, shape, NOTHING, NOTHING) for key, shape in SHAPES.items()]
     return drive, make_traffic(config, route, drive, models)
@@ -87,7 +87,7 @@ def test_block_repeats_its_outer_houses() -> None:
 
 
 class Fronts:
-    """In place of a mesh: keeps the texture numbers and corners of house fronts alone."""
+    """In place of a mesh: collects texture numbers and corners of house fronts."""
 
     def __init__(self) -> None:
         self.fronts: list[tuple[int, Array]] = []
@@ -110,7 +110,7 @@ def test_vehicles_never_collide(name: str) -> None:
         apart = np.abs(between[..., [0, 2], 3]) > half[:, None] + half[None] - 0.1
         beside = np.abs(between[..., 0, 2]) < 0.2  # the same or the opposite heading
         near = beside & ~apart.any(axis=-1) & ~np.eye(len(vehicles), dtype=bool)
-        clash = near & near.T  # boxes overlap only if they do so along the axes of both
+        clash = near & near.T  # boxes overlap only if they overlap along the axes of both
         assert not clash.any(), np.argwhere(clash)
         eye = inverse(poses) @ drive.poses[frame][:, 3]
         assert np.any(np.abs(eye[:, [0, 2]]) > half + np.array([0.7, 1.0]), axis=1).all()

@@ -39,7 +39,7 @@ def world() -> World:
 
 
 def away_from_edges(truth: Truth, frame: int) -> np.ndarray:
-    """Pixels whose neighbourhood shows one thing at a smoothly changing depth."""
+    """Pixels whose neighbourhood shows one object with smooth depth."""
     near = (1.0 / depth(truth, frame)).astype(np.float32)
     kernel = np.ones((5, 5))
     one_thing = cv2.erode(near, kernel) > 0.85 * cv2.dilate(near, kernel)
@@ -56,14 +56,14 @@ def test_scene_folder_is_a_kitti_sequence(sequence: Sequence, truth: Truth) -> N
 
 
 def cast(faces: Faces, T_s_c: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """Depth (N,) of the nearest face along each ray, found by testing every face: slow and independent."""
+    """Depth (N,) of the nearest face along each ray, by testing every face: slow, but independent."""
     corners = transform(inverse(T_s_c), faces.corners.reshape(-1, 3)).reshape(-1, 4, 3)
     best = np.full(len(rays), np.inf)
     for face in corners[corners[:, :, 2].max(axis=1) > NEAR]:
         for a, b, c in ((face[0], face[1], face[2]), (face[0], face[2], face[3])):
             M = np.stack([b - a, c - a], axis=1)
             normal = np.cross(M[:, 0], M[:, 1])
-            # Clockwise from outside: seen only from there.
+            # Corners are clockwise from outside; faces are invisible from behind.
             if np.linalg.norm(normal) < 1e-9 or normal @ a < 0:
                 continue
             z = (normal @ a) / (rays @ normal)

@@ -111,7 +111,9 @@ def track_warped(
     uv, start : (N, 2) pixels in the first image, and start positions in the second.
     A : (N, 2, 2) warp of a window from the first to the second image; window : its side, pixels, odd.
 
-    Returns ------- Positions (N, 2), pixels, and mean absolute differences (N,) of the windows, grey levels,
+    Returns
+    -------
+    Positions (N, 2), pixels, and mean absolute differences (N,) of the windows, grey levels,
     infinite for a lost feature or a refinement larger than MAX_REFINEMENT_PX.
     """
     if len(uv) == 0:

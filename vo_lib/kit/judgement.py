@@ -28,12 +28,15 @@ MIN_CAMERA_FEATURES = 12  # smallest number of features outside boxes for an est
 class Judgement:
     """The states of the K vehicle boxes of a frame.
 
-    Attributes ---------- boxes : the vehicle boxes, with the margin. state : (K,) PARKED, UNKNOWN or MOVING.
-    step : (K, 3) displacement in this frame, current left camera's axes, metres; NaN if not measured. matches
-    : (K,) number of features that may be on the vehicle. removed : (N,) mask of matches whose left point,
-    previous or current, is in a moving box, and of matches in
-        other boxes that do not agree with the background: outlines, windows and other cars make features in
-        boxes worse than elsewhere.
+    Attributes
+    ----------
+    boxes : the vehicle boxes, with the margin.
+    state : (K,) PARKED, UNKNOWN or MOVING.
+    step : (K, 3) displacement in this frame, current left camera's axes, metres; NaN if not measured.
+    matches : (K,) number of features that may be on the vehicle.
+    removed : (N,) mask of matches whose left point, previous or current, is in a moving box, and of matches
+        in other boxes that do not agree with the background: outlines, windows and other cars make features
+        in boxes worse than elsewhere.
     """
 
     boxes: Boxes

@@ -81,10 +81,12 @@ ROW_REWEIGHTINGS = 4  # re-weightings in the estimation of the row errors
 class Rig:
     """The calibration errors of a stereo camera, measured minus true values, updated frame by frame.
 
-    Attributes ---------- estimate : (19,) errors in the order of `ERROR_NAMES`, pixels; rows and disparities
-    are left minus right. covariance : (19, 19) covariance of the estimate. errors : (19,) shrunk errors, used
-    in `correct`. Lens errors are shrunk one after the other. A lens error is
-        zero until its variance is at most half of the prior's, since slow driving in a jam has little but
+    Attributes
+    ----------
+    estimate : (19,) errors in the order of `ERROR_NAMES`, pixels; rows and disparities are left minus right.
+    covariance : (19, 19) covariance of the estimate.
+    errors : (19,) shrunk errors, used in `correct`. Lens errors are shrunk one after the other. A lens error
+        is zero until its variance is at most half of the prior's, since slow driving in a jam has little but
         one-sided information. Each shrunk lens error then conditions the errors after it. At the end the
         field is shrunk as a whole.
     """

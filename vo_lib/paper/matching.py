@@ -151,8 +151,10 @@ def track(
 ) -> tuple[Array, BoolArray, Array]:
     """Positions in `target`, by Lucas-Kanade, of windows around `uv` (N, 2) of an image, from `start` (N, 2).
 
-    Parameters ---------- side : side of a window, pixels; reach : largest distance from the start, pixels;
-    levels : pyramid levels. ends : largest number of steps, and length of the last step, pixels.
+    Parameters
+    ----------
+    side : side of a window, pixels; reach : largest distance from the start, pixels; levels : pyramid levels.
+    ends : largest number of steps, and length of the last step, pixels.
 
     Returns
     -------

@@ -63,8 +63,10 @@ def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> t
 def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefore) -> tuple[Array, Array]:
     """The rows A Q = c of the frame before the previous one, for N features of the present pair.
 
-    Returns ------- A (N, 4, 3), c (N, 4). Rows: x and y in the left, then in the right image; zeros for a
-    feature without a match there.
+    Returns
+    -------
+    A (N, 4, 3), c (N, 4). Rows: x and y in the left, then in the right image; zeros for a feature without a
+    match there.
     """
     n = len(matches)
     A, c = np.zeros((n, 2, 2, 3)), np.zeros((n, 2, 2))
