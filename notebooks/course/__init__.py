@@ -1,8 +1,8 @@
-"""What the notebooks import: a folder a chapter (panel, figures, exercises), and what chapters share.
+"""Code of the notebooks: a folder per chapter (panel, figures, exercises), and shared modules.
 
-`panel` has the pattern of all panels; `controls` makes controls from declared settings. Frames and their
-matches come from `frames`, the look of pictures from `drawing`, threads for work of more than a second from
-`progress`; `checker` judges exercises, `keep` keeps functions that passed.
+`panel` has the base class of all panels; `controls` makes controls from declared settings. Frames and their
+matches are in `frames`, the style of pictures is in `drawing`, threads for work of more than a second are in
+`progress`; `checker` judges exercises, `keep` saves functions that passed.
 """
 
 from .drawing import figure, finish, show, show_source, stack

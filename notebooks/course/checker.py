@@ -53,7 +53,7 @@ def _of_mask(make: Callable[[Array], Any]) -> Callable[[Array], Any]:
     return lambda right: make(right) if right.ndim and np.isin(right, (0, 1)).all() else None
 
 
-# Slips that are possible in any exercise: the message, and the function that turns right results into wrong ones.
+# Slips that are possible in any exercise: the message, and the function from right to wrong results.
 SLIPS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "sign": ("{what} has the wrong sign.", np.negative),
     "double": ("{what} is off by a factor of two.", lambda right: 2.0 * right),
@@ -88,23 +88,22 @@ def any_order(indices: Array) -> Array:
 class Exercise:
     """An exercise; a call with an answer, and with further data that the task names, returns the `Verdict`.
 
-    An answer is right if its results equal those of `right` in every case. A wrong answer is compared with the
-    known mistakes: the message names the mistake that has the same results in the largest number of cases; else
-    a slip, and else a mistake whose test holds. A verdict has the idea (the mistake or the `hint`); the third
-    different wrong answer in a row also gets the `line` of code.
+    An answer is right if its results equal those of `right` in every case. The message for a wrong answer is
+    the known mistake with the same results in most cases; else a slip; else a mistake whose test holds; else
+    the `hint`. The third different wrong answer in a row also gets the `line` of code.
 
     Parameters
     ----------
     right : a function of the inputs of a case; a value; or, for a panel, facts of a panel that passes.
     cases : for functions: returns the inputs of the calls, simple inputs first.
     also : other right answers.
-    task, praise, hint : the task, and the messages for right answers and for unknown mistakes. Fields of `praise`
-        are `got` and `right`, results of the first case, or names of facts.
+    task, praise, hint : the task, and the messages for right answers and for unknown mistakes. `praise` has
+        fields: `got` and `right`, results of the first case, or names of facts.
     line : the code of a right answer, shown from the third different failure on; by default the hint.
     library : functions of the library that an answer must not call.
-    mistakes : message (with `got` and `right`, or with facts) to one or several answers with the mistake, each
-        a function of the inputs or a value, or to a `When`; for facts, to a test of the facts.
-    slips : messages for slips of `SLIPS`, by name, in place of the usual ones. For values, only these are used.
+    mistakes : answers with a mistake, by message (with `got` and `right`, or with facts): functions of the
+        inputs or values, one or several, or a `When`; for facts, a test of the facts.
+    slips : messages for slips of `SLIPS`, by name, in place of the usual ones; for values, there are no others.
     parts : names of several results, in the order in which they are judged.
     form : the part of a result that is compared, such as `any_order`.
     atol, rtol : tolerance in the unit of the result, and as a share of the expected result.

@@ -1,4 +1,4 @@
-"""Colours of the course, which colour-blind readers tell apart."""
+"""Colours of the course, distinguishable for colour-blind readers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Controls made from declared settings: range, unit and sentence come from the settings classes."""
+"""Controls for declared settings: range, unit and sentence are those of the settings classes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vo_lib.settings import Setting
 
 COLUMN = {"flex": "0 1 320px", "min_width": "260px", "margin": "0 12px 0 0"}  # of controls
 LABEL_WIDTH = "150px"  # of the longest label: all sliders begin below each other
-STEPS = 100  # of a slider for numbers, where no step is given
+STEPS = 100  # of a slider, if no step is given
 
 
 @dataclass(frozen=True)
@@ -20,11 +20,11 @@ class Control:
 
     Attributes
     ----------
-    name : a setting's dotted name: "selection.keep" of `Config`, or "view.noise" of the panel's own settings.
-    label : the words beside it; by default the last part of the name.
-    low, high : narrower ends than declared, where the whole range is of no use to the eye.
-    step : of a slider.
-    button : a button that raises a whole number by one, and starts again after its largest value.
+    name : dotted name of a setting: "selection.keep" of the method, or "view.noise" of the panel.
+    label : words beside the control; by default the last part of the name.
+    low, high : ends of the slider, if narrower than the declared range.
+    step : step of the slider.
+    button : a button in place of the slider; it adds one to a whole number, up to the maximum, then restarts.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Control:
 
 
 class Knob:
-    """A control: its `widget`, and what is `shown` of it; the declared sentence is its tooltip."""
+    """A control: its `widget`, the `shown` widget, and the declared sentence as its tooltip."""
 
     def __init__(self, control: Control, setting: Setting, value: Any):
         self.setting = setting
@@ -48,7 +48,7 @@ class Knob:
             self.shown.on_click(self._press)
 
     def enable(self, on: bool) -> None:
-        """Make the control answer, or grey."""
+        """Make the control active, or grey."""
         self.shown.disabled = not on
 
     def _press(self, _: Any) -> None:
@@ -56,13 +56,13 @@ class Knob:
 
     @property
     def value(self) -> Any:
-        """The setting's value; `DataError` where typed text is none."""
+        """The value of the setting; `DataError` if typed text is invalid."""
         raw = self.widget.value
         return self.setting.parse(raw) if isinstance(self.widget, widgets.Text) else raw
 
 
 def labelled(words: str) -> dict[str, Any]:
-    """Words before a widget, and a width that follows its column."""
+    """A label before a widget, and the width of the column."""
     style = {"description_width": LABEL_WIDTH}
     return {"description": words, "style": style, "layout": {"width": "auto"}}
 
@@ -79,7 +79,7 @@ def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
     low = setting.low if control.low is None else control.low
     high = setting.high if control.high is None else control.high
     if low is None or high is None:
-        raise ValueError(f"{setting.name} needs both ends to become a slider")
+        raise ValueError(f"{setting.name} has no range: a slider needs one")
     limits = {"min": setting.kind(low), "max": setting.kind(high), "value": setting.kind(value)}
     if control.button:
         return widgets.BoundedIntText(**limits)

@@ -1,4 +1,4 @@
-"""How pictures of the course look: one width, one font, colours that colour-blind readers tell apart."""
+"""The style of all pictures of the course: one width, one font, one way to show them."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from vo_lib.geometry.types import Image
 WIDTH = 980  # pixels of every picture
 HALF_HEIGHT = 150  # of a photo of half the width
 DPI = 100
-LEFT, RIGHT, ABOVE, BELOW = 58, 14, 26, 42  # pixels round an axis, for its numbers and names
+LEFT, RIGHT, ABOVE, BELOW = 58, 14, 26, 42  # margins of an axis for its numbers and names, pixels
 
 FONT_SIZE, TITLE_SIZE = 9.0, 10.0
 COARSE = (1.0, 2.0, 5.0)  # mantissas of round numbers
 FINE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 
-# Half the time of OpenCV's own choice, for a file a tenth larger.
+# Half the time of OpenCV's default; the file is a tenth larger.
 PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB)
-# Looks the same, in a fifth of the time and half the bytes; coloured lines stay sharp without subsampling.
+# Same look as PNG in a fifth of the time and half the bytes; without subsampling, coloured lines stay sharp.
 JPEG = (
     *(cv2.IMWRITE_JPEG_QUALITY, 95),
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
@@ -40,7 +40,7 @@ JPEG = (
 
 Place = Literal["best", "upper left", "upper right", "lower left", "lower right", "center", "above"]
 
-# Text layout of matplotlib shares state between threads: cells and panel callbacks draw one at a time.
+# Text layout of matplotlib shares state between threads: only one thread draws at a time.
 _drawing = threading.RLock()
 
 
@@ -49,7 +49,7 @@ def figure(
 ) -> tuple[Figure, list[Axes]]:
     """A figure of `width` × `height` pixels with axes side by side; `widths` are their relative widths.
 
-    The margins are fixed: matplotlib's layout engines would double the time of a drawing.
+    The margins are fixed: matplotlib's layout engines would double the drawing time.
     """
     made = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
     shares = np.array(widths or (1.0,) * columns)
@@ -63,11 +63,11 @@ def figure(
 def finish(
     axis: Axes, title: str, x: str = "", y: str = "", legend: Place = "best", boxed: bool = False
 ) -> None:
-    """Title, axis names with units, the common look of an axis, and a legend where lines have labels.
+    """Set the title, axis names with units, the common style, and a legend if lines have labels.
 
-    A `boxed` legend hides the data below it; one `above` stands beside the title, off the data.
+    A `boxed` legend covers the data below it; a legend `above` is beside the title.
     """
-    # At a given height: else matplotlib looks at all numbers of the axis to find one.
+    # With a given height, matplotlib does not measure all tick labels.
     axis.set_title(title, fontsize=TITLE_SIZE, loc="left", y=1.0)
     axis.set_xlabel(x, fontsize=FONT_SIZE)
     axis.set_ylabel(y, fontsize=FONT_SIZE)
@@ -82,7 +82,7 @@ def finish(
 
 
 def log_axis(axis: Axis, low: float, high: float, steps: tuple[float, ...] = (1.0,)) -> None:
-    """A logarithmic axis with few, plain numbers: the steps × 10ⁿ from low to high."""
+    """Make an axis logarithmic, with few, plain numbers: the steps × 10ⁿ from low to high."""
     name = "x" if axis is axis.axes.xaxis else "y"
     axis.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
     axis.set_major_locator(LogLocator(subs=steps, numticks=20))
@@ -91,16 +91,16 @@ def log_axis(axis: Axis, low: float, high: float, steps: tuple[float, ...] = (1.
 
 
 def room(value: float, *, steps: tuple[float, ...] = FINE, least: float = 0.0) -> float:
-    """The smallest of the round numbers steps × 10ⁿ that is not below a value: limits that seldom change."""
+    """The smallest round number (steps × 10ⁿ) that is not below a value, for limits that seldom change."""
     value = max(value, least, 1e-9)
     whole = 10.0 ** np.floor(np.log10(value))
     rounded = [float(whole * step) for step in (*steps, 10 * steps[0])]
-    # Not a hair below: 0.3 is 0.30000000000000004 in some sums.
+    # With a tolerance: 0.3 is 0.30000000000000004 in some sums.
     return next(each for each in rounded if each >= value * (1 - 1e-9))
 
 
 def say(axis: Axes, words: str) -> None:
-    """Words in place of a chart."""
+    """Show words in place of a chart."""
     axis.text(0.5, 0.5, words, ha="center", transform=axis.transAxes)
     axis.set_axis_off()
 
@@ -114,7 +114,7 @@ def raster(drawn: Figure) -> Image:
 
 
 def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
-    """A grey or BGR picture as BGR, `width` pixels wide; with `height` made to fit in, on white."""
+    """A grey or BGR picture as BGR, `width` pixels wide; with `height`, it fits into both, on white."""
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
     scale = width / colour.shape[1]
     if height is not None:
@@ -130,7 +130,7 @@ def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
 
 
 def caption(picture: Image, words: str) -> Image:
-    """Words on a dark strip in the upper left corner of a BGR picture; ASCII only."""
+    """A BGR picture with words on a dark strip in its upper left corner; ASCII only."""
     font, size, white = cv2.FONT_HERSHEY_SIMPLEX, 0.48, (255, 255, 255)
     (w, h), _ = cv2.getTextSize(words, font, size, 1)
     out = picture.copy()
@@ -139,7 +139,7 @@ def caption(picture: Image, words: str) -> Image:
 
 
 def beside(left: Image, right: Image, *words: str) -> Image:
-    """Two pictures of half the width beside each other, with words on each."""
+    """Two pictures side by side, each with half the width and with words."""
     halves = [photo(each, WIDTH // 2, HALF_HEIGHT) for each in (left, right)]
     return np.concatenate([*map(caption, halves, words)] if words else halves, axis=1)
 
@@ -147,7 +147,7 @@ def beside(left: Image, right: Image, *words: str) -> Image:
 def stack(parts: Sequence[Image | Figure], height: int) -> bytes:
     """Pictures and figures of the common width below each other, as JPEG bytes for a panel.
 
-    The result has exactly `height` rows: white is added below, or the surplus cut off.
+    The result has exactly `height` rows: white is added below, or the surplus is cut off.
     """
     whole = _joined(parts)[:height]
     whole = np.pad(whole, ((0, height - len(whole)), (0, 0), (0, 0)), constant_values=255)
@@ -155,15 +155,15 @@ def stack(parts: Sequence[Image | Figure], height: int) -> bytes:
 
 
 def show(*parts: Image | Figure) -> Shown:
-    """Pictures and figures in a notebook cell, below each other."""
+    """Pictures and figures below each other, for a notebook cell."""
     png = bytes(cv2.imencode(".png", _joined(parts), PNG)[1])
     titles = [axis.get_title("left") for part in parts if isinstance(part, Figure) for axis in part.axes]
-    alt = "; ".join(filter(None, titles)) or None  # of other pictures the text above tells
+    alt = "; ".join(filter(None, titles)) or None  # pages.py describes the others by the text above
     return Shown(data=png, width=WIDTH, alt=alt)  # type: ignore[no-untyped-call]
 
 
 def show_source(*things: Any) -> Code:
-    """The source of functions, methods or classes, each below the name of its file."""
+    """The source code of functions, methods or classes, each below the name of its file."""
     texts = []
     for thing in things:
         file = Path(str(inspect.getsourcefile(thing)))

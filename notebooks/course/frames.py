@@ -1,4 +1,4 @@
-"""Earlier stages of a frame, kept: what notebooks and panels ask for again and again."""
+"""Images, matches and truth of frames, kept in memory for notebooks and panels."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ from .drawing import beside, show
 from .progress import with_bar
 
 DEFAULT = "synthetic/traffic"
-WARM_UP = 1  # pairs before the two asked for: they give the front end a motion to predict from
+WARM_UP = 1  # earlier pairs, from which the front end gets a motion for its prediction
 
 Value = TypeVar("Value")
 
 
 class Memory(Generic[Value]):
-    """The last few results of something slow, by key; the least recently used one is forgotten first."""
+    """The last `size` results of a slow function, by key; the least recently used result is dropped first."""
 
     def __init__(self, size: int):
         self.size = size
@@ -52,7 +52,7 @@ class Memory(Generic[Value]):
         return key in self._kept
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """The result under `key`; computed now where there is none, while other threads use the memory."""
+        """The result under `key`; if there is none, `make` computes it while other threads use the memory."""
         with self._lock:
             value = self._kept.pop(key, None)
         if value is None:
@@ -73,12 +73,12 @@ _disparities: Memory[CoarseDisparity] = Memory(8)
 
 
 def is_open(name: str) -> bool:
-    """Whether a sequence can be had at once."""
+    """Whether a sequence is open."""
     return name in _sequences
 
 
 def keep(sequence: Sequence) -> str:
-    """Remember a sequence that was opened elsewhere; gives its name."""
+    """Remember a sequence that was opened elsewhere; return its name."""
     return _sequences.get(sequence.name, lambda: sequence).name
 
 
@@ -88,12 +88,12 @@ def opened(name: str, progress: Progress | None = None) -> Sequence:
 
 
 def load(name: str = DEFAULT) -> Sequence:
-    """A sequence for a notebook cell; shows a bar while a synthetic scene is drawn for the first time."""
+    """A sequence for a notebook cell; a bar is shown while a synthetic scene is drawn for the first time."""
     return with_bar(f"drawing {name}", lambda report: opened(name, report))
 
 
 def load_part(name: str, first: int, last: int) -> Sequence:
-    """Frames first … last of a drawn scene; no others are drawn where the whole scene is not there."""
+    """Frames first … last of a drawn scene; if the whole scene is missing, only these frames are drawn."""
 
     def find(report: Progress) -> Sequence:
         frames = range(first, last + 1)
@@ -107,7 +107,7 @@ def load_part(name: str, first: int, last: int) -> Sequence:
 
 
 def key_of(sequence: Sequence, frame: int) -> tuple[Hashable, ...]:
-    """What tells a frame of a sequence, or of a part of it, from all others."""
+    """Key of a frame of a sequence, or of a part of a sequence."""
     return sequence.folder, sequence.frames[0], frame
 
 
@@ -117,13 +117,13 @@ def stereo(sequence: Sequence, frame: int) -> tuple[Image, Image]:
 
 
 def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDisparity:
-    """Disparity (H/2, W/2) of a frame by block matching, pixels of the full image; negative where none."""
+    """Disparity (H/2, W/2) of a frame by block matching, pixels of the full image; negative if unknown."""
     pair = stereo(sequence, frame)
     return _disparities.get((*key_of(sequence, frame), largest), lambda: coarse_disparity(*pair, largest))
 
 
 def before_step(sequence: Sequence, frame: int, config: MethodConfig) -> tuple[Any, Any]:
-    """A front end that has seen the pairs before `frame` >= 1, and the prepared pair of `frame`."""
+    """A front end after the pairs before `frame` >= 1, and the prepared pair of `frame`."""
     front_end = make_front_end(sequence.camera, config)
 
     def prepare(index: int) -> Any:
@@ -139,7 +139,7 @@ def before_step(sequence: Sequence, frame: int, config: MethodConfig) -> tuple[A
 
 
 def frame_matches(sequence: Sequence, frame: int, config: MethodConfig) -> StereoMatches:
-    """Matches of a frame >= 1 with the one before, as the configuration's front end finds them."""
+    """Matches of a frame >= 1 with the previous frame, by the front end of the configuration."""
 
     def make() -> StereoMatches:
         front_end, pair = before_step(sequence, frame, config)
@@ -151,7 +151,7 @@ def frame_matches(sequence: Sequence, frame: int, config: MethodConfig) -> Stere
 
 @dataclass(frozen=True)
 class Points:
-    """Matches of a frame after bucketing, as the method takes them.
+    """Matches of a frame after bucketing, the input of the method.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class Points:
 
 
 def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points:
-    """What chapters 2 to 4 start from: a frame's matches, bucketed, in normalised coordinates."""
+    """Input of chapters 2 to 4: the bucketed matches of a frame in normalised coordinates."""
     matches, camera = frame_matches(sequence, frame, config), sequence.camera
     matches = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)]
     if len(matches) < 5:
@@ -182,7 +182,7 @@ def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points
 
 
 def consensus_rotation(x_p: Array, x_c: Array, X_p: Array, rng: np.random.Generator, focal: float) -> Array:
-    """R_cp (3, 3) of the candidate with the smallest error, refined, from matches (N, 2) and points (N, 3)."""
+    """R_cp (3, 3) of the candidate with the smallest error, refined; from matches (N, 2), points (N, 3)."""
     config = KitSelectionConfig()
     sets = sample_sets(rng, len(x_p), config.sets)
     E, _ = five_point(x_p[sets], x_c[sets])
@@ -191,9 +191,9 @@ def consensus_rotation(x_p: Array, x_c: Array, X_p: Array, rng: np.random.Genera
 
 
 def true_poses(sequence: Sequence) -> Array:
-    """The true poses (N, 4, 4); `DataError` where there are none."""
+    """The true poses (N, 4, 4); `DataError` if there are none."""
     if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no ground truth to compare with")
+        raise DataError(f"{sequence.name} has no ground truth")
     return sequence.truth
 
 
@@ -226,7 +226,7 @@ def lacks(sequence: Sequence, what: str = "poses") -> str:
 
 
 def has_truth(sequence: Sequence, what: str = "poses") -> bool:
-    """Whether a sequence has what a cell needs; where not, that is printed in a sentence.
+    """Whether a sequence has the data that a cell needs; if not, a sentence is printed.
 
     if has_truth(sequence, "depth"):
         show(draw.depth_figure(...))
@@ -238,20 +238,20 @@ def has_truth(sequence: Sequence, what: str = "poses") -> bool:
 
 
 def real_frame(name: str = "", frame: int = 40) -> tuple[Sequence, int] | None:
-    """A sequence of KITTI that was found, and a frame of it; else None, and a sentence is printed.
+    """A sequence of KITTI and a frame number; without KITTI, a sentence is printed and the result is None.
 
-    `name` is preferred where it is there ("kitti/drive_0013"), else the first of all.
+    The sequence is `name` ("kitti/drive_0013") if available, else the first of all.
     """
     found = [each for each in available() if each.startswith(KITTI)]
     if not found:
-        print("KITTI was not found: set KITTI_ROOT, and this cell shows a real frame beside the drawn one.")
+        print("KITTI is not on this machine: set KITTI_ROOT to its folder to see a real frame in this cell.")
         return None
     sequence = opened(name if name in found else found[0])
     return sequence, min(frame, len(sequence) - 1)
 
 
 def real_pair(drawn: Sequence, frame: int, name: str = "") -> Shown | None:
-    """A drawn left image beside a real one, where KITTI was found; else None, and a sentence is printed."""
+    """A drawn left image beside a real one; without KITTI, a sentence is printed and the result is None."""
     real = real_frame(name)
     if real is None:
         return None

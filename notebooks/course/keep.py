@@ -1,4 +1,4 @@
-"""A student's functions: kept in `my_vo.py` beside the notebooks once they pass, and what they call."""
+"""Functions of a student: saved in `my_vo.py` beside the notebooks after they pass, and checked for calls."""
 
 from __future__ import annotations
 
@@ -19,21 +19,25 @@ from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 
 NAME = "my_vo.py"
-CALLED = ("LOAD_GLOBAL", "LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM")  # steps that name a function
-MARK = "00_start_here.ipynb"  # stands in the folder of the notebooks and in that of their solutions
-LARGEST = 5000  # numbers of an array that is kept
+CALLED = (
+    "LOAD_GLOBAL",
+    "LOAD_ATTR",
+    "LOAD_METHOD",
+    "IMPORT_FROM",
+)  # instructions with the name of a function
+MARK = "00_start_here.ipynb"  # a file of the folders of notebooks and of solutions
+LARGEST = 5000  # maximal size of an array that is saved
 HEAD = '"""My visual odometry: the functions that passed their checks in the notebooks."""\n'
 
 
 def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
-    """Write a function into `my_vo.py` of the current folder, with all it needs; tells so in a sentence.
+    """Write a function and its dependencies into `my_vo.py` of the current folder; return a sentence.
 
-    What it needs are imports, the student's own functions and classes (by source) and constants of the
-    notebook (by value). Only in a folder with the notebook `00_start_here.ipynb`, where Jupyter runs the
-    course: elsewhere, in a test or a script, nothing is written. What has the same name is replaced, all else
-    stays as it is. Where the source cannot be had (a lambda, the lines of a console) nothing is written and ""
-    is given back. `judge`, the exercise's check, is then asked about the function as the file has it. Never
-    raises.
+    Dependencies are imports, other functions and classes of the student (by source) and constants of the
+    notebook (by value). Definitions of the same name are replaced; the rest of the file does not change.
+    Nothing is written, and the result is "", in folders without the notebook `00_start_here.ipynb` (of tests
+    and scripts), and for functions without source (a lambda, lines of a console). `judge`, the check of the
+    exercise, then tests the saved function. Never raises.
     """
     if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
         return ""
@@ -50,21 +54,21 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
             text = _with(text, name, *definition)
         write_atomic(path, text)
         verdict = judge(load(path)[function.__name__]) if judge else None
-    except Exception as error:  # what the student has made of the file, or a folder that cannot be written
-        return f" It could not be kept in `{NAME}`: {error}."
+    except Exception as error:  # an edited file, or a folder without write permission
+        return f" It was not saved in `{NAME}`: {error}."
     if verdict is not None and not verdict.passed:
-        return f" It is kept in `{NAME}`, but there it fails: {verdict.message}"
-    return f" It is kept in `{NAME}`."
+        return f" It is saved in `{NAME}`, but fails there: {verdict.message}"
+    return f" It is saved in `{NAME}`."
 
 
 def load(path: Path) -> dict[str, Any]:
-    """What a module of kept functions holds; nothing where there is none. `DataError` where it cannot be run."""
+    """Definitions of a module of saved functions; empty without a file. `DataError` if it cannot be run."""
     spec = importlib.util.spec_from_file_location(path.stem, path) if path.is_file() else None
     if spec is None or spec.loader is None:
         return {}
     module = importlib.util.module_from_spec(spec)
     try:
-        exec(compile(path.read_bytes(), path, "exec"), vars(module))  # never an older compiled file
+        exec(compile(path.read_bytes(), path, "exec"), vars(module))  # never from the cache of compiled files
     except ImportError as error:
         raise DataError(f"it cannot be run, {error}: CONTRIBUTING.md says what moved where", path) from None
     except (Exception, SystemExit, KeyboardInterrupt) as error:
@@ -73,20 +77,20 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def _source(thing: Any) -> str:
-    """The source of a function or class, by itself; ValueError where its lines hold something else."""
+    """The source of a function or class; ValueError if the same lines have other definitions."""
     source = textwrap.dedent(inspect.getsource(thing)).rstrip()
     if [getattr(node, "name", "") for node in ast.parse(source).body] != [thing.__name__]:
-        raise ValueError(f"`{thing.__name__}` has no source of its own")
+        raise ValueError(f"`{thing.__name__}` has no lines of its own")
     return source
 
 
 def _needed(function: Any) -> dict[str, tuple[str, list[str]]]:
-    """Source and imports by name: what a function names of its notebook, what that names, …, and itself last."""
+    """Source and imports by name, for a function and all its dependencies in the notebook, itself last."""
     found: dict[str, tuple[str, list[str]]] = {}
 
     def add(name: str, value: Any, around: Any) -> None:
         source, imports = _source(value), set()
-        found[name] = ("", [])  # it may call itself
+        found[name] = ("", [])  # for recursive functions
         for used in _names(source):
             if used not in around or used in found:
                 continue
@@ -96,7 +100,7 @@ def _needed(function: Any) -> dict[str, tuple[str, list[str]]]:
                 add(used, around[used], around)
             else:
                 found[used] = (f"{used} = {_written(used, around[used])}", ["import numpy as np"])
-        del found[name]  # after what it needs
+        del found[name]  # its place is after its dependencies
         found[name] = (source, sorted(imports))
 
     add(function.__name__, function, function.__globals__)
@@ -104,7 +108,7 @@ def _needed(function: Any) -> dict[str, tuple[str, list[str]]]:
 
 
 def _names(source: str) -> list[str]:
-    """Names that a function or class takes from around it: read, and neither a parameter nor assigned in it."""
+    """Global names in the source of a function or class: neither parameters nor assigned inside."""
     tree = ast.parse(source)
     parameters = {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)}
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
@@ -113,7 +117,7 @@ def _names(source: str) -> list[str]:
 
 
 def _import_of(name: str, value: Any, home: str) -> str:
-    """The line that imports a module, or what a module other than the student's own defines; "" for the rest."""
+    """The import line of a module, or of a definition outside the student's module `home`; else ""."""
     if isinstance(value, ModuleType):
         own, line = value.__name__, f"import {value.__name__}"
     else:
@@ -137,7 +141,7 @@ def _written(name: str, value: Any) -> str:
 
 
 def _refuse_clash(text: str, name: str, needed: Mapping[str, tuple[str, list[str]]]) -> None:
-    """ValueError where a helper or constant would take a name from other functions of the file."""
+    """ValueError if a helper or constant would replace one that other functions of the file use."""
     body = ast.parse(text).body
     for helper, (source, _) in needed.items():
         here = [node for node in body if helper in _defined(node)]
@@ -146,7 +150,7 @@ def _refuse_clash(text: str, name: str, needed: Mapping[str, tuple[str, list[str
         for node in body:
             others = set(_defined(node)) - set(needed)
             if others and any(isinstance(each, ast.Name) and each.id == helper for each in ast.walk(node)):
-                raise ValueError(f"there, `{others.pop()}` uses another `{helper}`; give yours another name")
+                raise ValueError(f"`{others.pop()}` uses another `{helper}` there; rename yours")
 
 
 def _defined(node: ast.stmt) -> list[str]:
@@ -158,7 +162,7 @@ def _defined(node: ast.stmt) -> list[str]:
 
 
 def _with(text: str, name: str, source: str, imports: list[str]) -> str:
-    """A module's text with a definition added, or put in the place of its last one of that name."""
+    """The text of a module with a definition, in place of its last definition of that name or at the end."""
     lines, body = text.split("\n"), ast.parse(text).body
     heads = [node for node in body if isinstance(node, (ast.Import, ast.ImportFrom))]
     missing = [line for line in imports if line not in map(ast.unparse, heads)]
@@ -177,7 +181,7 @@ def _with(text: str, name: str, source: str, imports: list[str]) -> str:
 
 
 def is_stub(answer: Any) -> bool:
-    """Whether an answer is a function as a notebook begins it: `def name(x): ...`, or with lines round the dots."""
+    """Whether an answer is an unchanged function of a notebook, with dots as a line."""
     try:
         lines = ast.walk(ast.parse(_source(answer)))
     except (OSError, SyntaxError, TypeError, ValueError):
@@ -186,9 +190,9 @@ def is_stub(answer: Any) -> bool:
 
 
 def handed_back(answer: Any, names: Sequence[str]) -> str:
-    """The first of some functions of the library that an answer is, or calls; "" where it calls none of them.
+    """The first of some functions of the library that an answer is, or calls; "" if there is none.
 
-    The tables of the exercises themselves may call what they like.
+    The tables of the exercises themselves may call any function.
     """
     module = str(getattr(answer, "__module__", ""))
     if not isinstance(answer, FunctionType) or module.startswith(("vo_lib.", __package__)):

@@ -1,4 +1,4 @@
-"""Chapters 3, 4 and 7: simulated drives, what solution selection is worth on them, and estimated rotations."""
+"""Simulated drives, and the rotation errors of solution selection on them; for chapters 0, 3, 4, 5 and 7."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ CAMERA = StereoCamera(f=718.856, cx=607.19, cy=185.22, baseline=0.537, width=124
 
 
 class Pair(NamedTuple):
-    """Matches of one frame with its known rotation: x_p, x_c (N, 2) normalised, X_p (N, 3) metres, R_cp."""
+    """Matches of a frame and its true rotation: x_p, x_c (N, 2) normalised, X_p (N, 3) metres, R_cp."""
 
     x_p: Array
     x_c: Array
@@ -44,16 +44,16 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class Scene:
-    """Simulated matches along `drive`; or, `plane`, of a plane that fills the view.
+    """Simulated matches along `drive`; or, with `plane`, of a plane that fills the image.
 
-    A wall, or the rear of a lorry: two essential matrices then fit all matches.
+    For a plane (a wall, the rear of a lorry), two essential matrices fit all matches.
     """
 
     tracks: TrackConfig
     plane: bool = False
 
 
-# The ways to choose a winner that are compared: among all candidates, or the k nearest of each set.
+# Compared selections of a winner: among all candidates, or among the k nearest of each set.
 SELECTIONS = {
     "consensus": SelectionConfig(prior=False),
     "k = 1": SelectionConfig(keep=1),
@@ -62,7 +62,7 @@ SELECTIONS = {
 
 
 def candidates_of(given: Points | Pair, sets: int, draw: int) -> Candidates:
-    """All solutions of so many five-point sets of a frame's matches; `DataError` where there is none."""
+    """All solutions of random five-point sets of a frame; `DataError` if there are none."""
     chosen = draw_sets(np.random.default_rng([5, draw]), len(given.x_p), sets)
     found = five_point(given.x_p[chosen], given.x_c[chosen])
     if len(found.E) == 0:
@@ -73,7 +73,7 @@ def candidates_of(given: Points | Pair, sets: int, draw: int) -> Candidates:
 def winner_of(
     found: Candidates, errors: Array, e_prev: Array | None, config: SelectionConfig
 ) -> tuple[int, bool]:
-    """Index of the winner among candidates with these errors (M,), and whether the kit's guard dropped the prior."""
+    """Index of the winner among candidates with errors (M,), and whether the guard of the kit dropped the prior."""
     ratio = config.prior_rejection_ratio if isinstance(config, KitSelectionConfig) else np.inf
     return guarded(errors, competing(*found, e_prev, config), ratio)
 
@@ -81,7 +81,7 @@ def winner_of(
 def motion_of(
     E: Array, given: Points | Pair, config: SelectionConfig, focal: float
 ) -> tuple[Array, Array, BoolArray]:
-    """What a winner E (3, 3) gives: R_cp (3, 3), the essential vector (9,) for the next frame, inliers (N,)."""
+    """R_cp (3, 3) of a winner E (3, 3), the essential vector (9,) for the next frame, and inliers (N,)."""
     x_p, x_c, X_p = given.x_p, given.x_c, given.X_p
     if isinstance(config, KitSelectionConfig):
         R, _, E, inliers = motion_of_winner(E, x_p, x_c, X_p, config, focal)
@@ -92,7 +92,7 @@ def motion_of(
 
 
 def drive(frames: int) -> Array:
-    """Poses (N, 4, 4) of steps of one metre on gentle bends."""
+    """Poses (frames + 1, 4, 4) with steps of one metre on gentle bends."""
     turns = np.zeros((frames, 3))
     turns[:, 1] = np.radians(0.4 * np.sin(np.arange(frames) / 5.0))
     steps = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, 1.0])), (frames, 1, 1))
@@ -113,7 +113,7 @@ def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:
 
 
 def turned(R: Array, R_other: Array | None) -> float:
-    """Angle between two rotations (3, 3), degrees; NaN where the other is not known."""
+    """Angle between two rotations (3, 3), degrees; NaN if the other is None."""
     return np.nan if R_other is None else float(np.degrees(rotation_angle(R.T @ R_other)))
 
 
@@ -128,7 +128,7 @@ def pair_of(frame: SimulatedFrame) -> Pair:
 def errors_along(
     pairs: Iterable[Pair], ways: Mapping[str, SelectionConfig], sets: int, draw: int, focal: float
 ) -> dict[str, Array]:
-    """Rotation error of each frame, degrees, by way of selection; all choose from the same candidates."""
+    """Rotation error of each frame, degrees, by selection; all selections have the same candidates."""
     e_prev: dict[str, Array | None] = dict.fromkeys(ways)
     errors: dict[str, list[float]] = {name: [] for name in ways}
     for number, pair in enumerate(pairs):
@@ -146,7 +146,7 @@ def errors_along(
 def selection_errors(
     scene: Scene, ways: Mapping[str, SelectionConfig], frames: int, seed: int
 ) -> dict[str, Array]:
-    """`errors_along` so many frames of a scene."""
+    """`errors_along` of the first frames of a scene, with 200 sets."""
     return errors_along(frames_of(scene, frames, seed), ways, 200, seed, CAMERA.f)
 
 
@@ -161,10 +161,10 @@ def errors_by_seed(scenes: list[Scene], frames: int, seeds: int, progress: Progr
 
 
 def adaptive_stopping(found: Candidates, given: Points, limit: float, orders: int) -> tuple[Array, ...]:
-    """Sets drawn one by one, in several orders, until the inliers of the best candidate so far ask for no more.
+    """Number of sets that adaptive stopping draws, for several orders of the same sets.
 
-    After each set, (orders, sets), the number needed for one right set with 99 %, and the smallest image error
-    so far; and the number where drawing stops, (orders,).
+    Results after each set, (orders, sets): the number of sets for one right set with 99 % probability, and the
+    smallest image error so far. The third result is the number of sets at the stop, (orders,).
     """
     sets, first = np.unique(found.set_index, return_index=True)
     order = np.array([np.random.default_rng(seed).permutation(len(sets)) for seed in range(orders)])

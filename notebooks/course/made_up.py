@@ -1,4 +1,4 @@
-"""Chapter 6: paths long enough for KITTI's lengths, and estimates that are wrong in known ways."""
+"""Paths that are long enough for KITTI's lengths, and estimates with known errors; mostly for chapter 6."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SIDE, CORNER = 200, 20  # metres: a side of the block, and the arc that rounds a
 
 
 def block_tour(rounds: int = 2) -> Array:
-    """Poses (N, 4, 4) of a drive round a square block of 800 m, a metre a frame; it comes home exactly."""
+    """Poses (N, 4, 4) round a square block of 800 m, one metre per frame; the last pose is the first."""
     straight = rigid(np.eye(3), np.array([0.0, 0.0, 1.0]))
     bend = rigid(rotation_from_vector(np.array([0.0, 0.5 * np.pi / CORNER, 0.0])), np.array([0.0, 0.0, 1.0]))
     side = [straight] * (SIDE - CORNER) + [bend] * CORNER
@@ -21,7 +21,7 @@ def block_tour(rounds: int = 2) -> Array:
 
 
 def straight_road(frames: int = 1600) -> Array:
-    """Poses (N, 4, 4) along a straight road, between 4 and 24 m/s at ten frames a second."""
+    """Poses (N, 4, 4) along a straight road, at 4 to 24 m/s and ten frames per second."""
     step = 1.4 - np.cos(2.0 * np.pi * np.arange(frames) / 400.0)
     poses = np.tile(np.eye(4), (frames + 1, 1, 1))
     poses[1:, 2, 3] = np.cumsum(step)
@@ -31,18 +31,18 @@ def straight_road(frames: int = 1600) -> Array:
 def made_up(
     truth: Array, scale: float = 0.0, yaw: float = 0.0, noise: float = 0.0, jitter: float = 0.0, seed: int = 0
 ) -> Array:
-    """An estimate (N, 4, 4) that is wrong in known ways.
+    """An estimate (N, 4, 4) with known errors.
 
     Parameters
     ----------
     truth : (N, 4, 4) poses.
-    scale : every step is so much too long, %.
-    yaw : it turns too far to the right, deg/100 m.
+    scale : excess length of every step, %.
+    yaw : excess turn to the right, deg/100 m.
     noise : standard deviation of each coordinate of a step, millimetres.
     jitter : standard deviation of the yaw of a step, degrees.
     """
     rng = np.random.default_rng(seed)
-    # A general inverse: printed rotations are orthonormal to 1e-7 only, and the steps must add up.
+    # A general inverse: rotations of pose files are orthonormal to 1e-7 only, and the steps must add up.
     T = np.linalg.inv(truth[:-1]) @ truth[1:]
     way = np.linalg.norm(T[:, :3, 3], axis=1)
     turn = np.zeros((len(T), 3))

@@ -1,9 +1,9 @@
-"""Marks of a class: which functions of each student's `my_vo.py` pass the checks of their exercises.
+"""Marks of a class: for the `my_vo.py` of each student, the functions that pass the checks of the exercises.
 
     python -m course.marks my_vo.py
     python -m course.marks --json class/*/my_vo.py
 
-Run it in the folder of the notebooks. It runs what the students have written.
+Run it in the folder of the notebooks. It runs the code of the students.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ CHECK = re.compile(r"^(ch\d\d)\.(\w+)\((\w+)\)$", re.MULTILINE)
 
 @functools.cache
 def asked() -> dict[str, tuple[str, Exercise]]:
-    """The functions that the notebooks ask for, by name: the number of the exercise, and its check."""
+    """Number and check of each exercise whose answer is a function, by the name of the function."""
     found, number = {}, ""
     for path in sorted(NOTEBOOKS.glob("0*.ipynb")):
         for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
@@ -44,9 +44,9 @@ def asked() -> dict[str, tuple[str, Exercise]]:
 
 
 def marks(path: Path) -> dict[str, Any]:
-    """How many functions of a file pass, and of each its exercise, whether it passes, and what is wrong.
+    """The number of functions of a file that pass, and for each function its exercise, result and message.
 
-    Raises `DataError` where the file is missing or cannot be run.
+    Raises `DataError` if the file is missing or cannot be run.
     """
     if not path.is_file():
         raise DataError("the file is missing: expected a student's my_vo.py", path)
@@ -63,10 +63,10 @@ def marks(path: Path) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Print the marks of the files named, as text or JSON; 2 where one of them could not be read."""
+    """Print the marks of the files as text or JSON; 2 if a file could not be read, else 0."""
     parser = argparse.ArgumentParser(prog="python -m course.marks", description=__doc__.splitlines()[0])
     parser.add_argument("files", nargs="+", type=Path, metavar="my_vo.py")
-    parser.add_argument("--json", action="store_true", help="for a program, in place of lines to read")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of lines of text")
     options = parser.parse_args()
     found: dict[str, Any] = {}
     for path in options.files:

@@ -1,9 +1,9 @@
-"""The notebooks executed, and the texts beside them, as HTML pages that need neither Python nor a network.
+"""The executed notebooks and the texts beside them as HTML pages, readable without Python or a network.
 
     python -m course.pages DIR
 
-Run it in the folder of the notebooks. nbconvert makes the pages; formulas are MathML here, in place of a script
-from the network, and panels the picture and the words that they show.
+Run it in the folder of the notebooks. nbconvert makes the pages. Formulas are MathML instead of a script from
+the network; a panel is its picture with its words.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ WIDGETS = "application/vnd.jupyter.widget-state+json"
 VIEW = "application/vnd.jupyter.widget-view+json"
 CELL_TIMEOUT_S = 1200
 REFERENCE = "IPY_MODEL_"
-PARTS = ("HTMLModel", "ImageModel", "VBoxModel", "HBoxModel")  # of a panel, that a page can show
+PARTS = ("HTMLModel", "ImageModel", "VBoxModel", "HBoxModel")  # parts of a panel that a page can show
 PANEL_ALT = 'alt="the panel"'
 FORMULA = re.compile(r"(```.*?```|`[^`\n]*`)|\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 PAGE = """<!DOCTYPE html>
@@ -42,10 +42,10 @@ pre {{ font: 13px/1.35 monospace; overflow-x: auto }}
 img, video, iframe {{ max-width: 100%; background: #fff }} img, video {{ height: auto }}
 .jp-InputArea, .highlight {{ background: #f6f6f6; padding: 2px 10px }} .prompt {{ display: none }}
 td, th {{ padding: 2px 10px; border-bottom: 1px solid #8884; text-align: left }}
-/* A narrow window scrolls what is too wide, not the page. */
+/* In a narrow window, wide tables and formulas scroll, not the page. */
 table, .formula {{ display: block; max-width: 100%; overflow-x: auto }}
 body {{ overflow-wrap: anywhere }} td, th {{ overflow-wrap: normal }}
-/* Without a font for formulas Chromium draws subscripts on the line. */
+/* Without a font for formulas, Chromium draws subscripts on the baseline. */
 math {{ font-family: "Cambria Math", "STIX Two Math", "Latin Modern Math", "DejaVu Math TeX Gyre", math }}
 math[display="block"] {{ margin: 12px 0 }} .panel {{ border: 1px solid #bbb; padding: 8px }}
 @media (prefers-color-scheme: dark) {{
@@ -57,13 +57,13 @@ math[display="block"] {{ margin: 12px 0 }} .panel {{ border: 1px solid #bbb; pad
 
 
 def write_pages(source: Path, target: Path) -> int:
-    """Write a page into `target` for every notebook and text in `source`; the number of cells that failed.
+    """Write a page into `target` for every notebook and text in `source`; return the number of failed cells.
 
-    Raises `DataError` where a notebook is damaged.
+    Raises `DataError` if a notebook is damaged.
     """
     failed = 0
     target.mkdir(parents=True, exist_ok=True)
-    for path in source.glob("*.csv"):  # tables to which the pages link
+    for path in source.glob("*.csv"):  # the pages have links to these tables
         write_atomic(target / path.name, path.read_bytes())
     for path in sorted([*source.glob("*.ipynb"), *source.glob("solutions/*.ipynb"), *source.glob("*.md")]):
         name, notebook = path.relative_to(source), read(path)
@@ -82,18 +82,18 @@ def write_pages(source: Path, target: Path) -> int:
 
 
 def read(path: Path) -> Any:
-    """A notebook, or a text as one; `DataError` where the file is damaged."""
+    """A notebook, or a text as a notebook; `DataError` if the file is damaged."""
     if path.suffix == ".md":
         text = nbformat.v4.new_markdown_cell(path.read_text(encoding="utf-8"))  # type: ignore[no-untyped-call]
         return nbformat.v4.new_notebook(cells=[text])  # type: ignore[no-untyped-call]
     try:
         return nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
-    except Exception as error:  # of JSON, of its schema, of versions: they share no other base
-        raise DataError(f"is no notebook: {str(error).splitlines()[0][:100]}", path) from None
+    except Exception as error:  # errors of JSON, schema and version have no other common base
+        raise DataError(f"is not a notebook: {str(error).splitlines()[0][:100]}", path) from None
 
 
 def execute(notebook: Any, beside: Path) -> None:
-    """Give a notebook its outputs and errors; it runs in an empty folder and imports the course `beside` it."""
+    """Run a notebook in an empty folder, with the course of the folder `beside`, and store its outputs."""
     with tempfile.TemporaryDirectory() as folder:
         where = {"metadata": {"path": folder}}
         client = NotebookClient(notebook, timeout=CELL_TIMEOUT_S, allow_errors=True, resources=where)
@@ -102,7 +102,7 @@ def execute(notebook: Any, beside: Path) -> None:
 
 
 def page(notebook: Any, path: Path) -> str:
-    """An executed notebook as a page, pictures inside; folders of this machine are written as `.` and `~`."""
+    """An executed notebook as a page with its pictures inside; folders of this machine become `.` and `~`."""
     state = notebook.metadata.pop("widgets", {}).get(WIDGETS, {}).get("state", {})
     words = ""
     for cell in notebook.cells:
@@ -129,7 +129,7 @@ def page(notebook: Any, path: Path) -> str:
 
 
 def with_mathml(markdown: str) -> str:
-    """Markdown whose formulas, between $ or $$, are MathML, which needs no script; code stays as it is."""
+    """Markdown with formulas (between $ or $$) as MathML, which needs no script; code does not change."""
 
     def drawn(found: re.Match[str]) -> str:
         code, display, inline = found.groups()
@@ -137,9 +137,9 @@ def with_mathml(markdown: str) -> str:
             return str(code)
         try:
             made = convert(display or inline, display="block" if display else "inline")
-        except Exception:  # a reader's own formula with a slip, as it was typed; they share no other base
+        except Exception:  # an invalid formula does not change; the errors have no other common base
             return found.group()
-        # Bars that stand alone would grow with what follows; as a character they would end a table's cell.
+        # A single bar would stretch with the formula; as a character, it would end the cell of a table.
         made = re.sub(r"<mo>(&#x0(?:007C|2016);)</mo>", r'<mo stretchy="false">\1</mo>', made)
         made = str(made).replace("|", "&#124;")
         return f'<span class="formula">{made}</span>' if display else made
@@ -148,7 +148,7 @@ def with_mathml(markdown: str) -> str:
 
 
 def _announced(markdown: str) -> str:
-    """What a text says of the picture below it: its last line, if it ends with a colon; else its last heading."""
+    """Description of the picture below a text: the last line if it ends with a colon, else the last heading."""
     plain = re.sub(r"[*`$]|\[|\]\([^)]*\)", "", markdown).strip()
     last = plain.split("\n")[-1]
     if last.endswith(":"):
@@ -157,7 +157,7 @@ def _announced(markdown: str) -> str:
 
 
 def _shown(state: dict[str, Any], model: str) -> list[str]:
-    """Pictures and words of a widget and of all that it holds but controls, as HTML."""
+    """Pictures and words of a widget and its children, without controls, as HTML."""
     widget = state.get(model, {"state": {}})
     values, name = widget["state"], widget.get("model_name")
     if name == "ImageModel":
@@ -167,12 +167,12 @@ def _shown(state: dict[str, Any], model: str) -> list[str]:
         return [str(values.get("value", ""))]
     children = [child.removeprefix(REFERENCE) for child in values.get("children", [])]
     if children and state.get(children[0], {}).get("model_name") not in PARTS:
-        return []  # a control and its caption, which says nothing without it
+        return []  # a control and its label
     return [part for child in children for part in _shown(state, child)]
 
 
 def main() -> int:
-    """Write the pages; 1 where a cell failed, 2 where a file could not be read or written."""
+    """Write the pages; 1 if a cell failed, 2 if a file could not be read or written, else 0."""
     parser = OneLineParser(prog="python -m course.pages", description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder for the pages")
     options = parser.parse_args()

@@ -1,11 +1,10 @@
-"""The pattern of every panel: a column of controls, beside it a sentence, numbers and one picture of fixed size.
+"""The base class of all panels: a column of controls beside a picture of fixed size, a sentence and numbers.
 
-A panel gives `title`, `controls` and `draw(state)`; this class does the rest. `draw` is pure: the same state gives
-the same picture. Callbacks run on another thread than cells, so nothing here uses pyplot, and pictures are bytes in
-one `Image`: no flicker, no jumping, no leaked figures.
+A panel defines `title`, `controls` and `draw(state)`. The same state has the same picture. Callbacks run on
+another thread than cells, so this module does not use pyplot. Pictures are bytes in one `Image`: no flicker.
 
-A panel begins with the paper's method. Where the variant kit is of interest too, the panel gives its configuration
-as `kit`; a switch then chooses between both, and controls of settings that the chosen one lacks are grey:
+A panel starts with the method of the paper. With a configuration `kit`, the panel has a switch between the
+variants `published` and `kit`; controls of settings that the selected variant lacks are grey:
 
     class TranslationPanel(Panel):
         kit = preset("solution_selection", variant="kit")
@@ -14,7 +13,7 @@ as `kit`; a switch then chooses between both, and controls of settings that the 
         def idle(self, state: State) -> set[str]:
             return set() if state.view.weighting == "robust" else {"translation.scale"}
 
-`state.config` is a `PublishedConfig` or a `KitConfig`; `isinstance(state.config, KitConfig)` tells which.
+`state.config` is a `PublishedConfig` or a `KitConfig`.
 """
 
 from __future__ import annotations
@@ -46,13 +45,13 @@ from .frames import DEFAULT, is_open, keep, opened
 from .progress import Job, Stopped
 from .results import Fact, facts_html, marked
 
-ERROR_CLASS = "vo-panel-error"  # tests look for it in saved widget state
+ERROR_CLASS = "vo-panel-error"  # of CSS; tests search for it in saved widget state
 VARIANTS = "published", "kit"
-SWITCH = "the paper's method as published, or the variant kit; grey controls are settings of the other one"
-RESET = "all controls as at the start; the sequence stays"
+SWITCH = "the method as published, or the variant kit; grey controls are settings of the other variant"
+RESET = "set all controls to their first values; the sequence does not change"
 WORKING = '<i style="opacity:.7">working …</i>'
-FRAME_MS = 700  # between frames that play; where drawing takes longer, frames are left out
-# The picture is scaled down to fit a laptop's window with the sentence and the numbers below it.
+FRAME_MS = 700  # interval of frames that play; slower panels skip frames
+# The picture is scaled down: on a laptop, the sentence and the numbers below are in view.
 SCALED = {"max_width": "100%", "max_height": "max(240px, 100vh - 340px)", "align_self": "flex-start"}
 PICTURE = {"width": "auto", "height": "auto", **SCALED}
 BESIDE = {"flex": "1 1 480px", "min_width": "0", "max_width": f"{WIDTH}px"}
@@ -61,7 +60,7 @@ ERROR_STYLE = f"max-width:{WIDTH - 20}px;padding:4px 8px;border-left:4px solid {
 
 @dataclass(frozen=True)
 class State:
-    """What a panel's controls say: all settings, the sequence, and the current frame >= 1."""
+    """State of the controls of a panel: all settings, the sequence, and the current frame >= 1."""
 
     config: MethodConfig
     view: Any
@@ -78,7 +77,7 @@ class State:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture as JPEG bytes, WIDTH pixels wide, a sentence on what it shows, numbers, and tables as HTML."""
+    """A picture as JPEG bytes, WIDTH pixels wide, a sentence about it, numbers, and tables as HTML."""
 
     picture: bytes
     sentence: str
@@ -87,23 +86,23 @@ class Drawing:
 
 
 class Panel:
-    """Base of all panels. Shown by being the last expression of a cell.
+    """Base of all panels. A panel is shown as the last expression of a cell.
 
     Class attributes
     ----------------
     title : a line above the controls.
-    controls : in the order shown; settings of `start` or `kit`, or of `view` with the prefix "view.".
-    view : class of the panel's own settings, made with `setting` like those of the configurations.
-    start : configuration that the controls begin with.
-    kit : configuration that the switch "published | kit" changes to; no switch without.
-    height : rows of the picture.
-    long_job : words on the Run button of a panel whose `work` takes more than a second; empty without.
+    controls : controls from top to bottom; settings of `start`, of `kit` or, with the prefix "view.", of `view`.
+    view : class of the settings of the panel itself, declared with `setting`.
+    start : configuration with the first values of the controls.
+    kit : configuration for the switch "published | kit"; without it, there is no switch.
+    height : height of the picture, pixels.
+    long_job : label of the Run button, if `work` takes more than a second; else empty.
 
     Attributes
     ----------
-    error : what went wrong with the last change, as a sentence; empty when all is well.
-    picture : the Image widget; knobs : controls by the setting's name; variant : the switch, or None.
-    facts : the numbers shown, by name; none while there is an error.
+    error : a sentence about the error of the last change; empty without an error.
+    picture : the Image widget; knobs : controls by the name of the setting; variant : the switch, or None.
+    facts : the numbers of the panel, by name; empty after an error.
     """
 
     title: ClassVar[str] = ""
@@ -115,11 +114,11 @@ class Panel:
     long_job: ClassVar[str] = ""
 
     def __init__(self, sequence: str | Sequence = DEFAULT, frame: int = 60, **values: Any):
-        """`values` are first values of controls, a dot of the name written as two underscores."""
+        """`values` are first values of controls; a dot of the name is written as two underscores."""
         self._lock = threading.RLock()
         self._quiet = True
         self._sequence: Sequence | None = None
-        self._home: Sequence | None = None  # the first one
+        self._home: Sequence | None = None  # the first sequence
         self._frames: dict[str, int] = {}  # last frame of each sequence
         self.facts: dict[str, float] = {}
         self.error = ""
@@ -150,15 +149,15 @@ class Panel:
         self._open(name)
 
     def draw(self, state: State) -> Drawing:
-        """What the panel shows for a state; anything it raises becomes the panel's error."""
+        """The picture and the words for a state; exceptions become the error of the panel."""
         raise NotImplementedError
 
     def idle(self, state: State) -> set[str]:
-        """Names of the controls that change nothing in a state; they become grey."""
+        """Names of the controls that have no effect in a state; they become grey."""
         return set()
 
     def work(self, state: State, progress: Progress) -> Drawing:
-        """The long job behind the Run button; it calls progress(done, total) several times a second."""
+        """The long job of the Run button; it calls progress(done, total) several times per second."""
         raise NotImplementedError
 
     def set(self, **values: Any) -> None:
@@ -187,11 +186,11 @@ class Panel:
         self.redraw()
 
     def wait(self, seconds: float | None = None) -> None:
-        """Block until no job is running."""
+        """Wait for the end of the running job."""
         self.job.wait(seconds)
 
     def redraw(self, _: Any = None) -> None:
-        """Draw the present state; what goes wrong is shown in the panel."""
+        """Draw the current state; an error is shown in the panel."""
         if self._quiet or self._sequence is None:
             return
         with self._lock, single_threaded():
@@ -208,7 +207,7 @@ class Panel:
                 self._sign.value = ""
 
     def state(self) -> State:
-        """What the controls say now; `DataError` where a typed value is none."""
+        """The current state of the controls; `DataError` for an invalid typed value."""
         if self._sequence is None:
             raise DataError("choose a sequence first")
         config, view = self.start, None if self.view is None else self.view()
@@ -230,7 +229,7 @@ class Panel:
             self._fail(error)
 
     def reset(self, _: Any = None) -> None:
-        """Every control as at the start; the sequence stays."""
+        """Set all controls to their first values; the sequence does not change."""
         self.set(**self._first)
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
@@ -244,17 +243,17 @@ class Panel:
             self.error = self._message.value = ""
 
     def _elsewhere(self) -> str:
-        """What a sequence chosen in the panel does not change, in a sentence; "" at the first one."""
+        """A sentence if the sequence differs from that of the cells; else ""."""
         here, home = self._sequence, self._home
         if here is None or home is None or here.folder == home.folder:
             return ""
-        return f" (Only the panel shows {here.name}; the cells keep {home.name}.)"
+        return f" (Only the panel shows {here.name}; the cells still use {home.name}.)"
 
     def _fail(self, error: Exception) -> None:
         if isinstance(error, Stopped):
             self._message.value = "<i>Stopped.</i>"
             return
-        # A DataError is written for people; of any other error its kind helps to find the mistake.
+        # The text of a DataError is for readers; of other errors, the type helps to find the mistake.
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
         words = f'role="alert" style="{ERROR_STYLE}">{marked(self.error)}'
         self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'
@@ -310,7 +309,7 @@ class Panel:
         return widgets.VBox([*rows, self.tables], layout={"padding": "4px 8px", "border": "1px solid #BBB"})
 
     def _offer(self, name: str) -> None:
-        """Make a sequence the chosen one, also one that the list does not have yet."""
+        """Choose a sequence, and add it to the list if necessary."""
         if name not in self.chooser.options:
             self.chooser.options = [name, *self.chooser.options]
         self.chooser.value = name
@@ -324,7 +323,7 @@ class Panel:
             self._offer(str(Path(change["new"].strip()).expanduser()))
 
     def _open(self, name: str) -> None:
-        """Open a sequence and draw; at once where it is known, else as a job with a bar."""
+        """Open a sequence and draw; an open sequence at once, others as a job with a bar."""
         if is_open(name):
             self._use(opened(name))
         else:

@@ -1,4 +1,4 @@
-"""Work of more than a second: a bar in a cell, or a thread of its own with a bar and a Stop button."""
+"""Progress of work of more than a second: a bar in a cell, or a thread with a bar and a Stop button."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Value = TypeVar("Value")
 
 
 def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
-    """The result of `work(progress)` for a notebook cell; a bar is shown from its first report to its end."""
+    """The result of `work(progress)` for a notebook cell; a bar is shown from the first report to the end."""
     bar = widgets.IntProgress(description=words, style={"description_width": "initial"})
 
     def report(done: int, total: int) -> None:
@@ -27,17 +27,17 @@ def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
     try:
         return work(report)
     finally:
-        bar.layout.display = "none"  # a page that is slow to show it would miss a closed one
+        bar.layout.display = "none"  # a slow page would not find a closed bar
 
 
 class Stopped(Exception):
-    """Raised inside a job, from its progress function, once Stop was pressed."""
+    """Raised by the progress function of a job after Stop was pressed."""
 
 
 class Job:
-    """At most one piece of work at a time; a new one stops the one before.
+    """At most one running function; a new one stops the previous one.
 
-    `box` has bar, words and Stop button; it is hidden while nothing runs.
+    `box` has a bar, words and a Stop button; it is hidden while nothing runs.
     """
 
     def __init__(self) -> None:
@@ -52,8 +52,8 @@ class Job:
 
     @property
     def running(self) -> bool:
-        """Whether work is going on."""
-        with self._lock:  # not between a thread's making and its start
+        """Whether a function is running."""
+        with self._lock:  # not between the creation and the start of a thread
             return self._thread is not None and self._thread.is_alive()
 
     def start(
@@ -63,9 +63,9 @@ class Job:
         done: Callable[[Any], None],
         failed: Callable[[Exception], None],
     ) -> None:
-        """Run `work(progress)` on a thread; then `done(result)`, or `failed(exception)`, there as well.
+        """Run `work(progress)` on a thread, then `done(result)` or `failed(exception)` on the same thread.
 
-        `work` calls progress(done, total) at least a few times a second: that is where Stop takes effect.
+        `work` calls progress(done, total) at least a few times per second: Stop takes effect there.
         """
         self.stop()
         self.wait()
@@ -93,11 +93,11 @@ class Job:
             self._thread.start()
 
     def stop(self) -> None:
-        """Ask the running work to end; it does so with its next report."""
+        """End the running function at its next report."""
         self._stop.set()
 
     def wait(self, seconds: float | None = None) -> None:
-        """Block until the work has ended, with what it started in turn; not from inside it."""
+        """Wait for the end of the job and of jobs that it starts; no effect inside the job."""
         end = None if seconds is None else time.monotonic() + seconds
         while self.running and (end is None or time.monotonic() < end):
             thread = self._thread

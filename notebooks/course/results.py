@@ -21,8 +21,8 @@ RIGHT, NOT_YET, UNANSWERED = "#009E73", "#D55E00", "#999999"
 RIGHT_CLASS, NOT_YET_CLASS = "vo-right", "vo-not-yet"  # of CSS; tests search for both
 SHORT = 6  # maximal size of an array whose numbers are all shown
 DIGITS = 5, 7, 9  # of two numbers: the first choice that distinguishes the numbers
-COMPLEX = "drop solutions with an imaginary part and take `.real` of the others; `np.linalg.eigh` and `svd` stay real."
-MASKS = "join masks by `&` and `|`, not by `and` and `or`, with brackets round each comparison: `(a < b) & (c < d)`."
+COMPLEX = "drop values with an imaginary part and take `.real` of the others; `eigh` and `svd` stay real."
+MASKS = "join masks by `&` and `|`, not by `and`, with brackets round each comparison: `(a < b) & (c < d)`."
 NOT_OWN = str(Path(__file__).parent), str(Path(vo_lib.__path__[0])), "site-packages"
 
 

@@ -1,12 +1,12 @@
-"""Shapes in three dimensions, turned with the mouse, in a cell or in a page; no network is needed.
+"""Shapes in three dimensions, rotated with the mouse, in a cell or a page; without a network.
 
     view(*camera(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
 
-In a cell the last expression `view(...)` is shown; where no script may run, a picture of it. For the page of a run:
+As the last expression of a cell, `view(...)` is shown; without scripts, it is a picture. The page of a run:
 
     python -m course.view3d RUN_FOLDER OUT.html
 
-Run it in the folder of the notebooks; RUN_FOLDER is what `vo run --out` wrote.
+Run it in the folder of the notebooks; RUN_FOLDER is the folder of `vo run --out`.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from vo_lib.runs.matches import CachedMatches
 from .colours import DARK, GOOD
 from .drawing import FONT_SIZE, WIDTH, figure, show
 
-MAX_DEPTH_BASELINES = 50.0  # points farther away scatter too much to be looked at
-MAX_POINTS = 40_000  # in a page
-YAW, TILT = 0.5, 0.7  # radians: where the eye begins, behind and above
+MAX_DEPTH_BASELINES = 50.0  # points farther away scatter too much
+MAX_POINTS = 40_000  # of a page
+YAW, TILT = 0.5, 0.7  # first direction of view, from behind and above, radians
 PALEST = 200  # grey level of a point on white
-HINT = "Drag turns, the wheel zooms, Shift and drag moves, a double click shows all again."
+HINT = "Drag to rotate, turn the wheel to zoom, Shift and drag to move, double-click to reset."
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class Shape:
     Attributes
     ----------
     at : places (N, 3), metres, x right, y down, z forward.
-    colour : "#RRGGBB"; of dots also a grey level each, (N,).
-    name : words at the first place of a line or area; of a path, at its last one.
-    width : of a line or dot, pixels.
-    seen : (N,) frame from which each dot, or place of a path, is shown; a slider for the frame appears.
+    colour : "#RRGGBB"; for dots also grey levels (N,).
+    name : words at the first place of a line or area; of a path, at the last place.
+    width : width of a line or dot, pixels.
+    seen : (N,) first frame of each dot or place of a path; a slider selects the frame.
     """
 
     at: Array
@@ -75,13 +75,13 @@ def camera(T_w_c: Array, name: str = "", colour: str = DARK, size: float = 0.3) 
 
 
 class View:
-    """Shapes as a page within a cell, or as a picture where no script runs; made by `view`."""
+    """Shapes as a page inside a cell, or as a picture where no script runs; made by `view`."""
 
     def __init__(self, shapes: tuple[Shape, ...], height: int, times: Any, title: str):
         self.shapes, self.height, self.times, self.title = shapes, height, times, title
 
     def page(self) -> str:
-        """The page, one text that needs nothing else."""
+        """The page as one text without other files."""
         template = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True)
         data = {"times": self.times, "eye": [YAW, TILT], "shapes": [*map(vars, self.shapes)]}
         text = json.dumps(data, default=lambda array: np.round(array, 3).tolist()).replace("<", "\\u003c")
@@ -89,7 +89,7 @@ class View:
         return template.get_template("view3d.html").render(**words)
 
     def still(self) -> bytes:
-        """The view at the start, as PNG bytes."""
+        """The first view as PNG bytes."""
         made, (axis,) = figure(self.height)
         for shape in self.shapes:
             x, y, z = np.asarray(shape.at, np.float64).T
@@ -118,13 +118,13 @@ class View:
         return {"text/html": framed, "image/png": base64.b64encode(self.still()).decode()}
 
 
-def view(*shapes: Shape, height: int = 420, times: Any = (), title: str = "Seen in three dimensions") -> View:
-    """Shapes that the mouse turns: the last expression of a cell; `times` (N,) are seconds of the slider's frames."""
+def view(*shapes: Shape, height: int = 420, times: Any = (), title: str = "View in three dimensions") -> View:
+    """Shapes for the last expression of a cell; `times` (N,) are the seconds of the frames of the slider."""
     return View(shapes, height, times, title)
 
 
 def view_of_run(run: Run, height: int = 480) -> View:
-    """A run's path, the points that it was computed from, and the truth, where there is one."""
+    """The path of a run, the points of its matches, and the true path if there is one."""
     sequence, points = run.sequence, points_of(run)
     frames = np.arange(len(run.poses))
     grey, seen = np.array([each[1:] for each in points], int).reshape(-1, 2).T
@@ -138,7 +138,7 @@ def view_of_run(run: Run, height: int = 480) -> View:
 
 
 def points_of(run: Run) -> list[tuple[Array, int, int]]:
-    """Points outside vehicle boxes where they were last seen: place (3,), metres, grey level and frame."""
+    """Points outside vehicle boxes at their last observation: place (3,), metres, grey level and frame."""
     sequence, camera = run.sequence, run.sequence.camera
     points: dict[int, tuple[Array, int, int]] = {}
     for index, (matches, _) in enumerate(CachedMatches(sequence, run.config)):
@@ -153,9 +153,9 @@ def points_of(run: Run) -> list[tuple[Array, int, int]]:
 
 
 def write_view(folder: Path, page: Path) -> None:
-    """Write the page of the run in a folder: one file that needs nothing else.
+    """Write the page of the run in a folder, one file without other files.
 
-    Raises `DataError` where the run or its sequence cannot be read.
+    Raises `DataError` if the run or its sequence cannot be read.
     """
     about = read_config(folder)
     whole = open_sequence(about["folder"])
@@ -164,9 +164,9 @@ def write_view(folder: Path, page: Path) -> None:
 
 
 if __name__ == "__main__":
-    about = "A page that shows a run's path and its points in three dimensions."
+    about = "A page with the path of a run and its points in three dimensions."
     parser = OneLineParser(prog="python -m course.view3d", description=about)
-    parser.add_argument("run", type=Path, metavar="RUN_FOLDER", help="folder that `vo run --out` wrote")
+    parser.add_argument("run", type=Path, metavar="RUN_FOLDER", help="folder of `vo run --out`")
     parser.add_argument("page", type=Path, metavar="OUT.html", help="the page")
     options = parser.parse_args()
     try:

@@ -190,7 +190,7 @@ def test_only_what_passed_is_kept_and_only_beside_the_notebooks(folder: Path) ->
     for function in (spoken["null_basis"], np.sum, lambda A: A, partial(null_basis), int):
         assert keep(function) == ""  # it has no source
     assert not (folder / "my_vo.py").exists()
-    assert "kept in `my_vo.py`" in ch02.null_basis(null_basis).message
+    assert "saved in `my_vo.py`" in ch02.null_basis(null_basis).message
     assert (folder / "my_vo.py").read_text(encoding="utf-8") == (
         f"{HEAD}\nfrom typing import Any\nimport numpy as np\n\n\ndef null_basis(A: Any) -> Any:\n"
         "    # a student's own\n    return np.linalg.svd(A)[2][5:]\n"
@@ -209,8 +209,8 @@ def test_a_kept_function_replaces_its_old_self_and_nothing_else_and_no_broken_fi
     path = folder / "my_vo.py"
     path.write_bytes(f"{before}{old}{after}".encode())
     for _ in range(2):
-        assert keep(null_basis) == " It is kept in `my_vo.py`."
+        assert keep(null_basis) == " It is saved in `my_vo.py`."
         assert path.read_bytes().decode() == f"{before}{own}{after}"
     path.write_bytes(b"def half(:\n")
-    assert "could not be kept" in keep(null_basis)
+    assert "was not saved" in keep(null_basis)
     assert path.read_bytes() == b"def half(:\n"

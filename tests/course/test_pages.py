@@ -59,4 +59,4 @@ def test_pages_need_no_network_and_failed_cells_and_damaged_notebooks_are_named(
     assert "http" not in written.replace("http-equiv", "").replace(namespace, "")
     (tmp_path / "00_one.ipynb").write_text('{"cells": [', encoding="utf-8")
     assert pages.main() == 2
-    assert "00_one.ipynb: is no notebook" in capsys.readouterr().err
+    assert "00_one.ipynb: is not a notebook" in capsys.readouterr().err
