@@ -80,17 +80,17 @@ def run(options: argparse.Namespace) -> int:
 def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) -> int:
     """Determine the missing files, print their size, ask for confirmation, and write them."""
     if options.raw is None:
-        places, targets = sequence_archives(options.host, sequences, options.color)
+        sources, targets = sequence_archives(options.host, sequences, options.color)
     else:
-        places, targets = drive_archives(options.host, options.raw, options.color)
+        sources, targets = drive_archives(options.host, options.raw, options.color)
     if options.from_zip is not None:
         # Calibration and poses last: they replace older copies in the image archives.
-        places = [*map(str, sorted(options.from_zip, key=lambda path: path.name in (CALIB, POSES)))]
+        sources = [*map(str, sorted(options.from_zip, key=lambda path: path.name in (CALIB, POSES)))]
     with Archives() as archives:
         with reporting("reading the archives' directories") as report:
-            members = plan(archives, places, targets, report)
+            members = plan(archives, sources, targets, report)
         if not members:
-            raise DataError(f"{', '.join(places)}: no files of the sequences {', '.join(sorted(sequences))}")
+            raise DataError(f"{', '.join(sources)}: no files of the sequences {', '.join(sorted(sequences))}")
         members, marks = select_frames(members, root, partial(parse_frames, options.frames), options.raw)
         with reporting("checking the files present") as report:
             todo = absent(members, root, report)

@@ -17,8 +17,8 @@ class DataError(Exception):
     """
 
     def __init__(self, message: str, path: str | Path | None = None, line: int | None = None):
-        place = "" if path is None else str(path) + ("" if line is None else f", line {line}") + ": "
-        super().__init__(" ".join((place + message).split("\n")))
+        location = "" if path is None else str(path) + ("" if line is None else f", line {line}") + ": "
+        super().__init__(" ".join((location + message).split("\n")))
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:

@@ -66,8 +66,8 @@ def in_words(size: int) -> str:
 
 def require_space(folder: Path, size: int) -> None:
     """`DataError` unless `size` bytes and a reserve are free on the disk of `folder`."""
-    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
-    free = shutil.disk_usage(there).free
+    existing = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    free = shutil.disk_usage(existing).free
     if free < size + SPARE_BYTES:
         needed = f"{in_words(size)} and {in_words(SPARE_BYTES)} to spare"
         raise DataError(f"needs {needed}, but only {in_words(free)} are free", folder)

@@ -41,26 +41,26 @@ def sequence_archives(host: str, sequences: Iterable[str], color: bool = False) 
 
 
 def plan(
-    archives: Archives, places: list[str], targets: Targets, progress: Progress | None = None
+    archives: Archives, sources: list[str], targets: Targets, progress: Progress | None = None
 ) -> list[Member]:
     """The members of archives that have a target, one per target, in the order of the targets.
 
     Parameters
     ----------
-    places : paths or URLs. A file in several archives is taken from the last one: KITTI's calibration archive
-        replaces the older calib.txt in the image archives.
+    sources : paths or URLs. A file in several archives is taken from the last one: KITTI's calibration
+        archive replaces the older calib.txt in the image archives.
     progress : called with (archives read, total archives).
     """
     chosen_members: dict[PurePosixPath, Member] = {}
     patterns = [(re.compile(f"(?:.*/)?{inside}", re.ASCII), path) for inside, path in targets.items()]
-    for number, place in enumerate(places, start=1):
-        for info, end in archives.directory(place):
+    for number, source in enumerate(sources, start=1):
+        for info, end in archives.directory(source):
             for pattern, path in patterns:
                 if match := pattern.fullmatch(info.filename):
                     below = PurePosixPath(match.expand(path))
-                    chosen_members[below] = Member(place, info, end, below)
+                    chosen_members[below] = Member(source, info, end, below)
         if progress is not None:
-            progress(number, len(places))
+            progress(number, len(sources))
     return [chosen_members[below] for below in sorted(chosen_members)]
 
 
@@ -69,8 +69,8 @@ def absent(members: list[Member], root: Path, progress: Progress | None = None) 
     todo = []
     for number, member in enumerate(members, start=1):
         path = root / member.target
-        whole = path.is_file() and path.stat().st_size == member.info.file_size
-        if not (whole and zlib.crc32(read_bytes(path)) == member.info.CRC):
+        complete = path.is_file() and path.stat().st_size == member.info.file_size
+        if not (complete and zlib.crc32(read_bytes(path)) == member.info.CRC):
             todo.append(member)
         if progress is not None and (number % 50 == 0 or number == len(members)):
             progress(number, len(members))

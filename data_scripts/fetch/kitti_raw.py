@@ -118,11 +118,11 @@ def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]
 
 
 def _rigid(path: Path) -> Array:
-    found = read_calibration_file(path)
-    T = _matrix(found, "T", (3,), path)
+    lines_by_name = read_calibration_file(path)
+    T = _matrix(lines_by_name, "T", (3,), path)
     if np.abs(T).max() > MAX_SENSOR_DISTANCE_M:
         raise DataError(f"T: expected a translation of at most {MAX_SENSOR_DISTANCE_M:g} m", path)
-    return rigid(nearest_rotation(_rotation(found, "R", path)), T)
+    return rigid(nearest_rotation(_rotation(lines_by_name, "R", path)), T)
 
 
 def _rotation(matrices: dict[str, Array], name: str, path: Path) -> Array:

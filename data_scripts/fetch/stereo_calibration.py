@@ -159,8 +159,8 @@ def rig_from_matrices(
         matrices = {**matrices, **{name: np.asarray(matrix, np.float64) for name, matrix in computed.items()}}
     if not {"P1", "P2"} <= matrices.keys():
         missing = ", ".join(sorted({"K1", "D1", "K2", "D2", "R", "T"} - matrices.keys()))
-        wanted = "P1 and P2" if rectified else f"{missing} (or P1 and P2 of rectified images)"
-        raise DataError(f"the calibration lacks {wanted}", path)
+        expected_names = "P1 and P2" if rectified else f"{missing} (or P1 and P2 of rectified images)"
+        raise DataError(f"the calibration lacks {expected_names}", path)
     P1, P2 = matrices["P1"], matrices["P2"]
     if abs(P2[1, 3]) > abs(P2[0, 3]):
         raise DataError("the second camera is above or below the first one, not next to it", path)

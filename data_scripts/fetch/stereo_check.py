@@ -99,10 +99,10 @@ def complaints(stats: PairStatistics, baseline: float) -> list[str]:
     if stats.disparity == stats.row_spread == 0.0:
         return ["left and right are the same images: there is no depth in them"]
     words = []
-    seen = f"{100 * stats.negative:.0f} % of {stats.matches} matches have a negative disparity"
+    observation = f"{100 * stats.negative:.0f} % of {stats.matches} matches have a negative disparity"
     if stats.negative > MANY_NEGATIVE:
         also = ", and the baseline is negative too" if baseline <= 0 else ""
-        words.append(f"left and right are swapped: {seen}{also}; exchange the two (--swap)")
+        words.append(f"left and right are swapped: {observation}{also}; exchange the two (--swap)")
     elif baseline <= 0:
         words.append(
             f"the baseline has the wrong sign ({baseline:g} m): the images are in the right order, so it "

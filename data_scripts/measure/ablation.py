@@ -66,8 +66,8 @@ WHOLE = (
 
 def from_last_place(self: Any, before: Any, features: Any, pair: Any) -> Any:
     """`KltMatcher._follow` without a prediction."""
-    places = features.left, features.right
-    result = self._close_loop(before, pair, features, places, self.config.search_levels)
+    positions = features.left, features.right
+    result = self._close_loop(before, pair, features, positions, self.config.search_levels)
     self._motion, _ = next_motion(self.camera, result[0], self._motion)
     return result
 
@@ -223,7 +223,7 @@ IDEAS = (
 def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
     """Tables of the change of TE, of RE and of the length without each idea, from rows of the CSV file."""
     records = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
-    whole = {(r["method"], r["sequence"]): r for r in records if not r["idea"]}
+    baselines = {(r["method"], r["sequence"]): r for r in records if not r["idea"]}
     sequences = sorted(
         dict.fromkeys(r["sequence"] for r in records), key=lambda name: name.startswith(SYNTHETIC)
     )
@@ -241,7 +241,7 @@ def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
                 row += [next(iter(cells.values()))["lines"], f"{ms:+.1f}"]
             for sequence in sequences:
                 r = cells.get(sequence)
-                row.append("–" if r is None else _cell(r, kind, whole[r["method"], sequence]))
+                row.append("–" if r is None else _cell(r, kind, baselines[r["method"], sequence]))
             lines[title].append(row)
     head = (
         "An idea is turned off in the whole kit; a positive change is an increase. Mean ± standard deviation "
@@ -269,9 +269,9 @@ def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
     ]
 
 
-def _cell(row: dict[str, str], kind: str, whole: dict[str, str]) -> str:
+def _cell(row: dict[str, str], kind: str, baselines: dict[str, str]) -> str:
     """A change ± deviation as text, in % of the complete kit's error (length: percentage points)."""
-    scale, digits = (1.0, 2) if kind == "length" else (100.0 / float(whole[kind]), 1)
+    scale, digits = (1.0, 2) if kind == "length" else (100.0 / float(baselines[kind]), 1)
     change, spread = (f"{scale * float(row[key]):.{digits}f}" for key in (kind, f"{kind}_sd"))
     signed = change if change.startswith("-") else f"+{change}"
     return signed + (f" ± {spread}" if float(spread) else "")

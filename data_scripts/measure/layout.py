@@ -23,7 +23,7 @@ def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence
     `mesvo_f` is not repeated where it equals `solution_selection`. Rows without a spread are left out of it.
     """
     columns = list(next(iter(cells.values())))
-    made = []
+    result = []
     for part, words in ((0, ""), (1, "standard deviation over the seeds of ")):
         for kind, unit in enumerate(KINDS):
             rows = []
@@ -33,15 +33,15 @@ def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence
                 }
                 if part and all((value or 0.0) < LEAST_SPREAD for value in numbers.values()):
                     continue
-                shown = {column: number(value) for column, value in numbers.items()}
+                texts = {column: number(value) for column, value in numbers.items()}
                 if not part and _repeats(row.get("mesvo_f"), row.get("solution_selection")):
-                    shown["mesvo_f"] = SAME
-                rows.append([label, *shown.values()])
+                    texts["mesvo_f"] = SAME
+                rows.append([label, *texts.values()])
             notes = [f"{SAME}: as solution_selection."] if any(SAME in row for row in rows) else []
             if rows:
-                made.append(ReportTable(f"{title}: {words}{unit}", [name, *columns], rows, notes))
-    made[0].head.extend(sentences)
-    return made
+                result.append(ReportTable(f"{title}: {words}{unit}", [name, *columns], rows, notes))
+    result[0].head.extend(sentences)
+    return result
 
 
 def with_numbers(cells: Cells) -> Cells:

@@ -47,7 +47,7 @@ Key = tuple[str, str, str]  # sequence, variant, method or "method rule"
 
 def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int], Job]]:
     """Jobs for every method of both variants, and for the other box rules."""
-    wanted = {
+    configs = {
         (variant, name): config for variant, methods in VARIANTS.items() for name, config in methods.items()
     }
     # Only drawn scenes have the truth about moving vehicles.
@@ -55,15 +55,17 @@ def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int],
     for method in RULED:
         for rule in rules[1:]:
             if (method, rule) not in PRESET_OF_RULE:
-                wanted["kit", f"{method} {rule}"] = change(preset(method, variant="kit"), "filter.rule", rule)
+                configs["kit", f"{method} {rule}"] = change(
+                    preset(method, variant="kit"), "filter.rule", rule
+                )
     method = _judged(sequence)
-    wanted["kit", f"{method} off"] = change(preset(method, variant="kit"), "calibration.estimate", False)
-    for (variant, name), config in wanted.items():
+    configs["kit", f"{method} off"] = change(preset(method, variant="kit"), "calibration.estimate", False)
+    for (variant, name), config in configs.items():
         for seed in SEEDS:
-            place = folder / variant / slug(sequence.name) / slug(name) / f"seed_{seed}"
+            run_path = folder / variant / slug(sequence.name) / slug(name) / f"seed_{seed}"
             yield (
                 ((sequence.name, variant, name), seed),
-                Job(sequence, name, change(config, "seed", seed), place),
+                Job(sequence, name, change(config, "seed", seed), run_path),
             )
 
 
@@ -106,10 +108,10 @@ def result_tables(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> list
             names = {rule: PRESET_OF_RULE.get((method, rule), f"{method} {rule}") for rule in RULES} | {
                 "none": method
             }
-            found = {rule: runs.get((sequence.name, "kit", name)) for rule, name in names.items()}
-            rules[f"{label}, {method}"] = {rule: _cell(each, measure) for rule, each in found.items()}
+            results = {rule: runs.get((sequence.name, "kit", name)) for rule, name in names.items()}
+            rules[f"{label}, {method}"] = {rule: _cell(each, measure) for rule, each in results.items()}
             removed[f"{label}, {method}"] = {
-                rule: None if each is None else 100 * each[0].removed_share for rule, each in found.items()
+                rule: None if each is None else 100 * each[0].removed_share for rule, each in results.items()
             }
         method = _judged(sequence)
         learnt, off = (runs[sequence.name, "kit", name] for name in (method, f"{method} off"))
@@ -135,27 +137,29 @@ def page_tables(
     systems: Mapping[str, Cells], rules: Cells, removed: Numbers, learning: Cells, axes: Numbers
 ) -> list[ReportTable]:
     """The tables of the page, with sentences computed from their numbers."""
-    made = []
+    result = []
     for variant, cells in systems.items():
         cells = with_numbers(cells)
-        said = compared(cells, "solution_selection", "feature_selection", "Removal of the features in boxes")
-        made += tables(VARIANT_WORDS[variant].capitalize(), cells, said)
-    made += other_systems(systems)
+        sentences = compared(
+            cells, "solution_selection", "feature_selection", "Removal of the features in boxes"
+        )
+        result += tables(VARIANT_WORDS[variant].capitalize(), cells, sentences)
+    result += other_systems(systems)
     ours = {label: row for label, row in rules.items() if label.endswith(RULED[1])}
-    said = compared(ours, "none", "moving", f"Of {RULED[1]}, the rule `moving`, against no removal,")
-    made += tables("Box rules, variant kit", rules, said, "sequence, method")
-    made.append(plain("Box rules, variant kit: features removed, %", "sequence, method", removed, 0))
+    sentences = compared(ours, "none", "moving", f"Of {RULED[1]}, the rule `moving`, against no removal,")
+    result += tables("Box rules, variant kit", rules, sentences, "sequence, method")
+    result.append(plain("Box rules, variant kit: features removed, %", "sequence, method", removed, 0))
     learning = with_numbers(learning)
-    said = compared(learning, "off", "learnt", "Learning the calibration")
-    made += tables("What learning the calibration does", learning, said, "sequence, method")
-    made.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))
-    made[-1].notes.append(
+    sentences = compared(learning, "off", "learnt", "Learning the calibration")
+    result += tables("What learning the calibration does", learning, sentences, "sequence, method")
+    result.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))
+    result[-1].notes.append(
         "TE, pitch and yaw: with the rotation between camera and truth that minimises TE (`vo data "
         "measure_axes`), seed 0. Length: of all steps, relative to the truth. The settings of the learning "
         "were chosen on 00, 01, KITTI's raw drive 0005 and the drawn scenes, so these rows do not test them; "
         "see the appendix."
     )
-    return made
+    return result
 
 
 def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:
@@ -191,5 +195,5 @@ def _judged(sequence: Sequence) -> str:
 def _length(sequence: Sequence, runs: list[Run]) -> float:
     """Length of the path relative to the truth's, mean over seeds, percent more."""
     assert sequence.truth is not None
-    true, *found = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
-    return 100 * (float(np.mean(found)) / float(true) - 1)
+    true, *results = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
+    return 100 * (float(np.mean(results)) / float(true) - 1)

@@ -74,9 +74,9 @@ def _images(path: Path, entry: Any) -> tuple[Path, ...]:
     """Image files of a split. Roboflow's entries begin with ../, but the folders are next to the file."""
     if not isinstance(entry, str):
         return ()
-    places = [path.parent / entry, path.parent / entry.removeprefix("../")]
+    candidates = [path.parent / entry, path.parent / entry.removeprefix("../")]
     folder = next(
-        (place for place in places if os.path.isdir(place)), None
+        (candidate for candidate in candidates if os.path.isdir(candidate)), None
     )  # false also for a name that is too long
     if folder is None:
         return ()

@@ -100,7 +100,7 @@ def read_tracking_set(root: Path, drives: dict[str, str] | None = None) -> list[
 
 def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
     """Vehicles of label rows: type, 3 numbers, left, top, right, bottom, …"""
-    kept: list[tuple[int, list[float]]] = []
+    vehicles: list[tuple[int, list[float]]] = []
     for number, words in rows:
         try:
             corners = [float(word) for word in words[4:8]]
@@ -112,9 +112,9 @@ def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
             raise DataError(f"{words[0]!r} is not a class of KITTI", path, number)
         good = corners[3] - corners[1] >= MIN_HEIGHT and corners[2] > corners[0]
         if words[0] in CLASS_OF and good:
-            kept.append((CLASS_OF[words[0]], corners))
-    xyxy = np.array([corners for _, corners in kept], np.float64).reshape(-1, 4)
-    return Boxes(xyxy, np.array([kind for kind, _ in kept], np.int64), np.ones(len(kept)))
+            vehicles.append((CLASS_OF[words[0]], corners))
+    xyxy = np.array([corners for _, corners in vehicles], np.float64).reshape(-1, 4)
+    return Boxes(xyxy, np.array([kind for kind, _ in vehicles], np.int64), np.ones(len(vehicles)))
 
 
 def _listed(folder: Path, pattern: str) -> list[Path]:

@@ -119,16 +119,16 @@ def draw_street(street: Street, folder: Path) -> int:
     cv2.setNumThreads(1)  # each process draws other streets
     world = make_world(street.scene)
     renderer, exposure = Renderer(world), exposures(street.scene, world.drive.times)
-    places = np.linspace(0, len(world.drive.times) - 1, street.frames).round().astype(int)
+    frame_numbers = np.linspace(0, len(world.drive.times) - 1, street.frames).round().astype(int)
     for k in missing:
-        frame = int(places[k])
+        frame = int(frame_numbers[k])
         view = renderer.view(frame)
         light = smear(world, frame, view, right=False)
         image = expose(light, street.scene, float(exposure[frame]), frame, right=False)
-        seen = visible_boxes(world, frame, view, MIN_PIXELS, MIN_HEIGHT)
+        visible = visible_boxes(world, frame, view, MIN_PIXELS, MIN_HEIGHT)
         data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
         write_atomic(root / "images" / f"{street.stem(k)}.jpg", data.tobytes())
-        lines = [(box.kind, box.yolo(street.scene.camera).partition(" ")[2]) for box in seen]
+        lines = [(box.kind, box.yolo(street.scene.camera).partition(" ")[2]) for box in visible]
         text = "".join(f"{CLASS_OF[kind]} {shares}\n" for kind, shares in lines)
         write_atomic(root / "labels" / f"{street.stem(k)}.txt", text)
     return street.frames

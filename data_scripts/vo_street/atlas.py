@@ -71,12 +71,12 @@ class TextureSet:
         row = np.zeros((count, levels), np.float32)
         starts = [[_starts(int(size[k, a]), int(top[k, a])) for a in (0, 1)] for k in range(count)]
         x = y = shelf = 0
-        place = np.zeros((count, 2), np.int64)
+        corner = np.zeros((count, 2), np.int64)
         for k in sorted(range(count), key=lambda k: (-starts[k][1][-1], k)):
             w, h = starts[k][0][-1], starts[k][1][-1]
             if x + w > ATLAS_WIDTH:
                 x, y, shelf = 0, y + shelf, 0
-            place[k] = x, y
+            corner[k] = x, y
             x, shelf = x + w, max(shelf, h)
         texels = np.zeros((y + shelf, ATLAS_WIDTH), np.float32)
         for k, image in enumerate(self.images):
@@ -86,7 +86,7 @@ class TextureSet:
             for i in range(top[k, 0] + 1):
                 level = across
                 for j in range(top[k, 1] + 1):
-                    x0, y0 = place[k, 0] + starts[k][0][i], place[k, 1] + starts[k][1][j]
+                    x0, y0 = corner[k, 0] + starts[k][0][i], corner[k, 1] + starts[k][1][j]
                     padded = _pad(level, self.wraps[k])
                     texels[y0 : y0 + padded.shape[0], x0 : x0 + padded.shape[1]] = padded
                     if j < top[k, 1]:
@@ -94,8 +94,8 @@ class TextureSet:
                 if i < top[k, 0]:
                     across = _halve(across, self.wraps[k][0])
             # Texel centres are at halves of the texture's own coordinate, at integers of the atlas.
-            column[k, : top[k, 0] + 1] = place[k, 0] + np.array(starts[k][0][:-1]) + PAD - 0.5
-            row[k, : top[k, 1] + 1] = place[k, 1] + np.array(starts[k][1][:-1]) + PAD - 0.5
+            column[k, : top[k, 0] + 1] = corner[k, 0] + np.array(starts[k][0][:-1]) + PAD - 0.5
+            row[k, : top[k, 1] + 1] = corner[k, 1] + np.array(starts[k][1][:-1]) + PAD - 0.5
         wrap = np.array(self.wraps, np.float32)
         return Atlas(texels, size.astype(np.float32), top.astype(np.float32), wrap, column, row)
 

@@ -57,10 +57,10 @@ class Route:
 
     def pose(self, s: Array | float, offset: Array | float = 0.0, turn: float = 0.0) -> Array:
         """Poses (..., 4, 4), street frame, of bodies that face along the road or `turn` rad to its right."""
-        place = self.point(s, offset)
-        T = np.zeros((*place.shape[:-1], 4, 4))
+        position = self.point(s, offset)
+        T = np.zeros((*position.shape[:-1], 4, 4))
         T[..., :3, :3] = yaw_rotation(self.angle(s) + turn)
-        T[..., :3, 3] = place
+        T[..., :3, 3] = position
         T[..., 3, 3] = 1.0
         return T
 
@@ -171,10 +171,10 @@ def make_drive(config: SceneConfig, route: Route) -> Drive:
 
 def _time_law(config: SceneConfig, route: Route, rng: np.random.Generator) -> tuple[Array, Array]:
     """Times (M,) and arc lengths (M,) of a drive that is slow enough in bends (2.5 m/s² sideways)."""
-    wanted = config.speed * (
+    desired = config.speed * (
         1.0 + config.speed_change * smooth_wave(route.s, rng, 6.0 * config.speed, 12.0 * config.speed)
     )
-    allowed = np.minimum(wanted, np.sqrt(2.5 / np.maximum(np.abs(route.curvature), 1e-6)))
+    allowed = np.minimum(desired, np.sqrt(2.5 / np.maximum(np.abs(route.curvature), 1e-6)))
     stop = int(np.argmin(np.abs(route.s - config.length / 3.0)))
     if config.standstill:
         allowed[stop] = 0.0

@@ -38,18 +38,18 @@ def write_scene(
         (folder / name).mkdir(parents=True)
     scene = json.dumps({"config": to_dict(config)}, indent=1)
     _write_text(folder / "truth" / "scene.json", scene + "\n")
-    whole = range(len(make_drive(config, make_route(config)).times))
-    wanted = whole if frames is None else frames
-    if not 0 <= wanted.start < wanted.stop <= len(whole):
-        raise DataError(f"--frames {wanted.start}:{wanted.stop}: the scene has 0:{len(whole)}")
+    everything = range(len(make_drive(config, make_route(config)).times))
+    selection = everything if frames is None else frames
+    if not 0 <= selection.start < selection.stop <= len(everything):
+        raise DataError(f"--frames {selection.start}:{selection.stop}: the scene has 0:{len(everything)}")
     with local_pool(jobs) as pool:
         tables = pool.submit(_write_tables, config, folder)
-        running = [pool.submit(_write_frame, config, folder, frame) for frame in wanted]
+        running = [pool.submit(_write_frame, config, folder, frame) for frame in selection]
         try:
             for done, ended in enumerate(as_completed(running), start=1):
                 ended.result()
                 if progress:
-                    progress(done, len(wanted))
+                    progress(done, len(selection))
             tables.result()
         except BrokenExecutor:
             raise DataError("a drawing process was killed, perhaps for lack of memory") from None

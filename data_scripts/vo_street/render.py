@@ -87,12 +87,12 @@ class Renderer:
         if right:
             T_s_c[:3, 3] += T_s_c[:3, 0] * self.camera.baseline
         faces, corners = self._in_sight(frame, inverse(T_s_c))
-        seen = rasterise(corners, self.camera)
+        face_of_pixel = rasterise(corners, self.camera)
         table = face_table(faces, corners, T_s_c, self.world.sky)
-        light, inverse_depth = self._shade(seen, table)
-        light = soften_edges(light, inverse_depth, seen, table.edges, self.camera)
-        inverse_depth[seen == 0] = 0.0
-        return View(light, inverse_depth, table.instance[seen])
+        light, inverse_depth = self._shade(face_of_pixel, table)
+        light = soften_edges(light, inverse_depth, face_of_pixel, table.edges, self.camera)
+        inverse_depth[face_of_pixel == 0] = 0.0
+        return View(light, inverse_depth, table.instance[face_of_pixel])
 
     def _in_sight(self, frame: int, T_c_s: Array) -> tuple[Faces, Array]:
         """Faces that may be in the picture, street frame, and their corners (F, 4, 3) in the camera frame."""
@@ -106,9 +106,9 @@ class Renderer:
         for k in world.vehicles_near(frame, REACH):
             placed = world.placed(k, frame)
             middle = placed.corners.mean(axis=1)
-            shown = np.einsum("ij,ij->i", middle - eye, placed.outward()) < 0
-            shown &= self._in_pyramid(transform(T_c_s, middle), np.full(len(middle), 10.0))
-            parts.append(placed[shown])
+            in_sight = np.einsum("ij,ij->i", middle - eye, placed.outward()) < 0
+            in_sight &= self._in_pyramid(transform(T_c_s, middle), np.full(len(middle), 10.0))
+            parts.append(placed[in_sight])
         faces = joined(parts)
         corners = transform(T_c_s, faces.corners.reshape(-1, 3)).reshape(-1, 4, 3)
         # Nearest first: the rasteriser then overwrites less.
@@ -138,8 +138,10 @@ class Renderer:
         for start in range(0, camera.height, ROWS_AT_ONCE):
             rows = slice(start, start + ROWS_AT_ONCE)
             face = faces[rows]
-            places, shares, inverse_depth[rows] = self._texels(face, table, x, y[rows])
-            taps = [[cv2.remap(atlas.texels, u, v, cv2.INTER_LINEAR) for u in places[0]] for v in places[1]]
+            positions, shares, inverse_depth[rows] = self._texels(face, table, x, y[rows])
+            taps = [
+                [cv2.remap(atlas.texels, u, v, cv2.INTER_LINEAR) for u in positions[0]] for v in positions[1]
+            ]
             upper = taps[0][0] + shares[0] * (taps[0][1] - taps[0][0])
             below = taps[1][0] + shares[0] * (taps[1][1] - taps[1][0])
             light[rows] = (upper + shares[1] * (below - upper)) * look_up(table.gain, face)
@@ -162,7 +164,7 @@ class Renderer:
         inverse_depth = line[6] * x + line[7] * y + line[8]
         z = 1.0 / inverse_depth
         texture = look_up(table.texture, face)
-        places, shares = [], []
+        positions, shares = [], []
         for axis, begins in ((0, atlas.column), (1, atlas.row)):
             a, b, c = line[3 * axis : 3 * axis + 3]
             at = (a * x + b * y + c) * z
@@ -183,9 +185,9 @@ class Renderer:
             table_of_begins = begins.ravel()
             fine = look_up(table_of_begins, index) + at
             coarse = look_up(table_of_begins, index + 1) + np.float32(0.5) * at
-            places.append((fine, coarse))
+            positions.append((fine, coarse))
             shares.append(level - lower)
-        return places, shares, inverse_depth
+        return positions, shares, inverse_depth
 
 
 def look_up(table: NDArray[Number], index: Int) -> NDArray[Number]:
@@ -244,13 +246,13 @@ def rasterise(corners: Array, camera: StereoCamera) -> Int:
 
 def clip_near(polygon: Array) -> Array:
     """The part (n, 3) of a convex polygon with z >= NEAR."""
-    kept: list[Array] = []
+    clipped: list[Array] = []
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         if a[2] >= NEAR:
-            kept.append(a)
+            clipped.append(a)
         if (a[2] >= NEAR) != (b[2] >= NEAR):
-            kept.append(a + (NEAR - a[2]) / (b[2] - a[2]) * (b - a))
-    return np.array(kept)
+            clipped.append(a + (NEAR - a[2]) / (b[2] - a[2]) * (b - a))
+    return np.array(clipped)
 
 
 def face_table(faces: Faces, corners: Array, T_s_c: Array, sky: int) -> FaceTable:

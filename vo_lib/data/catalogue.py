@@ -20,9 +20,11 @@ PROJECT = Path(__file__).resolve().parents[2]
 
 def kitti_roots() -> list[Path]:
     """Existing KITTI folders: KITTI_ROOT, then data/kitti in the working folder and in the kit's folder."""
-    places = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
+    candidates = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
     # The archives unpack to a folder `dataset`; both it and its parent are accepted.
-    roots = [Path(place, inner).resolve() for place in places if place for inner in ("", "dataset")]
+    roots = [
+        Path(candidate, inner).resolve() for candidate in candidates if candidate for inner in ("", "dataset")
+    ]
     return [root for root in dict.fromkeys(roots) if (root / "sequences").is_dir()]
 
 

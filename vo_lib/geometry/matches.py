@@ -34,5 +34,5 @@ class StereoMatches(Rows):
 def empty_matches() -> StereoMatches:
     """The matches of a frame without matches."""
     uv = np.zeros((0, 2))
-    whole = np.zeros(0, np.int64)
-    return StereoMatches(uv, uv, uv, uv, whole, np.zeros(0), whole)
+    numbers = np.zeros(0, np.int64)
+    return StereoMatches(uv, uv, uv, uv, numbers, np.zeros(0), numbers)

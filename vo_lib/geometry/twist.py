@@ -57,16 +57,16 @@ def bracket(xi: Array) -> Array:
     return out
 
 
-def carried_along(poses: Array, frames: IntArray, places: Array) -> Array:
-    """Poses (N, 4, 4) after frames (K,), the first of them 0, have been moved to `places` (K, 4, 4).
+def carried_along(poses: Array, frames: IntArray, new_poses: Array) -> Array:
+    """Poses (N, 4, 4) after frames (K,), the first of them 0, have been moved to `new_poses` (K, 4, 4).
 
-    The change between two places is distributed evenly over the frames between them, as a twist.
+    The change between two of them is distributed evenly over the frames between them, as a twist.
     """
     part = np.searchsorted(frames, np.arange(len(poses)), side="right") - 1
     old, change = poses[frames], np.zeros((len(frames), 6))
     between = inverse(old[:-1]) @ old[1:]
-    change[:-1] = twist_from_motion(inverse(places[:-1]) @ places[1:] @ inverse(between))
+    change[:-1] = twist_from_motion(inverse(new_poses[:-1]) @ new_poses[1:] @ inverse(between))
     share = (np.arange(len(poses)) - frames[part]) / np.diff(frames, append=len(poses))[part]
     return np.asarray(
-        places[part] @ motion_from_twist(share[:, None] * change[part]) @ inverse(old[part]) @ poses
+        new_poses[part] @ motion_from_twist(share[:, None] * change[part]) @ inverse(old[part]) @ poses
     )

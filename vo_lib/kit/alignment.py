@@ -52,13 +52,13 @@ def refine_stereo(
     # NaN, an unknown surface, fails the comparison. A refinement is never larger than MAX_REFINEMENT_PX.
     ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance + MAX_REFINEMENT_PX
     ok &= surface.share >= config.surface_share
-    places = np.array(right, np.float64)
-    places[ok], difference = track_warped(
+    positions = np.array(right, np.float64)
+    positions[ok], difference = track_warped(
         *pair, left[ok], right[ok], stereo_warp(surface.slope[ok]), config.subpixel_window
     )
     ok[ok] = difference <= config.max_difference
-    ok &= np.abs(left[:, 0] - places[:, 0] - surface.disparity) <= config.surface_tolerance
-    return places, surface.slope, ok & is_stereo(left, places, config)
+    ok &= np.abs(left[:, 0] - positions[:, 0] - surface.disparity) <= config.surface_tolerance
+    return positions, surface.slope, ok & is_stereo(left, positions, config)
 
 
 def refine_over_time(
@@ -88,16 +88,16 @@ def refine_over_time(
     # The right camera is one baseline to the right of the left camera.
     sides = (slope, t), (right_slope(slope), t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0)))
     disparity = previous[0][:, 0] - previous[1][:, 0]
-    places = [np.array(start[side], np.float64) for side in (0, 1)]
+    positions = [np.array(start[side], np.float64) for side in (0, 1)]
     # Features lost in the left images are not tracked in the right images.
     ok = np.ones(len(slope), np.bool_)
     for side, (side_slope, side_t) in enumerate(sides):
         warp = motion_warp(camera, previous[side][ok], disparity[ok], side_slope[ok], R, side_t)
-        places[side][ok], difference = track_warped(
+        positions[side][ok], difference = track_warped(
             before[side], pair[side], previous[side][ok], start[side][ok], warp, config.subpixel_window
         )
         ok[ok] = difference <= config.max_difference
-    return places[0], places[1], ok
+    return positions[0], positions[1], ok
 
 
 def track_warped(
@@ -122,11 +122,11 @@ def track_warped(
     tile = window + 2 * int(np.ceil(MAX_REFINEMENT_PX)) + 1
     pixel, anchor = np.rint(uv), np.rint(start * GRID_CELL_PX) / GRID_CELL_PX
     # Every row of a picture is full; the unused tiles of the last row are black.
-    place = np.arange(len(uv) + -len(uv) % TILES_IN_A_ROW)
-    row, column = np.divmod(place[: len(uv)], TILES_IN_A_ROW)
+    index = np.arange(len(uv) + -len(uv) % TILES_IN_A_ROW)
+    row, column = np.divmod(index[: len(uv)], TILES_IN_A_ROW)
     centre = np.stack([column, row], axis=1) * float(tile) + tile // 2
-    place %= len(uv)
-    before, after = _tiles(first, pixel[place], tile), _warped_tiles(second, anchor[place], A[place], tile)
+    index %= len(uv)
+    before, after = _tiles(first, pixel[index], tile), _warped_tiles(second, anchor[index], A[index], tile)
     gain, offset = brightness_change(before[: len(uv)], after[: len(uv)])
     tone = np.clip(np.rint(gain * np.arange(256) + offset), 0, 255).astype(np.uint8)
     after = np.asarray(cv2.LUT(after, tone), np.uint8)
@@ -135,8 +135,8 @@ def track_warped(
     tracked, ok, difference = track(
         *pictures, centre + (uv - pixel), centre, window, MAX_REFINEMENT_PX, ends=(15, 0.01)
     )
-    places = anchor + np.einsum("nij,nj->ni", A, tracked - centre)
-    return np.where(ok[:, None], places, start), difference
+    positions = anchor + np.einsum("nij,nj->ni", A, tracked - centre)
+    return np.where(ok[:, None], positions, start), difference
 
 
 def brightness_change(before: Tiles, after: Tiles) -> tuple[float, float]:

@@ -127,9 +127,9 @@ class KltMatcher:
         over_time, has_depth = _in_right_image(pair.disparity, cur_left)
         ok &= has_depth & is_stereo(cur_left, over_time, self.config)
         tracks, motion = features[start[ok]], self._motion or (np.eye(3), np.zeros(3))
-        places = (tracks.left, tracks.right), tracks.slope, (cur_left[ok], over_time[ok])
+        positions = (tracks.left, tracks.right), tracks.slope, (cur_left[ok], over_time[ok])
         cur_left, over_time, ok = refine_over_time(
-            self.camera, before.images, pair.images, *places, motion, self.config
+            self.camera, before.images, pair.images, *positions, motion, self.config
         )
         tracks, cur_left, over_time = tracks[ok], cur_left[ok], over_time[ok]
         cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)

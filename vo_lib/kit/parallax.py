@@ -56,22 +56,22 @@ def parallax_information(
     ray = R_cp @ np.vstack([x_p, one])
     X, Y, Z = ray + D / fb * t_cp[:, None]
     Z = np.maximum(Z, MIN_DEPTH_RATIO)
-    place, s = np.stack([X, Y]) / Z, f / Z
-    residual = np.stack([0.0 * D, *(f * (x_c - place)), d_c - D / Z])
+    predicted, s = np.stack([X, Y]) / Z, f / Z
+    residual = np.stack([0.0 * D, *(f * (x_c - predicted)), d_c - D / Z])
     # Evaluated at the predicted positions: noise of a position in derivative and residual would be
     # correlated.
-    before, now = effects(x_p, D), effects(place, D / Z)
+    before, now = effects(x_p, D), effects(predicted, D / Z)
     # Derivatives of the position by the rotation, by t and by the errors, (6 + K, 3, N).
     moves = np.zeros((6 + len(now), 3, len(D)))
     moves[[0, 1, 2], [1, 2, 0]], moves[[0, 1, 2], [2, 0, 1]] = -ray[[2, 0, 1]], ray[[1, 2, 0]]
     moves[[3, 4, 5], [0, 1, 2]] = D / fb
     moves[6:] = -np.einsum("ij,kjn->kin", R_cp[:, :2] / f, before[:, :2])
     by = np.zeros((len(moves), 4, len(D)))
-    by[:, 1:3] = s * (moves[:, :2] - place * moves[:, 2:])
+    by[:, 1:3] = s * (moves[:, :2] - predicted * moves[:, 2:])
     by[:, 3] = -D / Z**2 * moves[:, 2]
     by[6:, 0] = before[:, 2]
     by[6:, 1:] += now
-    toward = (t_cp[:2, None] - t_cp[2] * place) * s / fb
+    toward = (t_cp[:2, None] - t_cp[2] * predicted) * s / fb
     by_D = np.stack([one, *toward, (1.0 - t_cp[2] * D / (fb * Z)) / Z])
     # Elimination of D: removal of the component along by_D, the projector I - J Jᵀ / JᵀJ of each feature.
     norm = np.maximum(np.sum(by_D**2, axis=0), 1e-12)

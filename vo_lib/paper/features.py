@@ -53,7 +53,7 @@ def describe(image: Image, config: FeatureConfig) -> Described:
     # 16-bit integers represent every response exactly, and take half the time of floats.
     responses = [np.asarray(cv2.filter2D(image, cv2.CV_16S, m), np.int16) for m in (BLOB, CORNER)]
     peaks = [_peaks(response, config) for each in responses for response in (each, -each)]
-    places, strength = (np.concatenate(each) for each in zip(*peaks, strict=True))
+    positions, strength = (np.concatenate(each) for each in zip(*peaks, strict=True))
     kind = np.repeat(np.arange(4), [len(uv) for uv, _ in peaks])
     sobel = cv2.merge([cv2.Sobel(image, cv2.CV_16S, dx, 1 - dx, ksize=3) for dx in (1, 0)])
     # Pixels are numbered row by row, and the two responses of one are read as one number.
@@ -61,10 +61,10 @@ def describe(image: Image, config: FeatureConfig) -> Described:
     read = (
         sobel.view(np.int32)
         .ravel()
-        .take((places.astype(np.intp) @ steps)[:, None] + DESCRIPTOR_OFFSETS @ steps)
+        .take((positions.astype(np.intp) @ steps)[:, None] + DESCRIPTOR_OFFSETS @ steps)
     )
     descriptor = read.view(np.int16).astype(np.float32)
-    return Described(places, kind, strength, descriptor)
+    return Described(positions, kind, strength, descriptor)
 
 
 def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, Array]:
@@ -89,9 +89,9 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
     (N,) index into `right` and (M,) index into `left`; -1 where a feature has no pair.
     """
     # `describe` sorts features by kind and row. With both in one number, near rows of a kind are one range.
-    places, others = ((side.kind << 32) + side.uv[:, 1].astype(np.intp) for side in (left, right))
-    first = np.searchsorted(others, places - MAX_ROW_DIFFERENCE_PX)
-    last = np.searchsorted(others, places + MAX_ROW_DIFFERENCE_PX, side="right")
+    positions, others = ((side.kind << 32) + side.uv[:, 1].astype(np.intp) for side in (left, right))
+    first = np.searchsorted(others, positions - MAX_ROW_DIFFERENCE_PX)
+    last = np.searchsorted(others, positions + MAX_ROW_DIFFERENCE_PX, side="right")
     count = last - first
     i = np.repeat(np.arange(len(count)), count)
     j = np.arange(len(i)) + np.repeat(last - np.cumsum(count), count)  # first[i] … last[i] - 1
@@ -120,17 +120,17 @@ def best_matches(query: Described, train: Described, radius: int) -> Index:
     """
     match = np.full(len(query.kind), -1, np.intp)
     # An image is wider than high: sorted by columns, most features of a batch have the same neighbours.
-    places, others = (side.uv.T.astype(np.int16) for side in (query, train))
-    orders = [np.argsort(side[0], kind="stable") for side in (places, others)]
+    positions, others = (side.uv.T.astype(np.int16) for side in (query, train))
+    orders = [np.argsort(side[0], kind="stable") for side in (positions, others)]
     for kind in range(4):
         queries, trains = (o[side.kind[o] == kind] for o, side in zip(orders, (query, train), strict=True))
         for i in (queries[n : n + BATCH_FEATURES] for n in range(0, len(queries), BATCH_FEATURES)):
-            ends = places[0, i[0]] - radius, places[0, i[-1]] + radius + 1
+            ends = positions[0, i[0]] - radius, positions[0, i[-1]] + radius + 1
             # Of equals the first is taken, in the order of the features.
             j = np.sort(trains[slice(*np.searchsorted(others[0, trains], ends))])
             if len(j) == 0:
                 continue
-            u, v = (np.abs(np.subtract.outer(places[k, i], others[k, j])) <= radius for k in (0, 1))
+            u, v = (np.abs(np.subtract.outer(positions[k, i], others[k, j])) <= radius for k in (0, 1))
             mask = (u & v).view(np.uint8)
             _, best = cv2.batchDistance(
                 query.descriptor[i], train.descriptor[j], -1, normType=cv2.NORM_L1, K=1, mask=mask

@@ -75,7 +75,7 @@ class LoopMatcher:
             prev_left, prev_right, cur_left, cur_right = close_loop(before, pair, self.config.search_radius)
             age[cur_left] = self._age[prev_left] + 1
             identity[cur_left] = self._id[prev_left]
-            whole = StereoMatches(
+            coarse = StereoMatches(
                 before.in_left.uv[prev_left],
                 before.in_right.uv[prev_right],
                 pair.in_left.uv[cur_left],
@@ -84,7 +84,7 @@ class LoopMatcher:
                 before.in_left.strength[prev_left],
                 self._id[prev_left],
             )
-            matches = subpixel_matches(before, pair, whole, self.config)
+            matches = subpixel_matches(before, pair, coarse, self.config)
         new = identity < 0
         identity[new] = self._next_id + np.arange(np.count_nonzero(new))
         self._next_id += int(np.count_nonzero(new))
@@ -172,6 +172,6 @@ def track(
         criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, *ends),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
-    places = np.asarray(moved, np.float64).reshape(-1, 2)
-    ok = (status.ravel() == 1) & (np.abs(places - start).max(axis=1) <= reach)
-    return places, ok, np.where(ok, difference.ravel(), np.inf)
+    positions = np.asarray(moved, np.float64).reshape(-1, 2)
+    ok = (status.ravel() == 1) & (np.abs(positions - start).max(axis=1) <= reach)
+    return positions, ok, np.where(ok, difference.ravel(), np.inf)

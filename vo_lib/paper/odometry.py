@@ -96,8 +96,8 @@ class Odometry:
 
     def bucketed(self, matches: StereoMatches) -> StereoMatches:
         """Step 2 (section 1): the selected matches of each bucket."""
-        kept = select_by_bucket(matches.cur_left, matches.age, matches.strength, self.config.buckets)
-        return matches[kept]
+        selected = select_by_bucket(matches.cur_left, matches.age, matches.strength, self.config.buckets)
+        return matches[selected]
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
         """Step 3 (section 2.1): random five-point sets among the N matches, (S, 5), for `five_point`."""

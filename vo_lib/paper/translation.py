@@ -121,8 +121,8 @@ def solve_translation(
         A, c = np.concatenate([A, A_before], axis=1), np.concatenate([c, c_before], axis=1)
         B = np.concatenate([B, np.zeros_like(A_before)], axis=1)
         # A point takes three of a feature's rows: noise leaves 5 σ² of eight rows and 9 σ² of twelve.
-        seen = A_before.any(axis=(1, 2)).mean()
-        limit *= float(np.sqrt(1.0 + 4.0 / 5.0 * seen))
+        share = A_before.any(axis=(1, 2)).mean()
+        limit *= float(np.sqrt(1.0 + 4.0 / 5.0 * share))
     M, d = eliminate_points(A, B, c)
     M, d = M / depth[near, None, None], d / depth[near, None]
     H, g = M.swapaxes(1, 2) @ M, (M.swapaxes(1, 2) @ d[..., None])[..., 0]  # normal equations of each feature

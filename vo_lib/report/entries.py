@@ -99,8 +99,8 @@ class Group:
     @property
     def is_papers(self) -> bool:
         """Whether the group has whole runs of the paper's ten sequences, so that the means are comparable."""
-        whole = {entry.sequence for entry in self.entries.values() if entry.is_whole}
-        return {f"{KITTI}{row}" for row in PAPER_ROWS[1:]} <= whole
+        complete = {entry.sequence for entry in self.entries.values() if entry.is_whole}
+        return {f"{KITTI}{row}" for row in PAPER_ROWS[1:]} <= complete
 
     def of_method(self, method: str) -> list[Entry]:
         """Entries of a method, in the order of the sequences."""

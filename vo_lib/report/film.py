@@ -204,8 +204,8 @@ def with_frame_rate(video: bytes, frames: int) -> bytes:
     data, header = bytearray(video), video.rindex(b"moov")
 
     def change(box: bytes, offset: int, new: Callable[[int], int]) -> None:
-        place = video.index(box, header) + len(box) + offset
-        data[place : place + 4] = new(int.from_bytes(video[place : place + 4], "big")).to_bytes(4, "big")
+        start = video.index(box, header) + len(box) + offset
+        data[start : start + 4] = new(int.from_bytes(video[start : start + 4], "big")).to_bytes(4, "big")
 
     movie = video.index(b"mvhd", header) + 16
     units = int.from_bytes(video[movie : movie + 4], "big") * frames // FILM_FPS

@@ -33,8 +33,8 @@ class ReportTable:
 
 def without_empty_columns(table: ReportTable) -> ReportTable:
     """The table without the columns that have dashes only."""
-    kept = [k for k in range(len(table.columns)) if any(row[k] != NO_NUMBER for row in table.rows)]
-    columns, *rows = [[line[k] for k in kept] for line in (table.columns, *table.rows)]
+    filled = [k for k in range(len(table.columns)) if any(row[k] != NO_NUMBER for row in table.rows)]
+    columns, *rows = [[line[k] for k in filled] for line in (table.columns, *table.rows)]
     return replace(table, columns=columns, rows=rows)
 
 

@@ -55,7 +55,7 @@ def read_path(path: Path) -> tuple[Array | None, Array]:
 
 
 def read_paths(
-    places: list[Path], truth_file: Path | None = None, tolerance: float = TIME_TOLERANCE_S
+    sources: list[Path], truth_file: Path | None = None, tolerance: float = TIME_TOLERANCE_S
 ) -> list[ComparedPaths]:
     """Run folders and pose files, grouped by ground truth: the truth file, or the runs' sequences.
 
@@ -63,45 +63,45 @@ def read_paths(
     times. Only frames that all paths have are compared. Raises `DataError` if the truth of a path is unknown
     or does not correspond to it.
     """
-    places = list(dict.fromkeys(place.absolute() for place in places))
-    for place in places:
-        if place.is_dir() and not (place / CONFIG).exists():
-            raise DataError("contains no finished run: expected the folder of a run, or a pose file", place)
-        if not place.is_dir():
-            read_path(place)  # a missing or invalid file is refused before the search for its truth
-    configs = {place: read_config(place) for place in places if place.is_dir()}
+    sources = list(dict.fromkeys(source.absolute() for source in sources))
+    for source in sources:
+        if source.is_dir() and not (source / CONFIG).exists():
+            raise DataError("contains no finished run: expected the folder of a run, or a pose file", source)
+        if not source.is_dir():
+            read_path(source)  # a missing or invalid file is refused before the search for its truth
+    configs = {source: read_config(source) for source in sources if source.is_dir()}
     if truth_file is None:
-        truths = {place: _truth_of_run(place, config) for place, config in configs.items()}
+        truths = {source: _truth_of_run(source, config) for source, config in configs.items()}
     else:
         times, poses = read_path(truth_file)
         file_truth = ComparedPaths(_names(truth_file.absolute(), None)[0], poses, times, {})
-        truths = dict.fromkeys(places, file_truth)
+        truths = dict.fromkeys(sources, file_truth)
     by_name = {truth.name: truth for truth in truths.values()}
     for truth in truths.values():
         if not np.array_equal(truth.truth, by_name[truth.name].truth):
             raise DataError(f"two sequences have the name {truth.name}: evaluate them separately")
     compared = []
-    for place in places:
-        if place not in truths and len(by_name) != 1:
-            raise DataError(f"is a pose file without ground truth: {GIVE_TRUTH}", place)
+    for source in sources:
+        if source not in truths and len(by_name) != 1:
+            raise DataError(f"is a pose file without ground truth: {GIVE_TRUTH}", source)
     for name, truth in by_name.items():
-        members = [place for place in places if truths.get(place, truth).name == name]
+        members = [source for source in sources if truths.get(source, truth).name == name]
         # A truth file with times needs paths with times.
         run_file = POSES if truth_file is None or truth.times is None else POSES_TUM
-        files = [place / run_file if place in configs else place for place in members]
-        labels = [_names(place, configs.get(place)) for place in members]
+        files = [source / run_file if source in configs else source for source in members]
+        labels = [_names(source, configs.get(source)) for source in members]
         compared.append(_compared(truth, files, labels, tolerance))
     return compared
 
 
 def _truth_of_run(folder: Path, config: dict[str, Any]) -> ComparedPaths:
     """The truth of a run's frames, from the folder of its sequence."""
-    place, (first, last) = str(config.get("folder")), config.get("frames", ("", ""))
-    if not Path(place).is_dir():
-        raise DataError(f"the sequence of this run is no longer at {place}: {GIVE_TRUTH}", folder)
-    sequence = open_sequence(place)
+    location, (first, last) = str(config.get("folder")), config.get("frames", ("", ""))
+    if not Path(location).is_dir():
+        raise DataError(f"the sequence of this run is no longer at {location}: {GIVE_TRUTH}", folder)
+    sequence = open_sequence(location)
     if first not in sequence.frames or last not in sequence.frames or sequence.truth is None:
-        raise DataError(f"{place} has no truth for the frames of this run: {GIVE_TRUTH}", folder)
+        raise DataError(f"{location} has no truth for the frames of this run: {GIVE_TRUTH}", folder)
     name = str(config.get("sequence", sequence.name))
     if (first, last) != (sequence.frames[0], sequence.frames[-1]):
         name += f", frames {int(first)}-{int(last)}"
@@ -110,12 +110,12 @@ def _truth_of_run(folder: Path, config: dict[str, Any]) -> ComparedPaths:
     return ComparedPaths(name, sequence.truth, sequence.times, {})
 
 
-def _names(place: Path, config: dict[str, Any] | None) -> list[str]:
+def _names(source: Path, config: dict[str, Any] | None) -> list[str]:
     """Possible labels of a run or a pose file, the shortest first."""
     if config is None:
-        return [*[place.stem][place.stem in COMMON_STEMS :], *place.parent.parts[:0:-1], str(place)]
+        return [*[source.stem][source.stem in COMMON_STEMS :], *source.parent.parts[:0:-1], str(source)]
     method, variant, seed = str(config.get("method")), config.get("variant"), config["settings"].get("seed")
-    return [method, f"{method}, {variant}, seed {seed}", str(place)]
+    return [method, f"{method}, {variant}, seed {seed}", str(source)]
 
 
 def _compared(
@@ -125,8 +125,8 @@ def _compared(
     matched = [_matched(file, truth, tolerance) for file in files]
     common = functools.reduce(np.intersect1d, [rows for rows, _ in matched])
     if len(common) < 2:
-        place = f"at the times of the other paths of {truth.name}, within --t-max-diff {tolerance:g} s"
-        raise DataError(f"has fewer than two poses {place}", files[-1])
+        condition = f"at the times of the other paths of {truth.name}, within --t-max-diff {tolerance:g} s"
+        raise DataError(f"has fewer than two poses {condition}", files[-1])
     estimates = {}
     for labels, (rows, poses) in zip(names, matched, strict=True):
         others = {name for other in names if other is not labels for name in other}

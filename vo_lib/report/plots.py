@@ -210,8 +210,8 @@ def match_image(
     """
     picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), np.uint8)
     states = [MOVING] * len(boxes) if state is None else state.tolist()
-    places = np.rint(boxes.xyxy).astype(int).tolist()
-    for corners, box_state in zip(places, states, strict=True):
+    rectangles = np.rint(boxes.xyxy).astype(int).tolist()
+    for corners, box_state in zip(rectangles, states, strict=True):
         _draw_box(picture, corners, box_state, thick=state is not None)
     # OpenCV draws with sub-pixel precision from fixed-point coordinates with four binary digits.
     ends = np.rint(np.stack([matches.prev_left, matches.cur_left], axis=1) * 16).astype(int)
@@ -220,7 +220,7 @@ def match_image(
         colour = (AGE_COLOURS[age - 1] if by_age else KEPT) if keep else REMOVED
         cv2.line(picture, start, end, colour, 1, cv2.LINE_AA, shift=4)
         cv2.circle(picture, end, 2 * 16, colour, -1, cv2.LINE_AA, shift=4)
-    for corners, word in zip(places, words, strict=False):  # above all lines, on a dark background
+    for corners, word in zip(rectangles, words, strict=False):  # above all lines, on a dark background
         x, y = max(corners[0], 0), max(corners[1] - 4, 12)
         (width, high), _ = cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
         picture[y - high - 2 : y + 3, x : x + width] //= 4

@@ -103,8 +103,8 @@ def plan_jobs(
     for variant, of_variant in methods.items():
         for sequence, method, seed in itertools.product(sequences, of_variant, range(seeds)):
             settings = replace(config or preset(method, variant=variant), seed=seed)
-            place = job_folder(folder, variant, sequence.name, method, seed)
-            jobs.append(Job(sequence, method, settings, place))
+            path = job_folder(folder, variant, sequence.name, method, seed)
+            jobs.append(Job(sequence, method, settings, path))
     return jobs
 
 

@@ -105,9 +105,9 @@ def run_sweep(
             config = change(config, axis.name, value)  # raises for settings that contradict each other
         words = {axis.name: _typed(value) for axis, value in zip(axes, values, strict=True)}
         name = "+".join(f"{axis}={word}" for axis, word in words.items()).replace(",", "-")
-        place = folder / "cells" / base.variant / name
+        cell_path = folder / "cells" / base.variant / name
         configs = [dataclasses.replace(config, seed=seed) for seed in range(seeds)]
-        jobs = [Job(sequence, method, c, place / f"seed{c.seed}") for c in configs]
+        jobs = [Job(sequence, method, c, cell_path / f"seed{c.seed}") for c in configs]
         grid.append((words, jobs))
     outcomes = iter(run([job for _, jobs in grid for job in jobs]))
     measure = suitable_measure(sequence.truth)
@@ -134,8 +134,8 @@ def sweep_table(sweep: Sweep) -> ReportTable:
         removed = NO_NUMBER if share is None else f"{100 * share:.1f} %"
         rows.append([*(record[axis] for axis in axes), *errors, removed, number(record["back_end_ms"], 1)])
         if record["failed"]:
-            place = ", ".join(f"{axis}={record[axis]}" for axis in axes)
-            notes.append(f"Failed: {place}, {record['failed']}")
+            label = ", ".join(f"{axis}={record[axis]}" for axis in axes)
+            notes.append(f"Failed: {label}, {record['failed']}")
     if not sweep.has_errors:
         notes.append("No errors and no heat map: the path is shorter than every sub-sequence.")
     return without_empty_columns(ReportTable(sweep.title, columns, rows, notes))
