@@ -80,7 +80,7 @@ SLIPS: dict[str, tuple[str, Callable[[Any], Any]]] = {
 
 
 def any_order(indices: Array) -> Array:
-    """The form of a result whose order does not matter."""
+    """The normal form of a result in which the order does not matter."""
     return np.sort(indices, axis=None) if indices.ndim < 2 else indices
 
 

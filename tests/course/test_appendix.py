@@ -1,4 +1,4 @@
-"""The appendix on calibration: what is learnt of the faults of a rig."""
+"""The appendix on calibration: estimates of the faults of a rig."""
 
 from __future__ import annotations
 

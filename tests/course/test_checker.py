@@ -1,4 +1,4 @@
-"""The checker of the exercises: each verdict once, and what it keeps."""
+"""The checker of the exercises: each verdict once, and the saved functions."""
 
 from __future__ import annotations
 

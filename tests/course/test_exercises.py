@@ -1,4 +1,4 @@
-"""The tables of the exercises: right answers pass, and each known mistake is told by its own words."""
+"""The tables of the exercises: right answers pass, and each known mistake has its own message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sequence lacks is told in a sentence; a real frame is shown where one is found."""
+"""Missing parts of a sequence are reported in a sentence; a real frame is shown if available."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lorry that holds a share of the matches: its features, and the path with them and without."""
+"""A lorry with part of the matches: its features, and the path with and without them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pages of the notebooks: formulas without a script, panels as pictures, nothing asked of a network."""
+"""Pages of the notebooks: formulas without a script, panels as pictures, no network access."""
 
 from __future__ import annotations
 

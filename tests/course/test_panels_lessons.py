@@ -1,4 +1,4 @@
-"""What single panels add to the common pattern: fates of features, own pose files, running a method."""
+"""Special behaviour of single panels: fates of features, own pose files, running a method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What chapters 1 to 6 tell the reader to notice in their panels is there, on the street that they name."""
+"""Statements of chapters 1 to 6 about their panels hold on the street that they name."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Seen = Callable[..., tuple[Facts, Facts, list[float]]]
 
 @pytest.fixture(scope="module")
 def seen(street: Sequence) -> Seen:
-    """Facts of a chapter's panel with other settings, those before, and the numbers in what its text says."""
+    """Facts of a chapter's panel before and after a change of settings, and the numbers in its text."""
 
     def look(chapter: str, sentence: str, **settings: Any) -> tuple[Facts, Facts, list[float]]:
         cells = nbformat.read(next(FOLDER.glob(f"{chapter}_*.ipynb")), as_version=4).cells  # type: ignore[no-untyped-call]

@@ -20,7 +20,8 @@ FULL_COLOUR = 2.5  # the ratio of errors that has the darkest colour
 
 
 def ablation_ratios(path: Path = ABLATION) -> tuple[list[str], list[str], Array]:
-    """Ideas, sequences, and TE and RE without an idea over those of the whole kit, (2, ideas, sequences)."""
+    """Ideas, sequences, and ratios (2, ideas, sequences) of TE and RE without an idea to those of the whole
+    kit."""
     with path.open(encoding="utf-8", newline="") as lines:
         rows = [*csv.DictReader(lines)]
     whole = {(row["method"], row["sequence"]): row for row in rows if not row["idea"]}

@@ -14,7 +14,7 @@ FB, E = 386.0, 0.5  # pixel metres, pixels
 
 
 def depth_seen(Z: Array | float, e: float, fb: float = FB) -> Array:
-    """How far points at Z (N,) metres seem to be where each disparity is too large by e pixels."""
+    """Measured depths of points at Z (N,) metres if each disparity is too large by e pixels."""
     return np.asarray(fb / (fb / np.asarray(Z) + e))
 
 

@@ -1,4 +1,4 @@
-"""Appendix: a rig with given faults, what they do to the length of a step, and what the kit learns."""
+"""Appendix: a rig with given faults, their effect on the length of a step, and the kit's estimate."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def third_frame(
 
 
 def too_long(shares: Array) -> float:
-    """By how much the last `LAST` steps are too long on average, %; NaN where the camera rests."""
+    """Mean excess length of the last `LAST` steps, %; NaN for a resting camera."""
     judged = shares[np.isfinite(shares)][-LAST:]
     return 100.0 * float(np.mean(judged) - 1.0) if len(judged) else np.nan
 
@@ -168,7 +168,7 @@ def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], hei
 
 
 def faults_figure(camera: StereoCamera) -> Figure:
-    """Where the right image shows the points, away from their right places, under each fault with a shape."""
+    """Displacements of the points in the right image by each fault with a shape."""
     moved: dict[str, tuple[Array, ...]] = {}
     for name, (columns, rows, _) in RIG_FAULTS.items():
         if not name.startswith(("columns", "rows")):  # those are single terms
@@ -192,7 +192,7 @@ def lens_figure(camera: StereoCamera) -> Figure:
 
 @dataclass(frozen=True)
 class CalibrationView(Checked):
-    """Sizes of the faults in the panel, in the order of `KITTI_01`, and what may be learnt of them."""
+    """Sizes of the faults in the panel, in the order of `KITTI_01`, and settings of the estimation."""
 
     shift: float = setting(-0.6, "a yaw: all disparities", unit="px", low=-2, high=2)
     roll: float = setting(-0.3, "disparities by y, rows by -x", unit="px", low=-2, high=2)
@@ -204,7 +204,7 @@ class CalibrationView(Checked):
 
 
 class CalibrationPanel(Panel):
-    """A rig's field over the image, what is learnt of it, and the length of the steps."""
+    """The error field of a rig over the image, its estimate, and the length of the steps."""
 
     title = "Faults of a rig, and their estimate from 40 simulated frames"
     view = CalibrationView

@@ -17,7 +17,7 @@ CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, he
 
 
 def point(u: float, v: float, d: float, camera: StereoCamera) -> Array:
-    """The point (3,) that a pixel and its disparity stand for."""
+    """The point (3,) of a pixel and its disparity."""
     return np.asarray(camera.back_project(np.array([[u, v]]), np.array([d]))[0])
 
 

@@ -1,4 +1,4 @@
-"""Chapter 0: look at a sequence: both images, disparity, depth of a point, the true path.
+"""Chapter 0: the view of a sequence: both images, disparity, depth of a point, true path.
 
 And, drawn for its pages: matches in boxes, depths, and one picture for each stage of the method.
 """
@@ -53,7 +53,7 @@ class PointView(Checked):
 
 
 def disparity_picture(disparity: CoarseDisparity, largest: int) -> Image:
-    """A disparity map in colours, near bright; grey where none was found."""
+    """A disparity map in colours, bright for near points, grey for missing values."""
     scaled = np.sqrt(np.clip(disparity / largest, 0.0, 1.0)) * 255
     coloured = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_VIRIDIS)
     coloured[disparity <= 0] = 70
@@ -133,7 +133,7 @@ class StartPanel(Panel):
 
 @dataclass(frozen=True)
 class Watched(Sequence):
-    """A drawn sequence whose labels name a few of its vehicles only, by their numbers in the truth."""
+    """A drawn sequence with labels for only some of its vehicles, given by their numbers in the truth."""
 
     vehicles: tuple[int, ...] = field(default=(), kw_only=True)
 
@@ -229,7 +229,8 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
 def residual_figure(
     sequence: Sequence, frame: int, R_cp: Array, inliers: BoolArray, height: int = 240
 ) -> Figure:
-    """Residuals of the translation that the inliers (N,) give, over depth, matches in vehicle boxes apart."""
+    """Residuals over depth for the translation from the inliers (N,); matches in vehicle boxes in another
+    colour."""
     config, rig = preset("feature_selection"), sequence.camera
     points = frame_points(sequence, frame, config)
     made, (axis,) = figure(height)

@@ -65,7 +65,7 @@ def chains() -> list[Case]:
 
 
 def follow(*steps: Index) -> tuple[Index, Any]:
-    """Where each feature's matches lead, and whether none of them is missing."""
+    """The end of each feature's chain of matches, and whether the chain is complete."""
     at, found = np.arange(len(steps[0])), np.ones(len(steps[0]), np.bool_)
     for step in steps:
         at = step[at]
@@ -74,13 +74,13 @@ def follow(*steps: Index) -> tuple[Index, Any]:
 
 
 def closed(*steps: Index) -> Any:
-    """Mask of the features whose chain ends where it began."""
+    """Mask of the features whose chain returns to its start."""
     at, found = follow(*steps)
     return found & (at == np.arange(len(at)))
 
 
 def which(*steps: Index) -> Index:
-    """Indices of the features whose chain ends where it began."""
+    """Indices of the features whose chain returns to its start."""
     return np.flatnonzero(closed(*steps))
 
 

@@ -1,4 +1,4 @@
-"""Chapter 1, drawn: windows, descriptors, the loop of four images, matches by what became of them."""
+"""Figures of chapter 1: windows, descriptors, the loop of four images, and the fates of the matches."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NAMES = 0.055  # of a figure's width, for the names of the fates
 
 
 def grey_picture(response: NDArray[np.float32], middle: float = 0.0) -> Image:
-    """A detector's response as brightness; `middle` is the grey of none."""
+    """A detector's response as brightness; `middle` is the grey level of a zero response."""
     scale = (255.0 - middle) / float(np.percentile(np.abs(response), 99.5) + 1e-9)
     return photo(np.clip(middle + scale * response, 0, 255).astype(np.uint8), HALF)
 
@@ -40,7 +40,8 @@ def grey_picture(response: NDArray[np.float32], middle: float = 0.0) -> Image:
 def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
     """The flattest window of an image, its clearest edge and its clearest corner, (2 half + 1)² pixels each.
 
-    Beside each: the difference of the image from the window, shifted by up to `reach` pixels; black is none.
+    Beside each window: differences between the window and the image, for shifts of up to `reach` pixels;
+    black is zero.
     """
     values = np.sort(cv2.cornerEigenValsAndVecs(image, 2 * half + 1, 3)[:, :, :2], axis=2)
     values = values[half + reach : -half - reach, half + reach : -half - reach]
@@ -141,7 +142,7 @@ def loop_picture(
 
 
 def fates(trace: Trace, chosen: NDArray[np.int64]) -> NDArray[np.str_]:
-    """In one word what became of each feature (N,); `chosen` are the numbers of those the buckets keep."""
+    """The fate of each feature (N,) as one word; `chosen` : numbers of the features that the buckets keep."""
     names = np.array([*trace.reasons, SURPLUS])[trace.reason]
     names[(names == SURPLUS) & np.isin(trace.id, chosen)] = CHOSEN
     return np.asarray(names)
@@ -150,11 +151,11 @@ def fates(trace: Trace, chosen: NDArray[np.int64]) -> NDArray[np.str_]:
 def fates_picture(
     image: Image, trace: Trace, fate: NDArray[np.str_], wrong: NDArray[np.bool_], words: str
 ) -> Image:
-    """The current image with every feature that was found again, coloured by its fate.
+    """The current image with every matched feature, coloured by its fate.
 
     Parameters
     ----------
-    fate : (N,) of all features; wrong : (M,) of those found again: kept ones among them get a ring.
+    fate : (N,) of all features; wrong : (M,) mask of the matched ones; kept wrong matches have a ring.
     """
     picture = photo(image, image.shape[1])
     found, names = trace.found, fate[trace.index]
@@ -188,7 +189,7 @@ def fates_chart(axis: Axes, trace: Trace, fate: NDArray[np.str_], wrong: NDArray
 
 
 def by_fate(fate: NDArray[np.str_], error: Array) -> dict[str, Array]:
-    """Errors (M,) of the features found again, kept and dropped ones apart."""
+    """Histograms of the errors (M,) of the matched features, kept and dropped."""
     return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
 
 
@@ -209,7 +210,7 @@ def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "how far fro
 
 
 def depths_chart(axis: Axes, depth: Array) -> None:
-    """How far away the kept features are; for sequences without truth."""
+    """Depths of the kept features, for sequences without truth."""
     edges = np.geomspace(2.0, 200.0, 25)
     counts = np.histogram(np.clip(depth[np.isfinite(depth)], edges[0], edges[-1]), edges)[0]
     axis.stairs(counts, edges, fill=True, color=GOOD)

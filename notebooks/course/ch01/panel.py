@@ -1,4 +1,4 @@
-"""Chapter 1: which features are found again, which check drops which, and which are truly right."""
+"""Chapter 1: the matched features, the check that drops each of the others, and the truly correct ones."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RIGHT = 1.0  # pixels; a match is right whose places in the other three images a
 
 
 class MatchingPanel(Panel):
-    """One step of a front end: every feature of the previous pair and what became of it."""
+    """One step of a front end: every feature of the previous pair and its fate."""
 
     kit = preset("solution_selection", variant="kit")
     title = "Found again or not: the loop, its checks and the buckets"

@@ -35,14 +35,14 @@ _steps: Memory[StereoMatches] = Memory(48)
 
 @dataclass(frozen=True)
 class Trace:
-    """N features of the previous pair and what became of them.
+    """N features of the previous pair and their fates.
 
     Attributes
     ----------
     left : (N, 2) pixels in the previous left image; id : (N,) their numbers.
-    reasons : what a feature can be dropped for, in the order of the checks.
-    reason : (N,) index into them of what they were dropped for; their number for those that pass every check.
-    found : the M of them that were found again, whatever the checks say; index : (M,) of these among the N.
+    reasons : reasons for dropping a feature, in the order of the checks.
+    reason : (N,) index into `reasons`; `len(reasons)` for features that pass every check.
+    found : the M matched features, before all checks; index : (M,) their numbers among the N.
     kept : matches that pass.
     """
 
@@ -56,9 +56,9 @@ class Trace:
 
 
 def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
-    """What became of the features of the pair before `frame`, by the configuration's front end.
+    """Fates of the features of the pair before `frame`, for the configuration's front end.
 
-    The pairs before are matched with the checks as they are by default: the settings act on this step alone.
+    Earlier pairs are matched with the default checks: the settings apply to this step only.
     """
     usual = dataclasses.replace(config, matching=type(config.matching)())
     base = *key_of(sequence, frame), usual.features, usual.matching
@@ -101,7 +101,8 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
 
 
 def whole_pixels(before: DescribedPair, now: DescribedPair, pl_pr: Index, pr_cr: Index) -> StereoMatches:
-    """Where the best matches of each previous left feature lead, in whole pixels; without meaning where one is -1."""
+    """Positions of the best matches of each previous left feature, in whole pixels; undefined where a match
+    is -1."""
     cur_right = pr_cr[pl_pr]
     cur_left, number = now.to_left[cur_right], np.arange(len(pl_pr))
     places = (

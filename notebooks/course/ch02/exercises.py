@@ -45,7 +45,7 @@ def rows(x_p: Array, x_c: Array) -> Array:
 
 
 def null_space(A: Array) -> Array:
-    """An orthonormal basis (4, 9) of what A (5, 9) takes to 0."""
+    """An orthonormal basis (4, 9) of the null space of A (5, 9)."""
     return np.asarray(np.linalg.svd(A)[2][5:])
 
 
@@ -69,7 +69,7 @@ def ten(E: Array, times: float = 1.0, half: float = 0.5) -> Array:
 
 
 def up_to_scale(values: Array) -> Array:
-    """Ones where nine values are those of the matrix at one of the cases, in any order and times any number."""
+    """Ones where the nine values are those of a case's matrix, in any order and at any scale."""
     nine = [np.sort(np.abs(each)) for each in (values[:9], values[1:])]  # the determinant is last, or first
     right = [np.sort(np.abs(ten(E)[:9])) for (E,) in essentials()[5:]]
     alike = [np.allclose(a / a[-1], b / b[-1]) for a in nine for b in right if a[-1] > 1e-9]
@@ -105,7 +105,7 @@ def only_z_is_right(E: Array, x_p: Array, x_c: Array) -> bool:
 
 
 def in_line(E: Array) -> Array:
-    """Matrices as unit vectors (M, 9) in an order and with signs of their own, to be compared."""
+    """Matrices as unit vectors (M, 9) with a fixed order and fixed signs, for comparison."""
     e = np.asarray(E, np.float64).reshape(-1, 9)
     e = e / np.linalg.norm(e, axis=1, keepdims=True)
     e = e * np.sign(e[np.arange(len(e)), np.abs(e).argmax(axis=1)])[:, None]

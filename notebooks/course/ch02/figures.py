@@ -45,7 +45,7 @@ TOP = 1.1 * float(np.arcsinh(1 / COMPRESSED))
 
 
 def epipolar_line(E: Array, x_p: Array, camera: StereoCamera) -> Array:
-    """The line a u + b v + c = 0, (3,) pixels, a² + b² = 1, on which the current point must lie.
+    """The epipolar line a u + b v + c = 0 of the current point, (3,) pixels, a² + b² = 1.
 
     `E x_p` is the line in normalised coordinates; K⁻ᵀ takes it to pixels.
     """
@@ -160,7 +160,7 @@ def errors_chart(axis: Axes, errors: Array, winner: float, what: str = "rotation
 class TwoViewMotion(NamedTuple):
     """One of the four (R, ±t) of E, with depths (N,) of the points along previous rays in units of |t|.
 
-    front : (N,) bool, which of them lie in front of both cameras.
+    front : (N,) mask of the points in front of both cameras.
     """
 
     R: Array
@@ -277,7 +277,7 @@ MONOMIALS = ["".join(names[power] for names, power in zip(POWERS, row, strict=Tr
 
 
 def cubics_figure(before: Array, after: Array, height: int = 250) -> Figure:
-    """The ten cubics (10, 20) before and after elimination: how large each coefficient is; white is none."""
+    """Sizes of the coefficients of the ten cubics (10, 20) before and after elimination; white is zero."""
     made, (*axes, bar) = figure(height, 3, (1.0, 1.0, 0.02))
     titles = "the ten cubics", "x³, y³, x²y, xy² eliminated"
     for axis, matrix, title in zip(axes, (before, after), titles, strict=True):

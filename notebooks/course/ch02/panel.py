@@ -1,4 +1,4 @@
-"""Chapter 2: five points, their polynomial, their solutions, and what noise makes of the rotation."""
+"""Chapter 2: five points, their polynomial, their solutions, and the effect of noise on the rotation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
 
 @dataclass(frozen=True)
 class FivePointView(Checked):
-    """What the panel of chapter 2 can be asked."""
+    """Settings of the panel of chapter 2."""
 
     draw: int = setting(0, "draws five of the matches by chance", low=0, high=999)
     points: tuple[int, ...] = setting((), "numbers of five matches; empty: drawn by chance", low=0)
@@ -48,7 +48,7 @@ _errors: Memory[tuple[Array, float]] = Memory(16)
 
 
 def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
-    """The true rotation or, where there is none, the best that all matches give."""
+    """The true rotation or, without truth, the best one from all matches."""
     if points.T_cp is not None:
         return np.asarray(points.T_cp[:3, :3])
 

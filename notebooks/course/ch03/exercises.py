@@ -30,7 +30,7 @@ def arc(e1: Array, e2: Array) -> float:
 
 
 def of_any_length(E: Array, rng: np.random.Generator) -> Array:
-    """The same essential matrices (M, 3, 3), each times a number of its own."""
+    """The same essential matrices (M, 3, 3), each with another scale."""
     return np.asarray(E * rng.uniform(0.25, 1.0, (len(E), 1, 1)) * rng.choice([-1, 1], (len(E), 1, 1)))
 
 
@@ -57,7 +57,7 @@ def as_long_as_they_are(E: Array, e_prev: Array) -> Array:
 
 
 def first_by(measure: Callable[[Array, Array], Array]) -> Callable[..., Any]:
-    """The k candidates that come first by a measure of (E, e_prev)."""
+    """The first k candidates by a measure of (E, e_prev)."""
     return lambda E, e_prev, k: np.argsort(measure(E, e_prev), kind="stable")[:k]
 
 

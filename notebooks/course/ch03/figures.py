@@ -25,7 +25,7 @@ ALIKE = 0.02  # curves that nowhere differ by a larger share cannot be told apar
 
 @dataclass(frozen=True)
 class Field:
-    """All candidates of a frame and what speaks for them.
+    """All candidates of a frame with their image errors and angles to the prior.
 
     Attributes
     ----------
@@ -174,7 +174,7 @@ def stopping_figure(needed: Array, errors: Array, stop: Array, height: int = 230
 
     Parameters
     ----------
-    needed, errors : (S, N) sets that the best candidate so far asks for, and its image error.
+    needed, errors : (S, N) number of sets needed according to the best candidate so far, and its image error.
     stop : (S,) sets drawn when there are enough.
     """
     made, (left, right) = figure(height, 2)

@@ -100,7 +100,8 @@ def disturbed_frame(
 ) -> tuple[Points, BoolArray]:
     """A frame's disturbed points, and which were touched.
 
-    Without truth the matches' own rotation and the median change of the points move what is disturbed.
+    Without truth, the disturbance uses the rotation estimated from the matches and the median motion of the
+    points.
     """
     points = frame_points(sequence, frame, config)
     T_cp = points.T_cp
@@ -112,7 +113,7 @@ def disturbed_frame(
 
 
 def previous_vector(sequence: Sequence, frame: int, config: MethodConfig) -> Array | None:
-    """The essential vector of the frame before, by consensus; None for the first pair."""
+    """The previous frame's essential vector, by consensus; None for the first pair."""
     if frame < 2:
         return None
 

@@ -63,7 +63,7 @@ def noisy_rows(count: int, seed: int, noise: float) -> tuple[Array, Array, Array
 
 
 def stacked(A: Array, B: Array, c: Array) -> Array:
-    """The least-squares t of all features: what each point Q can explain is projected out."""
+    """The least-squares t of all features, with the points Q eliminated by projection."""
     return solve_all(*eliminate_points(A, B, c), np.ones(len(A)))
 
 

@@ -62,7 +62,7 @@ def ellipse_chart(
 
 
 def mark_reference(axis: Axes, name: str) -> None:
-    """A cross where the error is none."""
+    """A cross at zero error."""
     axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=name)
 
 

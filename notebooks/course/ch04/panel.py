@@ -67,7 +67,7 @@ def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
 
 
 def reference(sequence: Sequence, points: Points, R_cp: Array) -> tuple[Array, str]:
-    """What a translation is compared with, (3,) metres, and its name."""
+    """The reference translation (3,), metres, and its name."""
     if points.T_cp is not None:
         return np.asarray(points.T_cp[:3, 3]), RECORDED if truth(sequence) is None else TRUE
     solved = solve_translation(sequence.camera, points.matches, R_cp, TranslationConfig())
@@ -85,7 +85,7 @@ def covariance(
 ) -> Array:
     """Covariance (3, 3) of the translation, m², from the data alone, for every weighting alike.
 
-    The features are dealt into G groups which are solved apart. The mean of G answers that scatter with the
+    The features are divided into G groups with separate solutions. The mean of G answers that scatter with the
     covariance S has S / G, and all features together are about as certain as that.
     """
     group = np.arange(len(matches)) % GROUPS

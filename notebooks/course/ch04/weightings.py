@@ -1,4 +1,4 @@
-"""Chapter 4: ways to put all features' rows together, beside the paper's and the kit's own."""
+"""Chapter 4: ways to combine the rows of all features, besides those of the paper and the kit."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def seen(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, seed: int)
 
 
 def alone(A: Array, B: Array, c: Array) -> Array:
-    """What each feature says of t alone, (N, 3) metres: the solution of its own eight rows A, B (N, 8, 3), c (N, 8)."""
+    """The translation (N, 3), metres, from each single feature with eight rows A, B (N, 8, 3), c (N, 8)."""
     M, d = paper.eliminate_points(A, B, c)
     return np.asarray((np.linalg.pinv(M) @ d[..., None])[..., 0])
 
@@ -60,7 +60,7 @@ def solve_by(
     """The translation t_cp (3,), metres, that a weighting gives.
 
     With it the residual norm (N,) of each feature's eight rows, pixels (infinite beyond the largest depth), and
-    the weight (N,) that it has beside its depth (NaN: not used). None where there is no answer.
+    the weight (N,) that it has beside its depth (NaN: not used). None without a solution.
     """
     if weighting == METHOD and isinstance(config, KitTranslationConfig):
         solved = robust_translation(camera, matches, R_cp, config)

@@ -40,9 +40,9 @@ def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
 
 
 def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
-    """A line for each run: mean errors of a step, and how far from its true place the car ends.
+    """A line per run: mean errors of a step, and the error of the last position.
 
-    Of several seeds the mean, and behind it how far the seeds lie apart (standard deviation).
+    Mean ± standard deviation over the seeds.
     """
     lines, end = [], true_path(sequence)[-1]
     for name in seeds[0]:

@@ -73,7 +73,8 @@ def shared(a: Array, b: Array, least: float = 0.0) -> float:
 
 
 def pairs() -> list[Case]:
-    """Two boxes on one car, a box with itself, and boxes apart: in columns, in rows, in both, either one first."""
+    """Two boxes on one car, a box with itself, and disjoint boxes: in columns, in rows, in both, in either
+    order."""
     a, b = CORNERS[:2]
     apart = [a + shift for shift in ([300.0, 10, 300, 10], [10.0, 95, 10, 95], [150.0, 95, 150, 95])]
     return [(a, b), (a, a.copy()), *((a, far) for far in apart), *((far, a) for far in apart)]
@@ -88,7 +89,7 @@ def suppressed(
 ) -> list[int]:
     """Indices that greedy suppression keeps, best first.
 
-    A box is compared with those kept before that `rivals` chooses, or with all better ones where it is None.
+    A box is compared with the kept boxes that `rivals` selects, or with all better boxes if it is None.
     """
     order = np.argsort(-scores, kind="stable").tolist()
     shares = overlap(corners, corners)
@@ -101,7 +102,7 @@ def suppressed(
 
 
 def heaps() -> list[Case]:
-    """Five boxes; two that share as much as is allowed; twenty random heaps with thresholds of their own."""
+    """Five boxes; two boxes with exactly the allowed overlap; twenty random groups with different thresholds."""
     half = np.array([[0.0, 0, 10, 10], [0.0, 0, 10, 5]])
     cases: list[Case] = [(CORNERS, SCORES, 0.5), (half, np.array([0.8, 0.9]), 0.5)]
     for seed in range(20):
@@ -121,14 +122,14 @@ def features() -> list[Case]:
 
 
 def inside(uv: Array, boxes: Array) -> BoolArray:
-    """Which points (N, 2) lie in any box."""
+    """Mask of the points (N, 2) inside any box."""
     sides: BoolArray = (uv[:, None] >= boxes[:, :2]) & (uv[:, None] <= boxes[:, 2:])
     found: BoolArray = np.logical_and.reduce(sides, axis=2)
     return np.asarray(np.logical_or.reduce(found, axis=1))
 
 
 def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> BoolArray:
-    """Which matches lie in a box in neither image."""
+    """Mask of the matches outside all boxes in both images."""
     return ~(inside(uv_p, boxes_p) | inside(uv_c, boxes_c))
 
 
@@ -154,7 +155,7 @@ def driven() -> list[Case]:
 
 
 def left_over(X_p: Array, X_c: Array, T_cp: Array) -> Array:
-    """By how much each feature (N, 3) is away from where it would be if it stood still, metres."""
+    """Displacement (N, 3) of each feature from its position if it were static, metres."""
     return np.asarray(X_c - X_p @ T_cp[:3, :3].T - T_cp[:3, 3])
 
 

@@ -47,7 +47,8 @@ def score_picture(image: Image, found: NetworkOutput) -> Image:
 def candidates_picture(
     image: Image, found: NetworkOutput, score: float, kept: Array, words: str, width: int, height: int
 ) -> Image:
-    """The network's image with every candidate of enough score, thin orange, and what stays, blue.
+    """The network's image with all candidates above the score threshold, thin orange, and the final boxes,
+    blue.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Chapter 5: the vote of one frame when a lorry before the camera holds a share of the matches."""
+"""Chapter 5: the vote of one frame if a lorry in front of the camera has part of the matches."""
 
 from __future__ import annotations
 

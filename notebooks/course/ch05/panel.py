@@ -1,4 +1,4 @@
-"""Chapter 5: from a network's candidates to boxes, to the features that stay, to what that changes."""
+"""Chapter 5: from a network's candidates to boxes, to the kept features, and to their effect."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ LEAST_SCORE = 0.01  # of a box on the curve of precision and recall
 
 @dataclass(frozen=True)
 class FilteringView(Checked):
-    """What the panel of chapter 5 sets of the detector."""
+    """Settings of the detector in the panel of chapter 5."""
 
     model: str = setting("street", "a detector by name, an ONNX file; or labels: the boxes of the folder")
     nms: float = setting(0.5, "of two boxes that overlap more (IoU) the better stays", low=0.05, high=1)
@@ -63,7 +63,7 @@ def detector_of(model: str) -> YoloDetector:
 
 
 def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> NetworkOutput:
-    """What a detector says of a frame's left image."""
+    """The output of a detector for a frame's left image."""
     key = (*key_of(sequence, frame), detector.path)
     return _candidates.get(key, lambda: detector.candidates(stereo(sequence, frame)[0]))
 
@@ -74,7 +74,7 @@ def real_drives() -> Iterator[Sequence]:
 
 
 def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: float) -> Boxes:
-    """Boxes of a frame's left image by a model, or those of the sequence's own labels."""
+    """Boxes of a frame's left image from a model or from the sequence's labels."""
     if model.strip() == LABELS:
         return sequence.boxes(frame)
     detector = detector_of(model)
@@ -90,7 +90,8 @@ def filtered_frame(
     """
     rule = config.filter
     if rule.rule == "truth" and truth(sequence) is None:
-        raise DataError("the rule `truth` needs a drawn scene: no other sequence says what moves")
+        raise DataError("the rule `truth` needs a drawn scene: other sequences have no truth about moving
+        vehicles")
     first = max(frame - HISTORY, 1) if rule.rule == "moving" else frame
     before = frame_boxes(sequence, first - 1, view.model, rule.score, view.nms)
     if not isinstance(rule, KitFilterConfig):

@@ -35,7 +35,7 @@ FETCH = {
 
 
 def find_detector(name: str) -> str:
-    """The ONNX file of a detector of real vehicles; "", with a sentence, where this machine has none."""
+    """The ONNX file of a detector of real vehicles; "" and a printed sentence without one."""
     try:
         return str(find_model(name))
     except DataError:
@@ -46,7 +46,8 @@ def find_detector(name: str) -> str:
 
 
 def with_boxes(name: str, detector: str) -> Sequence | None:
-    """A real drive with the boxes of its label folder, else of a detector; None, with a reason, where one lacks."""
+    """A real drive with the boxes of its label folder or of a detector; None and the reason if it is not
+    available."""
     if name not in available():
         print(f"{name} is not on this machine; `vo data get_kitti --raw {FETCH[name]}` fetches it.")
         return None

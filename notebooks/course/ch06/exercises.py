@@ -101,7 +101,7 @@ def loop(
 ) -> Array:
     """TE and RE (2,) over all sub-sequences; `end` gives their last frames.
 
-    The path is that of the truth, or the one given as `along`.
+    The path lengths are those of the truth, or of `along`.
     """
     path = trajectory_distances(truth if along is None else along)
     parts = [(i, end(path, i, length), length) for i in range(0, len(truth), step) for length in lengths]
@@ -120,7 +120,7 @@ def pooled(errors: list[Array]) -> float:
 
 
 def plain(errors: list[Array]) -> float:
-    """The mean of the sequences' means; one without errors has none."""
+    """The mean of the sequences' means, without sequences that have no errors."""
     return float(np.mean([each.mean() for each in errors if len(each)]))
 
 

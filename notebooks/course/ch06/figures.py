@@ -34,13 +34,13 @@ def paths_chart(
 
 
 def _at_start(truth: Array, estimate: Array, first: int, last: int) -> tuple[Array, Array]:
-    """A sub-sequence of the truth, and of the estimate moved so that both start at the same pose."""
+    """A sub-sequence of the truth and of the estimate, aligned at the first pose."""
     moved = truth[first] @ np.linalg.inv(estimate[first]) @ estimate[first : last + 1]
     return truth[first : last + 1], moved
 
 
 def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int) -> None:
-    """How the error grows along a sub-sequence whose starts are made equal, in the axes of its start."""
+    """Growth of the error along a sub-sequence aligned at its first pose, in the axes of that pose."""
     piece, moved = _at_start(truth, estimate, first, last)
     error = (moved[:, :3, 3] - piece[:, :3, 3]) @ truth[first, :3, :3]
     way, distance = trajectory_distances(piece), np.linalg.norm(error, axis=1)

@@ -33,7 +33,7 @@ MILLI = 1e3
 
 @dataclass(frozen=True)
 class EvaluationView(Checked):
-    """What the panel of chapter 6 judges, and how."""
+    """Settings of the panel of chapter 6."""
 
     estimate: str = setting(
         MADE_UP, "the truth with errors put in, or a method that was run", choices=(MADE_UP, *PUBLISHED)

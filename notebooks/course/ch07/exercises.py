@@ -29,7 +29,7 @@ MOST_SETS = 20
 
 
 def rows(te: dict[str, Any], without: str = "01", none: Any = None) -> list[float]:
-    """The numbers of a column without a row, with something in the place of None."""
+    """The numbers of a column without one row, with another value instead of None."""
     values = [none if value is None else value for name, value in te.items() if name != without]
     return [value for value in values if value is not None]
 

@@ -1,4 +1,4 @@
-"""Chapter 7: what a threshold is worth over thirty frames, on matches that are found once and kept."""
+"""Chapter 7: the effect of a threshold over thirty frames, on stored matches."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class ExplorePanel(Panel):
     )
 
     def changed(self, state: State) -> dict[str, Any]:
-        """Settings that differ from those of the panel's start and change something, by dotted name."""
+        """Settings that differ from the panel's start values and have an effect, by dotted name."""
         idle = self.idle(state)
         settings = {name: knob.value for name, knob in self.knobs.items() if name not in idle}
         return {

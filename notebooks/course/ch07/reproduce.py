@@ -27,7 +27,7 @@ GAIN = ("solution_selection", "feature_selection")  # before and after features 
 
 @dataclass(frozen=True)
 class ReproduceView(Checked):
-    """What the panel of chapter 7 runs."""
+    """Settings of the runs in the panel of chapter 7."""
 
     methods: tuple[str, ...] = setting((), "names with commas between; empty: all that the variant has")
     model: str = setting(LABELS, "boxes: labels beside the images, or a detector by name or ONNX file")

@@ -28,7 +28,7 @@ _poses: Memory[Array] = Memory(400)
 
 
 def _key(sequence: Sequence, *others: Hashable) -> tuple[Hashable, ...]:
-    """What decides a result on a sequence."""
+    """Inputs of a result on a sequence."""
     return sequence.folder, sequence.labels, sequence.frames[0], len(sequence), *others
 
 
@@ -48,7 +48,7 @@ def poses_of(sequence: Sequence, config: MethodConfig, progress: Progress | None
 
 @dataclass(frozen=True)
 class Plan:
-    """What the Run button does: each method with the seeds 0 … seeds - 1 over a sequence with truth."""
+    """The work of the Run button: each method with seeds 0 … seeds - 1 over a sequence with truth."""
 
     sequence: Sequence
     methods: tuple[str, ...]
@@ -57,7 +57,7 @@ class Plan:
 
     @property
     def key(self) -> tuple[Hashable, ...]:
-        """What decides the result."""
+        """Inputs of the result."""
         return _key(self.sequence, self.methods, self.seeds, self.variant)
 
     @property
@@ -98,7 +98,7 @@ def clip(
 def run_plan(plan: Plan, progress: Progress | None = None) -> list[Entry]:
     """Errors of each method, all run on the same matches.
 
-    They are taken over KITTI's sub-sequences where the path holds one, else over shorter ones.
+    The errors are those of KITTI's sub-sequences, or of shorter ones on a short path.
     """
 
     def run() -> list[Entry]:

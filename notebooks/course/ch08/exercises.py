@@ -27,7 +27,7 @@ SEEDS = (0, 1, 2)
 
 
 def drift_of(poses: Array, sequence: Sequence) -> float:
-    """How far the last pose is from the true one, in % of the true path."""
+    """Distance of the last pose from the true one, in % of the length of the true path."""
     truth = true_poses(sequence)
     end = (inverse(truth[0]) @ truth[-1])[:3, 3]
     return 100.0 * float(np.linalg.norm((np.linalg.inv(poses[0]) @ poses[-1])[:3, 3] - end)) / way(truth)

@@ -45,7 +45,8 @@ SLOW, LEAST_S = 5.0, 0.02  # times the library's seconds for a check, from which
 class Joined:
     """The stages as attributes: `mine.select(…)`.
 
-    `whose` says by name whether a stage is yours, or why not; `slow` how many times slower than the library's.
+    `whose` : by name, whether a stage is yours, or the reason why not; `slow` : its time relative to the
+    library's.
     """
 
     functions: Mapping[str, Any]
@@ -80,7 +81,7 @@ class Joined:
 
 
 def join(**given: Any) -> Joined:
-    """Every stage: a function given here or that of `my_vo.py`, where that passes; or the library's."""
+    """All stages: a given function, that of `my_vo.py` if it passes its check, or that of the library."""
     written, exercises = {**load(Path(NAME)), **given}, asked()
     functions, whose = {}, {}
     slow: dict[str, float] = {}
@@ -122,7 +123,7 @@ def mixed(rotations: Array, translations: Array) -> Array:
 
 
 def residuals(M: Array, c: Array, t: Array) -> Array:
-    """What rows M (N, 8, 6) and c (N, 8) of N features leave under t (3,), each with its best Q, (N,)."""
+    """Residuals (N,) of the rows M (N, 8, 6) and c (N, 8) of N features for t (3,), each with its best Q."""
     A, d = M[..., :3], c - M[..., 3:] @ t
     left = d[..., None] - A @ (np.linalg.pinv(A) @ d[..., None])
     return np.asarray(np.linalg.norm(left[..., 0], axis=1))

@@ -10,7 +10,7 @@ from ..checker import Case, Exercise
 
 
 def nearest_earlier(S: Array, gap: int) -> IntArray:
-    """For each place the most similar one at least `gap` places before, -1 where there is none."""
+    """For each place, the most similar place at least `gap` places earlier; -1 without one."""
     return np.array([int(S[k, : k - gap + 1].argmax()) if k >= gap else -1 for k in range(len(S))])
 
 

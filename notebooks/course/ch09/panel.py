@@ -28,7 +28,7 @@ PHOTO_HEIGHT, CHART_HEIGHT = 150, 380
 
 @dataclass(frozen=True)
 class LoopView(Checked):
-    """What the panel of chapter 9 does to the path and to its loops."""
+    """Settings of the panel of chapter 9: changes of the path and of its loops."""
 
     closed: bool = setting(True, "close the loops by the pose graph")
     false: int = setting(1, "loops that are false: two places that are said to be the same", low=0, high=15)

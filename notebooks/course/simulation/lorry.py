@@ -1,4 +1,4 @@
-"""A lorry before the camera: features of its side, put into the matches of any sequence."""
+"""A lorry in front of the camera: features of its side, added to the matches of any sequence."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TRUCK = 7  # COCO's class
 
 @dataclass(frozen=True)
 class LorryConfig(Checked):
-    """How much of the matches, and of the view, the lorry takes."""
+    """Fractions of the matches and of the view that belong to the lorry."""
 
     share: float = setting(0.5, "share of the matches that lie on the lorry", low=0, high=0.95)
     distance: float = setting(5.0, "from the camera to the lorry's side", unit="m", low=3, high=50)
@@ -41,8 +41,8 @@ def with_lorry(
 ) -> Iterator[tuple[StereoMatches, Boxes]]:
     """The matches of each frame with those on a lorry, and the lorry's box in the left image.
 
-    The lorry's side stands across the view, always at the same distance from the camera. It is in the middle of
-    the first frame and goes to the right; once it has left the view, the next lorry comes from the left. The
+    The lorry's side is perpendicular to the view, at a constant distance from the camera. It starts in the
+    middle of the view and moves to the right; when it has disappeared, the next lorry enters from the left. The
     lorry hides matches behind it. Its features keep their ids, which are negative, while they are matched.
 
     Parameters
@@ -79,7 +79,7 @@ def with_lorry(
 
 
 def _hidden(camera: StereoCamera, matches: StereoMatches, rims: list[Array], distance: float) -> BoolArray:
-    """Which matches (N,) lie behind the lorry in any of the four images, by its rims there, (4,) each."""
+    """Mask of the matches (N,) behind the lorry in any of the four images, from its rims (4,) in each."""
     nearer = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2] < distance
     places = matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right
     covered = [inside(uv, rim[None])[:, 0] for uv, rim in zip(places, rims, strict=True)]

@@ -27,7 +27,7 @@ AHEAD = rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))  # an object's way from fram
 
 @dataclass(frozen=True)
 class TrackConfig:
-    """What the simulated front end finds."""
+    """Settings of the simulated front end."""
 
     points: int = 400  # matches in each frame
     noise: float = 0.2  # standard deviation of each measured coordinate, pixels
@@ -47,7 +47,7 @@ class SimulatedFrame:
     frame : number of the current pair, 1 to N - 1.
     matches : (M,) matches between the pairs frame - 1 and frame.
     wrong : (M,) the current pair shows another point; never set together with `moving`.
-    moving : (M,) the point lies on an object that moves.
+    moving : (M,) mask of points on moving objects.
     T_cp : (4, 4) the camera's true motion, X_c = T_cp X_p.
     """
 
@@ -80,12 +80,12 @@ def simulate_tracks(
     ----------
     poses : (N, 4, 4) T_w_c of the left camera, for example KITTI's ground truth.
     camera : the stereo camera, with its image size.
-    config : how many points, how good and how many of them lie.
+    config : number of points, noise, and fraction of wrong ones.
     seed : of all random numbers.
 
     Yields
     ------
-    SimulatedFrame for the pairs 1 to N - 1. What is measured in the current pair is the previous pair of the
+    SimulatedFrame for the pairs 1 to N - 1. The measurements in the current pair are the previous pair of the
     next frame, as with a real tracker. With zero noise the right matches satisfy the geometry exactly.
     """
     street = _Street(
@@ -180,7 +180,7 @@ class _Street:
         return np.asarray(((uv > 2.0) & (uv < far_corner)).all(axis=(0, 1, 3)))
 
     def _move_objects(self, frame: int) -> None:
-        """Objects drive on along their own heading; one that leaves the view comes back elsewhere."""
+        """Objects drive along their heading; an object that leaves the view reappears elsewhere."""
         before, T_c_w = self.objects, self.from_world[[frame - 1, frame], None]
         x, _, z = np.moveaxis((T_c_w @ np.stack([before, before @ AHEAD]))[..., :3, 3], -1, 0)
         seen = ((z > 7.0) & (z < 45.0) & (np.abs(x) < 0.6 * z)).all(axis=0)

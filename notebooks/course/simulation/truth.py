@@ -27,7 +27,7 @@ def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array,
     Returns
     -------
     left, right : (N, 2) pixels in frame_c.
-    valid : (N,) the point has a depth (is not sky) and lies inside both images of frame_c. Something
+    valid : (N,) mask of the points that have a depth (no sky) and are inside both images of frame_c. Something
         nearer may hide it there.
     """
     uv, camera = np.asarray(uv, np.float64).reshape(-1, 2), truth.config.camera
@@ -46,7 +46,7 @@ def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array,
 def match_errors(truth: Truth | None, matches: StereoMatches, frame: int) -> Array:
     """Largest distance (N,) of matches from their true places, pixels; NaN where these are not known.
 
-    The matches are those of the pair `frame` with the one before. Their places in the three images other
+    The matches are between the pair `frame` and the previous one. Their places in the three images other
     than the previous left one are judged.
     """
     if truth is None:
