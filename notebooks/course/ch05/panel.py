@@ -86,12 +86,13 @@ def filtered_frame(
 ) -> tuple[Filtered, Boxes]:
     """The matches of a frame >= 1 that a method's rule keeps, and the frame's boxes.
 
-    The rule `moving` is asked from `HISTORY` frames before on: it follows the motion of the camera.
+    The rule `moving` starts `HISTORY` frames earlier, because it accumulates the motion of the camera.
     """
     rule = config.filter
     if rule.rule == "truth" and truth(sequence) is None:
-        raise DataError("the rule `truth` needs a drawn scene: other sequences have no truth about moving
-        vehicles")
+        raise DataError(
+            "the rule `truth` needs a drawn scene: other sequences do not have true motions of vehicles"
+        )
     first = max(frame - HISTORY, 1) if rule.rule == "moving" else frame
     before = frame_boxes(sequence, first - 1, view.model, rule.score, view.nms)
     if not isinstance(rule, KitFilterConfig):
