@@ -1,6 +1,8 @@
-"""Check a KITTI folder: list missing and damaged files, and the commands that fetch them.
+"""Check a KITTI folder: list missing and damaged files, and the commands that
+fetch them.
 
-The exit code is 0 for a complete folder, 1 for missing or damaged files, 2 for wrong input.
+The exit code is 0 for a complete folder, 1 for missing or damaged files, 2 for
+wrong input.
 
 examples:
   vo data check_kitti

@@ -1,6 +1,7 @@
 """Delete the matches of other versions of the code from the cache.
 
-Each version of a front end has its own folder of matches. The matches of the current version are kept.
+Each version of a front end has its own folder of matches. The matches of the
+current version are kept.
 
 examples:
   vo data clean_cache

@@ -1,18 +1,25 @@
 """Convert your own stereo images to KITTI's layout, for `vo run FOLDER`.
 
-The images come from two folders or patterns, from one video with both images side by side, or from a drive of
-KITTI's raw data or a EuRoC folder (mav0), which include calibration, times and truth. If file names are times
-(nanoseconds, or seconds with decimals), each image is paired with the nearest in time. The calibration is
-given as three numbers for rectified images, or as OpenCV YAML files: with K1 D1 K2 D2 R T the images are
-rectified by this script, with P1 P2 alone they must be rectified already. The order of the images, their rows
-and the baseline are checked on a sample.
+The images come from two folders or patterns, from one video with both images
+side by side, or from a drive of KITTI's raw data or a EuRoC folder (mav0),
+which include calibration, times and truth. If file names are times
+(nanoseconds, or seconds with decimals), each image is paired with the nearest
+in time. The calibration is given as three numbers for rectified images, or as
+OpenCV YAML files: with K1 D1 K2 D2 R T the images are rectified by this
+script, with P1 P2 alone they must be rectified already. The order of the
+images, their rows and the baseline are checked on a sample.
 
 examples:
-  vo data from_folder --left L --right R --focal 718.9 --centre 607.2,185.2 --baseline 0.537 --out data/mine
-  vo data from_folder --left L --right R --calibration intrinsics.yml extrinsics.yml --out data/mine
-  vo data from_folder --left 'S/I1_*.png' --right 'S/I2_*.png' --calibration stereo.yml --out data/mine
-  vo data from_folder --video drive.mp4 --calibration stereo.yml --unit mm --out data/mine
-  vo data from_folder --raw 2011_09_26/2011_09_26_drive_0005_sync --out data/drive_0005
+  vo data from_folder --left L --right R --out data/mine \\
+      --focal 718.9 --centre 607.2,185.2 --baseline 0.537
+  vo data from_folder --left L --right R --out data/mine \\
+      --calibration intrinsics.yml extrinsics.yml
+  vo data from_folder --left 'S/I1_*.png' --right 'S/I2_*.png' \\
+      --calibration stereo.yml --out data/mine
+  vo data from_folder --video drive.mp4 --calibration stereo.yml \\
+      --unit mm --out data/mine
+  vo data from_folder --raw 2011_09_26/2011_09_26_drive_0005_sync \\
+      --out data/drive_0005
   vo data from_folder --euroc MH_01_easy --out data/MH_01
 """
 

@@ -1,9 +1,10 @@
-"""Download a vehicle detector, or register one from disk; without a name, list the detectors.
+"""Download a vehicle detector, or register one from disk; without a name, list
+the detectors.
 
 examples:
   vo data get_detector
   vo data get_detector yolox-tiny
-  vo data get_detector yolov8n                      prints its licence and the commands that create it
+  vo data get_detector yolov8n                      its licence and commands
   vo data get_detector mine --from runs/best.onnx
 """
 

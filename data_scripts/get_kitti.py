@@ -1,15 +1,18 @@
 """Download single sequences of KITTI, or a range of their frames.
 
-Images, calibration and ground truth are read from the official archives: those of the odometry benchmark (22
-GB), or of a drive of the raw data, which becomes a sequence with the GPS/IMU path as ground truth. Complete
-files are not downloaded again. After an interruption, or for more frames, repeat the command.
+Images, calibration and ground truth are read from the official archives: those
+of the odometry benchmark (22 GB), or of a drive of the raw data, which becomes
+a sequence with the GPS/IMU path as ground truth. Complete files are not
+downloaded again. After an interruption, or for more frames, repeat the
+command.
 
 examples:
   vo data get_kitti --raw 2011_09_26_drive_0013 --frames 0:80
   vo data get_kitti --sequences 00 --frames 0:201
   vo data get_kitti --sequences 07,04
   vo data get_kitti --sequences 00-10 --root /data/kitti --yes
-  vo data get_kitti --from-zip data_odometry_gray.zip data_odometry_calib.zip data_odometry_poses.zip
+  vo data get_kitti --from-zip data_odometry_gray.zip \\
+      data_odometry_calib.zip data_odometry_poses.zip
   vo data get_kitti --sequences 07 --link /mnt/kitti
 """
 

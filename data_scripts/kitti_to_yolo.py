@@ -1,13 +1,17 @@
 """Convert KITTI's labels to a data set for train_detector.
 
 examples:
-  vo data kitti_to_yolo object kitti/training data/cars --mapping train_mapping.txt --order train_rand.txt
-  vo data kitti_to_yolo tracking kitti/training data/cars --drive 0000=2011_09_26_drive_0005
+  vo data kitti_to_yolo object kitti/training data/cars \\
+      --mapping train_mapping.txt --order train_rand.txt
+  vo data kitti_to_yolo tracking kitti/training data/cars \\
+      --drive 0000=2011_09_26_drive_0005
 
-Car and Van become car, Truck becomes truck, Tram becomes train; other objects get no label. Images of the raw
-drives of the odometry sequences 00-10 are skipped, and images of unknown origin are refused: a detector
-tested on its training images makes the errors look too small. The mapping folder of the object development
-kit contains the two files with the drive of each object image.
+Car and Van become car, Truck becomes truck, Tram becomes train; other objects
+get no label. Images of the raw drives of the odometry sequences 00-10 are
+skipped, and images of unknown origin are refused: a detector tested on its
+training images makes the errors look too small. The mapping folder of the
+object development kit contains the two files with the drive of each object
+image.
 """
 
 from __future__ import annotations

@@ -1,12 +1,15 @@
 """Measure the effect of each idea of the kit by turning it off.
 
 examples:
-  vo data measure_ablation --sequences 00,01,kitti/drive_0013 --detector yolov8n.onnx
+  vo data measure_ablation --sequences 00,01,kitti/drive_0013 \\
+      --detector yolov8n.onnx
   vo data measure_ablation --jobs 2 --out notebooks/ablation.csv
 
-A row has the change of the results without an idea, mean and deviation over five seeds. A row without the
-name of an idea has the errors themselves, the excess length of the path in %, and processor milliseconds per
-frame. Rows that are not measured again are kept in the file: those of removed ideas and of other sequences.
+A row has the change of the results without an idea, mean and deviation over
+five seeds. A row without the name of an idea has the errors themselves, the
+excess length of the path in %, and processor milliseconds per frame. Rows that
+are not measured again are kept in the file: those of removed ideas and of
+other sequences.
 """
 
 from __future__ import annotations

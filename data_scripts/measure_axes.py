@@ -1,12 +1,14 @@
-"""Estimate the constant angles between a camera's axes and those of its ground truth.
+"""Estimate the constant angles between a camera's axes and those of its ground
+truth.
 
 examples:
   vo data measure_axes truth.txt runs/00/poses.txt
   vo data measure_axes truth.txt runs/00/poses.txt --lengths 20,50,100 --step 1
 
-KITTI's ground truth is measured by an inertial unit and transformed to the camera by a calibration, whose
-error rotates every motion. The printed pitch and yaw minimise the translation error TE. KITTI's benchmark has
-no such correction. Both files are in KITTI's format, one row per frame.
+KITTI's ground truth is measured by an inertial unit and transformed to the
+camera by a calibration, whose error rotates every motion. The printed pitch
+and yaw minimise the translation error TE. KITTI's benchmark has no such
+correction. Both files are in KITTI's format, one row per frame.
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
 """Measure the effect of the choices that the paper leaves open.
 
 examples:
-  vo data measure_choices --sequences 00,01 --detector yolov8n.onnx --jobs 2 --out notebooks/choices.csv
+  vo data measure_choices --detector yolov8n.onnx \\
+      --sequences 00,01,kitti/drive_0013,synthetic/traffic,synthetic/jam
 
-A row has the change of the results of `published` with another choice, mean and deviation over five seeds,
-lengths in per cent. On real clips, TE is computed with the fitted axes of the truth, as in `vo data
-measure_axes`. Rows on thresholds and boxes have the errors over 50 m instead of differences.
+A row has the change of the results of `published` with another choice, mean
+and deviation over five seeds, lengths in per cent. On real clips, TE is
+computed with the fitted axes of the truth, as in `vo data measure_axes`. Rows
+on thresholds and boxes have the errors over 50 m instead of differences.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ examples:
   vo data measure_results --jobs 2 --out notebooks/results.md
   vo data measure_results --sequences 00,01 --detector yolov8n.onnx --jobs 2
 
-Each system of Table 1 is run in both variants with seeds 0-4. A second call with the same --runs repeats no
-finished run.
+Each system of Table 1 is run in both variants with seeds 0-4. A second call
+with the same --runs repeats no finished run.
 """
 
 from __future__ import annotations

@@ -2,13 +2,17 @@
 
 examples:
   vo data train_detector data/cars --out runs/cars --epochs 400
-  vo data train_detector roboflow/data.yaml --out runs/cars --weights yolov8n.pt --register cars
-  vo data train_detector data/street --out runs/street --one-class vehicle --size 800
+  vo data train_detector roboflow/data.yaml --out runs/cars \\
+      --weights yolov8n.pt --register cars
+  vo data train_detector data/street --out runs/street \\
+      --one-class vehicle --size 800
 
-The training uses Ultralytics (extra `[train]`) and a data set in YOLO format. Ultralytics and the trained
-models are under AGPL-3.0: see https://www.ultralytics.com/license. An interrupted training continues after
-its last complete epoch. The output folder contains data.yaml, train/ (weights, curves) and detector.onnx, the
-model for `vo run --detector` and `vo data write_labels`.
+The training uses Ultralytics (extra `[train]`) and a data set in YOLO format.
+Ultralytics and the trained models are under AGPL-3.0: see
+https://www.ultralytics.com/license. An interrupted training continues after
+its last complete epoch. The output folder contains data.yaml, train/ (weights,
+curves) and detector.onnx, the model for `vo run --detector` and `vo data
+write_labels`.
 """
 
 from __future__ import annotations

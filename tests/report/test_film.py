@@ -30,7 +30,7 @@ def test_film_has_the_same_bytes_from_cached_matches(bands: Path, capsys: pytest
     assert main([*command, str(base / "b.mp4"), "--cache", str(base / "cache")]) == 0
     assert (base / "a.mp4").read_bytes() == (base / "b.mp4").read_bytes()
     video = cv2.VideoCapture(str(base / "a.mp4"))
-    # An image of 480×240, a square for the path beside it, text below.
+    # An image of 480×240, a square for the path beside it, words above.
     wanted = (5, 10, 480 + 300, 300 + WORDS_HEIGHT_PX)
     kinds = cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
     assert tuple(map(video.get, kinds)) == wanted
@@ -45,9 +45,9 @@ def test_film_shows_path_and_removed_features(bands: Path, variant: str) -> None
     with Film(bands.parent / "film.mp4", result, "mine") as film:
         pictures = {shown.index: film.picture(shown) for shown in film_frames(result)}
     assert list(pictures) == [1, 2, 3, 4, 5]
-    image, words = (slice(None, 240), slice(None, 480)), (slice(300, None),)
+    words, image = slice(WORDS_HEIGHT_PX), (slice(WORDS_HEIGHT_PX, WORDS_HEIGHT_PX + 240), slice(480))
     for colour in map(bgr, (METHOD_COLOURS["feature_selection"], TRUTH_COLOUR)):
-        drawn = [near(picture[:300, 480:], colour, 60) for picture in pictures.values()]
+        drawn = [near(picture[WORDS_HEIGHT_PX:, 480:], colour, 60) for picture in pictures.values()]
         assert drawn == sorted(drawn)
         assert drawn[-1] > 3 * drawn[0] > 0
     assert near(pictures[3][image], REMOVED) > 0 == near(pictures[5][image], REMOVED)

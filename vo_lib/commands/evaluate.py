@@ -24,7 +24,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("paths", nargs="+", type=Path, metavar="RUN_OR_FILE", help=text)
     text = "ground truth of all paths, in one of these formats; default: the truth of the runs' sequences"
     option("--truth", type=Path, metavar="FILE", help=text)
-    text = "sub-sequence lengths in metres; default 100,…,800, for short paths 20,50,100"
+    text = "sub-sequence lengths, metres; default 100,…,800, for short paths 20,50,100"
     option("--lengths", metavar="L,L,…", help=text)
     text = "frames from one sub-sequence start to the next; default 10, for short paths 1"
     option("--step", metavar="N", help=text)

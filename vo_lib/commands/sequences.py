@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..data.catalogue import KITTI, SYNTHETIC, available, kitti_roots
-from ..data.drawn import cache_folder
+from ..data.drawn import cache_folder, count_frames
 from ..data.scenes import SCENES
 from ..data.sequence import open_folder
 from ..errors import DataError
@@ -32,7 +32,7 @@ def _list(options: argparse.Namespace) -> int:
             rows.append([name, *[NO_NUMBER] * (len(COLUMNS) - 1)])
             problems.append(f"{name} is not usable: {error}")
     show_table("", COLUMNS, rows)
-    say(f"drawn scenes: {cache_folder()}; a scene without a number of frames is drawn on first use")
+    say(f"drawn scenes: {cache_folder()}; a scene without a size in MB is drawn on first use")
     say(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
     if not any(name.startswith(KITTI) for name, *_ in rows):
         say("no KITTI sequences found; `vo check` lists the commands that download them")
@@ -44,7 +44,7 @@ def _facts(name: str, folder: Path | None) -> list[str]:
     if folder is None:
         scene = SCENES[name.removeprefix(SYNTHETIC)]
         size = f"{scene.width}×{scene.height}"
-        return [NO_NUMBER, f"{scene.length:.0f}", "yes", "yes", size, NO_NUMBER]
+        return [str(count_frames(scene)), f"{scene.length:.0f}", "yes", "yes", size, NO_NUMBER]
     sequence = open_folder(folder, name)
     camera, truth = sequence.camera, sequence.truth
     length = NO_NUMBER if truth is None else f"{trajectory_distances(truth)[-1]:.0f}"

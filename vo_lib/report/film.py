@@ -44,7 +44,7 @@ FILM_CODEC = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLa
 # size. So the frames are encoded at this high rate, and `with_frame_rate` sets the rate of the film.
 ENCODER_FPS = 5000
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
-WORDS_HEIGHT_PX = 60  # height of the lines of text at the bottom
+WORDS_HEIGHT_PX = 60  # height of the lines of text at the top
 WHITE, PALE = (255, 255, 255), (200, 200, 200)  # BGR
 TRUE_PATH_COLOUR, LOOP_LINE_COLOUR = bgr(TRUTH_COLOUR), bgr(LOOP_COLOUR)
 
@@ -144,14 +144,17 @@ class Film:
         self._count += 1
 
     def picture(self, frame: FilmFrame) -> Image:
-        """The picture of a frame, BGR: the image, the path to its right, text below."""
+        """The picture of a frame, BGR: text, the image below, the path to its right.
+
+        Controls of a player cover the lower edge.
+        """
         page = np.full((*self._shape, 3), WHITE, np.uint8)
         left, _ = self.run.sequence.stereo(frame.index)
         image = match_image(left, frame.matches, frame.keep, frame.boxes, frame.state, by_age=True)
         height, width = left.shape
-        page[:height, :width] = image
-        self._draw_paths(page[:-WORDS_HEIGHT_PX, width:], frame.index)
-        self._write_words(page[-WORDS_HEIGHT_PX:], frame)
+        page[WORDS_HEIGHT_PX : WORDS_HEIGHT_PX + height, :width] = image
+        self._draw_paths(page[WORDS_HEIGHT_PX:, width:], frame.index)
+        self._write_words(page[:WORDS_HEIGHT_PX], frame)
         return page
 
     def _draw_paths(self, part: Image, index: int) -> None:

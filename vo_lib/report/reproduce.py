@@ -163,7 +163,7 @@ def write_table_files(
 
 
 def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
-    """For each variant: errors, Figure 4 if one of its sequences was run, and the paths of each sequence."""
+    """For each variant: errors, the paths of each sequence, and Figure 4 if one of its sequences was run."""
     pictures = []
     for variant in dict.fromkeys(variant for variant, _ in result.paths):
         words = VARIANT_WORDS[variant]
@@ -174,8 +174,8 @@ def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[P
                 pictures.append(Picture(png(figure), f"Errors, one bar per method; {words}."))
         panels = {name: panel for (key, name), panel in result.paths.items() if key == variant}
         figure_4 = {name: panels[name] for name in FIGURE_4_SEQUENCES if name in panels}
-        figures = {f"figure4_{variant}": figure_4} if figure_4 else {}
-        figures |= {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in panels.items()}
+        figures = {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in panels.items()}
+        figures |= {f"figure4_{variant}": figure_4} if figure_4 else {}
         for file, rows in figures.items():
             caption = f"{'Figure 4: ' * (rows is figure_4)}{' and '.join(rows)}, paths from above and, "
             caption += f"with truth, the distance from it; {words}, first seed."
