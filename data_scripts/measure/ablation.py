@@ -124,14 +124,14 @@ def as_estimated(self: Any, estimate: Array, covariance: Array) -> None:
 
 
 def without(*names: str) -> dict[str, Any]:
-    """The change that sets errors to zero whose names begin like this."""
+    """The change that sets the errors to zero whose names have a given prefix."""
     share = np.where([name.startswith(names) for name in rig.ERROR_NAMES], 1e-4, 1.0)
     prior = rig.prior_covariance() * np.outer(share, share)
     return {f"{RIG}.prior_covariance": lambda: prior}
 
 
 def without_faults(*names: str) -> dict[str, Any]:
-    """The change that removes faults whose names begin like this."""
+    """The change that removes the faults whose names have a given prefix."""
     left = {name: fault for name, fault in rig.RIG_FAULTS.items() if not name.startswith(names)}
     return {f"{RIG}.RIG_FAULTS": left}
 

@@ -1,4 +1,4 @@
-"""Tables of `measure_results`: one number a cell, spreads in tables of their own, sentences above."""
+"""Tables of `measure_results`: one number per cell, spreads in separate tables, sentences above."""
 
 from __future__ import annotations
 

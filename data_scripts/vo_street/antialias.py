@@ -1,8 +1,8 @@
 """Smooth outlines: pixels that an edge crosses become a mixture of both sides.
 
 A pixel shows the face at its centre, so outlines would jump by whole pixels, which disturbs corner detectors.
-Where two neighbours see different faces, the place where the edge crosses between them is known exactly from
-the face's corners; the pixel it cuts takes its neighbour's brightness by the share covered.
+Between two neighbours with different faces, the position of the edge follows exactly from the corners of the
+face; the pixel that it cuts is mixed with its neighbour's brightness, by the covered fraction.
 """
 
 from __future__ import annotations
@@ -59,10 +59,11 @@ def soften_edges(
 
 
 def _way_out(edges: Array, at: tuple[Array, Array], axis: int, step: float) -> Array:
-    """Share of the step to the next pixel after which a face ends (N,); infinite where it does not.
+    """Position (N,) of the end of a face, as a fraction of the step to the next pixel; infinite if the face
+    does not end.
 
-    An edge counts only on the axis that is more nearly perpendicular to it, so that no edge is smoothed
-    twice; NaN elsewhere.
+    An edge counts only along the axis that is closer to its normal, so that no edge is smoothed twice; NaN
+    for the other axis.
     """
     value = edges[:, :, 0] * at[0][:, None] + edges[:, :, 1] * at[1][:, None] + edges[:, :, 2]
     slope = edges[:, :, axis] * step

@@ -1,8 +1,9 @@
 """An atlas of all textures at all scales, against aliasing.
 
-A surface seen at a slant is squeezed in one direction only: the road ahead is squeezed along, hardly across.
-So each texture is kept at all pairs of scales, 2^-i along its columns and 2^-j along its rows (a ripmap),
-and each pixel reads the pair that fits its footprint. All live in one array, so that one remap serves all.
+The image of a slanted surface is compressed in one direction: the road ahead along its length, hardly across.
+Each texture is therefore stored at all pairs of scales, 2^-i along its columns and 2^-j along its rows (a
+ripmap), and each pixel reads the pair that fits its footprint. All are in one array, so that one remap is
+enough.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Atlas:
     size : (T, 2) texels along s (columns) and t (rows), powers of two.
     top : (T, 2) coarsest level along s and t.
     wrap : (T, 2) 1 where the texture repeats, 0 where it ends.
-    column, row : (T, L) place of level i: texel coordinate s lies at column[i] + s / 2**i.
+    column, row : (T, L) position of level i: texel coordinate s is at column[i] + s / 2**i.
     """
 
     texels: Float32
@@ -80,7 +81,7 @@ class TextureSet:
             x, shelf = x + w, max(shelf, h)
         texels = np.zeros((y + shelf, ATLAS_WIDTH), np.float32)
         for k, image in enumerate(self.images):
-            # Hard painted edges would shimmer: nothing finer than a texel may stay.
+            # Sharp painted edges would shimmer: details finer than a texel are removed.
             soft = cv2.GaussianBlur(_pad(image, self.wraps[k]), (5, 5), 0.6)
             across = np.ascontiguousarray(soft[PAD:-PAD, PAD:-PAD], np.float32)
             for i in range(top[k, 0] + 1):

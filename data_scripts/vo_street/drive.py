@@ -31,7 +31,7 @@ class Route:
     x, z : (M,) position in the street frame, metres.
     heading : (M,) angle from the z axis towards x, radians.
     curvature : (M,) change of heading per metre.
-    lap : length of a closed street, metres, up to itself; None where it has two ends.
+    lap : length of a closed street, metres; None for a street with two ends.
     """
 
     s: Array

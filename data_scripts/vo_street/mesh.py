@@ -41,7 +41,7 @@ class Faces(Rows):
     instance: Int
 
     def moved(self, T: Array) -> Faces:
-        """The faces moved rigidly by T (4, 4); their texture goes with them."""
+        """The faces after the rigid motion T (4, 4), with their textures."""
         corners = transform(T, self.corners.reshape(-1, 3)).reshape(-1, 4, 3)
         R = T[:3, :3].T
         return dataclasses.replace(self, corners=corners, s_axis=self.s_axis @ R, t_axis=self.t_axis @ R)

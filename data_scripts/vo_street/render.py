@@ -196,7 +196,7 @@ def look_up(table: NDArray[Number], index: Int) -> NDArray[Number]:
 
 
 def rasterise(corners: Array, camera: StereoCamera) -> Int:
-    """Face of each pixel (H, W): index into corners plus one, 0 for none.
+    """Face of each pixel (H, W): index into corners plus one, 0 without a face.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def smear(world: World, frame: int, view: View, right: bool) -> Float32:
 
 
 def image_velocity(world: World, frame: int, view: View, right: bool) -> Float32:
-    """Velocity (2, H, W) of what each pixel shows, pixels a second.
+    """Image velocity (2, H, W) of each pixel, pixels per second.
 
     A point X in the camera frame moves with X' = -v - w × X + o, where v and w are the camera's own velocity
     and turn rate and o the velocity of the object it belongs to.

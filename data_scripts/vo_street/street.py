@@ -1,4 +1,4 @@
-"""The whole street of a scene: its textures, the ground and the woods around it, a highway's barriers."""
+"""The whole street of a scene: textures, ground, surrounding woods, and barriers of a highway."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _build_woods(site: Site, middle: Array, radius: float) -> None:
 
 
 def _ordered(a: Array | float, b: Array | float) -> tuple[Array | float, Array | float]:
-    """The line further left first, so that a level ribbon is seen from above."""
+    """The two lines with the left one first, so that a horizontal ribbon is visible from above."""
     return (a, b) if np.all(np.asarray(a) <= b) else (b, a)
 
 

@@ -134,7 +134,7 @@ def _manhole(image: Image, at: Array, per_m: Array) -> None:
 
 
 def slabs(rng: Rng) -> Image:
-    """Pavement slabs, each of its own grey; repeats along."""
+    """Pavement slabs with different grey values; repeats along."""
     image = plain(138.0, 256, 512, rng, 4.0)
     ys, xs = np.linspace(0, 256, 6), np.linspace(0, 512, 11)
     for y0, y1 in itertools.pairwise(ys.astype(int)):
@@ -198,7 +198,7 @@ def boards(rng: Rng, count: int, grey: float, gap: int = 4) -> Image:
 def masonry(
     rng: Rng, rows: int, columns: int, course: int, stone: int, grey: float, spread: float, joint: float
 ) -> Image:
-    """Bricks or blocks of `stone` × `course` texels, each of its own grey, rows staggered."""
+    """Staggered rows of bricks or blocks of `stone` × `course` texels with different grey values."""
     lines, across = rows // course + 1, columns // stone + 2
     greys = (grey + spread * rng.standard_normal((lines, across))).astype(np.float32)
     y, x = np.mgrid[0:rows, 0:columns]

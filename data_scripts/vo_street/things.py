@@ -11,7 +11,7 @@ from .site import KERB, Site
 
 
 def add_tree(site: Site, s: float, offset: float, size: float = 1.0) -> None:
-    """A trunk and a crown of a few rough balls; none where it would stand on the road."""
+    """A trunk and a crown of a few rough balls, unless the tree would be on the road."""
     rng = site.rng
     tall = float(rng.uniform(2.4, 3.4)) * size
     foot = site.route.point(s, offset)

@@ -108,7 +108,7 @@ def _build(mesh: MeshBuilder, shape: Shape, views: list[int], dark: int, wheel: 
 
 
 def _add_wheel(mesh: MeshBuilder, hub: Array, radius: float, dark: int, wheel: int) -> None:
-    """A wheel that stands 2 cm out of the body's side: disc and tread of 12 sides."""
+    """A wheel that protrudes 2 cm from the side of the body: disc and tread of 12 sides."""
     out = np.sign(hub[0])
     angle = 2 * np.pi * np.arange(12) / 12
     circle = np.stack([np.zeros(12), np.sin(angle), out * np.cos(angle)], axis=1) * radius

@@ -74,7 +74,7 @@ class World:
         return np.asarray(inverse(self.drive.poses[0]) @ self.drive.poses)
 
     def vehicles_near(self, frame: int, reach: float = 200.0) -> list[int]:
-        """Vehicles within reach of the camera that are not part of `still`, metres."""
+        """Vehicles near the camera that are not part of `still`."""
         eye = self.drive.poses[frame][:3, 3]
         return [
             k

@@ -23,7 +23,7 @@ Pair = tuple[Image, Image]
 
 
 def matched(kind: str, pairs: list[Pair], loop_tolerance: float) -> StereoMatches:
-    """Matches of the last pair with the one before."""
+    """Matches of the last pair with the previous one."""
     # The surface check is off: the image shows two depths at once.
     open_ones: dict[str, Any] = {"surface_share": 0.0, "surface_tolerance": 10.0, "max_difference": 40.0}
     limits: dict[str, Any] = {"max_disparity": 32, "loop_tolerance": loop_tolerance}

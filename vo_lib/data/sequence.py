@@ -36,8 +36,8 @@ class Sequence:
     times : (N,) seconds.
     truth : (N, 4, 4) ground-truth poses T_w_c, or None.
     labels : folder of YOLO label files, or None.
-    masks : PNG image for all left images, with no features where it is not 0; or folder of such images, one
-        per frame; or None.
+    masks : PNG image that is not 0 where the left images have no features, or folder of such images, one per
+        frame; or None.
     """
 
     name: str

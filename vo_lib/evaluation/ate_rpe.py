@@ -26,7 +26,7 @@ class Alignment(Enum):
 
     @property
     def words(self) -> str:
-        """As a table's note says it."""
+        """Text for the note of a table."""
         return {
             "none": "without alignment",
             "origin": "with the first poses made equal",

@@ -71,7 +71,7 @@ class KittiErrors(Rows):
     def curve(
         self, by: str, lengths: Sequence[float] = KITTI_LENGTHS
     ) -> list[tuple[float, float | None, float | None]]:
-        """The devkit's curve by "length", metres, or by "speed", km/h: (place, TE, RE) of each full bin."""
+        """Points (bin centre, TE, RE) of the devkit's curve by "length", metres, or by "speed", km/h."""
         bins = self.by_length(lengths) if by == "length" else {3.6 * v: e for v, e in self.by_speed().items()}
         return [(at, e.te, e.re) for at, e in bins.items() if len(e) >= KITTI_BIN_MINIMUM]
 

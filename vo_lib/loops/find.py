@@ -107,7 +107,8 @@ def place_similarities(
 
 
 def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
-    """Which pixels (N, 2) of a left image no mask and, by the method's rule, no vehicle box covers."""
+    """Mask of the pixels (N, 2) of a left image outside all masks and, by the method's rule, outside vehicle
+    boxes."""
     keep = np.ones(len(uv), np.bool_)
     if files := sequence.mask_files():
         keep &= at_pixels(read_image(files[frame if len(files) > 1 else 0]), uv) == 0

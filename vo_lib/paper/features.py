@@ -1,7 +1,7 @@
 """Blobs and corners of an image, their Sobel descriptors, and the comparison of descriptors (chapter 1).
 
 Features are the extrema of two 5×5 masks; each is compared only with features of its own kind, by the sum
-of absolute differences of 16 places of the two Sobel images around it.
+of absolute differences of 16 positions of the two Sobel images around it.
 Source: Geiger, Ziegler and Stiller, "StereoScan: dense 3d reconstruction in real-time", IV 2011, section III.
 """
 
@@ -47,7 +47,7 @@ class Described(Rows):
 def describe(image: Image, config: FeatureConfig) -> Described:
     """Blob maxima and minima, corner maxima and minima (kinds 0 … 3) of an image, with descriptors.
 
-    A feature is a pixel with the largest response of a square round it, `config.blob_cell` pixels wide, if
+    A feature is a pixel with the largest response of a square around it, `config.blob_cell` pixels wide, if
     that is above `config.blob_quality`.
     """
     # 16-bit integers represent every response exactly, and take half the time of floats.

@@ -6,9 +6,9 @@ and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). The paper h
 calls the projection matrix P. Divided by the feature's depth, a row is in pixels over f, like the projection
 in (2) with its factor α. In metres, far features would weigh most, and steps would be too long.
 
-Section 2 requires the constraints of three consecutive frames. A feature that was also matched in the pair
-before has four more rows with P = R' Q + t', where (R', t') is the inverse of the last motion. These rows
-depend only on Q.
+Section 2 requires the constraints of three consecutive frames. A feature that was also matched in the
+previous pair has four more rows with P = R' Q + t', where (R', t') is the inverse of the last motion. These
+rows depend only on Q.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> t
 
 
 def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefore) -> tuple[Array, Array]:
-    """The rows A Q = c of the frame before the previous one, for N features of the present pair.
+    """The rows A Q = c of the frame before the previous frame, for N features of the current pair.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def solve_translation(
     Parameters
     ----------
     matches : N features; R_cp : (3, 3) rotation, previous to current.
-    before : the pair before, for the constraints of three frames; None: two frames.
+    before : the previous pair, for the constraints of three frames; None: two frames.
 
     Returns
     -------

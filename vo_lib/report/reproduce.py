@@ -146,7 +146,7 @@ def write_table_files(
 ) -> None:
     """Write `TABLE_FILES` and figures, with sentences of `conclusions`; `origin` : command and duration.
 
-    `below` : tables that follow the paper's.
+    `below` : tables after the paper's table.
     """
     groups = group_entries(result.entries)
     tables = [*(table for group in groups for table in layout_tables(group, paper)), *below]

@@ -110,7 +110,7 @@ def part_figure(
 
 
 def starts_figure(truth: Array, lengths: tuple[float, ...], step: int, height: int = 210) -> Figure:
-    """All sub-sequences as bars over the path length, one row a start, one colour a nominal length."""
+    """All sub-sequences as bars over the path length, one row per start, one colour per nominal length."""
     made, (axis,) = figure(height)
     path, every = trajectory_distances(truth), kitti_errors(truth, truth, lengths, step)
     for length, colour in reversed([*zip(lengths, (*CYCLE, DARK), strict=False)]):

@@ -50,7 +50,8 @@ def paths_figure(title: str, truth: Array, estimates: dict[str, Array], frame: i
 
 
 def tables_of(entries: list[Entry]) -> list[ReportTable]:
-    """TE and RE of methods, mean ± standard deviation over the seeds; the paper's beside whole sequences alone."""
+    """TE and RE of methods, mean ± standard deviation over the seeds, with the paper's numbers for whole
+    sequences."""
     paper = table1.read_paper_table()
     return [table for group in group_entries(entries) for table in layout_tables(group, paper)]
 
