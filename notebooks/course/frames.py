@@ -21,12 +21,8 @@ from vo_lib.errors import DataError
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.types import Array, Image, Progress
-from vo_lib.kit.selection import motion_of_winner, sample_sets
-from vo_lib.kit.settings import KitSelectionConfig
 from vo_lib.kit.surface import CoarseDisparity, coarse_disparity
 from vo_lib.paper.buckets import select_by_bucket
-from vo_lib.paper.five_point import five_point
-from vo_lib.paper.selection import truncated_errors
 from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import single_threaded
 from vo_lib.runs.front_end import make_front_end
@@ -179,15 +175,6 @@ def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points
         camera.triangulate(matches.prev_left, matches.prev_right),
         true_motion(sequence, frame),
     )
-
-
-def consensus_rotation(x_p: Array, x_c: Array, X_p: Array, rng: np.random.Generator, focal: float) -> Array:
-    """R_cp (3, 3) of the candidate with the smallest error, refined; from matches (N, 2), points (N, 3)."""
-    config = KitSelectionConfig()
-    sets = sample_sets(rng, len(x_p), config.sets)
-    E, _ = five_point(x_p[sets], x_c[sets])
-    winner = E[np.argmin(truncated_errors(E, x_p, x_c, config.threshold / focal))]
-    return motion_of_winner(winner, x_p, x_c, X_p, config, focal)[0]
 
 
 def true_poses(sequence: Sequence) -> Array:

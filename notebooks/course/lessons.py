@@ -15,7 +15,7 @@ from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import essential_vector, rigid, rotation_angle, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray, Progress
-from vo_lib.kit.selection import guarded, motion_of_winner
+from vo_lib.kit.selection import guarded, motion_of_winner, sample_sets
 from vo_lib.kit.settings import KitSelectionConfig
 from vo_lib.paper.five_point import Candidates, five_point
 from vo_lib.paper.selection import (
@@ -89,6 +89,15 @@ def motion_of(
         inliers = sampson_inliers(E, x_p, x_c, config.threshold / focal)
         R, _ = resolve_by_depth(E, x_p[inliers], x_c[inliers], X_p[inliers])
     return R, essential_vector(E), inliers
+
+
+def consensus_rotation(given: Points | Pair, rng: np.random.Generator, focal: float) -> Array:
+    """R_cp (3, 3) of the candidate with the smallest error over all matches of a frame, refined."""
+    config = KitSelectionConfig()
+    sets = sample_sets(rng, len(given.x_p), config.sets)
+    E, _ = five_point(given.x_p[sets], given.x_c[sets])
+    winner = E[np.argmin(truncated_errors(E, given.x_p, given.x_c, config.threshold / focal))]
+    return motion_of(winner, given, config, focal)[0]
 
 
 def drive(frames: int) -> Array:

@@ -67,13 +67,6 @@ class State:
     sequence: Sequence
     frame: int
 
-    @property
-    def kit(self) -> KitConfig:
-        """The configuration of a panel for the variant kit only."""
-        if not isinstance(self.config, KitConfig):
-            raise TypeError(f"{type(self.config).__name__} is not of the variant kit")
-        return self.config
-
 
 @dataclass(frozen=True)
 class Drawing:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -46,15 +45,13 @@ class Job:
         button = widgets.Button(description="Stop", icon="stop", layout={"width": "90px"})
         button.on_click(lambda _: self.stop())
         self.box = widgets.HBox([self._bar, self._words, button], layout={"display": "none"})
-        self._lock = threading.Lock()
-        self._thread: threading.Thread | None = None
+        self._thread = threading.Thread()  # the last one
         self._stop = threading.Event()
 
     @property
     def running(self) -> bool:
         """Whether a function is running."""
-        with self._lock:  # not between the creation and the start of a thread
-            return self._thread is not None and self._thread.is_alive()
+        return self._thread.is_alive()
 
     def start(
         self,
@@ -88,19 +85,15 @@ class Job:
                 self.box.layout.display = "none"
                 failed(error)
 
-        with self._lock:
-            self._thread = threading.Thread(target=body, daemon=True)
-            self._thread.start()
+        thread = threading.Thread(target=body, daemon=True)
+        thread.start()
+        self._thread = thread
 
     def stop(self) -> None:
         """End the running function at its next report."""
         self._stop.set()
 
     def wait(self, seconds: float | None = None) -> None:
-        """Wait for the end of the job and of jobs that it starts; no effect inside the job."""
-        end = None if seconds is None else time.monotonic() + seconds
-        while self.running and (end is None or time.monotonic() < end):
-            thread = self._thread
-            if thread is None or thread is threading.current_thread():
-                return
-            thread.join(None if end is None else max(end - time.monotonic(), 0))
+        """Wait for the end of the running function."""
+        if self.running:
+            self._thread.join(seconds)

@@ -21,6 +21,7 @@ from course.results import Fact
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.types import Progress
+from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import FilterConfig, PublishedConfig
 
 CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09, appendix)
@@ -178,7 +179,9 @@ def test_the_switch_changes_the_method_and_greys_what_the_other_one_lacks(exampl
     example.set(variant="kit", selection__mode="literal", frame=4)
     assert not mode.disabled
     assert example.knobs["selection.keep"].widget.disabled
-    assert example.state().kit.selection.mode == "literal"
+    config = example.state().config
+    assert isinstance(config, KitConfig)
+    assert config.selection.mode == "literal"
     example.reset()
     assert example.state() == State(preset("solution_selection"), None, example.state().sequence, 1)
 

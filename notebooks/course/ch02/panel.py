@@ -19,7 +19,8 @@ from vo_lib.settings import Checked, setting
 from ..colours import BAD, CYCLE, DARK, PALE, THIRD
 from ..controls import Control
 from ..drawing import WIDTH, caption, figure, photo, stack
-from ..frames import Memory, Points, consensus_rotation, frame_points, key_of, stereo
+from ..frames import Memory, Points, frame_points, key_of, stereo
+from ..lessons import consensus_rotation
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 from . import figures as draw
@@ -53,9 +54,7 @@ def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
         return np.asarray(points.T_cp[:3, :3])
 
     def estimate() -> Array:
-        return consensus_rotation(
-            points.x_p, points.x_c, points.X_p, np.random.default_rng(0), sequence.camera.f
-        )
+        return consensus_rotation(points, np.random.default_rng(0), sequence.camera.f)
 
     return _rotations.get((*key_of(sequence, frame), len(points.x_p)), estimate)
 

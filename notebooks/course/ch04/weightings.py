@@ -14,8 +14,7 @@ from vo_lib.kit.translation import robust_translation
 from vo_lib.paper import translation as paper
 from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 
-from ..frames import consensus_rotation
-from ..lessons import CAMERA, drive, pair_of
+from ..lessons import CAMERA, consensus_rotation, drive, pair_of
 
 # How all features' rows are put together: as the configuration's own method does, or in a plain way.
 METHOD, PIXELS, METRES = "the method's own", "rows in pixels", "rows in metres"
@@ -96,8 +95,8 @@ def weighting_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str, A
     ways = {PUBLISHED: METHOD, ROBUST: METHOD} | {name: name for name in WEIGHTINGS[1:]}
     errors: dict[str, list[float]] = {name: [] for name in ways}
     for frame in simulate_tracks(drive(frames), CAMERA, tracks, seed):
-        x_p, x_c, X_p, _ = pair_of(frame)
-        R_cp = consensus_rotation(x_p, x_c, X_p, np.random.default_rng([seed, frame.frame]), CAMERA.f)
+        rng = np.random.default_rng([seed, frame.frame])
+        R_cp = consensus_rotation(pair_of(frame), rng, CAMERA.f)
         for name, way in ways.items():
             config = KitTranslationConfig() if name == ROBUST else TranslationConfig()
             solved = solve_by(way, CAMERA, frame.matches, R_cp, config)
