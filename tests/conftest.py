@@ -18,8 +18,8 @@ from hypothesis import settings
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.motion import rigid, rotation_from_vector
-from vo_lib.geometry.types import Array, Image
+from vo_lib.geometry.motion import quaternion_from_rotation, rigid, rotation_from_vector
+from vo_lib.geometry.types import Array, Image, IntArray
 from vo_lib.kit.settings import KitConfig
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
@@ -149,6 +149,16 @@ def winding_road(frames: int, turn: float, step: float) -> Array:
         R = rotation_from_vector(np.array([0.0, turn * np.sin(i / 9), 0.0]))
         poses[i] = poses[i - 1] @ rigid(R, np.array([0, 0, step]))
     return poses
+
+
+def write_euroc_truth(path: Path, times_ns: IntArray, poses: Array) -> None:
+    """EuRoC's truth: nanoseconds, position, quaternion with w first, speed and biases."""
+    rows = ["#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], …"]
+    for t, T in zip(times_ns.tolist(), poses, strict=True):
+        x, y, z, w = quaternion_from_rotation(T[:3, :3])
+        cells = [*T[:3, 3], w, x, y, z, *np.zeros(9)]
+        rows.append(",".join([f"{t}", *map(repr, map(float, cells))]))
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
 @pytest.fixture

@@ -7,10 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import yaml
+from conftest import write_euroc_truth
 from test_stereo_calibration import rectified_pixels
 
 from fetch.euroc import read_euroc_drive
-from vo_lib.geometry.motion import inverse, quaternion_from_rotation, rigid, rotation_from_vector, transform
+from vo_lib.geometry.motion import inverse, rigid, rotation_from_vector, transform
 from vo_lib.geometry.types import Array
 
 START = 1403636579763555584  # ns
@@ -59,12 +60,7 @@ def write_mav0(base: Path, T_w_b: Array, frames: int) -> Path:
         (folder / "sensor.yaml").write_text(yaml.safe_dump(sensor), encoding="utf-8")
     truth = mav0 / "state_groundtruth_estimate0"
     truth.mkdir()
-    rows = ["#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], …"]
-    for sample, pose in enumerate(T_w_b):
-        x, y, z, w = quaternion_from_rotation(pose[:3, :3])
-        numbers = ", ".join(f"{number:.15g}" for number in [*pose[:3, 3], w, x, y, z, *np.zeros(9)])
-        rows.append(f"{START + STEP * sample}, {numbers}")
-    (truth / "data.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    write_euroc_truth(truth / "data.csv", START + STEP * np.arange(len(T_w_b)), T_w_b)
     return mav0
 
 

@@ -86,30 +86,6 @@ def test_part_of_a_raw_drive_can_be_extended(
     assert (folder / "labels").is_dir()
 
 
-def test_interrupted_download_continues(
-    raw: FileServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    root, whole = tmp_path / "root", raw.files[SYNC]
-    folder = root / "sequences" / "drive_0005"
-    with zipfile.ZipFile(io.BytesIO(whole)) as archive:
-        at = archive.getinfo(f"2011_09_26/{NAME}_sync/image_01/data/0000000003.png").header_offset + 120
-    raw.files[SYNC] = whole[:at] + b"\0" * 20 + whole[at + 20 :]
-    assert get(raw, root, "--raw", NAME, "--frames", "0:6", "--jobs", "1") == 2
-    assert "image_01/data/0000000003.png is damaged" in capsys.readouterr().err
-    left, right = images(folder)
-    assert left == [*range(6)]
-    assert {0, 1, 2} <= set(right) < {0, 1, 2, 4, 5}
-    assert not (folder / "poses.txt").exists()
-    assert load("check_kitti")(["--root", str(root)]) == 1
-    printed = capsys.readouterr().out
-    assert "images missing, the first is 000003" in printed
-    assert f"vo data get_kitti --root {root} --raw {NAME} --frames 0:6\n" in printed
-    raw.files[SYNC] = whole
-    assert get(raw, root, "--raw", NAME, "--frames", "0:6") == 0
-    assert f"{6 + len(right)} of 22 files are already complete" in capsys.readouterr().out
-    assert_drive(folder, 0, 6)
-
-
 def test_wrong_frames_and_other_folders_are_refused(
     raw: FileServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -27,7 +27,6 @@ from vo_lib.kit.rig import (
     Rig,
     effects,
     field_at,
-    prior_covariance,
 )
 from vo_lib.kit.settings import CalibrationConfig
 from vo_lib.runs.front_end import find_matches
@@ -112,26 +111,6 @@ def test_perfect_lenses_stay_uncorrected(noise: float, step: float) -> None:
     rig = learnt(Faults(), CalibrationConfig(), 100, noise, step)
     np.testing.assert_array_equal(rig.errors[FIELD:], np.zeros(4))
     assert (np.abs(rig.estimate[FIELD:]) < 2.0 * np.sqrt(np.diag(rig.covariance)[FIELD:])).all()
-
-
-@pytest.mark.parametrize(
-    ("mean", "variance", "expected"),
-    [
-        ((0.9, -0.4, 1.0, 1.0), (1.0, 0.25, 4.0, 4.0), (0.0, 0.0, 0.0, 0.0)),
-        # Variances and floors, 0.51 + 0.7² = 1, 0.56 + 1.2² = 2, 5 + 2² = 9, 9 + 4² = 25.
-        ((2.0, -4.0, 6.0, 10.0), (0.51, 0.56, 5.0, 9.0), (1.5, -3.5, 4.5, 7.5)),
-        # The variances of p1 and k1 are above half of their priors, 1.5² and 15².
-        ((4.0, 4.0, 90.0, 90.0), (1.13, 1.12, 113.0, 49.0), (0.0, 3.36, 0.0, 89.27778)),
-    ],
-)
-def test_lens_errors_within_noise_are_ignored(
-    mean: tuple[float, ...], variance: tuple[float, ...], expected: tuple[float, ...]
-) -> None:
-    rig = Rig(CAMERA, CalibrationConfig())
-    covariance = prior_covariance()
-    covariance[FIELD:, FIELD:] = np.diag(variance)
-    rig.set_estimate(np.append(np.zeros(FIELD), mean), covariance)
-    np.testing.assert_allclose(rig.errors[FIELD:], expected, rtol=1e-6)
 
 
 def test_calibration_ignores_features_in_boxes() -> None:

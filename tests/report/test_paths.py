@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import winding_road, write_bands
+from conftest import winding_road, write_bands, write_euroc_truth
 from made_entries import straight
 
 from vo_lib import preset, run
@@ -17,7 +17,7 @@ from vo_lib.commands.cli import main
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import format_tum, read_euroc, read_kitti_poses, write_kitti_poses
 from vo_lib.evaluation.ate_rpe import Alignment
-from vo_lib.geometry.motion import quaternion_from_rotation, rigid, rotation_from_vector
+from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 from vo_lib.runs.folder import write_run
 from vo_lib.runs.identity import run_identity
@@ -192,25 +192,16 @@ def test_evaluate_options_of_rpe_and_times(tmp_path: Path, capsys: pytest.Captur
     assert "RPE over 3.2 m" in " ".join(capsys.readouterr().out.split())
 
 
-def write_euroc(path: Path, times: Array, poses: Array) -> None:
-    """EuRoC's truth: nanoseconds, position, quaternion with w first, speed and biases."""
-    rows = ["#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], …"]
-    for t, T in zip(times, poses, strict=True):
-        x, y, z, w = quaternion_from_rotation(T[:3, :3])
-        cells = [*T[:3, 3], w, x, y, z, *np.zeros(9)]
-        rows.append(",".join([f"{round(1e9 * t)}", *map(repr, map(float, cells))]))
-    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
-
-
 def test_evaluate_matches_euroc_and_tum_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth = TURNED @ winding_road(150, 0.03, 1.07)
     times = np.linspace(1403636579.75, 1403636579.75 + 0.05 * len(truth), len(truth))
-    write_euroc(tmp_path / "data.csv", times, truth)
+    times_ns = np.rint(1e9 * times).astype(np.int64)
+    write_euroc_truth(tmp_path / "data.csv", times_ns, truth)
     found_times, poses = read_euroc(tmp_path / "data.csv")
     np.testing.assert_allclose(found_times, times, atol=1e-6)
     np.testing.assert_allclose(poses, truth, atol=1e-12)
     (tmp_path / "tum.txt").write_text(format_tum(times[::2] + 0.002, truth[::2]))
-    write_euroc(tmp_path / "other.csv", times[20:], scaled(truth, 1.1)[20:])
+    write_euroc_truth(tmp_path / "other.csv", times_ns[20:], scaled(truth, 1.1)[20:])
     places = [tmp_path / name for name in ("tum.txt", "other.csv", "data.csv")]
     tum, other = numbers(capsys, *places[:2], "--truth", places[2], "--lengths", "20,50").values()
     assert tum["frames"] == other["frames"] == 65
