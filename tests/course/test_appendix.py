@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from course.appendix.ablation_figure import ablation_figure, ablation_ratios
 from course.appendix.panel import KITTI_01, learn, rig
 from course.made_up import block_tour
 from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
@@ -34,14 +31,3 @@ def test_only_the_terms_asked_for_are_learnt() -> None:
     large = np.abs(known.errors[: len(DISPARITY_TERMS)]) > 1e-3
     assert [term for term, found in zip(DISPARITY_TERMS, large, strict=True) if found] == ["1", "x²"]
     assert known.errors[ERROR_NAMES.index("row xy")] < -3.0
-
-
-def test_the_picture_of_the_ideas_has_the_ratio_of_errors_without_and_with_each(tmp_path: Path) -> None:
-    path = tmp_path / "ablation.csv"
-    head = "idea,method,sequence,lines,seeds,te,te_sd,re,re_sd,length,length_sd,ms"
-    lines = [head, ",m,a,,2,2.0,0,4.0,0,0,0,9", ",m,b,,2,1.0,0,1.0,0,0,0,9", "x,m,b,7,2,0.5,0,-0.1,0,0,0,1"]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    ideas, sequences, ratios = ablation_ratios(path)
-    assert (ideas, sequences) == (["x"], ["b"])
-    np.testing.assert_allclose(ratios[:, 0, 0], [1.5, 0.9])
-    assert len(ablation_figure().axes) == 2

@@ -52,11 +52,12 @@ def stretches() -> list[Case]:
     A rotation in a printed file has few digits: with either order of the motions one trace is above 3.
     """
     truth, estimate = judged_pair()
-    rounded = [truth.copy(), truth.copy()]
-    for poses, factor in zip(rounded, (1.0 - ROUNDING, 1.0 + ROUNDING), strict=True):
-        poses[100, :3, :3] *= factor
-    parts = [(estimate, 20, 114, 150.0), (estimate, 150, 276, 200.0)]
-    return [(truth, *part) for part in (*parts, *((each, 0, 100, 99.0) for each in rounded))]
+    cases: list[Case] = [(truth, estimate, 20, 114, 150.0), (truth, estimate, 150, 276, 200.0)]
+    for factor in (1.0 - ROUNDING, 1.0 + ROUNDING):
+        rounded = truth.copy()
+        rounded[100, :3, :3] *= factor
+        cases.append((truth, rounded, 0, 100, 99.0))
+    return cases
 
 
 def sequences() -> list[Case]:
@@ -69,11 +70,9 @@ def sequences() -> list[Case]:
     return [([np.array(each) for each in errors],) for errors in lists]
 
 
-def measured(error: Array, length: float, cosine: Callable[[Array], float] | None = None) -> Array:
-    """TE in % and RE in deg/100 m (2,) of an error of motion (4, 4); `cosine` of its angle, where another."""
-    rotation = (np.trace(error[:3, :3]) - 1.0) / 2.0
-    angle = np.arccos(np.clip(rotation, -1.0, 1.0) if cosine is None else cosine(error))
-    return np.array([np.linalg.norm(error[:3, 3]), np.degrees(angle)]) * 100.0 / length
+def cosine_of(error: Array) -> float:
+    """Cosine of the angle of an error of motion (4, 4)."""
+    return float(np.clip((np.trace(error[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
 
 
 def errors(
@@ -83,11 +82,11 @@ def errors(
     last: int,
     length: float,
     motion: Callable[[Array, int, int], Array] = lambda T, i, j: np.linalg.inv(T[i]) @ T[j],
-    cosine: Callable[[Array], float] | None = None,
+    cosine: Callable[[Array], float] = cosine_of,
 ) -> Array:
     """TE in % and RE in deg/100 m of a sub-sequence, (2,)."""
     error = np.linalg.inv(motion(estimate, first, last)) @ motion(truth, first, last)
-    return measured(error, length, cosine)
+    return np.array([np.linalg.norm(error[:3, 3]), np.degrees(np.arccos(cosine(error)))]) * 100.0 / length
 
 
 def loop(
@@ -168,8 +167,8 @@ part_errors = Exercise(
         "the translation error is in metres, not in % of the length.": lambda *x: (
             errors(*x) * [x[4] / 100, 1]
         ),
-        "this compares end positions without making the starts equal.": lambda T, S, first, last, length: (
-            measured(np.linalg.inv(S[last]) @ T[last], length)
+        "this compares end positions without making the starts equal.": partial(
+            errors, motion=lambda T, i, j: T[j]
         ),
         "these are motions in the world: the inverse of the first pose belongs on the left.": partial(
             errors, motion=lambda T, i, j: T[j] @ np.linalg.inv(T[i])

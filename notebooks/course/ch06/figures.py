@@ -52,7 +52,7 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
     ):
         axis.plot(way, values, color=colour, linewidth=1.5, label=words)
     title = f"frames {first} to {last}, starts made equal: error"
-    finish(axis, title, "way along the path [m]", "error [m]", "upper left")
+    finish(axis, title, "way along the path [m]", "error [m]")
 
 
 def length_chart(

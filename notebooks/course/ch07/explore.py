@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 from typing import Any
 
-from vo_lib.config import PUBLISHED, change, preset
+from vo_lib.config import change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors
 from vo_lib.geometry.types import Progress
 from vo_lib.kit.settings import KitConfig
 from vo_lib.report.entries import te_and_re
-from vo_lib.report.table1 import BOX_METHODS, VARIANT_WORDS
+from vo_lib.report.table1 import VARIANT_WORDS
 from vo_lib.runs.matches import CachedMatches
-from vo_lib.settings import Checked, setting
 
 from ..ch05.claim import claim_figure
 from ..controls import Control
@@ -24,28 +22,17 @@ from ..panel import Drawing, Panel, State
 from ..results import Fact
 from .runs import part_of, poses_of
 
-FRAMES = 30
-
-
-@dataclass(frozen=True)
-class ExploreView(Checked):
-    """Which method the sliders change."""
-
-    method: str = setting(
-        "feature_selection", "the method that follows the sliders", choices=tuple(PUBLISHED)
-    )
+FRAMES, METHOD = 30, "feature_selection"
 
 
 class ExplorePanel(Panel):
-    """A method with changed settings beside its preset, on the first frames of a sequence."""
+    """`feature_selection` with changed settings beside its preset, on the first frames of a sequence."""
 
     title = f"One threshold at a time, on the first {FRAMES} frames"
-    view = ExploreView
-    start = preset("feature_selection")
-    kit = preset("feature_selection", variant="kit")
+    start = preset(METHOD)
+    kit = preset(METHOD, variant="kit")
     height = 240
     controls = (
-        Control("view.method", "system"),
         Control("selection.sets", "five-point sets", high=400),
         Control("selection.threshold", "inlier threshold", high=5, step=0.05),
         Control("selection.refine_scale", "refinement width", high=10, step=0.1),
@@ -63,25 +50,21 @@ class ExplorePanel(Panel):
         return {
             name: value
             for name, value in settings.items()
-            if not (name.startswith(("view.", "seed")) or self._lacks(state.config, name))
+            if not (name == "seed" or self._lacks(state.config, name))
             and _shown(value) != _shown(self._first[name])
         }
 
     def idle(self, state: State) -> set[str]:
-        idle = set() if state.view.method in BOX_METHODS else {"filter.margin"}
-        if state.view.method == "viso2":
-            idle |= {name for name in self.knobs if name.startswith("selection.") or "depth" in name}
-        if isinstance(state.config, KitConfig) and state.config.selection.mode == "literal":
-            idle |= {"selection.refine_scale"}
-        return idle
+        literal = isinstance(state.config, KitConfig) and state.config.selection.mode == "literal"
+        return {"selection.refine_scale"} if literal else set()
 
     def draw(self, state: State) -> Drawing:
-        method, variant, sequence = state.view.method, state.config.variant, state.sequence
+        variant, sequence = state.config.variant, state.sequence
         if lacking := lacks(sequence):
             image = photo(stereo(sequence, state.frame)[0], height=self.height)
             return Drawing(stack([image], self.height), lacking)
         truth, changed = true_poses(sequence), self.changed(state)
-        base = preset(method, variant=variant, seed=state.config.seed)
+        base = preset(METHOD, variant=variant, seed=state.config.seed)
         paths = {"preset": poses_of(sequence, base)}
         config = functools.reduce(lambda config, name: change(config, name, changed[name]), changed, base)
         paths["with these settings"] = poses_of(sequence, config)
@@ -98,7 +81,7 @@ class ExplorePanel(Panel):
         )
         words = [f"{name} = {_shown(value)}" for name, value in changed.items()]
         sentence = (
-            f"{method}, {VARIANT_WORDS[variant]}, {len(sequence)} frames; TE and RE over "
+            f"{METHOD}, {VARIANT_WORDS[variant]}, {len(sequence)} frames; TE and RE over "
             f"{SHORT_MEASURE.words}, as far as the path goes. "
             f"Changed: {', '.join(words) or 'nothing'}."
         )

@@ -105,9 +105,8 @@ def table_html(table: ReportTable) -> str:
         return f"<tr>{''.join(cells)}</tr>".replace("\n", "<br>")
 
     rows = row(table.columns, "th") + "".join(row(words, "td") for words in table.rows)
-    head = "".join(f"<div>{html.escape(line)}</div>" for line in table.head)
-    notes = "".join(
-        f'<div style="font-size:11px;opacity:.75">{html.escape(note)}</div>' for note in table.notes
+    head, notes = (
+        "".join(f"<div>{html.escape(line)}</div>" for line in x) for x in (table.head, table.notes)
     )
     return (
         f'<div style="margin:8px 0;overflow-x:auto"><b>{html.escape(table.title)}</b>{head}'
