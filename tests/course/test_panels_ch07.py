@@ -81,9 +81,7 @@ def test_the_clip_of_the_row_has_the_boxes_of_a_detector(
     assert sum(len(part.boxes(frame)) for frame in range(12)) > 12
     entries = run_plan(Plan(part, ("feature_selection",), 1, "published"))
     assert entries[0].removed_share > 0
-    (table,) = tables_of(entries)
-    assert "paper" not in table.columns
-    assert "not comparable with whole" in table.head[0]
+    assert tables_of(entries) == []  # no sub-sequence is so short
 
 
 def test_a_printed_number_is_reproduced_within_the_spread_of_the_seeds_alone(tmp_path: Path) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from vo_lib.config import VARIANTS, preset
-from vo_lib.data.sequence import Sequence
 from vo_lib.detection.labels import detection_record, label_folder, labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.evaluation.kitti import suitable_measure
 from vo_lib.geometry.types import Progress
-from vo_lib.report.entries import Entry
+from vo_lib.report.entries import group_entries
+from vo_lib.report.table1 import results
 from vo_lib.settings import Checked, setting
 
 from ..ch05.panel import LABELS
@@ -21,8 +21,6 @@ from ..panel import Drawing, Panel, State
 from ..results import Fact
 from .figures import PATHS_HEIGHT, paths_figure, table_html, tables_of
 from .runs import Plan, part_of, run_plan
-
-GAIN = ("solution_selection", "feature_selection")  # before and after features in boxes are removed
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class ReproducePanel(Panel):
 
     title = "Table 1 and Figure 4"
     view = ReproduceView
-    kit = preset(GAIN[1], variant="kit")
+    kit = preset("feature_selection", variant="kit")
     height = PATHS_HEIGHT
     long_job = "Run the methods"
     controls = (
@@ -74,7 +72,10 @@ class ReproducePanel(Panel):
             for kind, unit, errors in (("TE", "%", entry.te), ("RE", "deg/100 m", entry.re))
         )
         tables = "".join(map(table_html, tables_of(entries)))
-        return Drawing(stack([paths], self.height), _gain(entries), facts, tables)
+        sentence = " ".join(results(group_entries(entries)))
+        if not any(entry.labels for entry in entries):
+            sentence = "No boxes: feature_selection equals solution_selection. Name a detector under *boxes*."
+        return Drawing(stack([paths], self.height), sentence, facts, tables)
 
     def work(self, state: State, progress: Progress) -> Drawing:
         plan = _plan(state)
@@ -90,26 +91,8 @@ def _plan(state: State) -> Plan:
     for name in methods:
         preset(name, variant=variant)
     true_poses(state.sequence)  # or say that there are none
-    sequence = _with_boxes(part_of(state.sequence, view.frames), view.model)
+    sequence = part_of(state.sequence, view.frames)
+    if view.model != LABELS:  # `work` fills the folder
+        labels = label_folder(sequence, detection_record(view.model, DetectorConfig()))
+        sequence = replace(sequence, labels=labels)
     return Plan(sequence, methods, view.seeds, variant)
-
-
-def _with_boxes(sequence: Sequence, model: str) -> Sequence:
-    """The sequence with the label folder of a detector, which `work` fills."""
-    if model == LABELS:
-        return sequence
-    return replace(sequence, labels=label_folder(sequence, detection_record(model, DetectorConfig())))
-
-
-def _gain(entries: list[Entry]) -> str:
-    """The change of the translation error by the removal of features, seed by seed, in words."""
-    by_name = {entry.method: entry for entry in entries}
-    if not set(GAIN) <= set(by_name):
-        return ""
-    if not any(entry.labels for entry in entries):
-        return "No boxes: feature_selection equals solution_selection. Name a detector under *boxes*."
-    change = by_name[GAIN[1]].te - by_name[GAIN[0]].te
-    return (
-        f"Removing the features in boxes changes TE by {change.mean():+.4f} % "
-        f"(± {change.std():.4f} over {len(change)} seeds)."
-    )
