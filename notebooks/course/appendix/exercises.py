@@ -52,8 +52,9 @@ def estimates() -> list[Case]:
     return [(clear, alike), (doubtful, different), (doubtful, 0.02 + different), (0.3 * doubtful, alike), two]
 
 
+SEEN = float(depth_seen(40.0, E))
 far_point = Exercise(
-    float(depth_seen(40.0, E)),
+    SEEN,
     atol=0.05,
     task="How far a point at 40 m seems to be, f b = 386 px m, if each disparity is half a pixel too large.",
     praise="{right:.1f} m: far points are moved most.",
@@ -61,10 +62,7 @@ far_point = Exercise(
     line="386 / (386 / 40 + 0.5)",
     mistakes={
         "the sign: a point with too large a disparity seems nearer.": float(depth_seen(40.0, -E)),
-        "this is the error, not the depth.": (
-            40.0 - float(depth_seen(40.0, E)),
-            float(depth_seen(40.0, E)) - 40.0,
-        ),
+        "this is the error, not the depth.": (40.0 - SEEN, SEEN - 40.0),
         "this is the disparity in pixels, not yet the depth.": FB / 40.0 + E,
     },
 )
@@ -91,13 +89,11 @@ roll = Exercise(
     hint="a column of the matrix for each unknown, all three in one fit.",
     line="np.linalg.lstsq(np.column_stack([-x, np.ones_like(x), y]), rows, rcond=None)[0][0]",
     mistakes={
-        "the offset is not fitted: what is left out leaks into the roll.": (
+        "the offset is not fitted: its error leaks into the roll.": (
             partial(fitted_roll, terms=(0,)),
             partial(fitted_roll, terms=(0, 2)),
         ),
-        "the focal length is not fitted: what is left out leaks into the roll.": partial(
-            fitted_roll, terms=(0, 1)
-        ),
+        "the focal length is not fitted: its error leaks into the roll.": partial(fitted_roll, terms=(0, 1)),
     },
     slips={"sign": "the sign: with a roll above 0 the rows fall with x."},
 )

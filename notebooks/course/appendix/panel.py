@@ -18,11 +18,10 @@ from vo_lib.kit.calibration import describe_errors
 from vo_lib.kit.rig import (
     DISPARITY_TERMS,
     ERROR_COUNT,
+    ERROR_NAMES,
     LENS_PX,
     RIG_FAULTS,
-    ROW_TERMS,
     Rig,
-    Shape,
     field_at,
     lens_shapes,
 )
@@ -50,11 +49,6 @@ KITTI_01 = {
     "columns, y²": 0.0,
     "columns, x⁴": -3.5,
 }
-# The disparity error, pixels, that fits KITTI's drives of three days alike.
-_DRIVES = {"1": -0.2, "x²": 0.8, "xy": 0.8, "y²": 6.3, "x²y": 1.5, "x⁴": -4.0}
-DRIVES_FIELD = np.array(
-    [_DRIVES.get(term, 0.0) for term in DISPARITY_TERMS] + [0.0] * (ERROR_COUNT - len(DISPARITY_TERMS))
-)
 TERMS = {"all": DISPARITY_TERMS, "1 and x²": ("1", "x²"), "1 alone": ("1",)}
 FRAMES, LAST = 40, 15  # frames that the panel learns from; of which so many at the end are judged
 REST = 0.05  # metres; a shorter step's length is not judged
@@ -65,14 +59,18 @@ _tracks: Memory[list[SimulatedFrame]] = Memory(8)
 
 def rig(faults: dict[str, float]) -> Array:
     """Errors (ERROR_COUNT,) of a rig that has these sizes of `RIG_FAULTS`, pixels, and perfect lenses."""
+    errors = np.zeros(ERROR_COUNT)
+    for fault, size in faults.items():
+        columns, rows, _ = RIG_FAULTS[fault]
+        for kind, shape in (("disparity", columns), ("row", rows)):
+            for term, factor in shape.items():
+                errors[ERROR_NAMES.index(f"{kind} {term}")] += size * factor
+    return errors
 
-    def column(shapes: tuple[Shape, Shape, float]) -> list[float]:
-        return [shapes[0].get(term, 0.0) for term in DISPARITY_TERMS] + [
-            shapes[1].get(term, 0.0) for term in ROW_TERMS
-        ]
 
-    field = list(faults.values()) @ np.array([column(RIG_FAULTS[name]) for name in faults])
-    return np.append(field, np.zeros(ERROR_COUNT - len(field)))
+# The disparity error, pixels, that fits KITTI's drives of three days alike.
+_DRIVES = {"x²": 0.8, "xy": 0.8, "y²": 6.3, "x²y": 1.5, "x⁴": -4.0}
+DRIVES_FIELD = rig({"shift along the rows": -0.2, **{f"columns, {term}": px for term, px in _DRIVES.items()}})
 
 
 def learn(
@@ -236,7 +234,5 @@ def tracks_of(sequence: Sequence, frame: int) -> list[SimulatedFrame]:
     """Simulated matches along `FRAMES` frames of a sequence's true path; straight ahead without truth."""
     poses = block_tour(1) if sequence.truth is None else sequence.truth
     first = max(min(frame, len(poses) - FRAMES) - 1, 0)
-    part, config = poses[first : first + FRAMES + 1], TrackConfig(points=150)
-    return _tracks.get(
-        key_of(sequence, first), lambda: list(simulate_tracks(part, sequence.camera, config, seed=0))
-    )
+    given = poses[first : first + FRAMES + 1], sequence.camera, TrackConfig(points=150)
+    return _tracks.get(key_of(sequence, first), lambda: list(simulate_tracks(*given, seed=0)))

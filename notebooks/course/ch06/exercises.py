@@ -17,7 +17,6 @@ from ..made_up import block_tour, made_up
 
 YAW, LENGTH = 1.0, 400.0  # deg/100 m and metres, of the straight road
 ANGLE = float(np.radians(YAW * LENGTH / 100.0))
-ROUNDING = 1e-12  # of the elements of a rotation
 TE = 100.0 * float(np.hypot(1.0 - np.sin(ANGLE) / ANGLE, (1.0 - np.cos(ANGLE)) / ANGLE))
 
 
@@ -53,7 +52,7 @@ def stretches() -> list[Case]:
     """
     truth, estimate = judged_pair()
     cases: list[Case] = [(truth, estimate, 20, 114, 150.0), (truth, estimate, 150, 276, 200.0)]
-    for factor in (1.0 - ROUNDING, 1.0 + ROUNDING):
+    for factor in (1.0 - 1e-12, 1.0 + 1e-12):
         rounded = truth.copy()
         rounded[100, :3, :3] *= factor
         cases.append((truth, rounded, 0, 100, 99.0))
@@ -137,8 +136,8 @@ end_frame = Exercise(
         "`first` is the number of a frame, not a distance: the sub-sequence begins at `path[first]` metres.": (
             by_frame_number
         ),
-        "the path to frame {got:.0f} equals the length; KITTI takes the first frame beyond it.": lambda path, i, far: (
-            np.argmax(path >= path[i] + far)
+        "the path to frame {got:.0f} equals the length; KITTI takes the first frame beyond it.": (
+            lambda path, i, far: np.argmax(path >= path[i] + far)
         ),
         "the length is counted from frame 0: where is the car at frame `first`?": lambda path, i, far: (
             np.argmax(path > far)
@@ -164,18 +163,12 @@ part_errors = Exercise(
     line="error = inv(inv(estimate[first]) @ estimate[last]) @ inv(truth[first]) @ truth[last]",
     library=("kitti_errors",),
     mistakes={
-        "the translation error is in metres, not in % of the length.": lambda *x: (
-            errors(*x) * [x[4] / 100, 1]
-        ),
-        "this compares end positions without making the starts equal.": partial(
-            errors, motion=lambda T, i, j: T[j]
-        ),
+        "TE is in metres, not in % of the length.": lambda *x: errors(*x) * [x[4] / 100, 1],
+        "this compares end positions without equal starts.": partial(errors, motion=lambda T, i, j: T[j]),
         "these are motions in the world: the inverse of the first pose belongs on the left.": partial(
             errors, motion=lambda T, i, j: T[j] @ np.linalg.inv(T[i])
         ),
-        "TE is right; RE is the angle in degrees, not yet divided by the length.": lambda *x: (
-            errors(*x) * [1, x[4] / 100]
-        ),
+        "RE is the angle in degrees, not divided by the length.": lambda *x: errors(*x) * [1, x[4] / 100],
         "TE is right; RE has the yaw alone, and this rotation is about all three axes.": partial(
             errors, cosine=lambda error: np.cos(np.arctan2(error[0, 2], error[2, 2]))
         ),
@@ -183,8 +176,8 @@ part_errors = Exercise(
             partial(errors, cosine=lambda error: (np.trace(error) - 1) / 2),
             partial(errors, cosine=lambda error: min((np.trace(error) - 1) / 2, 1)),
         ),
-        "an estimate that is right to 12 digits gives NaN: rounding makes the argument of acos larger than 1.": partial(
-            errors, cosine=lambda error: (np.trace(error[:3, :3]) - 1) / 2
+        "an estimate that is right to 12 digits gives NaN: rounding makes the argument of acos larger than 1.": (
+            partial(errors, cosine=lambda error: (np.trace(error[:3, :3]) - 1) / 2)
         ),
     },
 )
@@ -284,8 +277,8 @@ blind_ate = Exercise(
     praise="TE {TE:.1f} %, RE {RE:.2f} deg/100 m, ATE {ATE:.2f} m. Every step is too long by the same share. The "
     "alignment sim3 scales the estimate before the distances are taken, so ATE does not see this error.",
     mistakes={
-        "the panel shows no TE: choose a sequence with a ground truth, and press Run for a method.": lambda now: (
-            np.isnan(now["TE"])
+        "the panel shows no TE: choose a sequence with a ground truth, and press Run for a method.": (
+            lambda now: np.isnan(now["TE"])
         ),
         "TE is only {TE:.2f} %: which made-up error lengthens every step?": lambda now: not now["TE"] > 3,
         "RE is {RE:.2f} deg/100 m: which made-up errors turn the car?": lambda now: not now["RE"] < 0.5,

@@ -28,7 +28,6 @@ from .figures import drift_chart, length_chart, paths_chart
 
 MADE_UP = "made-up errors"
 PATH_HEIGHT, CHART_HEIGHT = 330, 220
-MILLI = 1e3
 
 
 @dataclass(frozen=True)
@@ -91,10 +90,8 @@ class EvaluationPanel(Panel):
         return self._judged(state, truth, estimate)
 
     def work(self, state: State, progress: Progress) -> Drawing:
-        if state.view.file.strip():
-            raise DataError("the panel judges your file: empty its field to run a method")
-        if state.view.estimate not in PUBLISHED:
-            raise DataError(f"choose one of the methods as the estimate: {', '.join(PUBLISHED)}")
+        if state.view.file.strip() or state.view.estimate == MADE_UP:
+            raise DataError("empty the field of your file and choose a method as the estimate")
         poses_of(state.sequence, preset(state.view.estimate), progress)
         return self.draw(state)
 
@@ -139,7 +136,7 @@ class EvaluationPanel(Panel):
             Fact("RE", re, "deg/100 m", 3),
             Fact("sub-sequences", len(errors)),
             Fact("ATE", ate, "m", 3),
-            Fact("RPE", MILLI * rpe, "mm", 2),
+            Fact("RPE", 1e3 * rpe, "mm", 2),
             Fact("scale", scale, "", 4),
         )
         return Drawing(stack([paths, by_length], self.height), _sentence(errors, part), facts)
@@ -158,5 +155,6 @@ def _sentence(errors: KittiErrors, part: KittiErrors) -> str:
     ((te,), (re,)), length = te_and_re([part]), part.length[0]
     return (
         f"From frame {part.first[0]} to {part.last[0]}, {length:g} m: the error at the end is "
-        f"{te * length / 100:.2f} m ({te:.2f} %) and {re * length / 100:.2f}° ({re:.2f} deg/100 m). TE and RE are the means over {len(errors)} such sub-sequences."
+        f"{te * length / 100:.2f} m ({te:.2f} %) and {re * length / 100:.2f}° ({re:.2f} deg/100 m). "
+        f"TE and RE are the means over {len(errors)} such sub-sequences."
     )

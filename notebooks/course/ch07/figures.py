@@ -26,23 +26,28 @@ from vo_lib.report.table1 import ERROR_KINDS, layout_tables
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
 from ..ch05.claim import results_table as results_table
 from ..colours import CYCLE, DARK, PALE
-from ..drawing import FONT_SIZE, figure, finish, log_axis
+from ..drawing import FONT_SIZE, figure, finish, log_axis, say
 
 PATHS_HEIGHT = 340
 FEWEST = 3  # seeds that a verdict needs
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 
 
-def paths_figure(title: str, truth: Array, estimates: dict[str, Array], frame: int = 0) -> Figure:
+def paths_figure(
+    title: str, truth: Array, estimates: dict[str, Array], frame: int = 0, words: str = ""
+) -> Figure:
     """Paths from above, as the paper's Figure 4, and beside them their distances from the truth.
 
-    truth : (N, 4, 4); estimates : (N, 4, 4) by name; frame : marked in both pictures.
+    truth : (N, 4, 4); estimates : (N, 4, 4) by name; frame : marked in both pictures; words : without estimates.
     """
     made, (paths, drift) = figure(PATHS_HEIGHT, 2)
     draw_trajectories(paths, "", truth, estimates)
     place = from_first(truth)[frame, [0, 2], 3]
     paths.plot(*place, "o", color=DARK, markersize=7, markerfacecolor="none")
     finish(paths, title, "x, right [m]", "z, forward [m]")
+    if not estimates:
+        say(drift, words)
+        return made
     draw_drift(drift, truth, estimates)
     drift.axvline(float(trajectory_distances(truth)[frame]), color=PALE, linewidth=1)
     finish(drift, "distance from the truth", "along the path [m]", "distance [m]")
@@ -71,29 +76,25 @@ def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
         for row, method in itertools.product(table1.PAPER_ROWS, table1.PAPER_METHODS):
             ours = published.get((row if row == table1.AVERAGE else f"{KITTI}{row}", method), {})
             printed = paper.value(row, method)[kind == "re_deg_per_100m"]
-            cells, verdict = ["–"] * 3, "cannot be told: not run"
+            cells, verdict = [number(printed, digits), *"–––"], "cannot be told: not run"
             if ours and not ours[f"paper_{kind}"]:
                 verdict = "cannot be told: part of the sequence"
             elif ours:
                 n, deviation = int(ours["seeds"]), float(ours[f"{kind}_std"] or "nan")
                 less = float(ours[kind]) - float(printed or "nan")
                 most = SPREADS * deviation * np.sqrt(1 + 1 / n) + 0.5 * 10**-digits
-                cells = [number(float(ours[kind])), signed(less, digits), number(most)]
+                cells[1:] = number(float(ours[kind])), signed(less, digits), number(most)
                 verdict = "reproduced" if abs(less) <= most else "not reproduced"
                 if n < FEWEST:
                     verdict = "cannot be told: fewer than three seeds"
                 elif method == table1.PROPOSAL and float(ours["removed_share"] or "nan") == 0.0:
                     verdict = "cannot be told: no boxes"
             if ours:
-                rows.append(
-                    [f"{row} {table1.PRINTED_NAMES[method]}", number(printed, digits), *cells, verdict]
-                )
+                rows.append([f"{row} {table1.PRINTED_NAMES[method]}", *cells, verdict])
             counts[verdict] += printed is not None
         columns = ["sequence, system", "printed", "ours", "difference", "allowed", "verdict"]
         head = "; ".join(f"{verdict}: {count}" for verdict, count in counts.items() if count)
-        tables.append(
-            ReportTable(f"{words}: verdict on the printed numbers", columns, rows, [], [f"{head}."])
-        )
+        tables.append(ReportTable(f"{words}: verdict on printed numbers", columns, rows, [], [f"{head}."]))
     return tables
 
 
@@ -105,9 +106,7 @@ def table_html(table: ReportTable) -> str:
         return f"<tr>{''.join(cells)}</tr>".replace("\n", "<br>")
 
     rows = row(table.columns, "th") + "".join(row(words, "td") for words in table.rows)
-    head, notes = (
-        "".join(f"<div>{html.escape(line)}</div>" for line in x) for x in (table.head, table.notes)
-    )
+    head, notes = ("".join(f"<div>{html.escape(s)}</div>" for s in x) for x in (table.head, table.notes))
     return (
         f'<div style="margin:8px 0;overflow-x:auto"><b>{html.escape(table.title)}</b>{head}'
         f'<table style="border-collapse:collapse;font-size:12px;margin:4px 0">{rows}</table>{notes}</div>'

@@ -58,12 +58,12 @@ class ReproducePanel(Panel):
         title = f"{sequence.name}, frames {sequence.frames[0]} to {sequence.frames[-1]}"
         if not plan.is_run:
             runs = len(plan.methods) * plan.seeds
-            sentence = (
-                f"Not run yet: {len(plan.methods)} methods of {plan.variant} × {plan.seeds} seeds on {len(sequence)} "
-                f"frames, boxes: {state.view.model}, measured over {suitable_measure(truth).words}. Press Run."
+            words = (
+                f"Not run yet: {len(plan.methods)} methods of {plan.variant}\n× {plan.seeds} seeds on "
+                f"{len(sequence)} frames, boxes: {state.view.model},\n{suitable_measure(truth).words}"
             )
-            picture = stack([paths_figure(title, truth, {}, frame)], self.height)
-            return Drawing(picture, sentence, (Fact("runs", runs),))
+            picture = stack([paths_figure(title, truth, {}, frame, words)], self.height)
+            return Drawing(picture, "Press Run.", (Fact("runs", runs),))
         entries = run_plan(plan)
         paths = paths_figure(title, truth, {entry.method: entry.poses for entry in entries}, frame)
         facts = tuple(

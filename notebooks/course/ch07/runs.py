@@ -105,10 +105,7 @@ def run_plan(plan: Plan, progress: Progress | None = None) -> list[Entry]:
         pairs = [(method, seed) for method in plan.methods for seed in range(plan.seeds)]
         configs = {f"{m} {seed}": preset(m, variant=plan.variant, seed=seed) for m, seed in pairs}
         matches = CachedMatches(plan.sequence, next(iter(configs.values())))
-        runs = [*run_methods(plan.sequence, configs, progress, matches).values()]
-        return [
-            measure_runs(method, runs[i * plan.seeds :][: plan.seeds])
-            for i, method in enumerate(plan.methods)
-        ]
+        runs = run_methods(plan.sequence, configs, progress, matches)
+        return [measure_runs(m, [runs[f"{m} {seed}"] for seed in range(plan.seeds)]) for m in plan.methods]
 
     return _entries.get(plan.key, run)

@@ -70,10 +70,9 @@ class Joined:
         return "yours" if own == len(STAGES) else f"{own} of {len(STAGES)} stages yours"
 
     def _repr_html_(self) -> str:
-        numbers = {name: number for name, (number, _) in asked().items()}
         slow = {name: f", slow: {x:.0f} times the library's time" for name, x in self.slow.items()}
         rows = "".join(
-            f"<tr><td>{numbers[name]}</td><td><code>{name}</code></td>"
+            f"<tr><td>{asked()[name][0]}</td><td><code>{name}</code></td>"
             f"<td>{html.escape(words + slow.get(name, ''))}</td></tr>"
             for name, words in self.whose.items()
         )
@@ -83,8 +82,7 @@ class Joined:
 def join(**given: Any) -> Joined:
     """All stages: a given function, that of `my_vo.py` if it passes its check, or that of the library."""
     written, exercises = {**load(Path(NAME)), **given}, asked()
-    functions, whose = {}, {}
-    slow: dict[str, float] = {}
+    functions, whose, slow = {}, {}, dict[str, float]()
     for name in STAGES:
         own, (_, exercise) = written.get(name), exercises[name]
         start = time.perf_counter()

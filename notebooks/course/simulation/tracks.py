@@ -88,9 +88,7 @@ def simulate_tracks(
     SimulatedFrame for the pairs 1 to N - 1. The measurements in the current pair are the previous pair of the
     next frame, as with a real tracker. With zero noise the right matches satisfy the geometry exactly.
     """
-    street = _Street(
-        np.asarray(poses, np.float64), camera, config or TrackConfig(), np.random.default_rng(seed)
-    )
+    street = _Street(np.asarray(poses, float), camera, config or TrackConfig(), np.random.default_rng(seed))
     return map(street.step, range(1, len(poses)))
 
 
