@@ -65,9 +65,8 @@ class ExplorePanel(Panel):
             return Drawing(stack([image], self.height), lacking)
         truth, changed = true_poses(sequence), self.changed(state)
         base = preset(METHOD, variant=variant, seed=state.config.seed)
-        paths = {"preset": poses_of(sequence, base)}
         config = functools.reduce(lambda config, name: change(config, name, changed[name]), changed, base)
-        paths["with these settings"] = poses_of(sequence, config)
+        paths = {"preset": poses_of(sequence, base), "with these settings": poses_of(sequence, config)}
         measure = SHORT_MEASURE.lengths, SHORT_MEASURE.step
         found = (kitti_errors(truth, poses, *measure) for poses in paths.values())
         (te_preset, te), (re_preset, re) = te_and_re(found).tolist()
@@ -82,8 +81,7 @@ class ExplorePanel(Panel):
         words = [f"{name} = {_shown(value)}" for name, value in changed.items()]
         sentence = (
             f"{METHOD}, {VARIANT_WORDS[variant]}, {len(sequence)} frames; TE and RE over "
-            f"{SHORT_MEASURE.words}, as far as the path goes. "
-            f"Changed: {', '.join(words) or 'nothing'}."
+            f"{SHORT_MEASURE.words}, as far as the path goes. Changed: {', '.join(words) or 'nothing'}."
         )
         picture = claim_figure(sequence, paths, self.height, min(state.frame, len(sequence) - 1))
         return Drawing(stack([picture], self.height), sentence, facts)

@@ -33,22 +33,20 @@ FEWEST = 3  # seeds that a verdict needs
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 
 
-def paths_figure(
-    title: str, truth: Array, estimates: dict[str, Array], frame: int = 0, words: str = ""
-) -> Figure:
+def paths_figure(title: str, truth: Array, runs: dict[str, Array], frame: int = 0, words: str = "") -> Figure:
     """Paths from above, as the paper's Figure 4, and beside them their distances from the truth.
 
-    truth : (N, 4, 4); estimates : (N, 4, 4) by name; frame : marked in both pictures; words : without estimates.
+    truth : (N, 4, 4); runs : (N, 4, 4) by name; frame : marked in both pictures; words : without runs.
     """
     made, (paths, drift) = figure(PATHS_HEIGHT, 2)
-    draw_trajectories(paths, "", truth, estimates)
+    draw_trajectories(paths, "", truth, runs)
     place = from_first(truth)[frame, [0, 2], 3]
     paths.plot(*place, "o", color=DARK, markersize=7, markerfacecolor="none")
     finish(paths, title, "x, right [m]", "z, forward [m]")
-    if not estimates:
+    if not runs:
         say(drift, words)
         return made
-    draw_drift(drift, truth, estimates)
+    draw_drift(drift, truth, runs)
     drift.axvline(float(trajectory_distances(truth)[frame]), color=PALE, linewidth=1)
     finish(drift, "distance from the truth", "along the path [m]", "distance [m]")
     return made
