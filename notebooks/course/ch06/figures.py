@@ -85,11 +85,9 @@ def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) ->
     return made
 
 
-def part_figure(
-    truth: Array, estimate: Array, first: int, last: int, height: int = 300, number: int = 0
-) -> Figure:
+def part_figure(truth: Array, estimate: Array, first: int, last: int, number: int = 0) -> Figure:
     """The paths from one start, and a sub-sequence with its starts made equal; `number` is that of frame 0."""
-    made, (whole, part) = figure(height, 2)
+    made, (whole, part) = figure(300, 2)
     paths_chart(whole, from_first(truth), from_first(estimate), "the whole path", (first, last))
     piece, moved = _at_start(truth, estimate, first, last)
     part.plot(*piece[:, [0, 2], 3].T, color=FIFTH, linewidth=5, alpha=0.7, label="truth")

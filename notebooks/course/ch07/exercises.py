@@ -46,9 +46,7 @@ def simulated() -> tuple[Sequence, list[TimedMatches]]:
     matches: list[TimedMatches] = [(empty_matches(), {})]
     matches += [(frame.matches, {}) for frame in simulate_tracks(truth, CAMERA, tracks, 0)]
     frames = tuple(f"{number:06d}" for number in range(FRAMES))
-    return Sequence(
-        "simulated", Path("simulated"), frames, CAMERA, 0.1 * np.arange(FRAMES), truth, None
-    ), matches
+    return Sequence("simulated", Path("simulated"), frames, CAMERA, np.zeros(FRAMES), truth, None), matches
 
 
 @functools.cache
