@@ -11,18 +11,31 @@ examples:
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
+from pathlib import Path
 
 from fetch.download import in_words
 from vo_lib.commands.common import add_cache
 from vo_lib.commands.console import say
 from vo_lib.commands.scripts import run_script
-from vo_lib.runs.matches import clean_matches, folder_size, match_folder
+from vo_lib.runs.identity import FRONT_END_CODE
+from vo_lib.runs.matches import code_folder, folder_size, match_folder
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
     add_cache(parser)
+
+
+def clean_matches(cache: Path | None = None) -> int:
+    """Delete the matches of other versions of the code; returns the number of bytes deleted."""
+    current = {code_folder(variant, cache) for variant in FRONT_END_CODE}
+    stale = [path for path in match_folder(cache).glob("*") if path not in current]
+    size = sum(map(folder_size, stale))
+    for path in stale:
+        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+    return size
 
 
 def run(options: argparse.Namespace) -> int:

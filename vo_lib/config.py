@@ -44,6 +44,7 @@ KIT: dict[str, KitConfig] = {
 }
 VARIANTS: dict[str, Mapping[str, MethodConfig]] = {"published": PUBLISHED, "kit": KIT}
 CONFIG_CLASSES: dict[str, type[MethodConfig]] = {"published": PublishedConfig, "kit": KitConfig}
+SETTINGS = {item.name: item for cls in CONFIG_CLASSES.values() for item in settings.declared(cls)}
 METHODS = tuple(KIT)  # the paper's four and moving_selection, which only `kit` has
 
 

@@ -38,8 +38,8 @@ def layout(group: Group) -> list[ReportTable]:
 def test_entries_have_the_errors_of_each_seed() -> None:
     entry = entry_of("somewhere", 500, [1.0, 2.0])
     # A sub-sequence ends with the first frame beyond its length, so some are a frame longer.
-    np.testing.assert_allclose(entry.te, [1.0, 2.0], rtol=0.011)
-    np.testing.assert_allclose(entry.re, 0.0, atol=1e-9)
+    np.testing.assert_allclose(entry.errors[0], [1.0, 2.0], rtol=0.011)
+    np.testing.assert_allclose(entry.errors[1], 0.0, atol=1e-9)
     assert (entry.seeds, entry.measure) == ((0, 1), KITTI_MEASURE)
     # Time per frame without the front end.
     assert (entry.removed_share, entry.back_end_ms) == pytest.approx((0.25, 5.0))
@@ -50,9 +50,9 @@ def test_mean_excludes_01_and_pooled_average_does_not() -> None:
     highway = entry_of("kitti/01", 150, [9.0])
     group = group_of(long, highway, short)
     # Only seeds of all sequences count.
-    assert group.mean("viso2")[0] == pytest.approx((long.te[:1] + short.te) / 2)
+    assert group.mean("viso2")[0] == pytest.approx((long.errors[0][:1] + short.errors[0]) / 2)
     counts = [len(e.results[0].kitti) for e in (long, highway, short)]
-    values = [float(e.te[0]) for e in (long, highway, short)]
+    values = [float(e.errors[0, 0]) for e in (long, highway, short)]
     assert group.pooled("viso2")[0] == pytest.approx(np.average(values, weights=counts))
     assert len(set(counts)) == 2
     names = [record["sequence"] for record in table_records([group], table_of_twos())]
@@ -62,7 +62,7 @@ def test_mean_excludes_01_and_pooled_average_does_not() -> None:
     assert others.mean("viso2")[0] == pytest.approx(2.0, rel=0.011)
     # A path without a sub-sequence does not count.
     whole, none = entry_of("a", 300, [1.0]), entry_of("b", 5, [1.0], measure=KITTI_MEASURE)
-    assert group_of(whole, none).mean("viso2")[0] == pytest.approx(whole.te)
+    assert group_of(whole, none).mean("viso2")[0] == pytest.approx(whole.errors[0])
 
 
 def test_groups_separate_variants_measures_and_data() -> None:

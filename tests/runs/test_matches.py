@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 from conftest import small, write_bands
 
+from clean_cache import clean_matches
 from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.front_end import TimedMatches, find_matches
-from vo_lib.runs.matches import CachedMatches, clean_matches, code_folder
+from vo_lib.runs.matches import CachedMatches, code_folder
 
 FRAMES = 12
 

@@ -56,9 +56,8 @@ def main(words: Items[str] | None = None) -> int:
     with warnings.catch_warnings(record=True) as raised:
         try:
             refuse_replaced(words)
-            options = make_parser(words).parse_args(
-                words, argparse.Namespace(line=shlex.join(["vo", *words]))
-            )
+            namespace = argparse.Namespace(line=shlex.join(["vo", *words]))
+            options = make_parser(words).parse_args(words, namespace)
             code = int(options.command(options))
             print(end="", flush=True)  # a closed output pipe raises its error here
         except ENDINGS as error:

@@ -181,7 +181,7 @@ def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> None:
 
 
 def labelled(
-    sequence: Sequence, options: argparse.Namespace, config: DetectorConfig, cache: Path | None
+    sequence: Sequence, options: argparse.Namespace, cache: Path | None, config: DetectorConfig | None = None
 ) -> Sequence:
     """The sequence with the boxes of --detector, if that option is present; the cache stores the boxes."""
     if options.detector is None:

@@ -45,9 +45,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def _lab(options: argparse.Namespace) -> int:
     if not (NOTEBOOKS / FIRST_NOTEBOOK).is_file():
-        raise DataError(
-            f"{FIRST_NOTEBOOK} is missing: install the kit from its folder, {install()}", NOTEBOOKS
-        )
+        raise DataError(f"no {FIRST_NOTEBOOK}: install the kit from its folder, {install()}", NOTEBOOKS)
     folder = Path(os.path.abspath(options.copy or Path.home() / COURSE))
     if folder != NOTEBOOKS:
         copy_course(NOTEBOOKS, folder, options.teacher)

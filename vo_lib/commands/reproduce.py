@@ -7,7 +7,6 @@ import time
 
 from ..data.catalogue import parse_sequences
 from ..detection.models import find_model
-from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..evaluation.kitti import Measure
 from ..files import only_process
@@ -60,12 +59,8 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     candidates = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
     names, missing = split_missing(candidates)
     with run_folder(options.out) as folder, only_process(folder):
-        sequences = [
-            sequence
-            if sequence.labels
-            else common.labelled(sequence, options, DetectorConfig(), options.cache)
-            for sequence in [common.open_with_bar(name, options.cache) for name in names]
-        ]
+        opened = [common.open_with_bar(name, options.cache) for name in names]
+        sequences = [s if s.labels else common.labelled(s, options, options.cache) for s in opened]
         jobs = plan_jobs(sequences, methods, seeds, folder, config)
         common.warn_without_boxes((job.sequence, job.config) for job in jobs)
         with reporting(f"{len(jobs)} runs") as report:

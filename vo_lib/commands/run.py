@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import settings
-from ..config import CONFIG_CLASSES, change
+from ..config import SETTINGS, change
 from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..files import write_atomic
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 DETECTOR = "detector."
 DETECTOR_SETTINGS = settings.declared(DetectorConfig, DETECTOR)
-SETTINGS = {item.name: item for cls in CONFIG_CLASSES.values() for item in settings.declared(cls)}
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -46,13 +45,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     common.add_method(parser)
     common.add_part(parser)
     common.add_detector(parser)
-    option(
-        "--out", metavar="DIR", help="folder for the results; a finished run in the folder is not repeated"
-    )
+    option("--out", metavar="DIR", help="folder for the results; a finished run in it is not repeated")
     option("--fresh", action="store_true", help="ignore a finished run in the folder")
-    text = (
-        "calibration.json of another run to start from (kit); --calibration.estimate off keeps it unchanged"
-    )
+    text = "calibration.json of a run to start from (kit); --calibration.estimate off keeps it unchanged"
     option("--calibration", type=Path, metavar="FILE", help=text)
     text = f"store and reuse matches and drawn scenes in DIR, by default {match_folder(None).parent}"
     option("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
@@ -76,7 +71,7 @@ def _run(options: argparse.Namespace) -> int:
     sequence = common.open_with_bar(options.sequence, cache, options)
     label = f"{sequence.name}, {options.method}, {config.variant}"
     with run_folder(options.out) as folder:
-        sequence = common.labelled(sequence, options, detection, cache)
+        sequence = common.labelled(sequence, options, cache, detection)
         common.warn_without_boxes([(sequence, config)])
         matches = None if options.cache is None else CachedMatches(sequence, config, cache)
         with reporting(label) as report:

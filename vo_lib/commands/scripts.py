@@ -43,9 +43,7 @@ def _data(options: argparse.Namespace) -> int:
 def scripts() -> dict[str, str]:
     """The first line of each script's docstring, by script name."""
     if not SCRIPTS.is_dir():
-        raise DataError(
-            "the folder of data scripts is missing: install the kit with `pip install -e .`", SCRIPTS
-        )
+        raise DataError("the folder is missing: install the kit with `pip install -e .`", SCRIPTS)
     docs = {path.stem: ast.get_docstring(ast.parse(read_text(path))) for path in SCRIPTS.glob("[!_]*.py")}
     return {name: (docs[name] or "").partition("\n")[0] for name in sorted(docs)}
 

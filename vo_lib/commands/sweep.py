@@ -25,17 +25,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option("--sequence", required=True, metavar="S", help="a name from `vo list`, or a folder")
     common.add_method(parser)
-    text = (
-        "values of a setting (see `vo run --help-settings`); repeat for more settings. Separate values that "
-    )
-    text += "are lists by semicolons: filter.classes='2;2,5,7'"
+    text = "values of a setting of `vo run --help-settings`; repeat for more settings. Semicolons separate "
+    text += "values that are lists: filter.classes='2;2,5,7'"
     option("--set", dest="axes", action="append", required=True, metavar="SETTING=V,V,…", help=text)
     common.add_part(parser)
     where = parser.add_mutually_exclusive_group()
     common.add_many(parser, where)
-    text = (
-        "scheduler of a Dask cluster, tcp://host:port; its workers need the same file paths (extra [cluster])"
-    )
+    text = "Dask scheduler, tcp://host:port; its workers need the same file paths (extra [cluster])"
     where.add_argument("--dask", metavar="ADDRESS", help=text)
     option("--out", default="runs/sweep", metavar="DIR", help="folder; default %(default)s")
     parser.set_defaults(command=_sweep)

@@ -45,13 +45,6 @@ def scene_folder(config: SceneConfig, cache: Path | None = None) -> Path:
     return (cache_folder() if cache is None else Path(cache)).absolute() / scene_key(config)
 
 
-def count_frames(config: SceneConfig) -> int:
-    """The number of frames of a scene, drawn or not."""
-    from vo_street.drive import make_drive, make_route
-
-    return len(make_drive(config, make_route(config)).times)
-
-
 def ensure_scene(
     name_or_config: str | SceneConfig,
     cache: Path | None = None,

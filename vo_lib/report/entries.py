@@ -54,16 +54,6 @@ class Entry:
         return te_and_re(result.kitti for result in self.results)
 
     @property
-    def te(self) -> Array:
-        """Translation error of each seed, (S,) %."""
-        return np.asarray(self.errors[0])
-
-    @property
-    def re(self) -> Array:
-        """Rotation error of each seed, (S,) deg/100 m."""
-        return np.asarray(self.errors[1])
-
-    @property
     def is_whole(self) -> bool:
         """Whether the sequence is a whole one of the benchmark, with the benchmark's measure."""
         return len(self.truth) == BENCHMARK_FRAMES.get(self.sequence) and self.measure == KITTI_MEASURE

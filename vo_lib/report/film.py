@@ -22,16 +22,7 @@ from ..geometry.types import Array, BoolArray, Image, IntArray
 from ..paper.boxes import on_vehicles
 from ..runs.drive import MethodRun, Run, single_threaded, unmasked
 from ..runs.front_end import TimedMatches, find_matches
-from .plots import (
-    AGE_COLOURS,
-    LOOP_COLOUR,
-    METHOD_COLOURS,
-    REMOVED,
-    TRUTH_COLOUR,
-    bgr,
-    distance_from_truth,
-    match_image,
-)
+from . import plots
 from .printed import PROPOSAL
 
 if TYPE_CHECKING:
@@ -45,8 +36,9 @@ FILM_CODEC = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLa
 ENCODER_FPS = 5000
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
 WORDS_HEIGHT_PX = 60  # height of the lines of text at the top
+Pairs = Sequence[tuple[int, int]]
 WHITE, PALE = (255, 255, 255), (200, 200, 200)  # BGR
-TRUE_PATH_COLOUR, LOOP_LINE_COLOUR = bgr(TRUTH_COLOUR), bgr(LOOP_COLOUR)
+TRUE_PATH_COLOUR, LOOP_LINE_COLOUR = plots.bgr(plots.TRUTH_COLOUR), plots.bgr(plots.LOOP_COLOUR)
 
 
 @dataclass(frozen=True)
@@ -101,22 +93,15 @@ class Film:
     for the colour of the path.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        run: Run,
-        label: str,
-        loops: Sequence[tuple[int, int]] = (),
-        method: str = PROPOSAL,
-    ):
+    def __init__(self, path: Path, run: Run, label: str, loops: Pairs = (), method: str = PROPOSAL):
         self.path, self.run, self.label, self.loops = path, run, label, loops
-        self._colour = bgr(METHOD_COLOURS[method])
+        self._colour = plots.bgr(plots.METHOD_COLOURS[method])
         camera, truth = run.sequence.camera, run.sequence.truth
         side = max(camera.height, MIN_PATH_SIDE_PX)
         # Encoders require even numbers of pixels.
         self._shape = side + WORDS_HEIGHT_PX + side % 2, (camera.width + side + 1) // 2 * 2
         self._paths = [run.poses] if truth is None else [run.poses, from_first(truth)]
-        self._drift = None if truth is None else distance_from_truth(run.poses, truth)
+        self._drift = None if truth is None else plots.distance_from_truth(run.poses, truth)
         self._driven = trajectory_distances(self._paths[-1])
         self._draft = path.with_name(f".{path.stem}.{os.getpid()}{DRAFT}{FILM_ENDING}")
         self._writer = cv2.VideoWriter(
@@ -150,7 +135,7 @@ class Film:
         """
         page = np.full((*self._shape, 3), WHITE, np.uint8)
         left, _ = self.run.sequence.stereo(frame.index)
-        image = match_image(left, frame.matches, frame.keep, frame.boxes, frame.state, by_age=True)
+        image = plots.match_image(left, frame.matches, frame.keep, frame.boxes, frame.state, by_age=True)
         height, width = left.shape
         page[WORDS_HEIGHT_PX : WORDS_HEIGHT_PX + height, :width] = image
         self._draw_paths(page[WORDS_HEIGHT_PX:, width:], frame.index)
@@ -182,8 +167,9 @@ class Film:
             first.append(f"{drift:.2f} m from the truth ({100 * drift / max(driven, 1e-9):.2f} %)")
         _write(part, "  ".join([*first, *motion.flags]), (12, 22))
         counts = [f"{getattr(motion, name)} {name}" for name in ("matches", "removed", "used", "inliers")]
-        legend = [("  ".join(counts), WHITE), ("new match", AGE_COLOURS[0]), ("old", AGE_COLOURS[-1])]
-        legend += [("removed", REMOVED), ("path", self._colour)]
+        new, *_, old = plots.AGE_COLOURS
+        legend = [("  ".join(counts), WHITE), ("new match", new), ("old", old)]
+        legend += [("removed", plots.REMOVED), ("path", self._colour)]
         if self._drift is not None:
             legend.append(("truth", TRUE_PATH_COLOUR))
         if self.loops:

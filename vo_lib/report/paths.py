@@ -48,10 +48,8 @@ def read_path(path: Path) -> tuple[Array | None, Array]:
     first = next(rows, "")
     if "," in first:
         return read_euroc(path)
-    columns = len(first.split())
-    if columns == 8 or (columns != 12 and "tum" in path.name):
-        return read_tum(path)
-    return None, read_kitti_poses(path)
+    is_tum = len(first.split()) == 8 or (len(first.split()) != 12 and "tum" in path.name)
+    return read_tum(path) if is_tum else (None, read_kitti_poses(path))
 
 
 def read_paths(

@@ -257,8 +257,7 @@ def png(figure: Figure) -> bytes:
         text.set_text(text.get_text().encode("utf-8", "replace").decode())  # file names may not be UTF-8
     buffer = io.BytesIO()
     with warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", "Glyph"
-        )  # Matplotlib draws a frame for a letter that the font lacks
+        # Matplotlib draws a frame for a letter that the font lacks.
+        warnings.filterwarnings("ignore", "Glyph")
         figure.savefig(buffer, format="png", metadata={"Software": None})
     return buffer.getvalue()

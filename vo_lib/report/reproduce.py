@@ -57,9 +57,9 @@ class Reproduction:
         sentences = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
         if bare := sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None}):
             sentences.append(
-                f"No ground truth, so the folder runs has poses, but no errors: {', '.join(bare)}."
+                f"No ground truth, so poses in the folder runs, but no errors: {', '.join(bare)}."
             )
-        if short := dict.fromkeys(e.sequence for e in self.entries if not np.isfinite(e.te).any()):
+        if short := dict.fromkeys(e.sequence for e in self.entries if not np.isfinite(e.errors).any()):
             sentences.append(f"Shorter than every sub-sequence, so no errors: {', '.join(short)}.")
         for cause, (job, *others) in self.failed.items():
             sentences.append(f"Failed: {job}{f' and {len(others)} more' if others else ''}: {cause}")
@@ -168,7 +168,7 @@ def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[P
     for variant in dict.fromkeys(variant for variant, _ in result.paths):
         words = VARIANT_WORDS[variant]
         for group in (group for group in groups if group.variant == variant):
-            errors = {key: e.errors for key, e in group.entries.items() if np.isfinite(e.te).all()}
+            errors = {key: e.errors for key, e in group.entries.items() if np.isfinite(e.errors).all()}
             if errors:
                 figure = errors_figure(f"sub-sequences of {group.measure.words}", errors)
                 pictures.append(Picture(png(figure), f"Errors, one bar per method; {words}."))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import settings
-from ..config import CONFIG_CLASSES, change
+from ..config import SETTINGS, change
 from ..data.sequence import Sequence
 from ..errors import DataError, did_you_mean
 from ..evaluation.kitti import suitable_measure
@@ -59,16 +59,13 @@ def parse_axis(text: str, config: MethodConfig) -> Axis:
     Raises `DataError` for an unknown setting or an invalid value.
     """
     name, equals, rest = text.partition("=")
-    declared = {item.name: item for cls in CONFIG_CLASSES.values() for item in settings.declared(cls)}
-    item = (declared | {item.name: item for item in settings.declared(type(config))}).get(name)
+    item = (SETTINGS | {item.name: item for item in settings.declared(type(config))}).get(name)
     if name == "seed":
         raise DataError("--set seed: all cells have the same seeds; set the number of seeds with --seeds")
     if item is None or not equals:
-        near = did_you_mean(name, declared) if item is None else ""
-        raise DataError(
-            f"--set {text!r}: {near}expected SETTING=VALUE,VALUE,… with a setting of "
-            f"`vo run --variant {config.variant} --help-settings`"
-        )
+        near = did_you_mean(name, SETTINGS) if item is None else ""
+        page = f"`vo run --variant {config.variant} --help-settings`"
+        raise DataError(f"--set {text!r}: {near}expected SETTING=VALUE,VALUE,… with a setting of {page}")
     values = tuple(item.parse(word) for word in rest.split(";" if isinstance(item.default, tuple) else ","))
     for value in values:
         change(config, name, value)  # raises for a setting or value of the other variant

@@ -74,11 +74,8 @@ def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
     tables = []
     for kinds in [[kind] for kind in ERROR_KINDS] if printed else [list(ERROR_KINDS)]:
         units = [ERROR_KINDS[kind][0] for kind in kinds]
-        columns = [
-            "method",
-            *([f"{units[0]}, ours", "paper", "difference"] if printed else units),
-            "removed %",
-        ]
+        errors = [f"{units[0]}, ours", "paper", "difference"] if printed else units
+        columns = ["method", *errors, "removed %"]
         rows = [
             [
                 f"{record['sequence'].removeprefix(KITTI)} " * several + record["method"],

@@ -176,16 +176,8 @@ def git_commit() -> str | None:
     """Commit of the kit's work tree, with "-dirty" after local changes; None outside git."""
     if not (PACKAGE.parent / ".git").exists():
         return None
-    words = [
-        "git",
-        "-C",
-        str(PACKAGE.parent),
-        "describe",
-        "--always",
-        "--dirty",
-        "--abbrev=40",
-        "--exclude=*",
-    ]
+    describe = "describe --always --dirty --abbrev=40 --exclude=*"
+    words = ["git", "-C", str(PACKAGE.parent), *describe.split()]
     with suppress(OSError, subprocess.SubprocessError):
         return subprocess.check_output(words, text=True, stderr=subprocess.DEVNULL).strip()
     return None

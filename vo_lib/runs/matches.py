@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import shutil
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -109,16 +108,6 @@ def _from_rows(rows: Array) -> StereoMatches:
     age, strength, number = np.ascontiguousarray(rows[:, 8:].T)
     columns = age.astype(np.int64), strength, number.astype(np.int64)
     return StereoMatches(prev_left, prev_right, cur_left, cur_right, *columns)
-
-
-def clean_matches(cache: Path | None = None) -> int:
-    """Delete the matches of other versions of the code; returns the number of bytes deleted."""
-    current = {code_folder(variant, cache) for variant in FRONT_END_CODE}
-    stale = [path for path in match_folder(cache).glob("*") if path not in current]
-    size = sum(map(folder_size, stale))
-    for path in stale:
-        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
-    return size
 
 
 def folder_size(path: Path) -> int:

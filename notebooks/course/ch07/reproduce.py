@@ -69,7 +69,7 @@ class ReproducePanel(Panel):
         facts = tuple(
             Fact(f"{kind} {entry.method}", float(errors.mean()), unit, 3)
             for entry in entries
-            for kind, unit, errors in (("TE", "%", entry.te), ("RE", "deg/100 m", entry.re))
+            for kind, unit, errors in (("TE", "%", entry.errors[0]), ("RE", "deg/100 m", entry.errors[1]))
         )
         tables = "".join(map(table_html, tables_of(entries)))
         sentence = " ".join(results(group_entries(entries)))
