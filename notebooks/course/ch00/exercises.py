@@ -89,7 +89,7 @@ back_project = Exercise(
     lambda: [(810.0, 250.0, 14.0, CAMERA), (350.0, 90.0, 7.0, CAMERA)],
     task="A function (u, v, d, camera) -> X (3,), metres, left camera frame.",
     praise="X = ({got[0]:.2f}, {got[1]:.2f}, {got[2]:.2f}) m, as `camera.back_project` has it.",
-    hint="the depth comes first, from the disparity. Then X is to Z as u - cx is to f, and Y likewise.",
+    hint="compute Z from the disparity first. Then X is to Z as u - cx is to f, and Y is to Z as v - cy is to f.",
     line="np.array([(u - camera.cx) / camera.f * Z, (v - camera.cy) / camera.f * Z, Z])",
     library=("back_project", "triangulate"),
     slips={"order": "the right numbers in another order: u is the column and gives X, v gives Y."},
@@ -101,7 +101,6 @@ back_project = Exercise(
         "X runs to the left: the camera's x axis points right.": lambda *x: point(*x) * (-1, 1, 1),
         "u and v are swapped: u is the column and gives X.": lambda u, v, *more: point(v, u, *more),
         "X and Y are those of the ray at depth 1: how far along it is the point?": (
-            lambda *x: point(*x) / point(*x)[2],
             lambda *x: point(*x) / [point(*x)[2], point(*x)[2], 1.0],
         ),
         "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: what does the disparity say?": When(
@@ -126,7 +125,7 @@ chain = Exercise(
     motions,
     task="A function: list of motions T_cp (4, 4) -> list of poses T_w_c, the first one the identity.",
     praise="every motion, inverted, is appended on the right.",
-    hint="one pose more than motions: the identity, then each made from the one before and one motion.",
+    hint="the first pose is the identity; each motion gives one more pose, from the pose before.",
     line="poses.append(poses[-1] @ inverse(T_cp))",
     mistakes={
         "each pose is that of one motion alone.": lambda all_T: [np.eye(4), *map(inverse, all_T)],
@@ -135,15 +134,12 @@ chain = Exercise(
             appended(lambda T_cp: T_cp, before=True),
         ),
         "pose 1 is right, pose 2 is not: the order is reversed.": appended(inverse, before=True),
-        "R with -t is no inverse: the rotation turns back, too.": appended(lambda T: apart(T, False)),
+        "R with -t is not the inverse: the rotation turns back, too.": appended(lambda T: apart(T, False)),
         "the rotation is turned back, but the translation is not turned with it.": appended(apart),
         "a motion's inverse is not its transpose: that holds for rotations.": appended(np.transpose),
-        "`*` multiplies entry by entry, `@` multiplies matrices.": lambda motions: list(
-            np.cumprod([np.eye(4), *(inverse(T) for T in motions)], axis=0)
-        ),
-        "all poses are the same array, changed again and again: append a new one each time.": (
-            lambda motions: [np.eye(4), *right_chain(motions)[-1:] * len(motions)],
-            lambda motions: right_chain(motions)[-1:] * (len(motions) + 1),
+        "`*` multiplies entry by entry: use `@`.": lambda m: np.cumprod([np.eye(4), *map(inverse, m)], 0),
+        "all poses are the same array: append a new one each time.": lambda m: (
+            right_chain(m)[-1:] * (len(m) + 1)
         ),
         "as many poses as motions; the first pose is the identity.": lambda m: right_chain(m)[1:],
         "a motion is missing.": lambda motions: right_chain(motions)[:-1],
@@ -158,7 +154,7 @@ path_length = Exercise(
     hint="positions are poses[:, :3, 3]. How long is each step from one to the next?",
     line="np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()",
     mistakes={
-        "{got:.2f} m is the straight way from start to end.": beeline,
+        "{got:.2f} m is the distance from start to end.": beeline,
         "the steps are not added: sum them.": lambda poses: np.linalg.norm(steps(poses), axis=1),
         "one norm of all steps: take it of each, along axis 1.": lambda poses: np.linalg.norm(steps(poses)),
         "this adds squared lengths: the root is missing.": lambda poses: (steps(poses) ** 2).sum(),
@@ -168,17 +164,15 @@ path_length = Exercise(
 
 wrong_depth = Exercise(
     {"depth Z": 9.0, "true depth": 12.0},
-    task="The panel stands at a point whose depth from block matching is more than 20 % off.",
+    task="The panel shows a point whose depth from block matching is more than 20 % wrong.",
     praise="{depth Z:.1f} m instead of {true depth:.1f} m. Chapter 1 has the checks that catch such matches.",
     mistakes={
-        "here block matching found nothing: go where the disparity picture is coloured.": lambda now: (
-            np.isnan(now["depth Z"])
+        "block matching found nothing here: choose a coloured place.": lambda now: np.isnan(now["depth Z"]),
+        "no true depth here: choose a drawn street, and not the sky.": lambda now: np.isnan(
+            now["true depth"]
         ),
-        "the true depth here is unknown or infinite: take a drawn sequence, and not the sky.": lambda now: (
-            np.isnan(now["true depth"])
-        ),
-        "{depth Z:.1f} m against {true depth:.1f} m is not even 20 % off. Look for speckles in the disparity "
-        "picture, or for outlines with far background beside them.": lambda now: (
+        "{depth Z:.1f} m instead of {true depth:.1f} m is less than 20 % wrong. Look for speckles in the disparity "
+        "picture, or for outlines in front of a far background.": lambda now: (
             abs(now["depth Z"] - now["true depth"]) <= 0.2 * now["true depth"]
         ),
     },

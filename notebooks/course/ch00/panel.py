@@ -1,4 +1,4 @@
-"""Chapter 0: the view of a sequence: both images, disparity, depth of a point, true path.
+"""Chapter 0: look at a sequence: both images, disparity, depth of a point.
 
 And, drawn for its pages: matches in boxes, depths, and one picture for each stage of the method.
 """
@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from vo_lib.config import preset
 from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import trajectory_distances
 from vo_lib.geometry.boxes import Boxes, no_boxes
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.kit.surface import CoarseDisparity
 from vo_lib.paper.boxes import in_boxes
@@ -26,11 +27,11 @@ from vo_lib.report.plots import match_image
 from vo_lib.settings import Checked, setting
 
 from ..ch02.figures import polynomial_chart, polynomial_of
-from ..ch03.figures import field_figure
+from ..ch03.figures import features_picture, field_figure
 from ..ch03.panel import field_of, previous_vector
-from ..colours import BAD, DARK, GOOD, PALE, THIRD, bgr
+from ..colours import BAD, GOOD, PALE, THIRD, bgr
 from ..controls import Control
-from ..drawing import HALF_HEIGHT, WIDTH, beside, caption, figure, finish, log_axis, photo, say, stack
+from ..drawing import COARSE, HALF_HEIGHT, WIDTH, beside, caption, figure, finish, log_axis, photo, stack
 from ..frames import disparity_map, frame_matches, frame_points, stereo, true_poses, truth
 from ..lessons import motion_of
 from ..panel import Drawing, Panel, State
@@ -38,10 +39,9 @@ from ..results import Fact
 from ..simulation.truth import depth as true_depths
 from ..view3d import Shape, View, camera, view
 
-LEFT_HEIGHT, CHART_HEIGHT = 298, 170
+LEFT_HEIGHT = 298
 RAYS, RAYS_END = 14, 15.0  # so many rays, to points nearer than this, metres
-MOST = 30  # per cent shown of a depth's error
-FARTHEST = 80  # metres shown
+DEPTHS = 3.0, 100.0  # metres shown
 
 
 @dataclass(frozen=True)
@@ -60,32 +60,12 @@ def disparity_picture(disparity: CoarseDisparity, largest: int) -> Image:
     return np.asarray(coloured, np.uint8)
 
 
-def path_figure(sequence: Sequence, frame: int, height: int = CHART_HEIGHT) -> Figure:
-    """The true path from above and the speed along it, with the frame marked."""
-    made, (path, speed) = figure(height, 2, (1.0, 1.6))
-    if sequence.truth is None:
-        for axis in (path, speed):
-            say(axis, "no ground truth")
-        return made
-    x, z = sequence.truth[:, 0, 3], sequence.truth[:, 2, 3]
-    path.plot(x, z, color=DARK, linewidth=1.2)
-    path.plot(x[frame], z[frame], "o", color=BAD)
-    path.set_aspect("equal", adjustable="datalim")
-    finish(path, "true path from above", "x, right [m]", "z, forward [m]")
-    steps = np.diff(trajectory_distances(sequence.truth)) / np.diff(sequence.times)
-    speed.plot(np.arange(1, len(sequence)), steps, color=GOOD, linewidth=1.2)
-    speed.axvline(frame, color=BAD, linewidth=1)
-    speed.set_ylim(0, None)
-    finish(speed, "true speed", "frame", "speed [m/s]")
-    return made
-
-
 class StartPanel(Panel):
     """One frame of a sequence, and the depth of one point in it."""
 
     title = "Look at a sequence: one point, its disparity, its depth"
     view = PointView
-    height = LEFT_HEIGHT + HALF_HEIGHT + CHART_HEIGHT
+    height = LEFT_HEIGHT + HALF_HEIGHT
     controls = (
         Control("view.u", "column u / width", step=0.005),
         Control("view.v", "row v / height", step=0.005),
@@ -108,7 +88,6 @@ class StartPanel(Panel):
         words = "right image: the same row", "disparity: bright is near, grey was not found"
         below = beside(right, disparity_picture(coarse, largest), *words)
         whole = caption(photo(left, WIDTH, LEFT_HEIGHT), f"left image, frame {frame}")
-        encoded = stack([whole, below, path_figure(sequence, frame)], self.height)
         known = truth(sequence)
         true_depth = float("nan") if known is None else float(true_depths(known, frame)[v, u])
         sentence = (
@@ -117,18 +96,14 @@ class StartPanel(Panel):
             f"= {depth:.1f} m."
         )
         if np.isnan(d):
-            sentence = (
-                f"At ({u}, {v}) block matching found no disparity: sky, too little texture, or out of view "
-                "on the right."
-            )
+            sentence = f"At ({u}, {v}) block matching found no disparity: sky, no texture, or not in the right image."
         facts = (
             Fact("disparity d", d, "px", 1),
             Fact("depth Z", depth, "m", 1),
             Fact("true depth", true_depth if np.isfinite(true_depth) else float("nan"), "m", 1),
             Fact("pixels with a disparity", 100 * float(np.mean(coarse > 0)), "%", 1),
-            Fact("time", float(sequence.times[frame]), "s", 1),
         )
-        return Drawing(encoded, sentence, facts)
+        return Drawing(stack([whole, below], self.height), sentence, facts)
 
 
 @dataclass(frozen=True)
@@ -183,37 +158,35 @@ def poses_view(sequence: Sequence, every: int = 10) -> View:
     return view(path, *cameras, title=f"{sequence.name}: every {every}th pose, with the number of its frame")
 
 
-def depth_figure(measured: Array, true: Array, height: int = 260) -> Figure:
-    """Measured against true depth (N,), metres, and the relative error over the depth."""
-    made, (pairs, errors) = figure(height, 2)
+def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
+    """Errors of measured depths (N,) over the true ones, metres, and σ_Z of the median error of the disparity."""
+    made, (axis,) = figure(260)
     good = np.isfinite(measured) & np.isfinite(true)
     measured, true = measured[good], true[good]
-    error = np.clip(100 * (measured / true - 1.0), -MOST, MOST)
-    for axis, values, line, limits in (
-        (pairs, measured, (0, FARTHEST), (0, FARTHEST)),
-        (errors, error, (0, 0), (-MOST, MOST)),
-    ):
-        axis.plot((0, FARTHEST), line, color=PALE, linewidth=1)
-        axis.plot(true, values, ".", color=GOOD, markersize=3)
-        axis.set(xlim=(0, FARTHEST), ylim=limits)
-    finish(pairs, f"depth of {len(true)} matches", "true depth [m]", "measured depth [m]")
-    finish(errors, "relative error; larger ones at the edge", "true depth [m]", "error [%]")
+    fb, Z = camera.f * camera.baseline, np.array(DEPTHS)
+    sigma = float(np.median(np.abs(fb / measured - fb / true)))
+    axis.plot(true, np.abs(measured - true), ".", color=GOOD, markersize=4, label=f"{len(true)} matches")
+    axis.plot(Z, Z**2 / fb * sigma, color=BAD, label=f"Z² / (f b) · {sigma:.2f} px")
+    log_axis(axis.xaxis, *DEPTHS, COARSE)
+    log_axis(axis.yaxis, 0.001, 100.0)
+    finish(axis, "error of the depth", "true depth Z [m]", "error [m]", "upper left")
     return made
 
 
 def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     """A picture for each of the stages 1 to 4, of the matches that the buckets leave in one frame >= 2."""
-    config, focal = preset("solution_selection"), sequence.camera.f
+    config, focal, image = preset("solution_selection"), sequence.camera.f, stereo(sequence, frame)[0]
     points = frame_points(sequence, frame, config)
     everything = np.ones(len(points.matches), np.bool_)
     words = f"{len(points.matches)} matches after the buckets: each line leads to where the point is now"
-    matches = match_image(stereo(sequence, frame)[0], points.matches, everything, no_boxes())
+    matches = match_image(image, points.matches, everything, no_boxes())
 
     sets = draw_sets(np.random.default_rng(0), len(points.x_p), config.selection.sets)
-    polynomial, (axis,) = figure(220)
-    polynomial_chart(axis, polynomial_of(points.x_p[sets[0]], points.x_c[sets[0]]))
-
     found = five_point(points.x_p[sets], points.x_c[sets])
+    polynomial, (axis,) = figure(220)
+    five = draw_sets(np.random.default_rng(1044), len(points.x_p), 1)[0]  # the set of chapter 2
+    polynomial_chart(axis, *polynomial_of(points.x_p[five], points.x_c[five]))
+
     e_prev = previous_vector(sequence, frame, config)
     R_true = None if points.T_cp is None else points.T_cp[:3, :3]
     candidates = field_of(found, points, e_prev, R_true, config.selection, focal)
@@ -222,27 +195,19 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
         "matches": caption(photo(matches), words),
         "polynomial": polynomial,
         "selection": field_figure(candidates),
-        "residuals": residual_figure(sequence, frame, R_cp, inliers),
+        "residuals": residual_picture(image, points.matches, R_cp, inliers, sequence.camera),
     }
 
 
-def residual_figure(
-    sequence: Sequence, frame: int, R_cp: Array, inliers: BoolArray, height: int = 240
-) -> Figure:
-    """Residuals over depth for the translation from the inliers (N,); matches in vehicle boxes in another
-    colour."""
-    config, rig = preset("feature_selection"), sequence.camera
-    points = frame_points(sequence, frame, config)
-    made, (axis,) = figure(height)
-    solved = solve_translation(rig, points.matches[inliers], R_cp, config.translation)
+def residual_picture(
+    image: Image, matches: StereoMatches, R_cp: Array, inliers: BoolArray, rig: StereoCamera
+) -> Image:
+    """The matches by the residual, in pixels, of the translation that the inliers (N,) give."""
+    solved = solve_translation(rig, matches[inliers], R_cp, preset("solution_selection").translation)
     assert solved is not None
-    M, d = eliminate_points(*feature_rows(rig, points.matches, R_cp))
-    residual = rig.f * np.linalg.norm(d - M @ solved[0], axis=1) / points.X_p[:, 2]
-    inside = in_boxes(points.matches.cur_left, sequence.boxes(frame), config.filter)
-    for chosen, colour, words in ((~inside, GOOD, "elsewhere"), (inside, BAD, "in a vehicle's box")):
-        axis.plot(points.X_p[chosen, 2], residual[chosen], ".", color=colour, markersize=4, label=words)
-    log_axis(axis.yaxis, 0.01, 50.0)
-    axis.set_xlim(0, FARTHEST)
+    M, d = eliminate_points(*feature_rows(rig, matches, R_cp))
+    depth = rig.triangulate(matches.prev_left, matches.prev_right)[:, 2]
+    residual = rig.f * np.linalg.norm(d - M @ solved[0], axis=1) / depth
     step = ", ".join(f"{value:.2f}" for value in solved[0].round(2) + 0.0)  # no minus before a zero
-    finish(axis, f"residuals of t_cp = ({step}) m", "depth [m]", "residual [px]", boxed=True)
-    return made
+    words = f"t_cp = ({step}) m; orange: {np.mean(residual > 1):.0%} of the matches, residual above 1 px"
+    return features_picture(image, matches.prev_left, matches.cur_left, residual <= 1, words)

@@ -73,15 +73,10 @@ def follow(*steps: Index) -> tuple[Index, Any]:
     return at, found
 
 
-def closed(*steps: Index) -> Any:
-    """Mask of the features whose chain returns to its start."""
-    at, found = follow(*steps)
-    return found & (at == np.arange(len(at)))
-
-
 def which(*steps: Index) -> Index:
-    """Indices of the features whose chain returns to its start."""
-    return np.flatnonzero(closed(*steps))
+    """Indices of the features whose chain ends where it began."""
+    at, found = follow(*steps)
+    return np.flatnonzero(found & (at == np.arange(len(at))))
 
 
 def crowd() -> list[Case]:
@@ -106,11 +101,6 @@ def judged(
 
 
 good = judged()
-
-
-def turned(left: Array, right: Array, *limits: float) -> Any:
-    """The stereo check with (v, u) for (u, v)."""
-    return good(left[:, ::-1], right[:, ::-1], *limits)
 
 
 def top(left: float, middle: float, right: float) -> float:
@@ -144,15 +134,13 @@ corner_strength = Exercise(
     windows,
     atol=1e-6,
     task="A function (gx, gy): gradients of a window, (n, n) each -> root of M's smaller eigenvalue.",
-    praise="0 on an edge, large on a corner. The library has it for every pixel at once.",
-    hint="M is 2×2: sum gx², gx gy and gy² over the window. The root is taken of its smaller eigenvalue.",
+    praise="0 on an edge, large on a corner. The library computes this strength for all pixels at once.",
+    hint="M is 2×2: sum gx², gx gy and gy² over the window; then take the root of the smaller eigenvalue.",
     line="M = [[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]]; np.linalg.eigvalsh(M)",
     library=("corner_strength",),
     slips={"square": "right, except for the root."},
     mistakes={
-        "this is the root of the larger eigenvalue, which is large on an edge, too.": lambda gx, gy: np.sqrt(
-            eigenvalues(gx, gy)[1]
-        ),
+        "this is the larger one, which is large on an edge, too.": lambda *g: np.sqrt(eigenvalues(*g)[1]),
         "`np.linalg.eig` gives the eigenvalues in no order, and the first is not always the smaller; "
         "`np.linalg.eigvalsh` sorts them.": unsorted,
         "both eigenvalues are given back; the smaller one is asked for.": eigenvalues,
@@ -178,23 +166,19 @@ is_stereo = Exercise(
     hint="each match has two conditions, one on its rows and one on its columns; the mask is True where both hold.",
     line="(np.abs(left[:, 1] - right[:, 1]) <= row_tolerance) & (left[:, 0] - right[:, 0] >= min_disparity)",
     mistakes={
-        "rows and columns are exchanged: a point is (u, v), its column first.": turned,
+        "rows and columns are exchanged: a point is (u, v), its column first.": (
+            lambda left, right, *limits: good(left[:, ::-1], right[:, ::-1], *limits)
+        ),
         "the two limits are exchanged.": judged(limits=lambda most, least: (least, most)),
         "1 and 0.5 are hard-coded: use the limits given.": judged(limits=lambda *_: (1.0, 0.5)),
         "a match exactly at a limit is still good: use <= and >=.": (
             *(judged(limits=lambda m, n, a=a, b=b: (m - a, n + b)) for a, b in ((E, E), (E, 0), (0, E))),
         ),
         "the match whose rows differ by two is judged good.": judged(row=np.zeros_like),
-        "the match with 0.2 px of disparity is judged good: its depth is very uncertain.": judged(
-            limits=lambda most, least: (most, -99.0)
-        ),
+        "a disparity of 0.2 px is judged good.": judged(limits=lambda most, least: (most, -99.0)),
         "the match with a negative disparity is judged good.": judged(disparity=np.abs),
-        "a match two rows off in one direction is judged good: take the absolute value.": (
-            *map(judged, (np.positive, np.negative)),
-        ),
-        "the disparity has the wrong sign: it is left column minus right column.": judged(
-            disparity=np.negative
-        ),
+        "two rows off in one direction: use the absolute value.": (*map(judged, (np.positive, np.negative)),),
+        "the disparity is left column minus right column.": judged(disparity=np.negative),
         "matches with too small a disparity are judged good, and those with a sufficient one bad.": judged(
             disparity=np.negative, limits=lambda most, least: (most, -least)
         ),
@@ -206,8 +190,8 @@ loop_closes = Exercise(
     chains,
     form=any_order,
     task="A function (pl_pr, pr_cr, cr_cl, cl_pl): best matches as indices, -1 for none -> indices that close.",
-    praise="four matches and one condition, and few wrong matches pass.",
-    hint="follow feature i: pl_pr[i] is its number in the next image, and the index for the next list.",
+    praise="few wrong matches pass these four matches and one condition.",
+    hint="follow feature i: pl_pr[i] is its number in the next image, and its index in the next list.",
     line="at = step[at]; alive &= at >= 0",
     mistakes={
         "a match of -1 was followed: to numpy, index -1 is the last element.": When(
@@ -216,14 +200,12 @@ loop_closes = Exercise(
         "these reach the current left image; the loop has to end at the feature where it began.": lambda *chain: (
             np.flatnonzero(follow(*chain[:3])[1])
         ),
-        "-1 is looked for at i in each list, but the feature's number changes with every step.": (
+        "this tests for -1 at i in each list, but the feature's number changes with every step.": (
             lambda *chain: [i for i in which(*chain) if min(step[i] for step in chain) >= 0],
             lambda *chain: np.flatnonzero(np.min(chain, axis=0) >= 0),
         ),
         "the four lists are applied in the reverse order.": lambda *chain: which(*chain[::-1]),
-        "these are indices into the previous right image; those into the previous left one are wanted.": (
-            lambda *chain: chain[0][which(*chain)]
-        ),
+        "these are indices into the previous right image.": lambda *chain: chain[0][which(*chain)],
     },
 )
 
@@ -238,9 +220,7 @@ peak = Exercise(
     hint="put x = -1 and x = 1 into f(x) = middle + b x + a x² and solve for a and b; the slope is 0 at x = -b / (2a).",
     line="(left - right) / 2 / (left - 2 * middle + right)",
     mistakes={
-        "this is the height of the top; its position is wanted.": lambda a, b, c: (
-            b - (a - c) ** 2 / (8 * (a - 2 * b + c))
-        )
+        "this is the height of the top, not its position.": lambda a, b, c: b - (a - c) / 4 * top(a, b, c),
     },
     slips={
         "sign": "the sign is wrong: the top is on the side of the larger neighbour.",
@@ -254,25 +234,20 @@ buckets = Exercise(
     form=any_order,
     task="A function (uv (N, 2), age (N,), strength (N,), size, count) -> indices of the features kept.",
     praise="the features are spread over the image, and the oldest come first.",
-    hint="sort all features, the best first; go through them, and keep each one whose square is not yet full.",
+    hint="sort all features, the best first; keep each feature whose square is not yet full.",
     line="for i in np.lexsort((-strength, -age)): square = tuple(uv[i] // size)",
     library=("select_by_bucket",),
     mistakes={
-        "age is not used: it comes first, and strength decides among features of the same age.": chosen(
-            by_age=0
-        ),
-        "the youngest and weakest are kept: `np.lexsort` sorts in ascending order, so both keys need a minus.": (
-            chosen(-1, -1)
-        ),
+        "age comes first; strength decides among features of the same age.": chosen(by_age=0),
+        "the youngest and weakest are kept: in `np.lexsort`, both keys need a minus.": chosen(-1, -1),
         "the youngest are kept; the oldest come first.": chosen(by_age=-1),
         "of features of the same age the weakest are kept.": chosen(by_strength=-1),
         "`size` is hard-coded: use the one given.": lambda *case: kept(*case[:3], 50, case[4]),
         "`count` is hard-coded: use the one given.": lambda *case: kept(*case[:4], 3),
         "these are ranks in the sorted list; give back the features' own indices, `order[rank]`.": in_sorted_list,
+        "a square is overfull; the square of a feature is `uv // size`, column and row.": When(overfull),
         "the ages are right, but among features of the same age strength is not used.": When(
-            lambda got, uv, age, *more: (
-                sorted(age[got]) == sorted(age[kept(uv, age, *more)]) and not overfull(got, uv, age, *more)
-            )
+            lambda got, uv, age, *more: sorted(age[got]) == sorted(age[kept(uv, age, *more)])
         ),
         "neither age nor strength is used.": chosen(0, 0),
         "only `count` features in all are kept; `count` in each square are asked for.": (
@@ -282,9 +257,6 @@ buckets = Exercise(
         "the image is cut into strips, not squares: a square is a column and a row of the grid.": (
             lambda uv, *case: kept(uv * [1, 0], *case),
             lambda uv, *case: kept(uv * [0, 1], *case),
-        ),
-        "a square keeps more than `count`; the square of a feature is `uv // size`, column and row.": When(
-            overfull
         ),
     },
 )

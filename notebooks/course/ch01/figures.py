@@ -14,15 +14,12 @@ from vo_lib.paper.features import DESCRIPTOR_OFFSETS
 
 from ..ch02.figures import draw_dot, draw_flow
 from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
-from ..drawing import COARSE, FONT_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room, say
+from ..drawing import FONT_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room, say
 from ..frames import stereo
 from .exercises import eigenvalues
-from .trace import CHECKS, LOST, OPEN, Trace
+from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace
 
 HALF, SQUARE = WIDTH // 2, WIDTH // 4
-AGES = {1: PALE, 2: "#56B4E9", 4: GOOD, 8: FIFTH, 16: BAD}  # from so many frames on
-SURPLUS = "bucket is full"
-CHOSEN = "kept"
 # What becomes of a feature, with its colour.
 FATES = {OPEN: "#D8D8D8", LOST: PALE, **dict(zip(CHECKS, (FOURTH, THIRD, FIFTH, BAD), strict=True))}
 FATES |= {SURPLUS: "#56B4E9", CHOSEN: GOOD}
@@ -31,10 +28,10 @@ LEAST, MOST = 0.01, 100.0  # pixels shown of an error
 NAMES = 0.055  # of a figure's width, for the names of the fates
 
 
-def grey_picture(response: NDArray[np.float32], middle: float = 0.0) -> Image:
-    """A detector's response as brightness; `middle` is the grey level of a zero response."""
-    scale = (255.0 - middle) / float(np.percentile(np.abs(response), 99.5) + 1e-9)
-    return photo(np.clip(middle + scale * response, 0, 255).astype(np.uint8), HALF)
+def grey_picture(response: NDArray[np.float32]) -> Image:
+    """A detector's response as brightness; medium grey is none."""
+    scale = 127.0 / float(np.percentile(np.abs(response), 99.5) + 1e-9)
+    return photo(np.clip(128.0 + scale * response, 0, 255).astype(np.uint8), HALF)
 
 
 def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
@@ -54,10 +51,8 @@ def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
         gy, gx = np.gradient(window.astype(float))
         difference = np.sqrt(cv2.matchTemplate(around, window, cv2.TM_SQDIFF))
         tones = np.asarray(np.clip(255.0 * difference / (90.0 * len(window)), 0, 255), np.uint8)
-        for each, words in (
-            (around, name),
-            (tones, "roots {:.0f} and {:.0f}".format(*np.sqrt(eigenvalues(gx, gy)))),
-        ):
+        roots = "roots {:.0f} and {:.0f}".format(*np.sqrt(eigenvalues(gx, gy)))
+        for each, words in ((around, name), (tones, roots)):
             large_one = np.asarray(cv2.resize(each, (size, size), interpolation=cv2.INTER_NEAREST), np.uint8)
             parts.append(caption(photo(large_one, size), words))
         low, high = (round(size * at / len(around)) for at in (reach, reach + len(window)))
@@ -65,25 +60,16 @@ def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
     return np.concatenate([np.pad(part, gap, constant_values=255) for part in parts], axis=1)
 
 
-def points_picture(
-    image: Image, uv: Array, words: str, cell: int = 0, age: NDArray[np.int64] | None = None
-) -> Image:
-    """Points (N, 2) on an image, with a grid of squares of `cell` pixels, coloured by their `age` (N,) in frames."""
+def points_picture(image: Image, uv: Array, words: str, cell: int = 0) -> Image:
+    """Points (N, 2) on an image, with a grid of squares of `cell` pixels."""
     picture = photo(image, image.shape[1])
     if cell:
         grid = picture.copy()
         grid[cell::cell] = grid[:, cell::cell] = bgr(PALE)
         picture = np.asarray(cv2.addWeighted(picture, 0.65, grid, 0.35, 0.0), np.uint8)
-    ages, colours = (np.ones(len(uv)), {1: GOOD}) if age is None else (age, AGES)
-    for least, colour in colours.items():
-        for place in uv[ages >= least]:
-            draw_dot(picture, place, colour, 2.5)
-    shown = caption(photo(picture), words)
-    if age is not None:
-        shown[-32:, : 60 * len(AGES) + 6] //= 4  # a dark strip for the legend
-        for number, (least, colour) in enumerate(AGES.items()):
-            draw_dot(shown, np.array([14.0 + 60 * number, len(shown) - 12.0]), colour, 5, f"{least}+")
-    return shown
+    for place in uv:
+        draw_dot(picture, place, GOOD, 2.5)
+    return caption(photo(picture), words)
 
 
 def surroundings(image: Image, uv: Array, radius: int) -> tuple[Image, NDArray[np.int64]]:
@@ -125,10 +111,9 @@ def four_images(sequence: Sequence, frame: int) -> dict[str, Image]:
     return dict(zip(SIDES, (prev_left, prev_right, cur_right, cur_left), strict=True))
 
 
-def loop_picture(
-    images: dict[str, Image], matches: StereoMatches, back: Array, number: int, radius: int = 45
-) -> Image:
+def loop_picture(images: dict[str, Image], matches: StereoMatches, back: Array, number: int) -> Image:
     """The surroundings of one match in the four images, in the order of the loop, and where the loop ends."""
+    radius = 45
     scale, parts = SQUARE / (2 * radius + 1), []
     places = (matches.prev_left, matches.prev_right, matches.cur_right, matches.cur_left)
     for side, uv in zip(SIDES, places, strict=True):
@@ -141,24 +126,10 @@ def loop_picture(
     return np.concatenate(parts, axis=1)
 
 
-def fates(trace: Trace, chosen: NDArray[np.int64]) -> NDArray[np.str_]:
-    """The fate of each feature (N,) as one word; `chosen` : numbers of the features that the buckets keep."""
-    names = np.array([*trace.reasons, SURPLUS])[trace.reason]
-    names[(names == SURPLUS) & np.isin(trace.id, chosen)] = CHOSEN
-    return np.asarray(names)
-
-
-def fates_picture(
-    image: Image, trace: Trace, fate: NDArray[np.str_], wrong: NDArray[np.bool_], words: str
-) -> Image:
-    """The current image with every matched feature, coloured by its fate.
-
-    Parameters
-    ----------
-    fate : (N,) of all features; wrong : (M,) mask of the matched ones; kept wrong matches have a ring.
-    """
+def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: str) -> Image:
+    """The current image with every feature that was found again, coloured by its fate; wrong ones (M,) get a ring."""
     picture = photo(image, image.shape[1])
-    found, names = trace.found, fate[trace.index]
+    found, names = trace.found, trace.fate[trace.index]
     order = np.concatenate([np.flatnonzero(names == name) for name in list(FATES)[::-1]])
     colours = [FATES[name] for name in names[order].tolist()]
     draw_flow(picture, found.prev_left[order], found.cur_left[order], colours, 2.5)
@@ -168,14 +139,14 @@ def fates_picture(
     return caption(photo(picture, WIDTH, 298), words)
 
 
-def fates_chart(axis: Axes, trace: Trace, fate: NDArray[np.str_], wrong: NDArray[np.bool_] | None) -> None:
+def fates_chart(axis: Axes, trace: Trace, wrong: NDArray[np.bool_] | None) -> None:
     """How many features met which fate; the dark part is truly wrong, where that is known, (M,) of those found."""
-    names = [*trace.reasons, SURPLUS, CHOSEN]
-    counts = np.array([np.count_nonzero(fate == name) for name in names])
+    names = trace.fates
+    counts = np.array([np.count_nonzero(trace.fate == name) for name in names])
     bars = axis.barh(names, counts, 0.7, color=[FATES[name] for name in names])
     words, x = [str(count) for count in counts], "features"
     if wrong is not None:
-        bad = [np.count_nonzero(wrong[fate[trace.index] == name]) for name in names]
+        bad = [np.count_nonzero(wrong[trace.fate[trace.index] == name]) for name in names]
         axis.barh(names, bad, 0.7, color=DARK, alpha=0.6)
         # Of features that were not found again nothing is right or wrong.
         words = [w if n in (OPEN, LOST) else f"{w} ({b})" for n, w, b in zip(names, words, bad, strict=True)]
@@ -188,8 +159,9 @@ def fates_chart(axis: Axes, trace: Trace, fate: NDArray[np.str_], wrong: NDArray
     finish(axis, "what became of the features", x)
 
 
-def by_fate(fate: NDArray[np.str_], error: Array) -> dict[str, Array]:
-    """Histograms of the errors (M,) of the matched features, kept and dropped."""
+def by_fate(trace: Trace, error: Array) -> dict[str, Array]:
+    """Errors (M,) of the features found again, kept and dropped ones apart."""
+    fate = trace.fate[trace.index]
     return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
 
 
@@ -207,13 +179,3 @@ def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "how far fro
     log_axis(axis.xaxis, LEAST, MOST)
     axis.set_ylim(0, 102)
     finish(axis, title, "error [px]", "matches up to there [%]", "upper left")
-
-
-def depths_chart(axis: Axes, depth: Array) -> None:
-    """Depths of the kept features, for sequences without truth."""
-    edges = np.geomspace(2.0, 200.0, 25)
-    counts = np.histogram(np.clip(depth[np.isfinite(depth)], edges[0], edges[-1]), edges)[0]
-    axis.stairs(counts, edges, fill=True, color=GOOD)
-    log_axis(axis.xaxis, 2.0, 200.0, COARSE)
-    axis.set_ylim(0, room(1.05 * float(counts.max()), least=1))
-    finish(axis, "how far away the kept ones are", "depth [m]", "features")

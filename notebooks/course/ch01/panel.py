@@ -6,7 +6,6 @@ import numpy as np
 
 from vo_lib.config import preset
 from vo_lib.errors import DataError
-from vo_lib.paper.buckets import select_by_bucket
 
 from ..controls import Control
 from ..drawing import figure, stack
@@ -14,8 +13,8 @@ from ..frames import stereo, truth
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 from ..simulation.truth import match_errors
-from .figures import CHOSEN, SURPLUS, by_fate, depths_chart, errors_chart, fates, fates_chart, fates_picture
-from .trace import LOST, OPEN, trace
+from .figures import by_fate, errors_chart, fates_chart, fates_picture
+from .trace import trace
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
 RIGHT = 1.0  # pixels; a match is right whose places in the other three images are this near to the truth
@@ -47,40 +46,26 @@ class MatchingPanel(Panel):
         traced = trace(sequence, frame, state.config)
         if len(traced.id) == 0:
             raise DataError(f"frame {frame - 1} has no features: lower the threshold")
-        kept = traced.kept
-        chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, state.config.buckets)]
-        fate = fates(traced, chosen.id)
-        names = fate[traced.index]
-        dropped = int(np.count_nonzero(~np.isin(fate, (CHOSEN, SURPLUS, LOST, OPEN))))
-        facts = [
-            Fact("features", len(fate)),
-            Fact("found again", len(names)),
-            Fact("dropped by checks", dropped),
-            Fact("kept", len(chosen)),
-        ]
-        words = f"frame {frame}: kept blue, others by what dropped them"
+        error = match_errors(known, traced.found, frame)
+        wrong = error > RIGHT  # false where the truth is not known
+        by_name = by_fate(traced, error)
         chart, (left, right) = figure(CHART_HEIGHT, 2)
-        wrong = np.zeros(len(names), np.bool_)  # where the truth is not known, too
-        if known is None:
-            fates_chart(left, traced, fate, None)
-            depths_chart(right, sequence.camera.triangulate(chosen.prev_left, chosen.prev_right)[:, 2])
-        else:
-            error = match_errors(known, traced.found, frame)
-            wrong = error > RIGHT
-            words += "; rings: kept, but wrong"
-            fates_chart(left, traced, fate, wrong)
-            by_name = by_fate(names, error)
-            errors_chart(right, by_name)
-            exact = by_name["kept"][np.isfinite(by_name["kept"])]
+        fates_chart(left, traced, None if known is None else wrong)
+        errors_chart(right, by_name)
+        words = f"frame {frame}: kept blue, others by what dropped them; rings: kept, but wrong"
+        picture = fates_picture(stereo(sequence, frame)[0], traced, wrong, words)
+        exact = by_name["kept"][np.isfinite(by_name["kept"])]
+        facts = [Fact("features", len(traced.id)), Fact("kept", len(traced.chosen))]
+        if known is not None:
             facts += [
                 Fact("wrong among the kept", int(np.count_nonzero(by_name["kept"] > RIGHT))),
                 Fact("right ones dropped", int(np.count_nonzero(by_name["dropped"] <= RIGHT))),
                 Fact("median error of the kept", float(np.median(exact)) if len(exact) else np.nan, "px", 3),
             ]
-        picture = fates_picture(stereo(sequence, frame)[0], traced, fate, wrong, words)
+        surplus = len(traced.kept) - len(traced.chosen)
         sentence = (
-            f"Of {len(fate)} features of the previous pair {len(names)} are found again in all four images; the "
-            f"checks drop {dropped} of these, the buckets {np.count_nonzero(fate == SURPLUS)}, and {len(chosen)} "
-            "are kept."
+            f"{len(traced.id)} features of the previous pair have a stereo match, and {len(traced.found)} of them are "
+            f"matched in all four images. The checks remove {len(traced.found) - len(traced.kept)} of these, the "
+            f"buckets {surplus}; {len(traced.chosen)} are kept."
         )
         return Drawing(stack([picture, chart], self.height), sentence, tuple(facts))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.matches import StereoMatches
-from vo_lib.geometry.types import Array, Index
+from vo_lib.geometry.types import Index
+from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.matching import DescribedPair, close_loop
 from vo_lib.paper.settings import MethodConfig, PublishedConfig, StereoLimits
 from vo_lib.runs.drive import single_threaded
@@ -27,7 +29,7 @@ CHECKS: dict[str, dict[str, Any]] = {
     "off its surface": {"surface_tolerance": 10.0, "surface_share": 0.0},
     "two ways differ": {"loop_tolerance": 10.0},
 }
-OPEN, LOST = "loop stays open", "not found again"
+OPEN, LOST, SURPLUS, CHOSEN = "loop stays open", "not found again", "bucket is full", "kept"
 
 _histories: Memory[tuple[Any, Any]] = Memory(6)
 _steps: Memory[StereoMatches] = Memory(48)
@@ -39,20 +41,19 @@ class Trace:
 
     Attributes
     ----------
-    left : (N, 2) pixels in the previous left image; id : (N,) their numbers.
-    reasons : reasons for dropping a feature, in the order of the checks.
-    reason : (N,) index into `reasons`; `len(reasons)` for features that pass every check.
-    found : the M matched features, before all checks; index : (M,) their numbers among the N.
-    kept : matches that pass.
+    id : (N,) numbers of the features.
+    fates : what can become of a feature, in the order of the steps; fate : (N,) what became of each.
+    found : the M of them that were found again, whatever the checks say; index : (M,) of these among the N.
+    kept : matches that pass the checks; chosen : those of them that the buckets keep.
     """
 
-    left: Array
     id: NDArray[np.int64]
-    reasons: tuple[str, ...]
-    reason: NDArray[np.int64]
+    fates: tuple[str, ...]
+    fate: NDArray[np.str_]
     found: StereoMatches
     index: NDArray[np.int64]
     kept: StereoMatches
+    chosen: StereoMatches
 
 
 def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
@@ -63,7 +64,8 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     usual = dataclasses.replace(config, matching=type(config.matching)())
     base = *key_of(sequence, frame), usual.features, usual.matching
     before, pair = _histories.get(base, lambda: before_step(sequence, frame, usual))
-    # The paper's way has some of the checks.
+    # The paper has some of the checks.
+    paper = isinstance(config, PublishedConfig)
     checks = {
         name: off for name, off in CHECKS.items() if all(hasattr(config.matching, each) for each in off)
     }
@@ -84,20 +86,19 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
 
     with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
         results = list(pool.map(step, stages))
-    left, number = _candidates(before)
-    reasons, passed = (LOST, *checks), [result.id for result in results]
-    if isinstance(config, PublishedConfig):
+    number = before._id[before._previous.to_right >= 0] if paper else before._previous[1].id
+    kept = results[-1][
+        np.isin(results[-1].id, functools.reduce(np.intersect1d, [each.id for each in results]))
+    ]
+    chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, config.buckets)]
+    fates, passed = (LOST, *checks, SURPLUS, CHOSEN), [each.id for each in (*results, chosen)]
+    if paper:
         closed = close_loop(before._previous, pair, config.matching.search_radius)[0]
-        reasons, passed = (OPEN, *reasons), [before._id[closed], *passed]
-    reason = np.zeros(len(number), np.int64)
-    alive = np.ones(len(number), np.bool_)
-    for each in passed:
-        alive &= np.isin(number, each)
-        reason[alive] += 1
+        fates, passed = (OPEN, *fates), [before._id[closed], *passed]
+    steps = np.cumprod([np.isin(number, each) for each in passed], axis=0).sum(axis=0)
     order = np.argsort(number)
     index = order[np.searchsorted(number, results[0].id, sorter=order)]
-    kept = results[-1][np.isin(results[-1].id, number[reason == len(reasons)])]
-    return Trace(left, number, reasons, reason, results[0], index, kept)
+    return Trace(number, fates, np.array(fates)[steps], results[0], index, kept, chosen)
 
 
 def whole_pixels(before: DescribedPair, now: DescribedPair, pl_pr: Index, pr_cr: Index) -> StereoMatches:
@@ -112,12 +113,3 @@ def whole_pixels(before: DescribedPair, now: DescribedPair, pl_pr: Index, pr_cr:
         now.in_right.uv[cur_right],
     )
     return StereoMatches(*places, np.ones_like(number), before.in_left.strength, number)
-
-
-def _candidates(front_end: Any) -> tuple[Array, NDArray[np.int64]]:
-    """Features with a stereo match that wait in a front end: left pixels (N, 2) and numbers (N,)."""
-    if isinstance(front_end._previous, DescribedPair):
-        stereo_match = front_end._previous.to_right >= 0
-        return front_end._previous.in_left.uv[stereo_match], front_end._id[stereo_match]
-    known = front_end._previous[1]
-    return known.left, known.id

@@ -92,12 +92,6 @@ def in_basis(E: Array, x_p: Array, x_c: Array) -> Array:
     return np.asarray((xyzw[:, :3] / xyzw[:, 3:]).T)
 
 
-def swapped(x_p: Array, x_c: Array) -> Array:
-    """The solutions with x and y in each other's place."""
-    x, y, z = in_basis(solutions(x_p, x_c), x_p, x_c)
-    return (np.stack([y, x, z, np.ones_like(x)], axis=1) @ null_space(rows(x_p, x_c))).reshape(-1, 3, 3)
-
-
 def only_z_is_right(E: Array, x_p: Array, x_c: Array) -> bool:
     """Whether matrices have the z of the solutions."""
     got, right = (np.sort(in_basis(each, x_p, x_c)[2]) for each in (E, solutions(x_p, x_c)))
@@ -150,9 +144,7 @@ epipolar_distance = Exercise(
         ),
         "the points are exchanged: x_p gives the line.": lambda E, x_p, x_c: distance(E, x_c, x_p),
         "this is the line of the transposed E.": lambda E, x_p, x_c: distance(E.T, x_p, x_c),
-        "c is left out: the line need not pass through the origin.": from_line(
-            lambda value, line: abs(value - line[2]) / np.hypot(*line[:2])
-        ),
+        "c is left out.": from_line(lambda value, line: abs(value - line[2]) / np.hypot(*line[:2])),
         "this is divided by the length of (a, b, c); the normal of the line is (a, b) alone.": from_line(
             lambda value, line: abs(value) / np.linalg.norm(line)
         ),
@@ -171,9 +163,7 @@ epipolar_rows = Exercise(
     mistakes={
         "previous and current points have changed places.": lambda x_p, x_c: rows(x_c, x_p),
         "x and y are exchanged in both images.": lambda x_p, x_c: rows(x_p[:, ::-1], x_c[:, ::-1]),
-        "each match gives a 3×3 matrix; `ravel` makes a row of nine numbers of it.": lambda *x: rows(
-            *x
-        ).reshape(5, 3, 3),
+        "`ravel` makes a row of nine numbers of each 3×3 matrix.": lambda *x: rows(*x).reshape(5, 3, 3),
         "the last column is right, others are not: look at the order of E's nine entries.": When(
             lambda A, *case: np.allclose(A[:, 8], 1.0, atol=1e-12)
         ),
@@ -191,14 +181,9 @@ null_basis = Exercise(
     library=("null_space",),
     mistakes={
         "these are columns of Vᵀ; its rows are the vectors.": lambda A: np.linalg.svd(A)[2][:, 5:],
-        "these are the first four rows of Vᵀ, with the largest singular values; the null space is spanned by the "
-        "last four.": lambda A: np.linalg.svd(A)[2][:4],
-        "A times the basis is not 0: with `full_matrices=False`, Vᵀ has five rows, and none of them is in the null "
-        "space.": lambda A: np.linalg.svd(A, full_matrices=False)[2][1:],
+        "these are the first four rows of Vᵀ, not the last four.": lambda A: np.linalg.svd(A)[2][:4],
         "A times the basis is not 0.": When(lambda basis, A: np.abs(A @ basis.T).max() > 1e-9),
-        "the four vectors are not orthonormal.": When(
-            lambda basis, A: np.abs(basis @ basis.T - np.eye(4)).max() > 1e-9
-        ),
+        "the four vectors are not orthonormal.": When(lambda V, A: not np.allclose(V @ V.T, np.eye(4))),
     },
 )
 
@@ -232,9 +217,8 @@ solve_five = Exercise(
     form=in_line,
     atol=1e-4,
     task="A function (x_p, x_c), (5, 2) each -> all essential matrices through the five matches, (M, 3, 3).",
-    praise="these are the library's solutions. Your function solves one set at a time, the library's hundreds "
-    "at once.",
-    hint="there is one solution for each real root z: take it from the null vector of C(z).",
+    praise="these are the library's solutions; the library solves hundreds of sets at once.",
+    hint="each real root z gives one solution: compute x and y from the null vector of C(z).",
     line="v = np.linalg.svd(C(z))[2][-1]; E = np.tensordot([v[3] / v[5], v[4] / v[5], z, 1], basis, axes=1)",
     library=("five_point", "findEssentialMat", "real_roots", "eliminate", "determinant", "back_substitute"),
     slips={"transposed": "these are the transposes: vec(E) runs row by row, and a row of A has x_c first."},
@@ -242,13 +226,10 @@ solve_five = Exercise(
         "this is one of several solutions; give back all real ones: chapter 3 chooses.": (
             *(lambda *x, some=some: solutions(*x)[some] for some in (slice(1), slice(-1, None), 0)),
         ),
-        "x and y are exchanged; the columns of C are those of x², y², xy, x, y, 1.": swapped,
-        "every z is right, x and y are not: divide the null vector of C(z) by its last entry, then its fourth and "
-        "fifth are x and y.": When(only_z_is_right),
+        "every z is right, x and y are not. Either x and y are exchanged (the columns of C are those of x², y², xy, x, "
+        "y, 1), or the null vector of C(z) is not divided by its last entry.": When(only_z_is_right),
         "these matrices do not fit the five matches: x_cᵀ E x_p is not 0. Is vec(E) read row by row, and are x_p and "
-        "x_c in their places?": When(
-            lambda E, x_p, x_c: np.abs(rows(x_p, x_c) @ in_line(E).T).max() > 1e-4,
-        ),
+        "x_c in their places?": When(lambda E, *x: np.abs(rows(*x) @ in_line(E).T).max() > 1e-4),
         "these matrices fit the five matches, but some are not essential: the ten constraints do not hold.": When(
             lambda E, x_p, x_c: max(np.abs(ten(each.reshape(3, 3))).max() for each in in_line(E)) > 1e-4
         ),
@@ -259,14 +240,12 @@ most_frequent_count = Exercise(
     lambda: np.argmax(np.bincount(counts())),
     task="The number of real solutions that sets of general motion have most often.",
     praise="{right} real solutions are the most frequent number of 0, 2, 4, 6, 8 and 10.",
-    hint="first count the solutions of each set, then the sets that have 0, 1, 2 … of them.",
+    hint="count the solutions of each set, then the sets with 0, 1, 2 … solutions.",
     line="np.argmax(np.bincount(np.bincount(found.set_index)))",
     mistakes={
         "this is the mean number; the most frequent one is wanted.": lambda: counts().mean(),
         "this is the index of a set, that of the set with most solutions.": lambda: np.argmax(counts()),
-        "this is how many sets have the most frequent number of solutions.": lambda: np.bincount(
-            counts()
-        ).max(),
+        "this is how many sets have the most frequent number.": lambda: np.bincount(counts()).max(),
         "this is a share of the sets; the number of solutions is wanted.": When(lambda got: 0 < got < 1),
         "odd numbers hardly ever occur: complex roots come in pairs.": When(lambda got: got % 2 == 1),
     },
@@ -285,25 +264,29 @@ noise_factor = Exercise(
             lambda: median_error(0.4) - median_error(0.1),
         ),
         "this is the error at one noise.": (lambda: median_error(0.4), lambda: median_error(0.1)),
-        "this is the factor of the noise, or a guess; measure the factor of the error.": When(
-            lambda got: got in (3, 4)
-        ),
+        "this is no measurement: measure the factor of the error.": When(lambda got: got in (3, 4)),
     },
 )
 
 far_off = Exercise(
-    {FIRST: 2.5, "solution": 1.0, "noise added": 0.0},
-    task="The panel shows five noise-free matches whose best solution, number 1, is more than 2° wrong.",
-    praise="{rotation error of solution 1:.1f}° from five matches of this frame. Such a set shows only when its "
-    "solutions are compared with all other matches.",
+    {FIRST: 2.5, "noise added": 0.0, "outliers among the five": 0.0, "closest two of the five": 50.0},
+    task="The panel shows five correct, noise-free matches, apart from each other, with a best solution 2° wrong.",
+    praise="{rotation error of solution 1:.1f}° from five correct matches: small errors of their places become large "
+    "errors of the rotation. Only the other matches show that this set is bad.",
     mistakes={
         "this sequence has no ground truth: choose one that has.": lambda now: np.isnan(now[FIRST]),
         "{noise added:.2f} px of noise are added: set the noise to 0.": lambda now: now["noise added"] != 0,
-        "solution {solution:.0f} is {rotation error of this solution:.1f}° wrong, but solution 1 of the same five "
-        "matches only {rotation error of solution 1:.2f}°. `solution` only moves between the solutions of one set: "
-        "choose five other matches.": lambda now: now["solution"] != 1 and not now[FIRST] > 2.0,
+        "solution 1 of these five matches is only {rotation error of solution 1:.2f}° wrong. `solution` shows another "
+        "solution of the same set: choose five other matches.": lambda now: (
+            now["solution"] > 1 and not now[FIRST] > 2.0
+        ),
         "the best solution of these five matches is {rotation error of solution 1:.2f}° wrong; more than 2° is "
-        "wanted. Draw other sets, or type numbers: matches close together, or on a moving car, determine the "
-        "rotation badly.": lambda now: not now[FIRST] > 2.0,
+        "wanted. Draw other sets, or type numbers: which matches determine the rotation badly?": lambda now: (
+            not now[FIRST] > 2.0
+        ),
+        "outliers among the five: {outliers among the five:.0f}. One is enough to spoil a set; find five correct "
+        "matches that are as bad.": lambda now: now["outliers among the five"] > 0,
+        "two of the five are {closest two of the five:.0f} px apart. Neighbours give nearly the same equation; find "
+        "five matches at least 40 px apart.": lambda now: now["closest two of the five"] < 40,
     },
 )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import (
     decompose_essential,
+    essential_angle,
     essential_from_motion,
     inverse,
     rigid,
@@ -54,16 +55,13 @@ def epipolar_line(E: Array, x_p: Array, camera: StereoCamera) -> Array:
 
 
 def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> None:
-    """Draw a line a u + b v + c = 0 across a BGR picture, in place."""
-    a, b, c = line
-    height, width = picture.shape[:2]
-    if abs(b) >= abs(a):
-        ends = [(0.0, -c / b), (float(width), -(c + a * width) / b)]
-    else:
-        ends = [(-c / a, 0.0), (-(c + b * height) / a, float(height))]
-    # Sixteenths of a pixel; a steep line may end far outside.
-    (u0, v0), (u1, v1) = np.clip(np.rint(np.array(ends) * 16), -(2**24), 2**24).astype(int).tolist()
-    cv2.line(picture, (u0, v0), (u1, v1), bgr(colour), thickness, cv2.LINE_AA, shift=4)
+    """Draw a line a u + b v + c = 0 with a² + b² = 1 across a BGR picture, in place."""
+    middle = np.array(picture.shape[1::-1]) / 2
+    foot = middle - (line[:2] @ middle + line[2]) * line[:2]
+    along = picture.shape[1] * np.array([-line[1], line[0]])
+    # Sixteenths of a pixel; a line may be far outside.
+    ends = np.clip(np.rint(16 * np.stack([foot - along, foot + along])), -(2**24), 2**24).astype(int)
+    cv2.line(picture, *ends.tolist(), bgr(colour), thickness, cv2.LINE_AA, shift=4)
 
 
 def draw_dot(picture: Image, uv: Array, colour: str, radius: float, words: str = "") -> None:
@@ -109,41 +107,33 @@ def lines_picture(
     return photo(picture)
 
 
-class Polynomial(NamedTuple):
-    """Coefficients (11,) of z¹⁰, z⁹w, …, w¹⁰ and the real roots (z, w), (K,) each."""
+def polynomial_of(x_p: Array, x_c: Array) -> tuple[Array, Array]:
+    """The degree-10 polynomial of one five-point set, x_p and x_c (5, 2).
 
-    coefficients: Array
-    z: Array
-    w: Array
-
-    @property
-    def angles(self) -> Array:
-        """The roots as directions: angle of (z, w) in [0, 180) degrees."""
-        return np.degrees(np.arctan2(self.w, self.z)) % 180.0
-
-
-def polynomial_of(x_p: Array, x_c: Array) -> Polynomial:
-    """The degree-10 polynomial of one five-point set, x_p and x_c (5, 2), and its real roots."""
+    Coefficients (11,) of z¹⁰, z⁹w, …, w¹⁰, and the real roots (K,) as directions of (z, w) in [0, 180) degrees.
+    """
     basis, _ = null_space(epipolar_rows(x_p[None], x_c[None]))
     coefficients = determinant(eliminate(cubic_constraints(basis)))
     z, w, _, _ = real_roots(coefficients)
-    return Polynomial(coefficients[:, 0], z, w)
+    return coefficients[:, 0], np.degrees(np.arctan2(w, z)) % 180.0
 
 
-def polynomial_chart(axis: Axes, polynomial: Polynomial) -> None:
-    """The polynomial along the directions (z, w) = (cos θ, sin θ), and its real roots."""
+def polynomial_chart(axis: Axes, coefficients: Array, roots: Array) -> None:
+    """A polynomial (11,) along the directions (z, w) = (cos θ, sin θ), and its real roots (K,), degrees."""
     theta = np.linspace(0.0, np.pi, 721)
     order = np.arange(DEGREE + 1)
-    values = (
-        np.cos(theta)[:, None] ** order[::-1] * np.sin(theta)[:, None] ** order
-    ) @ polynomial.coefficients
+    values = (np.cos(theta)[:, None] ** order[::-1] * np.sin(theta)[:, None] ** order) @ coefficients
     axis.axhline(0.0, color=PALE, linewidth=1)
     height = np.arcsinh(values / (COMPRESSED * np.max(np.abs(values))))
     axis.plot(np.degrees(theta), height, color=DARK, linewidth=1)
-    axis.plot(polynomial.angles, np.zeros(len(polynomial.z)), "o", color=BAD, markersize=5)
+    axis.plot(roots, np.zeros(len(roots)), "o", color=BAD, markersize=5)
     axis.set(xlim=(-5, 185), ylim=(-TOP, TOP), xticks=(0, 45, 90, 135, 180), yticks=())
-    title = f"polynomial of degree 10: {len(polynomial.z)} real roots"
-    finish(axis, title, "direction of (z, w) [deg]", "det C, compressed")
+    finish(
+        axis,
+        f"polynomial of degree 10: {len(roots)} real roots",
+        "direction of (z, w) [deg]",
+        "det C, compressed",
+    )
 
 
 def errors_chart(axis: Axes, errors: Array, winner: float, what: str = "rotation error") -> None:
@@ -157,55 +147,27 @@ def errors_chart(axis: Axes, errors: Array, winner: float, what: str = "rotation
     finish(axis, "each set's best solution (line: consensus winner)", f"{what} [deg]", "sets")
 
 
-class TwoViewMotion(NamedTuple):
-    """One of the four (R, ±t) of E, with depths (N,) of the points along previous rays in units of |t|.
+def four_motions(E: Array, x_p: Array, x_c: Array) -> list[tuple[Array, Array, Array, BoolArray]]:
+    """The four motions of E (3, 3), R and t with |t| = 1, and the depths they give to matches x_p, x_c (N, 2).
 
-    front : (N,) mask of the points in front of both cameras.
-    """
-
-    R: Array
-    t: Array
-    depth_p: Array
-    front: BoolArray
-
-
-def four_motions(E: Array, x_p: Array, x_c: Array) -> list[TwoViewMotion]:
-    """The four motions of E (3, 3) and the depths they give to matches x_p, x_c (N, 2).
-
+    Of each motion: R, t, the depths (N,) along the previous rays, and which points are in front of both cameras.
     depth_c x_c = depth_p R x_p + t, solved by least squares: the cross product with one ray leaves the
     other's depth.
     """
     rotations, t = decompose_essential(E)
     p, c = (np.concatenate([x, np.ones((len(x), 1))], axis=1) for x in (x_p, x_c))
     motions = []
-    for R in rotations:
+    for R, direction in itertools.product(rotations, (t, -t)):
         q = p @ R.T
         normal = np.cross(c, q)
-        for direction in (t, -t):
-            squared = np.maximum(np.sum(normal**2, axis=1), 1e-18)
-            depth_p = -np.sum(normal * np.cross(c, direction), axis=1) / squared
-            depth_c = -np.sum(normal * np.cross(q, direction), axis=1) / squared
-            motions.append(TwoViewMotion(R, direction, depth_p, (depth_p > 0) & (depth_c > 0)))
+        squared = np.maximum(np.sum(normal**2, axis=1), 1e-18)
+        depth_p, depth_c = (-np.sum(normal * np.cross(ray, direction), axis=1) / squared for ray in (c, q))
+        motions.append((R, direction, depth_p, (depth_p > 0) & (depth_c > 0)))
     return motions
 
 
 TOY = rigid(rotation_from_vector(np.array([0.0, -0.3, 0.0])), np.array([-0.7, 0.0, -0.6]))  # T_cp
 TOY_X = np.array([0.9, -0.5, 2.6])  # the point seen by both cameras, in the previous one
-
-
-def two_views(motion: TwoViewMotion, x_p: Array, words: str = "", at: float = 0.0) -> list[Shape]:
-    """Both cameras of a motion and the rays of a match x_p (2,) to where they meet, all shifted by `at` to the right.
-
-    Rays are orange where they meet behind a camera.
-    """
-    shift = rigid(np.eye(3), np.array([at, 0.0, 0.0]))
-    T_p_c = shift @ inverse(rigid(motion.R, motion.t))
-    X = transform(shift, (motion.depth_p[0] * np.append(x_p, 1.0))[None])[0]
-    rays = [
-        Shape(np.stack([T[:3, 3], X]), GOOD if motion.front[0] else BAD, name=words * (T is shift))
-        for T in (shift, T_p_c)
-    ]
-    return [*view_of(shift), *view_of(T_p_c, colour=FOURTH), *rays]
 
 
 def epipolar_plane() -> list[Shape]:
@@ -227,49 +189,64 @@ def epipolar_plane() -> list[Shape]:
 
 
 def four_views() -> list[Shape]:
-    """The four motions of one essential matrix beside each other, each with the rays of the same match."""
-    x = [(X[:2] / X[2])[None] for X in (TOY_X, transform(TOY, TOY_X[None])[0])]
-    motions = four_motions(essential_from_motion(TOY[:3, :3], TOY[:3, 3]), *x)
-    words = [f"motion {k}" for k in range(1, 5)]
-    return [s for k, m in enumerate(motions) for s in two_views(m, x[0][0], words[k], 3.5 * k)]
+    """The four motions of one essential matrix beside each other, each with the rays of the same match.
+
+    Rays are orange where they meet behind a camera.
+    """
+    x_p, x_c = ((X[:2] / X[2])[None] for X in (TOY_X, transform(TOY, TOY_X[None])[0]))
+    shapes = []
+    for k, (R, t, depth, front) in enumerate(
+        four_motions(essential_from_motion(TOY[:3, :3], TOY[:3, 3]), x_p, x_c)
+    ):
+        here = rigid(np.eye(3), np.array([3.5 * k, 0.0, 0.0]))
+        other = here @ inverse(rigid(R, t))
+        X = transform(here, depth[:, None] * np.append(x_p, [[1.0]], axis=1))[0]
+        shapes += [*view_of(here, f"motion {k + 1}"), *view_of(other, colour=FOURTH)]
+        shapes += [Shape(np.stack([T[:3, 3], X]), GOOD if front[0] else BAD) for T in (here, other)]
+    return shapes
 
 
 KINDS: dict[str, Motion] = {
     "general": "general",
-    "points at one place": "general",
+    "neighbours": "general",
     "a plane": "planar",
     "pure rotation": "pure_rotation",
 }
 
 
-def degeneracies(noise_px: float, count: int = 200) -> dict[str, tuple[float, float, float]]:
-    """By kind of scene: how many solutions of five points fit all 65, and, with noise, errors of the best.
+def degeneracies(noise_px: float, count: int = 200) -> tuple[list[str], list[Shape]]:
+    """By kind of scene: a line of text, and one scene of 65 points, with two cameras and five points in orange.
 
-    The errors are medians over the scenes, in degrees: of the rotation, and of the direction of t.
+    The text has the number of solutions of five points that fit all 65 and, with noise, median errors of the best.
     """
-    found = {}
-    for name, kind in KINDS.items():
+    lines, shapes = [], []
+    for number, (name, kind) in enumerate(KINDS.items()):
         given = random_problems(np.random.default_rng(0), count, 65, kind)
         away = np.linalg.norm(given.x_c - given.x_c[:, :1], axis=2)
-        five = np.argsort(away if "one place" in name else np.zeros_like(away), axis=1, kind="stable")[
-            :, :5, None
-        ]
-        x = np.stack([np.take_along_axis(each, five, axis=1) for each in (given.x_p, given.x_c)])
+        five = np.tile(np.arange(5), (count, 1)) if name != "neighbours" else np.argsort(away, axis=1)[:, :5]
+        x = np.stack([np.take_along_axis(each, five[..., None], axis=1) for each in (given.x_p, given.x_c)])
+        exact = five_point(*x)
         fits = [
             np.abs(sampson_distance(E, given.x_p[k], given.x_c[k])).max() < 1e-7
-            for E, k in zip(*five_point(*x), strict=True)
+            for E, k in zip(exact.E, exact.set_index, strict=True)
         ]
         E, of = five_point(*(x + np.random.default_rng(1).normal(0.0, noise_px / FOCAL, x.shape)))
         R, t = decompose_essential(E)
-        turn = rotation_angle(np.swapaxes(R, -1, -2) @ given.R_cp[of, None]).min(axis=-1)
-        way = np.arccos(np.clip(np.abs(np.sum(t * given.t_cp[of], axis=1)), 0.0, 1.0))
+        turn = np.degrees(rotation_angle(np.swapaxes(R, -1, -2) @ given.R_cp[of, None]).min(axis=-1))
+        way = np.degrees(essential_angle(t, given.t_cp[of]))
         order = np.lexsort((turn, of))
         best = order[np.unique(of[order], return_index=True)[1]]
-        errors = np.degrees([np.median(turn[best]), np.median(way[best])])
         # Without a motion every [t]× R is a solution, and no t is the true one.
         still = kind == "pure_rotation"
-        found[name] = np.inf if still else sum(fits) / count, errors[0], np.nan if still else errors[1]
-    return found
+        fit = "all solutions fit" if still else f"{sum(fits) / count:.1f} solutions fit"
+        direction = "" if still else f", of the direction of t {np.median(way[best]):.1f}°"
+        lines.append(f"{name:13}: {fit}; error of the rotation {np.median(turn[best]):.2f}°{direction}")
+        here = rigid(np.eye(3), np.array([45.0 * number, 0.0, 0.0]))
+        other = here @ inverse(rigid(given.R_cp[0], given.t_cp[0]))
+        X = transform(here, given.X_p[0])
+        shapes += [*view_of(here, name, size=2.5), *view_of(other, colour=FOURTH, size=2.5)]
+        shapes += [Shape(X, GOOD, "dots", width=3.0), Shape(X[five[0]], BAD, "dots", width=6.0)]
+    return lines, shapes
 
 
 POWERS = [["", name, f"{name}²", f"{name}³"] for name in "xyzw"]

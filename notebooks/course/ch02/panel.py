@@ -26,6 +26,8 @@ from ..results import Fact
 from . import figures as draw
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
+SETS = 200  # in the histogram
+OUTLIER_PX = 1.0  # from the true epipolar line
 FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
 
 
@@ -38,7 +40,6 @@ class FivePointView(Checked):
     match: float = setting(0.3, "the match whose epipolar line is drawn, from left to right", low=0, high=1)
     candidate: int = setting(1, "which solution of the set is shown, the best first", low=1, high=10)
     noise: float = setting(0.0, "noise added to every coordinate", unit="px", low=0, high=3)
-    sets: int = setting(200, "five-point sets in the histogram", low=10, high=2000)
     spread: str = setting(
         "anywhere", "where the matches of a drawn set are", choices=("anywhere", "side by side")
     )
@@ -115,7 +116,6 @@ class FivePointPanel(Panel):
         Control("view.spread", "five matches"),
         Control("selection.threshold", "inlier threshold", high=5, step=0.05),
         Control("view.noise", "noise", step=0.05),
-        Control("view.sets", "sets in the histogram", step=10, high=1000),
     )
 
     def draw(self, state: State) -> Drawing:
@@ -125,6 +125,14 @@ class FivePointPanel(Panel):
         chosen = self._five(view, points)
         threshold = state.config.selection.threshold / camera.f
         R_true = reference_rotation(sequence, frame, clean)
+        what, than, E_true = (
+            "turn from the estimate",
+            "the estimate from all matches (no truth)",
+            np.zeros((3, 3)),
+        )
+        if clean.T_cp is not None:
+            what, than = "rotation error", "the true one"
+            E_true = essential_from_motion(clean.T_cp[:3, :3], clean.T_cp[:3, 3])
         x_p, x_c = points.x_p[chosen], points.x_c[chosen]
         E = five_point(x_p[None], x_c[None]).E
         if len(E) == 0:
@@ -133,42 +141,34 @@ class FivePointPanel(Panel):
         order = np.argsort(image_errors)
         shown = order[min(view.candidate, len(order)) - 1]
         inlier = sampson_inliers(E[shown], points.x_p, points.x_c, threshold)
-        sets = sets_of(points, 2, view.sets, view.spread)
-        key = (*key_of(sequence, frame), state.config.variant, view.noise, view.sets, view.spread, threshold)
+        sets = sets_of(points, 2, SETS, view.spread)
+        key = (*key_of(sequence, frame), state.config.variant, view.noise, view.spread, threshold)
         spread, winner = _errors.get(key, lambda: set_errors(points, R_true, sets, threshold))
         match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
-        picture = self._picture(state, points, chosen, match, E[shown], inlier)
+        picture = self._picture(state, points, [match, *chosen], np.stack([E_true, E[shown]]), inlier)
         charts, (left, right) = figure(CHART_HEIGHT, 2)
-        draw.polynomial_chart(left, draw.polynomial_of(x_p, x_c))
-        draw.errors_chart(
-            right, spread, winner, "rotation error" if clean.T_cp is not None else "from the estimate"
-        )
+        draw.polynomial_chart(left, *draw.polynomial_of(x_p, x_c))
+        draw.errors_chart(right, spread, winner, what)
         line = draw.epipolar_line(E[shown], points.x_p[match], camera)
         distance = abs(float(line @ [*draw.pixels(points.x_c[match], camera), 1.0]))
         error, best_error = rotation_errors(E[[shown, order[0]]], R_true).tolist()
-        what, than = "rotation error", "the true one"
-        if clean.T_cp is None:
-            what, than = (
-                "turn from the estimate",
-                "the estimate from all matches (this sequence has no truth)",
-            )
         sentence = (
             f"{len(E)} essential matrices fit the matches {', '.join(map(str, chosen))} exactly. The rotation of "
             f"solution {min(view.candidate, len(E))} differs by {error:.3f}° from {than}. Match {match} is "
-            f"{distance:.2f} px from its epipolar line (orange); {np.count_nonzero(inlier)} of {len(inlier)} matches "
-            "are inliers."
+            f"{distance:.2f} px from its epipolar line (orange)."
         )
+        ends = camera.f * points.x_c[chosen]
+        apart = np.linalg.norm(ends[:, None] - ends, axis=2)[np.triu_indices(5, 1)].min()
+        wrong = ~sampson_inliers(E_true, points.x_p[chosen], points.x_c[chosen], OUTLIER_PX / camera.f)
         facts = (
-            Fact("real solutions", len(E)),
             Fact("inliers", int(np.count_nonzero(inlier))),
             Fact(f"{what} of this solution", error, "°", 3),
             Fact(f"{what} of solution 1", best_error, "°", 3),
-            Fact("its image error", float(image_errors[shown]), "", 3),
-            Fact("chosen match to its line", distance, "px", 2),
             Fact(f"{what}: median of the sets", float(np.median(spread)), "°", 3),
-            Fact(f"{what}: consensus winner", winner, "°", 3),
             Fact("solution", min(view.candidate, len(order))),
             Fact("noise added", view.noise, "px", 2),
+            Fact("outliers among the five", int(wrong.sum()) if E_true.any() else np.nan),
+            Fact("closest two of the five", float(apart), "px"),
         )
         return Drawing(stack([picture, charts], self.height), sentence, facts)
 
@@ -181,21 +181,16 @@ class FivePointPanel(Panel):
             return np.array(view.points)
         return np.asarray(sets_of(points, [3, view.draw], 1, view.spread)[0])
 
-    def _picture(
-        self, state: State, points: Points, chosen: Index, match: int, E: Array, inlier: BoolArray
-    ) -> Image:
+    def _picture(self, state: State, points: Points, named: list[int], E: Array, inlier: BoolArray) -> Image:
+        """The frame with its matches; of the first named one, the lines under the true E and under a solution."""
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
         starts, ends = draw.pixels(points.x_p, camera), draw.pixels(points.x_c, camera)
         draw.draw_flow(picture, starts, ends, [PALE if each else DARK for each in inlier], 2)
-        if points.T_cp is not None:
-            E_true = essential_from_motion(points.T_cp[:3, :3], points.T_cp[:3, 3])
-            if np.any(E_true):
-                draw.draw_line(picture, draw.epipolar_line(E_true, points.x_p[match], camera), THIRD, 1)
-        draw.draw_line(picture, draw.epipolar_line(E, points.x_p[match], camera), BAD, 2)
-        for index, colour in zip([match, *chosen], (BAD, *FIVE), strict=True):
+        for each, colour, width in zip(E, (THIRD, BAD), (1, 2), strict=True):
+            if each.any():
+                draw.draw_line(picture, draw.epipolar_line(each, points.x_p[named[0]], camera), colour, width)
+        for index, colour in zip(named, (BAD, *FIVE), strict=True):
             draw.draw_dot(picture, ends[index], colour, 6, str(index))
-        words = (
-            f"frame {state.frame}: five matches; line of match {match} (orange; green: true); black: outliers"
-        )
+        words = f"frame {state.frame}: five matches; line of match {named[0]} (orange; true: green); black: outliers"
         return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
