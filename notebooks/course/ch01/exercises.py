@@ -74,7 +74,7 @@ def follow(*steps: Index) -> tuple[Index, Any]:
 
 
 def which(*steps: Index) -> Index:
-    """Indices of the features whose chain ends where it began."""
+    """Indices of the features whose chain returns to its start."""
     at, found = follow(*steps)
     return np.flatnonzero(found & (at == np.arange(len(at))))
 

@@ -29,7 +29,7 @@ NAMES = 0.055  # of a figure's width, for the names of the fates
 
 
 def grey_picture(response: NDArray[np.float32]) -> Image:
-    """A detector's response as brightness; medium grey is none."""
+    """A detector's response as brightness; medium grey is zero."""
     scale = 127.0 / float(np.percentile(np.abs(response), 99.5) + 1e-9)
     return photo(np.clip(128.0 + scale * response, 0, 255).astype(np.uint8), HALF)
 
@@ -127,7 +127,7 @@ def loop_picture(images: dict[str, Image], matches: StereoMatches, back: Array, 
 
 
 def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: str) -> Image:
-    """The current image with every feature that was found again, coloured by its fate; wrong ones (M,) get a ring."""
+    """The current image with every matched feature, coloured by its fate; kept wrong matches (M,) have a ring."""
     picture = photo(image, image.shape[1])
     found, names = trace.found, trace.fate[trace.index]
     order = np.concatenate([np.flatnonzero(names == name) for name in list(FATES)[::-1]])
@@ -140,7 +140,7 @@ def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: s
 
 
 def fates_chart(axis: Axes, trace: Trace, wrong: NDArray[np.bool_] | None) -> None:
-    """How many features met which fate; the dark part is truly wrong, where that is known, (M,) of those found."""
+    """Number of features by fate; the dark part is the wrong matches (M,), where the truth is known."""
     names = trace.fates
     counts = np.array([np.count_nonzero(trace.fate == name) for name in names])
     bars = axis.barh(names, counts, 0.7, color=[FATES[name] for name in names])
@@ -160,7 +160,7 @@ def fates_chart(axis: Axes, trace: Trace, wrong: NDArray[np.bool_] | None) -> No
 
 
 def by_fate(trace: Trace, error: Array) -> dict[str, Array]:
-    """Errors (M,) of the features found again, kept and dropped ones apart."""
+    """Errors (M,) of the kept and of the dropped matches."""
     fate = trace.fate[trace.index]
     return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
 

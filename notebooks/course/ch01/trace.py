@@ -42,9 +42,9 @@ class Trace:
     Attributes
     ----------
     id : (N,) numbers of the features.
-    fates : what can become of a feature, in the order of the steps; fate : (N,) what became of each.
-    found : the M of them that were found again, whatever the checks say; index : (M,) of these among the N.
-    kept : matches that pass the checks; chosen : those of them that the buckets keep.
+    fates : possible fates of a feature, in the order of the steps; fate : (N,) fate of each feature.
+    found : the M matched features, before all checks; index : (M,) their numbers among the N.
+    kept : matches that pass the checks; chosen : kept matches that the buckets keep.
     """
 
     id: NDArray[np.int64]
