@@ -65,7 +65,6 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     base = *key_of(sequence, frame), usual.features, usual.matching
     before, pair = _histories.get(base, lambda: before_step(sequence, frame, usual))
     # The paper has some of the checks.
-    paper = isinstance(config, PublishedConfig)
     checks = {
         name: off for name, off in CHECKS.items() if all(hasattr(config.matching, each) for each in off)
     }
@@ -86,15 +85,17 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
 
     with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
         results = list(pool.map(step, stages))
-    number = before._id[before._previous.to_right >= 0] if paper else before._previous[1].id
     kept = results[-1][
         np.isin(results[-1].id, functools.reduce(np.intersect1d, [each.id for each in results]))
     ]
     chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, config.buckets)]
     fates, passed = (LOST, *checks, SURPLUS, CHOSEN), [each.id for each in (*results, chosen)]
-    if paper:
+    if isinstance(config, PublishedConfig):
+        number = before._id[before._previous.to_right >= 0]
         closed = close_loop(before._previous, pair, config.matching.search_radius)[0]
         fates, passed = (OPEN, *fates), [before._id[closed], *passed]
+    else:
+        number = before._previous[1].id
     steps = np.cumprod([np.isin(number, each) for each in passed], axis=0).sum(axis=0)
     order = np.argsort(number)
     index = order[np.searchsorted(number, results[0].id, sorter=order)]

@@ -61,7 +61,8 @@ def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> N
     along = picture.shape[1] * np.array([-line[1], line[0]])
     # Sixteenths of a pixel; a line may be far outside.
     ends = np.clip(np.rint(16 * np.stack([foot - along, foot + along])), -(2**24), 2**24).astype(int)
-    cv2.line(picture, *ends.tolist(), bgr(colour), thickness, cv2.LINE_AA, shift=4)
+    start, end = ends.tolist()
+    cv2.line(picture, start, end, bgr(colour), thickness, cv2.LINE_AA, shift=4)
 
 
 def draw_dot(picture: Image, uv: Array, colour: str, radius: float, words: str = "") -> None:
