@@ -47,10 +47,6 @@ class Knob:
             self.shown = widgets.Button(description=label, tooltip=setting.text, layout={"width": "auto"})
             self.shown.on_click(self._press)
 
-    def enable(self, on: bool) -> None:
-        """Make the control active, or grey."""
-        self.shown.disabled = not on
-
     def _press(self, _: Any) -> None:
         self.widget.value = self.widget.min if self.widget.value >= self.widget.max else self.widget.value + 1
 

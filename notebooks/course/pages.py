@@ -41,7 +41,7 @@ body {{ max-width: 1010px; margin: 24px auto; padding: 0 12px; font: 15px/1.5 sa
 pre {{ font: 13px/1.35 monospace; overflow-x: auto }}
 img, video, iframe {{ max-width: 100%; background: #fff }} img, video {{ height: auto }}
 .jp-InputArea, .highlight {{ background: #f6f6f6; padding: 2px 10px }} .prompt {{ display: none }}
-td, th {{ padding: 2px 10px; border-bottom: 1px solid #8884; text-align: left }}
+td, th {{ padding: 2px 10px; border-bottom: 1px solid #8884; text-align: left; vertical-align: top }}
 /* In a narrow window, wide tables and formulas scroll, not the page. */
 table, .formula {{ display: block; max-width: 100%; overflow-x: auto }}
 body {{ overflow-wrap: anywhere }} td, th {{ overflow-wrap: normal }}

@@ -192,7 +192,7 @@ class Panel:
                 state = self.state()
                 idle = self.idle(state)
                 for name, knob in self.knobs.items():
-                    knob.enable(name not in idle and not self._lacks(state.config, name))
+                    knob.shown.disabled = name in idle or self._lacks(state.config, name)
                 self._show(self.draw(state))
             except Exception as error:
                 self._fail(error)
