@@ -134,18 +134,18 @@ class Exercise:
         self.slips = {**usual, **self.slips}
         self.answers: dict[str, list[Any]] = {}
         self.tests: dict[str, Callable[..., Any]] = {}
-        for says, known in self.mistakes.items():
-            for each in known if isinstance(known, tuple) else (known,):
+        for says, examples in self.mistakes.items():
+            for each in examples if isinstance(examples, tuple) else (examples,):
                 if isinstance(each, When) or isinstance(self.right, Mapping):
                     self.tests[says] = each.test if isinstance(each, When) else each
                 else:
                     self.answers.setdefault(says, []).append(each)
 
-    def __call__(self, answer: Any, *given: Any) -> Verdict:
-        if any(each is None or each is ... for each in (answer, *given)) or is_stub(answer):
+    def __call__(self, answer: Any, *data: Any) -> Verdict:
+        if any(each is None or each is ... for each in (answer, *data)) or is_stub(answer):
             return NO_ANSWER
         self._given = ""
-        verdict = self.judge(answer, *given)
+        verdict = self.judge(answer, *data)
         if verdict.passed:
             self.failures.clear()
             return Verdict(True, verdict.message + keep(answer, self.judge)) if self.cases else verdict
@@ -154,7 +154,7 @@ class Exercise:
         told_again = len(self.failures) >= TRIES and self.more != verdict.hint
         return replace(verdict, hint=f"{verdict.hint} {self.more}".strip()) if told_again else verdict
 
-    def judge(self, answer: Any, *given: Any) -> Verdict:
+    def judge(self, answer: Any, *data: Any) -> Verdict:
         """The verdict on an answer, without counting failures or keeping functions."""
         if self.cases and not callable(answer):
             return Verdict(False, f"expected a function, got {type(answer).__name__}.")
@@ -167,7 +167,7 @@ class Exercise:
                 if isinstance(self.right, Mapping):
                     return self._judge_facts(answer)
                 if self.cases is None:
-                    return self._judge(lambda *_: answer, [given])
+                    return self._judge(lambda *_: answer, [data])
                 return self._judge(answer, self.cases())
         except Exception as error:
             return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
@@ -205,19 +205,19 @@ class Exercise:
             says: max(self._agreed(got, self._results(each, cases)) for each in answers)
             for says, answers in self.answers.items()
         }
-        named = max(lengths, key=lengths.__getitem__, default="")
-        if lengths.get(named, 0) < (part + 1) * len(cases):  # an explanation of the whole part comes first
-            partly = named if lengths.get(named, 0) > first else not_indices(wrong, expected)
-            named = self._slip(got, right, part, len(cases)) or partly
-        if not named:
+        mistake = max(lengths, key=lengths.__getitem__, default="")
+        if lengths.get(mistake, 0) < (part + 1) * len(cases):  # an explanation of the whole part comes first
+            partly = mistake if lengths.get(mistake, 0) > first else not_indices(wrong, expected)
+            mistake = self._slip(got, right, part, len(cases)) or partly
+        if not mistake:
             # A function that may return None can do so in the wrong case.
             missing = wrong is None and any(each is None for each in right)
             if not missing and (reason := unusable(wrong, expected, what, self.hint)):
                 return reason
             tests = self.tests.items()
-            named = next((says for says, test in tests if holds(test, wrong, *cases[case])), "")
-        if named:
-            return Verdict(False, named.format_map({"got": wrong, "right": expected, "what": what}))
+            mistake = next((says for says, test in tests if holds(test, wrong, *cases[case])), "")
+        if mistake:
+            return Verdict(False, mistake.format_map({"got": wrong, "right": expected, "what": what}))
         constant = first > 0 and not self.parts and all(self._same(each, got[0]) for each in got)
         if constant and expected is not None:
             return Verdict(
@@ -261,11 +261,11 @@ class Exercise:
                 changed += [i for i, pair in enumerate(zip(inputs, own, strict=True)) if differ(*pair)]
         return [row[part] for part in range(len(rows[0])) for row in rows]
 
-    def _split(self, given: Any) -> list[Any]:
+    def _split(self, data: Any) -> list[Any]:
         """The results of a call: one, or one for each name in `parts`."""
-        if not self.parts or given is None or isinstance(given, Unusable):
-            return [result(given)] * max(len(self.parts), 1)
-        results = list(given) if np.iterable(given) else []
+        if not self.parts or data is None or isinstance(data, Unusable):
+            return [result(data)] * max(len(self.parts), 1)
+        results = list(data) if np.iterable(data) else []
         if len(results) == len(self.parts):
             return [result(each) for each in results]
         names = ", ".join(self.parts)
@@ -294,14 +294,14 @@ class Exercise:
             return f"{shown(got)} is wrong."  # the message hides the right value
         if is_list(expected) and (expected.size > SHORT or not shown(got)):
             others = np.setdiff1d(got, expected)
-            named = f" (for example {others[0]:g})" if len(others) else ""
-            strangers = f"{len(others)} of them are wrong{named}"
-            return f"{what} has {got.size} indices, expected {expected.size}; {strangers}."
+            example = f" (for example {others[0]:g})" if len(others) else ""
+            number = f"{len(others)} of them are wrong{example}"
+            return f"{what} has {got.size} indices, expected {expected.size}; {number}."
         if not (shown(got) and shown(expected)):
             wrong = ~np.isclose(got, expected, self.rtol, self.atol)
             place = tuple(np.argwhere(wrong)[0].tolist())
             numbers = compared(got[place], expected[place])
             return f"{what} has {wrong.sum()} of {wrong.size} numbers wrong: at {list(place)} it {numbers}."
         named_inputs = zip(inspect.signature(self.right).parameters, map(shown, inputs), strict=False)
-        told = ", ".join(f"{name} = {value}" for name, value in named_inputs if 0 < len(value) < LONGEST)
-        return f"{what} {compared(got, expected)}{told and f' for {told}'}."
+        text = ", ".join(f"{name} = {value}" for name, value in named_inputs if 0 < len(value) < LONGEST)
+        return f"{what} {compared(got, expected)}{text and f' for {text}'}."

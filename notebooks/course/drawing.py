@@ -51,13 +51,13 @@ def figure(
 
     The margins are fixed: matplotlib's layout engines would double the drawing time.
     """
-    made = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
+    picture = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
     shares = np.array(widths or (1.0,) * columns)
     inner = (width - len(shares) * (LEFT + RIGHT)) * shares / shares.sum()
-    left = np.cumsum(inner + LEFT + RIGHT) - inner - RIGHT
+    starts = np.cumsum(inner + LEFT + RIGHT) - inner - RIGHT
     bottom, high = BELOW / height, (height - BELOW - ABOVE) / height
-    boxes = zip((left / width).tolist(), (inner / width).tolist(), strict=True)
-    return made, [made.add_axes((x, bottom, wide, high)) for x, wide in boxes]
+    boxes = zip((starts / width).tolist(), (inner / width).tolist(), strict=True)
+    return picture, [picture.add_axes((x, bottom, wide, high)) for x, wide in boxes]
 
 
 def finish(
@@ -105,10 +105,10 @@ def say(axis: Axes, words: str) -> None:
     axis.set_axis_off()
 
 
-def raster(drawn: Figure) -> Image:
+def raster(chart: Figure) -> Image:
     """A figure as a BGR picture (H, W, 3)."""
     with _drawing:
-        canvas = FigureCanvasAgg(drawn)
+        canvas = FigureCanvasAgg(chart)
         canvas.draw()  # type: ignore[no-untyped-call]
         return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, 2::-1])  # type: ignore[no-untyped-call]
 

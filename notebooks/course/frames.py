@@ -229,18 +229,18 @@ def real_frame(name: str = "", frame: int = 40) -> tuple[Sequence, int] | None:
 
     The sequence is `name` ("kitti/drive_0013") if available, else the first of all.
     """
-    found = [each for each in available() if each.startswith(KITTI)]
-    if not found:
+    names = [each for each in available() if each.startswith(KITTI)]
+    if not names:
         print("KITTI is not on this machine: set KITTI_ROOT to its folder to see a real frame in this cell.")
         return None
-    sequence = opened(name if name in found else found[0])
+    sequence = opened(name if name in names else names[0])
     return sequence, min(frame, len(sequence) - 1)
 
 
-def real_pair(drawn: Sequence, frame: int, name: str = "") -> Shown | None:
+def real_pair(scene: Sequence, frame: int, name: str = "") -> Shown | None:
     """A drawn left image beside a real one; without KITTI, a sentence is printed and the result is None."""
     real = real_frame(name)
     if real is None:
         return None
-    words = f"{drawn.name}, frame {frame}", f"{real[0].name}, frame {real[1]}"
-    return show(beside(stereo(drawn, frame)[0], stereo(*real)[0], *words))
+    words = f"{scene.name}, frame {frame}", f"{real[0].name}, frame {real[1]}"
+    return show(beside(stereo(scene, frame)[0], stereo(*real)[0], *words))

@@ -86,25 +86,25 @@ def _source(thing: Any) -> str:
 
 def _needed(function: Any) -> dict[str, tuple[str, list[str]]]:
     """Source and imports by name, for a function and all its dependencies in the notebook, itself last."""
-    found: dict[str, tuple[str, list[str]]] = {}
+    definitions: dict[str, tuple[str, list[str]]] = {}
 
     def add(name: str, value: Any, around: Any) -> None:
         source, imports = _source(value), set()
-        found[name] = ("", [])  # for recursive functions
+        definitions[name] = ("", [])  # for recursive functions
         for used in _names(source):
-            if used not in around or used in found:
+            if used not in around or used in definitions:
                 continue
             if line := _import_of(used, around[used], function.__module__):
                 imports.add(line)
             elif isinstance(around[used], (FunctionType, type)):
                 add(used, around[used], around)
             else:
-                found[used] = (f"{used} = {_written(used, around[used])}", ["import numpy as np"])
-        del found[name]  # its place is after its dependencies
-        found[name] = (source, sorted(imports))
+                definitions[used] = (f"{used} = {_written(used, around[used])}", ["import numpy as np"])
+        del definitions[name]  # its place is after its dependencies
+        definitions[name] = (source, sorted(imports))
 
     add(function.__name__, function, function.__globals__)
-    return found
+    return definitions
 
 
 def _names(source: str) -> list[str]:
@@ -165,19 +165,19 @@ def _with(text: str, name: str, source: str, imports: list[str]) -> str:
     """The text of a module with a definition, in place of its last definition of that name or at the end."""
     lines, body = text.split("\n"), ast.parse(text).body
     heads = [node for node in body if isinstance(node, (ast.Import, ast.ImportFrom))]
-    missing = [line for line in imports if line not in map(ast.unparse, heads)]
+    new_imports = [line for line in imports if line not in map(ast.unparse, heads)]
     place = max((node.end_lineno or 0 for node in heads), default=0)
-    if missing and not heads and ast.get_docstring(ast.Module(body, [])) is not None:
-        place, missing = body[0].end_lineno or 0, ["", *missing]
-    edits = [(place, place, missing)]
+    if new_imports and not heads and ast.get_docstring(ast.Module(body, [])) is not None:
+        place, new_imports = body[0].end_lineno or 0, ["", *new_imports]
+    edits = [(place, place, new_imports)]
     same = [node for node in body if _defined(node) == [name]]
     if same:
         first = min([same[-1].lineno, *(each.lineno for each in getattr(same[-1], "decorator_list", []))])
         edits.append((first - 1, same[-1].end_lineno or first, source.split("\n")))
     for start, end, new in sorted(edits, reverse=True):
         lines[start:end] = new
-    kept = "\n".join(lines)
-    return kept if same else f"{kept.rstrip()}\n\n\n{source}\n"
+    result = "\n".join(lines)
+    return result if same else f"{result.rstrip()}\n\n\n{source}\n"
 
 
 def is_stub(answer: Any) -> bool:

@@ -61,28 +61,28 @@ SELECTIONS = {
 }
 
 
-def candidates_of(given: Points | Pair, sets: int, draw: int) -> Candidates:
+def candidates_of(points: Points | Pair, sets: int, draw: int) -> Candidates:
     """All solutions of random five-point sets of a frame; `DataError` if there are none."""
-    chosen = draw_sets(np.random.default_rng([5, draw]), len(given.x_p), sets)
-    found = five_point(given.x_p[chosen], given.x_c[chosen])
-    if len(found.E) == 0:
+    chosen = draw_sets(np.random.default_rng([5, draw]), len(points.x_p), sets)
+    candidates = five_point(points.x_p[chosen], points.x_c[chosen])
+    if len(candidates.E) == 0:
         raise DataError("no five of the matches determine an essential matrix: the camera may stand still")
-    return found
+    return candidates
 
 
 def winner_of(
-    found: Candidates, errors: Array, e_prev: Array | None, config: SelectionConfig
+    candidates: Candidates, errors: Array, e_prev: Array | None, config: SelectionConfig
 ) -> tuple[int, bool]:
     """Index of the winner among candidates with errors (M,), and whether the guard of the kit dropped the prior."""
     ratio = config.prior_rejection_ratio if isinstance(config, KitSelectionConfig) else np.inf
-    return guarded(errors, competing(*found, e_prev, config), ratio)
+    return guarded(errors, competing(*candidates, e_prev, config), ratio)
 
 
 def motion_of(
-    E: Array, given: Points | Pair, config: SelectionConfig, focal: float
+    E: Array, points: Points | Pair, config: SelectionConfig, focal: float
 ) -> tuple[Array, Array, BoolArray]:
     """R_cp (3, 3) of a winner E (3, 3), the essential vector (9,) for the next frame, and inliers (N,)."""
-    x_p, x_c, X_p = given.x_p, given.x_c, given.X_p
+    x_p, x_c, X_p = points.x_p, points.x_c, points.X_p
     if isinstance(config, KitSelectionConfig):
         R, _, E, inliers = motion_of_winner(E, x_p, x_c, X_p, config, focal)
     else:
@@ -91,13 +91,13 @@ def motion_of(
     return R, essential_vector(E), inliers
 
 
-def consensus_rotation(given: Points | Pair, rng: np.random.Generator, focal: float) -> Array:
+def consensus_rotation(points: Points | Pair, rng: np.random.Generator, focal: float) -> Array:
     """R_cp (3, 3) of the candidate with the smallest error over all matches of a frame, refined."""
     config = KitSelectionConfig()
-    sets = sample_sets(rng, len(given.x_p), config.sets)
-    E, _ = five_point(given.x_p[sets], given.x_c[sets])
-    winner = E[np.argmin(truncated_errors(E, given.x_p, given.x_c, config.threshold / focal))]
-    return motion_of(winner, given, config, focal)[0]
+    sets = sample_sets(rng, len(points.x_p), config.sets)
+    E, _ = five_point(points.x_p[sets], points.x_c[sets])
+    winner = E[np.argmin(truncated_errors(E, points.x_p, points.x_c, config.threshold / focal))]
+    return motion_of(winner, points, config, focal)[0]
 
 
 def drive(frames: int) -> Array:
@@ -113,10 +113,10 @@ def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:
     """Matches of a scene, frame by frame."""
     if scene.plane:
         count = scene.tracks.points
-        given = random_problems(
+        problems = random_problems(
             np.random.default_rng(seed), frames, count, "planar_forward", noise_px=scene.tracks.noise
         )
-        yield from map(Pair, given.x_p, given.x_c, given.X_p, given.R_cp)
+        yield from map(Pair, problems.x_p, problems.x_c, problems.X_p, problems.R_cp)
         return
     yield from map(pair_of, simulate_tracks(drive(frames), CAMERA, scene.tracks, seed))
 
@@ -129,8 +129,8 @@ def turned(R: Array, R_other: Array | None) -> float:
 def pair_of(frame: SimulatedFrame) -> Pair:
     """The matches of a simulated frame that have a depth."""
     X_p = CAMERA.triangulate(frame.matches.prev_left, frame.matches.prev_right)
-    seen = frame.matches[np.isfinite(X_p[:, 2])]
-    x_p, x_c = CAMERA.normalise(seen.prev_left), CAMERA.normalise(seen.cur_left)
+    matches = frame.matches[np.isfinite(X_p[:, 2])]
+    x_p, x_c = CAMERA.normalise(matches.prev_left), CAMERA.normalise(matches.cur_left)
     return Pair(x_p, x_c, X_p[np.isfinite(X_p[:, 2])], frame.T_cp[:3, :3])
 
 
@@ -141,13 +141,13 @@ def errors_along(
     e_prev: dict[str, Array | None] = dict.fromkeys(ways)
     errors: dict[str, list[float]] = {name: [] for name in ways}
     for number, pair in enumerate(pairs):
-        found, measured = candidates_of(pair, sets, 1000 * draw + number), dict[float, Array]()
+        candidates, truncated = candidates_of(pair, sets, 1000 * draw + number), dict[float, Array]()
         for name, way in ways.items():
             limit = way.threshold / focal
-            if limit not in measured:
-                measured[limit] = truncated_errors(found.E, pair.x_p, pair.x_c, limit)
-            winner, _ = winner_of(found, measured[limit], e_prev[name], way)
-            R, e_prev[name], _ = motion_of(found.E[winner], pair, way, focal)
+            if limit not in truncated:
+                truncated[limit] = truncated_errors(candidates.E, pair.x_p, pair.x_c, limit)
+            winner, _ = winner_of(candidates, truncated[limit], e_prev[name], way)
+            R, e_prev[name], _ = motion_of(candidates.E[winner], pair, way, focal)
             errors[name].append(turned(R, pair.R_cp))
     return {name: np.array(values) for name, values in errors.items()}
 
@@ -169,16 +169,16 @@ def errors_by_seed(scenes: list[Scene], frames: int, seeds: int, progress: Progr
     return medians
 
 
-def adaptive_stopping(found: Candidates, given: Points, limit: float, orders: int) -> tuple[Array, ...]:
+def adaptive_stopping(candidates: Candidates, points: Points, limit: float, orders: int) -> tuple[Array, ...]:
     """Number of sets that adaptive stopping draws, for several orders of the same sets.
 
     Results after each set, (orders, sets): the number of sets for one right set with 99 % probability, and the
     smallest image error so far. The third result is the number of sets at the stop, (orders,).
     """
-    sets, first = np.unique(found.set_index, return_index=True)
+    sets, first = np.unique(candidates.set_index, return_index=True)
     order = np.array([np.random.default_rng(seed).permutation(len(sets)) for seed in range(orders)])
     measured = (
-        measure(found.E, given.x_p, given.x_c, limit) for measure in (outlier_shares, truncated_errors)
+        measure(candidates.E, points.x_p, points.x_c, limit) for measure in (outlier_shares, truncated_errors)
     )
     share, best = (np.minimum.accumulate(np.minimum.reduceat(e, first)[order], axis=1) for e in measured)
     needed = np.log(0.01) / np.log1p(-(np.clip(1.0 - share, 1e-3, 1.0 - 1e-9) ** 5))

@@ -31,7 +31,7 @@ CHECK = re.compile(r"^(ch\d\d)\.(\w+)\((\w+)\)$", re.MULTILINE)
 @functools.cache
 def asked() -> dict[str, tuple[str, Exercise]]:
     """Number and check of each exercise whose answer is a function, by the name of the function."""
-    found, number = {}, ""
+    checks, number = {}, ""
     for path in sorted(NOTEBOOKS.glob("0*.ipynb")):
         for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
             text = "".join(cell["source"])
@@ -39,8 +39,8 @@ def asked() -> dict[str, tuple[str, Exercise]]:
             for chapter, check, name in CHECK.findall(text):
                 if f"def {name}(" in text:
                     exercises = importlib.import_module(f"course.{chapter}.exercises")
-                    found[name] = number, getattr(exercises, check)
-    return found
+                    checks[name] = number, getattr(exercises, check)
+    return checks
 
 
 def marks(path: Path) -> dict[str, Any]:
@@ -50,12 +50,12 @@ def marks(path: Path) -> dict[str, Any]:
     """
     if not path.is_file():
         raise DataError("the file is missing: expected a student's my_vo.py", path)
-    written = load(path)
+    definitions = load(path)
     functions: dict[str, dict[str, Any]] = {}
     for name, (number, exercise) in asked().items():
         verdict = Verdict(False, "not there")
-        if callable(written.get(name)):
-            verdict = exercise.judge(written[name])
+        if callable(definitions.get(name)):
+            verdict = exercise.judge(definitions[name])
         says = "" if verdict.passed else verdict.message
         functions[name] = {"exercise": number, "passed": verdict.passed, "says": says}
     passed = sum(each["passed"] for each in functions.values())
@@ -68,19 +68,19 @@ def main() -> int:
     parser.add_argument("files", nargs="+", type=Path, metavar="my_vo.py")
     parser.add_argument("--json", action="store_true", help="print JSON instead of lines of text")
     options = parser.parse_args()
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     for path in options.files:
         try:
-            found[str(path)] = marks(path)
+            results[str(path)] = marks(path)
         except DataError as error:
             print(f"error: {error}", file=sys.stderr)
     if options.json:
-        print(json.dumps(found, indent=1))
-    for path, each in ({} if options.json else found).items():
+        print(json.dumps(results, indent=1))
+    for path, each in ({} if options.json else results).items():
         print(f"{path}: {each['passed']} of {each['of']} pass")
         for name, one in each["functions"].items():
             print(f"  {one['exercise']:4} {name:20} {'passes' if one['passed'] else one['says']}")
-    return 0 if len(found) == len(options.files) else 2
+    return 0 if len(results) == len(options.files) else 2
 
 
 if __name__ == "__main__":

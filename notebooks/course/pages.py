@@ -131,20 +131,20 @@ def page(notebook: Any, path: Path) -> str:
 def with_mathml(markdown: str) -> str:
     """Markdown with formulas (between $ or $$) as MathML, which needs no script; code does not change."""
 
-    def drawn(found: re.Match[str]) -> str:
-        code, display, inline = found.groups()
+    def as_mathml(match: re.Match[str]) -> str:
+        code, display, inline = match.groups()
         if code:
             return str(code)
         try:
-            made = convert(display or inline, display="block" if display else "inline")
+            mathml = convert(display or inline, display="block" if display else "inline")
         except Exception:  # an invalid formula does not change; the errors have no other common base
-            return found.group()
+            return match.group()
         # A single bar would stretch with the formula; as a character, it would end the cell of a table.
-        made = re.sub(r"<mo>(&#x0(?:007C|2016);)</mo>", r'<mo stretchy="false">\1</mo>', made)
-        made = str(made).replace("|", "&#124;")
-        return f'<span class="formula">{made}</span>' if display else made
+        mathml = re.sub(r"<mo>(&#x0(?:007C|2016);)</mo>", r'<mo stretchy="false">\1</mo>', mathml)
+        mathml = str(mathml).replace("|", "&#124;")
+        return f'<span class="formula">{mathml}</span>' if display else mathml
 
-    return FORMULA.sub(drawn, markdown)
+    return FORMULA.sub(as_mathml, markdown)
 
 
 def _announced(markdown: str) -> str:

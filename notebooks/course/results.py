@@ -127,14 +127,14 @@ def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
     if got.size == expected.size:
         transposed = got.shape == expected.shape[::-1] and expected.ndim > 1
         hint = "a transpose is missing." if transposed else f"`np.reshape(…, {expected.shape})` is missing."
-    given = f"has shape {got.shape}" if got.shape else "is one number"
-    return Unusable(False, f"{what} {given}, expected {expected.shape or 'one number'}.", hint)
+    form = f"has shape {got.shape}" if got.shape else "is one number"
+    return Unusable(False, f"{what} {form}, expected {expected.shape or 'one number'}.", hint)
 
 
-def holds(test: Callable[..., Any], *given: Any) -> bool:
+def holds(test: Callable[..., Any], *inputs: Any) -> bool:
     """Whether a test of a result holds; False for a result that the test does not accept."""
     try:
-        return bool(test(*given))
+        return bool(test(*inputs))
     except (TypeError, ValueError, IndexError):
         return False
 

@@ -90,7 +90,7 @@ class View:
 
     def still(self) -> bytes:
         """The first view as PNG bytes."""
-        made, (axis,) = figure(self.height)
+        picture, (axis,) = figure(self.height)
         for shape in self.shapes:
             x, y, z = np.asarray(shape.at, np.float64).T
             u = np.cos(YAW) * x - np.sin(YAW) * z
@@ -108,7 +108,7 @@ class View:
         axis.set_aspect("equal", adjustable="datalim")
         axis.invert_yaxis()
         axis.set_axis_off()
-        return bytes(show(made).data)
+        return bytes(show(picture).data)
 
     def _repr_mimebundle_(self, **_: Any) -> dict[str, str]:
         framed = (
@@ -147,8 +147,8 @@ def points_of(run: Run) -> list[tuple[Array, int, int]]:
         near &= ~in_boxes(matches.cur_left, sequence.boxes(index), run.config.filter)
         u, v = np.clip(np.rint(matches.cur_left[near].T), 0, np.array([camera.size]).T - 1).astype(int)
         grey = sequence.stereo(index)[0][v, u].tolist()
-        seen = zip(transform(run.poses[index], X_c[near]), grey, [index] * len(grey), strict=True)
-        points |= dict(zip(matches.id[near].tolist(), seen, strict=True))
+        observations = zip(transform(run.poses[index], X_c[near]), grey, [index] * len(grey), strict=True)
+        points |= dict(zip(matches.id[near].tolist(), observations, strict=True))
     return list(points.values())[:: 1 + len(points) // MAX_POINTS]
 
 
