@@ -17,7 +17,7 @@ COUNT = 12
 SIGMA = np.array([0.02, 0.1])  # radians, metres
 
 
-def random_graph(seed: int, false_loops: int = 0) -> tuple[Array, Edges]:
+def random_graph(seed: int) -> tuple[Array, Edges]:
     """Poses by integrated odometry, and the edges: 12 poses of two rounds, noise of `SIGMA` on every edge."""
     rng = np.random.default_rng(seed)
     step = np.array([0.0, 2 * np.pi / 6, 0.0, 0.0, 0.0, 3.0])
@@ -28,7 +28,6 @@ def random_graph(seed: int, false_loops: int = 0) -> tuple[Array, Edges]:
     loops = [(i, i + 6) for i in range(6)] + [tuple(sorted(rng.choice(COUNT, 2, False))) for _ in range(3)]
     first, second = np.array([(i, i + 1) for i in range(COUNT - 1)] + loops).T
     noise = rng.normal(0, 1, (len(first), 6)) * np.repeat(SIGMA, 3)
-    noise[len(noise) - false_loops :] *= 40.0
     poses = np.array(truth)
     motion = inverse(poses[first]) @ poses[second] @ motion_from_twist(noise)
     start = [np.eye(4)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from pathlib import Path
 
 import cv2
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 from conftest import with_box
 
+from vo_lib.commands.cli import main
 from vo_lib.config import preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
+from vo_lib.files import read_csv
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.twist import carried_along, motion_from_twist
 from vo_lib.geometry.types import Array
@@ -20,17 +23,22 @@ from vo_lib.loops.find import Loops, find_loops
 from vo_lib.loops.graph import close_path
 from vo_lib.loops.places import candidates, place_frames
 from vo_lib.loops.settings import LoopConfig
+from vo_lib.report.film import LOOP_LINE_COLOUR, Film, film_frames
+from vo_lib.report.plots import png, trajectories_figure
+from vo_lib.runs.drive import run
 
 CONFIG = LoopConfig(every=2, gap=6, similarity=-1.0)
 METHOD = preset("feature_selection")
 
 
 def twice(folder: Path) -> Sequence:
-    """The frames of a sequence, then the same again."""
-    sequence = open_sequence(folder)
-    assert sequence.truth is not None
-    truth, times = np.concatenate([sequence.truth, sequence.truth]), np.arange(2.0 * len(sequence))
-    return dataclasses.replace(sequence, frames=sequence.frames * 2, times=times, truth=truth)
+    """The six frames of a folder, then the same again."""
+    for image in folder.glob("image_*/*.png"):
+        shutil.copy(image, image.with_name(f"{int(image.stem) + 6:06d}.png"))
+    poses = folder / "poses.txt"
+    poses.write_text(2 * poses.read_text(encoding="utf-8"), encoding="utf-8")
+    (folder / "times.txt").write_text("".join(f"{0.1 * i:.6e}\n" for i in range(12)), encoding="utf-8")
+    return open_sequence(folder)
 
 
 def circle(count: int, drift: float) -> Array:
@@ -68,7 +76,7 @@ def test_a_second_visit_is_recognised_and_measured(bands: Path) -> None:
 
 
 def test_features_in_vehicle_boxes_and_masks_are_left_out(bands: Path, tmp_path: Path) -> None:
-    with_box(bands, 6, "2 0.5 0.5 1.0 1.0\n")
+    with_box(bands, 12, "2 0.5 0.5 1.0 1.0\n")
     covered = twice(bands)
     assert find_loops(covered, METHOD, CONFIG).matches.max(initial=0) == 0
     bare = preset("solution_selection")
@@ -119,3 +127,47 @@ def test_frames_between_places_are_carried_along() -> None:
     assert moved[frames] == pytest.approx(poses[frames], abs=1e-12)
     assert worst(moved, poses) < 0.1 * worst(drifted, poses)
     assert inverse(moved[21]) @ moved[22] == pytest.approx(inverse(drifted[21]) @ drifted[22], abs=1e-12)
+
+
+@pytest.mark.parametrize("variant", ["published", "kit"])
+def test_a_run_with_loops_adds_files_and_changes_no_other(bands: Path, tmp_path: Path, variant: str) -> None:
+    twice(bands)
+    short = f"--loops.every 2 --loops.gap 6 --loops.similarity -1 --variant {variant}".split()
+
+    def vo_run(name: str, *words: str) -> dict[str, bytes]:
+        assert main(["run", str(bands), "--out", str(tmp_path / name), *short, *words]) == 0
+        return {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
+
+    bare, closed = vo_run("a"), vo_run("b", "--loops")
+    again = vo_run("b", "--loops", "--fresh")
+    assert set(closed) - set(bare) == {"poses_loops.txt", "loops.csv"}
+    assert all(bare[name] == closed[name] for name in ("poses.txt", "poses_tum.txt"))
+    assert all(closed[name] == again[name] for name in ("poses_loops.txt", "loops.csv", "trajectory.png"))
+    (_, heading), *rows = read_csv(tmp_path / "b" / "loops.csv")
+    loops = [dict(zip(heading, cells, strict=True)) for _, cells in rows]
+    assert ("000000", "000006") in [(loop["first"], loop["second"]) for loop in loops]
+    assert all(int(loop["inliers"]) >= 60 and float(loop["residual_px"]) < 0.5 for loop in loops)
+
+
+def test_the_film_and_the_trajectory_picture_show_the_loops(bands: Path) -> None:
+    result = run(twice(bands), METHOD)
+    pictures = []
+    for loops in ([], [(0, 6)]):
+        film = Film(bands / "film.mp4", result, "bands", loops)
+        paths = trajectories_figure({"bands": (None, {"a path": result.poses})}, loops)
+        drawn = cv2.imdecode(np.frombuffer(png(paths), np.uint8), cv2.IMREAD_COLOR)
+        with film:
+            last = [film.picture(frame) for frame in film_frames(result)][-1]
+        pictures.append([np.count_nonzero((each == LOOP_LINE_COLOUR).all(axis=2)) for each in (drawn, last)])
+    assert pictures[0] == [0, 0]
+    assert min(pictures[1]) > 20
+
+
+def test_a_reproduction_adds_loops_below_the_papers_table(bands: Path, tmp_path: Path) -> None:
+    twice(bands)
+    words = ["reproduce", "--sequences", str(bands), "--methods", "feature_selection", "--seeds", "1"]
+    assert main([*words, "--loops", "--out", str(tmp_path)]) == 0
+    for name in ("table1.md", "report.html"):
+        page = (tmp_path / name).read_text(encoding="utf-8")
+        assert 0 < page.index("feature_selection") < page.index("Not in the paper: loops closed")
+    assert len(list(tmp_path.glob("runs/published/**/loops.csv"))) == 1

@@ -1,4 +1,4 @@
-"""Loops of finished runs, for `vo run --loops` and `vo reproduce --loops`: beyond the paper."""
+"""`--loops` of `vo run` and `vo reproduce`: close the loops of finished runs, beyond the paper."""
 
 from __future__ import annotations
 
@@ -8,17 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from ..data.poses import write_kitti_poses
+from ..data.poses import read_kitti_poses, write_kitti_poses
 from ..data.sequence import Sequence
 from ..evaluation.ate_rpe import rmse
 from ..files import csv_text, write_atomic
+from ..geometry.types import Array
 from ..loops.find import Loops, find_loops
 from ..loops.graph import Closed, close_path
 from ..loops.settings import LoopConfig
+from ..paper.settings import MethodConfig
 from ..report.page import ReportTable, number
 from ..report.paths import ComparedPaths, evaluate_paths
-from ..runs.drive import Run, single_threaded
-from ..runs.folder import LOOPS, LOOPS_POSES, read_run
+from ..runs.drive import single_threaded
+from ..runs.folder import LOOPS, LOOPS_POSES, POSES
 from ..runs.jobs import Outcome
 from ..settings import declared
 from .console import reporting
@@ -30,25 +32,24 @@ COLUMNS = ["first", "second", "similarity", "matches", "inliers", "residual_px",
 
 
 def add_loops(parser: argparse.ArgumentParser) -> None:
-    """The option that closes loops."""
-    text = f"beyond the paper: recognise places and close loops by a pose graph; {LOOPS_POSES} and {LOOPS}"
+    """Declare --loops."""
+    text = f"close loops by a pose graph, which the paper does not; adds {LOOPS_POSES} and {LOOPS}"
     parser.add_argument("--loops", action="store_true", help=text)
 
 
-def close_run(folder: Path, run: Run, config: LoopConfig, loops: Loops | None = None) -> Closed:
-    """Close the loops of a run, found here unless given; write poses and loops into the run's folder."""
-    if loops is None:
-        loops = find_with_bar(run.sequence, run, config)
-    closed = close_path(run.poses, loops[loops.accepted(config)], config)
-    write_kitti_poses(folder / LOOPS_POSES, closed.poses)
-    write_atomic(folder / LOOPS, loops_csv(run.sequence.frames, closed))
-    return closed
-
-
-def find_with_bar(sequence: Sequence, run: Run, config: LoopConfig) -> Loops:
-    """The compared places of a sequence, while a bar is shown."""
+def loops_with_bar(sequence: Sequence, method: MethodConfig, config: LoopConfig) -> Loops:
+    """The compared places of a sequence, with a progress bar."""
     with reporting(f"loops of {sequence.name}") as report, single_threaded():
-        return find_loops(sequence, run.config, config, report)
+        return find_loops(sequence, method, config, report)
+
+
+def close_run(folder: Path, sequence: Sequence, poses: Array, loops: Loops, config: LoopConfig) -> Closed:
+    """Close the accepted ones of compared places; write poses and loops into the folder of the run."""
+    with single_threaded():  # the last digits depend on the number of threads
+        closed = close_path(poses, loops[loops.accepted(config)], config)
+    write_kitti_poses(folder / LOOPS_POSES, closed.poses)
+    write_atomic(folder / LOOPS, loops_csv(sequence.frames, closed))
+    return closed
 
 
 def loops_csv(frames: tuple[str, ...], closed: Closed) -> str:
@@ -72,22 +73,23 @@ def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTa
 
     Runs whose loops depend on the same settings share them.
     """
-    known: dict[Any, Loops] = {}
+    shared: dict[Any, Loops] = {}
     errors: dict[tuple[str, str, str], list[list[float]]] = {}
     for job in (outcome.job for outcome in outcomes if outcome.error is None):
-        run, own = read_run(job.folder, job.sequence), job.config
-        key = job.sequence.name, own.seed, own.filter, own.buckets, own.reprojection
-        if key not in known:
-            known[key] = find_with_bar(job.sequence, run, config)
-        closed = close_run(job.folder, run, config, known[key])
-        if job.sequence.truth is not None:
-            estimates = {job.method: run.poses, CLOSED: closed.poses}
-            paths = ComparedPaths(job.sequence.name, job.sequence.truth, job.sequence.times, estimates)
+        sequence, method, poses = job.sequence, job.config, read_kitti_poses(job.folder / POSES)
+        key = sequence.name, method.seed, method.filter, method.buckets, method.reprojection
+        if key not in shared:
+            shared[key] = loops_with_bar(sequence, method, config)
+        closed = close_run(job.folder, sequence, poses, shared[key], config)
+        if sequence.truth is not None:
+            paths = ComparedPaths(
+                sequence.name, sequence.truth, sequence.times, {job.method: poses, CLOSED: closed.poses}
+            )
             row = [float(len(closed.loops))]
             for system in evaluate_paths(paths).sequences:
                 errors_of = rmse(system.ate.distance), system.kitti.te, system.kitti.re
                 row += [np.nan if error is None else error for error in errors_of]
-            errors.setdefault((job.sequence.name, own.variant, job.method), []).append(row)
+            errors.setdefault((sequence.name, method.variant, job.method), []).append(row)
     return [_table(errors)] if errors else []
 
 

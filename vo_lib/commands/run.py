@@ -85,15 +85,16 @@ def _run(options: argparse.Namespace) -> int:
                 fresh=options.fresh,
                 progress=report,
             )
-        closed = closing.close_run(folder, result, loops) if options.loops else None
         paths, pairs = {options.method: result.poses}, []
-        if closed is not None:
+        if options.loops:
+            compared = closing.loops_with_bar(sequence, config, loops)
+            closed = closing.close_run(folder, sequence, result.poses, compared, loops)
             paths, pairs = paths | {closing.CLOSED: closed.poses}, closing.loop_pairs(closed)
         picture = trajectories_figure({label: (sequence.truth, paths)}, pairs)
         write_atomic(folder / PICTURE, png(picture))
     _show(result, options.method, paths)
-    if closed is not None:
-        say(f"loops closed: {len(pairs)}, beyond the paper; {LOOPS_POSES} and {LOOPS}")
+    if options.loops:
+        say(f"loops closed: {len(pairs)} (not in the paper); see {LOOPS_POSES} and {LOOPS}")
     say(f"written to {folder}")
     if options.video is not None:
         film = Film(options.video, result, label, pairs, options.method)

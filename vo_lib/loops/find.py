@@ -1,22 +1,23 @@
-"""Loops of a sequence: places that look alike, and the motion between their stereo pairs."""
+"""Loops of a sequence: similar places and the motion between their stereo pairs."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..data.kitti import read_image
 from ..data.sequence import Sequence, at_pixels
+from ..geometry.matches import StereoMatches
 from ..geometry.motion import inverse, rigid
-from ..geometry.reprojection import fit_motion
 from ..geometry.rows import Rows
 from ..geometry.types import Array, BoolArray, IntArray, Progress
 from ..paper.boxes import in_boxes
 from ..paper.buckets import select_by_bucket
 from ..paper.features import describe
-from ..paper.matching import DescribedPair, LoopMatcher
+from ..paper.matching import LoopMatcher
 from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig
 from ..paper.viso2 import ransac_motion
 from .places import candidates, place_frames, similarities
@@ -44,54 +45,60 @@ class Loops(Rows):
     motion: Array
 
     def accepted(self, config: LoopConfig) -> BoolArray:
-        """Which pairs (N,) have inliers enough for a loop."""
+        """Mask (N,) of the pairs with enough inliers for a loop."""
         return np.asarray((self.inliers >= config.inliers) & (self.inliers >= config.share * self.matches))
 
 
 def find_loops(
-    sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress | None = None
+    sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress = lambda done, of: None
 ) -> Loops:
-    """Pairs of similar places with the motion between them, accepted or not.
+    """Pairs of similar places, accepted or not, with the motion between them.
 
     method : its seed, box rule, buckets and reprojection settings are used; the features are the published.
-    progress : called with (steps done, steps in all), a half each for the places and for the pairs.
+    progress : called with (steps done, total steps); the places are the first half, the pairs the second.
     """
-    frames, report = place_frames(len(sequence), config), progress or (lambda done, of: None)
-    similarity = place_similarities(sequence, method, config, lambda done, of: report(done, 2 * of))
-    matcher = LoopMatcher(FeatureConfig(), MatchingConfig(search_radius=config.radius))
-
-    @functools.lru_cache(PAIRS_KEPT)
-    def described(frame: int) -> DescribedPair:
-        pair = matcher.prepare(sequence.stereo(frame))
-        keep = uncovered(sequence, frame, pair.in_left.uv, method)
-        to_left = np.where(keep[pair.to_left], pair.to_left, -1)  # -1 stays -1 whatever the last feature is
-        return replace(pair, to_right=np.where(keep, pair.to_right, -1), to_left=to_left)
-
+    frames = place_frames(len(sequence), config)
+    similarity = place_similarities(sequence, method, config, lambda done, of: progress(done, 2 * of))
     pairs = candidates(similarity, frames, config)
-    first, second = frames[pairs].T
     counts, residuals, motions = np.zeros((2, len(pairs)), np.int64), np.zeros(len(pairs)), []
-    for row, (a, b) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
-        matcher.step(described(a))
-        matches = matcher.step(described(b))
-        # A repeated hedge has many matches in a small part of the image; buckets let it count little.
-        matches = matches[select_by_bucket(matches.prev_left, matches.age, matches.strength, method.buckets)]
-        rng = np.random.default_rng([method.seed, a, b])
-        solution = ransac_motion(sequence.camera, matches, rng, method.reprojection)
-        R_cp, t_cp, agrees = solution or (np.eye(3), np.zeros(3), np.zeros(len(matches), np.bool_))
-        agreed = matches[agrees]
-        X_p = sequence.camera.triangulate(agreed.prev_left, agreed.prev_right)
-        fit = sequence.camera, X_p, agreed.cur_left, agreed.cur_right, R_cp, t_cp
-        counts[:, row] = len(matches), len(agreed)
-        residuals[row] = np.sqrt(np.mean(fit_motion(*fit, iterations=0)[2] ** 2)) if len(agreed) else np.nan
-        motions.append(inverse(rigid(R_cp, t_cp)))
-        report(len(frames) + len(frames) * (row + 1) // len(pairs), 2 * len(frames))
-    stacked = np.reshape(motions, (-1, 4, 4))
-    alike, (matched, agreeing) = similarity[tuple(pairs.T)], counts
+    for row, (matches, T_cp, agrees) in enumerate(compare_places(sequence, method, config, frames[pairs])):
+        inliers = matches[agrees]
+        counts[:, row] = len(matches), len(inliers)
+        motions.append(inverse(T_cp))
+        X_p = sequence.camera.triangulate(inliers.prev_left, inliers.prev_right)
+        predicted = sequence.camera.project(X_p @ T_cp[:3, :3].T + T_cp[:3, 3])
+        errors = np.hstack(predicted) - np.hstack([inliers.cur_left, inliers.cur_right])
+        residuals[row] = np.sqrt(np.sum(errors**2) / (len(inliers) or np.nan))
+        progress(len(frames) + len(frames) * (row + 1) // len(pairs), 2 * len(frames))
+    stacked, alike = np.reshape(motions, (-1, 4, 4)), similarity[tuple(pairs.T)]
+    (first, second), (matched, agreeing) = frames[pairs].T, counts
     return Loops(first, second, alike, matched, agreeing, residuals, stacked)
 
 
+def compare_places(
+    sequence: Sequence, method: MethodConfig, config: LoopConfig, pairs: IntArray
+) -> Iterator[tuple[StereoMatches, Array, BoolArray]]:
+    """Matches of the N pairs of frames (N, 2), the motion T_cp (4, 4) between them, and the mask of inliers.
+
+    Without a motion, T_cp is the identity and no match is an inlier.
+    """
+    matcher = LoopMatcher(FeatureConfig(), MatchingConfig(search_radius=config.radius))
+    described = functools.lru_cache(PAIRS_KEPT)(lambda frame: matcher.prepare(sequence.stereo(frame)))
+    for first, second in pairs.tolist():
+        matcher.step(described(first))
+        m = matcher.step(described(second))
+        keep = uncovered(sequence, first, m.prev_left, method)
+        m = m[keep & uncovered(sequence, second, m.cur_left, method)]
+        # A repeated hedge has many matches in a small part of the image; buckets limit their number.
+        m = m[select_by_bucket(m.prev_left, m.age, m.strength, method.buckets)]
+        rng = np.random.default_rng([method.seed, first, second])
+        solution = ransac_motion(sequence.camera, m, rng, method.reprojection)
+        R_cp, t_cp, inliers = solution or (np.eye(3), np.zeros(3), np.zeros(len(m), np.bool_))
+        yield m, rigid(R_cp, t_cp), inliers
+
+
 def place_similarities(
-    sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress | None = None
+    sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress = lambda done, of: None
 ) -> Array:
     """Similarity (N, N) in [-1, 1] of the left images of the N places of a sequence."""
     frames, images = place_frames(len(sequence), config), []
@@ -101,14 +108,12 @@ def place_similarities(
         # With descriptors of length 1 a change of exposure changes nothing.
         length = np.maximum(np.linalg.norm(image.descriptor, axis=1, keepdims=True), 1.0)
         images.append(replace(image, descriptor=image.descriptor / length))
-        if progress is not None:
-            progress(len(images), len(frames))
+        progress(len(images), len(frames))
     return similarities(images, sequence.camera.width, config, method.seed)
 
 
 def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
-    """Mask of the pixels (N, 2) of a left image outside all masks and, by the method's rule, outside vehicle
-    boxes."""
+    """Mask (N,) of pixels (N, 2) of a left image outside masks and, by the method's rule, boxes."""
     keep = np.ones(len(uv), np.bool_)
     if files := sequence.mask_files():
         keep &= at_pixels(read_image(files[frame if len(files) > 1 else 0]), uv) == 0

@@ -1,7 +1,7 @@
-"""The pose graph: the poses that agree best with measured motions between them (Gauss-Newton).
+"""The pose graph: least squares over measured motions between poses, by Gauss-Newton.
 
-An edge measures the pose of its second camera in its first, Z. Its residual is the twist of Z⁻¹ T_i⁻¹ T_j
-(Grisetti et al., "A tutorial on graph-based SLAM", 2010). A loop may be false, and so has Cauchy's weight.
+An edge measures the pose Z of its second camera in its first. The residual is the twist of Z⁻¹ T_i⁻¹ T_j
+(Grisetti et al., "A tutorial on graph-based SLAM", 2010). A loop, which may be false, has Cauchy's weight.
 """
 
 from __future__ import annotations
@@ -18,9 +18,12 @@ from .find import Loops
 from .places import place_frames
 from .settings import LoopConfig
 
-MAX_STEPS = 100
-CONVERGED_MOVE = 1e-4  # no pose moves farther in the last step, radians and metres
-NARROWING = 0.25  # of the scale of the weights, from one of the first steps to the next
+MAX_STEPS = 40
+MAX_TURN = (
+    0.2  # largest rotation of a pose in a step, radians; with false loops, longer steps do not converge
+)
+LAST_MOVE = 1e-4  # largest move of a pose in the last step, radians and metres
+NARROWING = 0.25  # ratio of the weights' scales in successive first steps
 SERIES = ((1, 0.5), (2, 1 / 12), (4, -1 / 720), (6, 1 / 30240))  # powers and factors of x / (1 - exp(-x))
 
 
@@ -42,29 +45,26 @@ class Edges(Rows):
 
 
 def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
-    """Residuals (N, 6) of edges, in standard deviations, and derivatives (N, 6, 6) to twists of either pose.
+    """Residuals (N, 6) of edges, standard deviations, and derivatives (N, 6, 6) for a twist of either pose.
 
-    A pose moves by a twist δ in its own frame: T_w_c exp(δ).
+    A twist δ moves a pose in its own frame: T_w_c exp(δ).
     """
     between = inverse(poses[edges.first]) @ poses[edges.second]
     r = twist_from_motion(inverse(edges.motion) @ between)
-    powers = (factor * np.linalg.matrix_power(bracket(r), power) for power, factor in SERIES)
-    to_second = sum(powers, np.eye(6))
+    to_second = np.eye(6) + sum(c * np.linalg.matrix_power(bracket(r), power) for power, c in SERIES)
     sigma = np.repeat(edges.sigma, 3, axis=1)
     to_first = -to_second @ adjoint(inverse(between))
     return r / sigma, to_first / sigma[:, :, None], to_second / sigma[:, :, None]
 
 
-def optimise(
-    poses: Array, edges: Edges, scale: float = np.inf, tolerance: float = CONVERGED_MOVE
-) -> tuple[Array, Array, Array]:
-    """Gauss-Newton from poses (N, 4, 4), T_w_c; the first pose stays where it is, which fixes the world.
+def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_MOVE) -> tuple[Array, ...]:
+    """Gauss-Newton from poses (N, 4, 4), T_w_c; the first pose is fixed, and with it the world frame.
 
-    scale : residual, standard deviations, at which the weight of a loop is one half; infinite: it is 1. The
-        first steps take a larger scale: before the path is bent, a true loop has a large residual too.
-    tolerance : no pose moves farther in the last step, radians and metres.
+    scale : residual, standard deviations, at which the weight of a loop is one half; infinite: weights of 1.
+        The first steps have a larger scale, since true loops have large residuals before the drift is out.
+    tolerance : largest move of a pose in the last step, radians and metres.
 
-    Returns the poses, and of each edge (M,) the residual, in standard deviations, and the weight in [0, 1].
+    Returns the poses and, for each edge (M,), the residual, standard deviations, and the weight in [0, 1].
     """
     poses, moved, count, ends = poses.copy(), np.inf, len(poses), (edges.first, edges.second)
     for step in range(MAX_STEPS + 1):
@@ -82,19 +82,19 @@ def optimise(
                 np.add.at(H, (i, j), weighted @ right)
         free = H[1:, 1:].transpose(0, 2, 1, 3).reshape(6 * count - 6, 6 * count - 6)
         delta = np.asarray(np.linalg.solve(free, -g[1:].ravel()), np.float64).reshape(-1, 6)
-        poses[1:] = poses[1:] @ motion_from_twist(delta)
+        poses[1:] = poses[1:] @ motion_from_twist(delta / max(1.0, np.abs(delta[:, :3]).max() / MAX_TURN))
         moved = float(np.abs(delta).max())
     return poses, size, weight
 
 
 @dataclass(frozen=True)
 class Closed:
-    """A path whose loops were closed.
+    """A path with closed loops.
 
-    poses : (N, 4, 4) T_w_c of all frames; the first one did not move.
-    loops : the M loops that were closed.
-    weight : (M,) of each loop in the pose graph, from 0 to 1.
-    gap : (M,) metres that the path leaves between the two visits where the loop's motion leads.
+    poses : (N, 4, 4) T_w_c of all frames, the first unchanged.
+    loops : the M closed loops.
+    weight : (M,) weight of each loop in the pose graph, from 0 to 1.
+    gap : (M,) distance of the second visit on the path from its position by the loop's motion, metres.
     """
 
     poses: Array
@@ -104,7 +104,7 @@ class Closed:
 
 
 def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
-    """The path (N, 4, 4) of a run with all of these loops closed; the same path without a loop."""
+    """The path (N, 4, 4) of a run with all these loops closed; without loops, the same path."""
     frames = place_frames(len(poses), config)
     if len(loops) == 0:
         return Closed(poses.copy(), loops, np.zeros(0), np.zeros(0))
@@ -117,9 +117,9 @@ def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
 
 
 def graph_edges(places: Array, frames: IntArray, loops: Loops, config: LoopConfig) -> Edges:
-    """Edges between neighbouring places (N, 4, 4), at these frames (N,), then those of the loops."""
+    """Edges between successive places (N, 4, 4), at these frames (N,), then the edges of the loops."""
     number, size = np.arange(len(frames) - 1), np.diff(frames)
-    # Errors of frames add up as the steps of a random walk.
+    # The errors of frames add up as in a random walk.
     steps = np.sqrt(size)[:, None] * [np.radians(config.frame_turn), config.frame_step]
     sigma = np.tile([np.radians(config.loop_turn), config.loop_step], (len(loops), 1))
     return Edges(

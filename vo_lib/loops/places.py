@@ -1,8 +1,8 @@
-"""Places: which earlier images look like this one?
+"""Places: the similarity of images, and the earlier images that are most similar to an image.
 
-An image is a histogram of visual words: each descriptor of a feature is replaced by the nearest of a small
-vocabulary, which is learnt from the same sequence (Sivic and Zisserman, "Video Google", ICCV 2003). Features
-in vehicle boxes are left out: a parked car drives away, and the car ahead is in every image.
+An image is a histogram of visual words: the nearest word of a small vocabulary replaces each descriptor. The
+vocabulary is learnt from the same sequence (Sivic and Zisserman, "Video Google", ICCV 2003). Features in
+vehicle boxes are not counted: parked cars drive away, and the car ahead is in every image.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from ..geometry.types import Array, IntArray
 from ..paper.features import Described
 from .settings import LoopConfig
 
-KINDS = 4  # of features, which are compared only within their kind
-SAMPLE_FEATURES = 8000  # of each kind, from which the vocabulary is learnt
+KINDS = 4  # kinds of features: blobs and corners, bright and dark; words are of one kind
+SAMPLE_FEATURES = 8000  # number of features of each kind in the sample
 LEARNING_ROUNDS = 5
 
 
 def place_frames(count: int, config: LoopConfig) -> IntArray:
-    """The frames of `count` that are places."""
+    """The frames that are places: each n-th of `count`, fewer where that is more than the largest number."""
     return np.arange(0, count, max(config.every, -(-count // config.places)), dtype=np.int64)
 
 
 def learn_words(images: list[Described], config: LoopConfig, seed: int) -> list[Array]:
-    """The vocabulary of images, of each kind of features (words, 32): k-means on a sample."""
+    """The vocabulary of images, for each kind of features (words, 32): k-means of a sample."""
     rng, words = np.random.default_rng(seed), []
     for kind in range(KINDS):
         descriptors = np.concatenate([image.descriptor[image.kind == kind] for image in images])
@@ -40,7 +40,7 @@ def learn_words(images: list[Described], config: LoopConfig, seed: int) -> list[
 
 
 def histogram(image: Described, words: list[Array], width: int, columns: int) -> Array:
-    """How often an image, `width` pixels wide, has each word in each of its columns: one row of numbers."""
+    """Number of features (columns * words,) of each word in each column of an image, `width` pixels wide."""
     number = np.zeros(len(image), np.int64)
     for kind, centres in enumerate(words):
         of_kind = image.kind == kind
@@ -52,7 +52,7 @@ def histogram(image: Described, words: list[Array], width: int, columns: int) ->
 def similarities(images: list[Described], width: int, config: LoopConfig, seed: int) -> Array:
     """Similarity (N, N) in [-1, 1] of N images, `width` pixels wide, with descriptors of length 1."""
     words = learn_words(images, config, seed)
-    # Repetitions of a word count less and less; a word that every image has as often says nothing.
+    # The root reduces the weight of repetitions; a word that is as frequent in all images has no weight.
     flat = np.sqrt([histogram(image, words, width, config.columns) for image in images])
     flat -= flat.mean(axis=0)
     flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)
@@ -60,7 +60,7 @@ def similarities(images: list[Described], width: int, config: LoopConfig, seed: 
 
 
 def candidates(similarity: Array, frames: IntArray, config: LoopConfig) -> IntArray:
-    """Pairs (M, 2) of places, the earlier one first: those most similar to each place, the gap apart."""
+    """Pairs (M, 2) of places, the earlier first: each place with the most similar places before the gap."""
     pairs = []
     for later in range(len(frames)):
         earlier = np.flatnonzero(frames <= frames[later] - config.gap)

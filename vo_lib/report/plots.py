@@ -118,7 +118,7 @@ def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None
 def draw_loops(axis: Axes, poses: Array, loops: Sequence[tuple[int, int]]) -> None:
     """Lines between the two visits of each loop, pairs of frames, on a path from above (N, 4, 4)."""
     ends = poses[np.array(loops).T][:, :, [0, 2], 3]
-    axis.plot(*np.moveaxis(ends, 2, 0), "-o", color=LOOP_COLOUR, markersize=3, linewidth=1.2)
+    axis.plot(*np.moveaxis(ends, 2, 0), "-o", color=LOOP_COLOUR, markersize=3, linewidth=1.2, label="loop")
 
 
 def trajectories_figure(

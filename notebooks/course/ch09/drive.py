@@ -8,16 +8,11 @@ from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.scenes import scene_config
 from vo_lib.data.sequence import Sequence, open_folder
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, rmse
-from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.twist import motion_from_twist
 from vo_lib.geometry.types import Array, BoolArray, IntArray, Progress
-from vo_lib.loops.find import Loops, uncovered
+from vo_lib.loops.find import Loops
 from vo_lib.loops.settings import LoopConfig
-from vo_lib.paper.buckets import select_by_bucket
-from vo_lib.paper.matching import LoopMatcher
-from vo_lib.paper.settings import FeatureConfig, MatchingConfig, MethodConfig
-from vo_lib.paper.viso2 import ransac_motion
 
 SMALL = {"width": 620, "height": 188}  # half of KITTI's image in each direction
 CONFIG = LoopConfig(inliers=30)  # a small image has fewer matches
@@ -59,24 +54,3 @@ def made_up_loops(truth: Array, pairs: IntArray, sigma: Array, false: int, seed:
     motion = motion @ motion_from_twist(rng.normal(size=(len(motion), 6)) * sigma)
     whole, real = np.full(len(first), 100), np.ones(len(first))
     return Loops(first, second, real, whole, whole, 0.0 * real, motion)
-
-
-def joined_with(loops: Loops, false: Loops) -> Loops:
-    """The loops and some false ones, in the order of the second visit."""
-    both = Loops(
-        *(np.concatenate(pair) for pair in zip(vars(loops).values(), vars(false).values(), strict=True))
-    )
-    return both[np.argsort(both.second, kind="stable")]
-
-
-def matches_of(
-    sequence: Sequence, method: MethodConfig, config: LoopConfig, first: int, second: int
-) -> tuple[StereoMatches, BoolArray]:
-    """Matches of two places, thinned out by buckets, and which of them agree on one motion (N,)."""
-    matcher = LoopMatcher(FeatureConfig(), MatchingConfig(search_radius=config.radius))
-    matcher.step(matcher.prepare(sequence.stereo(first)))
-    m = matcher.step(matcher.prepare(sequence.stereo(second)))
-    m = m[uncovered(sequence, first, m.prev_left, method) & uncovered(sequence, second, m.cur_left, method)]
-    m = m[select_by_bucket(m.prev_left, m.age, m.strength, method.buckets)]
-    solution = ransac_motion(sequence.camera, m, np.random.default_rng(0), method.reprojection)
-    return m, np.zeros(len(m), np.bool_) if solution is None else solution[2]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vo_lib.data.poses import from_first
-from vo_lib.geometry.twist import carried_along
-from vo_lib.loops.graph import graph_edges, linearised, optimise
+from vo_lib.loops.graph import close_path, graph_edges, linearised
 from vo_lib.loops.places import place_frames
 from vo_lib.loops.settings import LoopConfig
 from vo_lib.settings import Checked, setting
@@ -24,6 +23,7 @@ from .drive import ate, made_up_loops, second_visits
 from .figures import AFTER, BEFORE, draw_edges, draw_path, weight_chart
 
 PHOTO_HEIGHT, CHART_HEIGHT = 150, 380
+EQUAL_WEIGHTS = 1e6  # scale, standard deviations, at which all weights are 1
 
 
 @dataclass(frozen=True)
@@ -61,27 +61,24 @@ class LoopPanel(Panel):
         if lacking := lacks(state.sequence):
             return Drawing(stack([photo(image, height=self.height)], self.height), lacking)
         truth, view = from_first(true_poses(state.sequence)), state.view
-        config = LoopConfig(frame_turn=0.1, scale=view.scale)
+        config = LoopConfig(frame_turn=0.1, scale=view.scale if view.robust else EQUAL_WEIGHTS)
         before = made_up(truth, 0.0, view.yaw, 5.0, 0.0)
         frames = place_frames(len(truth), config)
         pairs = second_visits(truth, frames, config.gap)
         sigma = np.repeat([np.radians(config.loop_turn), config.loop_step], 3)
         false = view.false if len(frames) > 2 else 0
         loops = made_up_loops(truth, pairs, sigma, false, view.draw)
+        closing = close_path(before, loops, config)
+        after, weight = (closing.poses, closing.weight) if view.closed else (before, np.ones(len(loops)))
         edges = graph_edges(before[frames], frames, loops, config)
-        scale = config.scale if view.robust else np.inf
-        used = edges if view.closed else edges[~edges.is_loop]
-        places, _, weights = optimise(before[frames], used, scale)
-        after = carried_along(before, frames, places)
-        residual = np.linalg.norm(linearised(places, edges)[0], axis=1)[edges.is_loop]
+        residual = np.linalg.norm(linearised(after[frames], edges)[0], axis=1)[edges.is_loop]
         is_false = np.arange(len(loops)) >= len(pairs)
-        weight = weights[used.is_loop] if view.closed else np.ones(len(loops))
         chart, (left, right) = figure(CHART_HEIGHT, 2)
         paths = {"truth": (truth, DARK), "before": (before, BEFORE)}
         draw_path(left, paths | ({"closed": (after, AFTER)} if view.closed else {}))
         draw_edges(left, before, loops.first, loops.second, weight)
         left.plot(*before[state.frame, [0, 2], 3], "o", color=BEFORE)
-        weight_chart(right, residual, is_false, view.scale if view.robust else 1e6)
+        weight_chart(right, residual, is_false, config.scale)
         partner = loops.first[np.abs(loops.second - state.frame).argmin()] if len(pairs) else 0
         words = f"frame {state.frame}", f"frame {partner}, the first visit of the nearest loop"
         pictures = beside(image, stereo(state.sequence, int(partner))[0], *words)
