@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 import pytest
 
 from vo_lib.geometry.motion import inverse
-from vo_lib.geometry.twist import adjoint, motion_from_twist
-from vo_lib.geometry.twist import twist_from_motion as twist
+from vo_lib.geometry.twist import adjoint, motion_from_twist, twist_from_motion
 from vo_lib.geometry.types import Array
 from vo_lib.loops.graph import Edges, linearised, optimise
 
@@ -22,26 +22,20 @@ def random_graph(seed: int) -> tuple[Array, Edges]:
     rng = np.random.default_rng(seed)
     step = np.array([0.0, 2 * np.pi / 6, 0.0, 0.0, 0.0, 3.0])
     steps = motion_from_twist(step + rng.normal(0, 0.05, (COUNT - 1, 6)))
-    truth = [np.eye(4)]
-    for T in steps:
-        truth.append(truth[-1] @ T)
+    poses = np.array(list(accumulate(steps, np.matmul, initial=np.eye(4))))
     loops = [(i, i + 6) for i in range(6)] + [tuple(sorted(rng.choice(COUNT, 2, False))) for _ in range(3)]
     first, second = np.array([(i, i + 1) for i in range(COUNT - 1)] + loops).T
     noise = rng.normal(0, 1, (len(first), 6)) * np.repeat(SIGMA, 3)
-    poses = np.array(truth)
     motion = inverse(poses[first]) @ poses[second] @ motion_from_twist(noise)
-    start = [np.eye(4)]
-    for T in motion[: COUNT - 1]:
-        start.append(start[-1] @ T)
+    start = np.array(list(accumulate(motion[: COUNT - 1], np.matmul, initial=np.eye(4))))
     is_loop = np.arange(len(first)) >= COUNT - 1
-    return np.array(start), Edges(first, second, motion, np.tile(SIGMA, (len(first), 1)), is_loop)
+    return start, Edges(first, second, motion, np.tile(SIGMA, (len(first), 1)), is_loop)
 
 
 def test_twists_and_motions_are_each_others_inverse() -> None:
-    xi = np.random.default_rng(0).normal(0, 1.0, (200, 6)) * np.array([[1e-7], [1e-3], [0.3], [1.0]]).repeat(
-        50, 0
-    )
-    assert twist(motion_from_twist(xi)) == pytest.approx(xi, abs=1e-12)
+    size = np.repeat([1e-7, 1e-3, 0.3, 1.0], 50)[:, None]
+    xi = size * np.random.default_rng(0).normal(0, 1.0, (200, 6))
+    assert twist_from_motion(motion_from_twist(xi)) == pytest.approx(xi, abs=1e-12)
     T, near = motion_from_twist(xi[100:]), motion_from_twist(xi[:100])
     moved = motion_from_twist((adjoint(T) @ xi[:100, :, None])[..., 0])
     assert T @ near @ inverse(T) == pytest.approx(moved, abs=1e-12)
@@ -72,9 +66,8 @@ def test_the_optimum_is_gtsams(scale: float) -> None:
             values.insert(i, gtsam.Pose3(T))
         graph.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(start[0]), gtsam.noiseModel.Constrained.All(6)))
         plain = gtsam.noiseModel.Diagonal.Sigmas(np.repeat(SIGMA, 3))
-        robust = gtsam.noiseModel.Robust.Create(
-            gtsam.noiseModel.mEstimator.Cauchy.Create(min(scale, 1e9)), plain
-        )
+        cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(min(scale, 1e9))
+        robust = gtsam.noiseModel.Robust.Create(cauchy, plain)
         for i, j, T, _, is_loop in zip(*vars(edges).values(), strict=True):
             noise = robust if is_loop and np.isfinite(scale) else plain
             graph.add(gtsam.BetweenFactorPose3(int(i), int(j), gtsam.Pose3(T), noise))

@@ -62,8 +62,6 @@ def worst(poses: Array, truth: Array) -> float:
 def test_a_second_visit_is_recognised_and_measured(bands: Path) -> None:
     sequence = twice(bands)
     loops = find_loops(sequence, METHOD, CONFIG)
-    again = find_loops(sequence, METHOD, CONFIG)
-    assert all(np.array_equal(a, b) for a, b in zip(vars(loops).values(), vars(again).values(), strict=True))
     assert np.all(loops.second - loops.first >= CONFIG.gap)
     same = loops.second - loops.first == 6
     assert np.count_nonzero(same) == 3
@@ -90,8 +88,7 @@ def test_a_sequence_shorter_than_the_gap_has_no_loops(bands: Path) -> None:
     loops = find_loops(open_sequence(bands), METHOD, CONFIG)
     assert len(loops) == 0
     poses = circle(6, 0.01)
-    closed = close_path(poses, loops, CONFIG)
-    assert np.array_equal(closed.poses, poses)
+    assert np.array_equal(close_path(poses, loops, CONFIG).poses, poses)
 
 
 def test_a_place_is_compared_with_the_most_similar_ones_that_are_the_gap_away() -> None:
@@ -138,8 +135,7 @@ def test_a_run_with_loops_adds_files_and_changes_no_other(bands: Path, tmp_path:
         assert main(["run", str(bands), "--out", str(tmp_path / name), *short, *words]) == 0
         return {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
 
-    bare, closed = vo_run("a"), vo_run("b", "--loops")
-    again = vo_run("b", "--loops", "--fresh")
+    bare, closed, again = vo_run("a"), vo_run("b", "--loops"), vo_run("b", "--loops", "--fresh")
     assert set(closed) - set(bare) == {"poses_loops.txt", "loops.csv"}
     assert all(bare[name] == closed[name] for name in ("poses.txt", "poses_tum.txt"))
     assert all(closed[name] == again[name] for name in ("poses_loops.txt", "loops.csv", "trajectory.png"))

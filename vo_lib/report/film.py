@@ -174,7 +174,7 @@ class Film:
             legend.append(("truth", TRUE_PATH_COLOUR))
         if self.loops:
             closed = sum(second <= index for _, second in self.loops)
-            legend.append((f"{closed} loops closed", LOOP_LINE_COLOUR))
+            legend.append((f"{closed} loops", LOOP_LINE_COLOUR))
         if frame.state is not None:
             legend.append(("boxes: solid moving, dashed parked, dotted unknown", WHITE))
         at = 12

@@ -1,4 +1,4 @@
-"""Exercises of chapter 9: candidates, the residual of an edge, gauge, a Gauss-Newton step, weights, the panel."""
+"""Exercises of chapter 9: nearest neighbours, the residual of an edge, gauge, a step, weights, the panel."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ def plane_edges() -> list[Case]:
     """Two poses and the measured pose of the second in the first."""
     first = np.array([3.0, 1.0, 0.4]), np.array([4.0, 5.0, 0.6])
     second = np.array([-2.0, 7.0, 3.0]), np.array([-6.0, 7.5, -3.1])
-    return [(*first, np.array([-0.5, 4.0, 0.25])), (*second, np.array([0.2, -4.1, 0.1]))]
+    third = np.array([0.0, 0.0, 1.5]), np.array([2.0, 1.0, -1.6])
+    measured = np.array([[-0.5, 4.0, 0.25], [0.2, -4.1, 0.1], [1.0, -2.0, 3.1]])
+    return [(*pair, z) for pair, z in zip((first, second, third), measured, strict=True)]
 
 
 def gauss_newton(J: Array, r: Array) -> Array:
@@ -91,8 +93,12 @@ candidates = Exercise(
     line="int(S[k, : k - gap + 1].argmax()) if k >= gap else -1",
     mistakes={
         "without the gap each place is most like the one just before.": lambda S, gap: nearest_earlier(S, 1),
+        "each place is most like itself: the gap is missing.": lambda S, gap: S.argmax(axis=1),
+        "where no place is early enough, the answer is -1, not place 0.": lambda S, gap: np.maximum(
+            nearest_earlier(S, gap), 0
+        ),
         "the last allowed place, k - gap, is left out.": lambda S, gap: nearest_earlier(S, gap + 1),
-        "later places are among the answers: a car knows the past only.": lambda S, gap: np.where(
+        "later places are among the answers: only earlier places count.": lambda S, gap: np.where(
             np.abs(np.subtract.outer(np.arange(len(S)), np.arange(len(S)))) >= gap, S, -1.0
         ).argmax(axis=1),
     },
@@ -112,6 +118,14 @@ residual = Exercise(
         ),
         "turned the other way: the axes of pose i are the columns of turn(heading).": lambda p_i, p_j, z: (
             np.array([*(turn(p_i[2]) @ (p_j[:2] - p_i[:2]) - z[:2]), _wrapped(p_j[2] - p_i[2] - z[2])])
+        ),
+        "poses i and j are exchanged.": lambda p_i, p_j, z: edge_residual(p_j, p_i, z),
+        "the measured motion z is not subtracted.": lambda p_i, p_j, z: edge_residual(p_i, p_j, 0.0 * z),
+        "the difference is in the world's axes, with z turned; it should be in the axes of pose i.": lambda p_i, p_j, z: (
+            np.array([*(turn(p_i[2]) @ edge_residual(p_i, p_j, z)[:2]), edge_residual(p_i, p_j, z)[2]])
+        ),
+        "the angle is wrapped too early: wrap it after z is subtracted.": lambda p_i, p_j, z: np.array(
+            [*edge_residual(p_i, p_j, z)[:2], _wrapped(p_j[2] - p_i[2]) - z[2]]
         ),
         "the angle is not wrapped: from 179° to -179° it is 2°, not 358°.": lambda p_i, p_j, z: np.array(
             [*(turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]), p_j[2] - p_i[2] - z[2]]
@@ -135,7 +149,7 @@ gauge = Exercise(
 step = Exercise(
     gauss_newton,
     linear_problems,
-    atol=1e-8,
+    atol=1e-5,  # single precision is enough
     task="A function (J (M, 3N), r (M,)) -> delta (3N,): a Gauss-Newton step; the first pose stays.",
     praise="the normal equations of all poses but the first.",
     hint="leave the first three columns of J out, solve the normal equations of the others, put zeros in front.",
@@ -148,6 +162,12 @@ step = Exercise(
             3:
         ],
         "the step leads uphill: r + J delta should become small.": lambda J, r: -gauss_newton(J, r),
+        "three numbers of the shortest step are set to zero: solve without the first three columns.": lambda J, r: (
+            np.r_[np.zeros(3), np.linalg.lstsq(J, -r, rcond=None)[0][3:]]
+        ),
+        "the last pose stays; it should be the first.": lambda J, r: np.r_[
+            np.linalg.lstsq(J[:, :-3], -r, rcond=None)[0], np.zeros(3)
+        ],
         "this is the gradient alone: divide by JᵀJ, that is, solve.": lambda J, r: np.concatenate(
             [np.zeros(3), -J[:, 3:].T @ r]
         ),
@@ -164,6 +184,10 @@ weights = Exercise(
     mistakes={
         "metres and radians are added: divide each by its standard deviation.": lambda r, sigma, c: (
             1 / (1 + np.sum(r**2, axis=1) / c**2)
+        ),
+        "c is not squared.": lambda r, sigma, c: 1 / (1 + np.sum((r / sigma) ** 2, axis=1) / c),
+        "the squares of different loops are added: sum over the three numbers of a loop, axis=1.": lambda r, sigma, c: (
+            1 / (1 + np.sum((r / sigma) ** 2, axis=0) / c**2)
         ),
         "the norm is not squared.": lambda r, sigma, c: 1 / (1 + np.linalg.norm(r / sigma, axis=1) / c),
         "each component has a weight of its own; a loop has one.": lambda r, sigma, c: (
