@@ -49,8 +49,7 @@ def circle(count: int, drift: float) -> Array:
 
 def loops_between(truth: Array, pairs: list[tuple[int, int]]) -> Loops:
     """Loops with the true motion between frames, 100 inliers of 100 matches each."""
-    first, second = np.array(pairs).T
-    whole = np.full(len(pairs), 100)
+    (first, second), whole = np.array(pairs).T, np.full(len(pairs), 100)
     motion = inverse(truth[first]) @ truth[second]
     return Loops(first, second, np.ones(len(pairs)), whole, whole, np.zeros(len(pairs)), motion)
 
@@ -154,7 +153,8 @@ def test_the_film_and_the_trajectory_picture_show_the_loops(bands: Path) -> None
         drawn = cv2.imdecode(np.frombuffer(png(paths), np.uint8), cv2.IMREAD_COLOR)
         with film:
             last = [film.picture(frame) for frame in film_frames(result)][-1]
-        pictures.append([np.count_nonzero((each == LOOP_LINE_COLOUR).all(axis=2)) for each in (drawn, last)])
+        same = (np.equal(each, LOOP_LINE_COLOUR) for each in (drawn, last))
+        pictures.append([np.count_nonzero(np.all(each, axis=2)) for each in same])
     assert pictures[0] == [0, 0]
     assert min(pictures[1]) > 20
 
