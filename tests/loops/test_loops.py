@@ -153,7 +153,7 @@ def test_the_film_and_the_trajectory_picture_show_the_loops(bands: Path) -> None
         drawn = cv2.imdecode(np.frombuffer(png(paths), np.uint8), cv2.IMREAD_COLOR)
         with film:
             last = [film.picture(frame) for frame in film_frames(result)][-1]
-        same = (np.equal(each, LOOP_LINE_COLOUR) for each in (drawn, last))
+        same = (np.equal(np.asarray(each), LOOP_LINE_COLOUR) for each in (drawn, last))
         pictures.append([np.count_nonzero(np.all(each, axis=2)) for each in same])
     assert pictures[0] == [0, 0]
     assert min(pictures[1]) > 20
