@@ -55,10 +55,10 @@ def choose_candidate(
 
 
 def guarded(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
-    """The best of the candidates kept, and whether the prior was dropped for the best of all.
+    """Index of the best kept candidate, or of the best of all if the prior is rejected, and whether it is.
 
-    The best one kept is then worse than the best of all by more than the ratio, as in a sharp turn or after a
-    wrong essential vector. errors, kept : (M,).
+    The prior is rejected if the error of the best kept candidate exceeds the smallest error by more than the
+    ratio, as in a sharp turn or after a wrong essential vector. errors, kept : (M,).
     """
     winner, choice = int(np.argmin(errors)), int(np.argmin(np.where(kept, errors, np.inf)))
     dropped = bool(errors[choice] > ratio * errors[winner])

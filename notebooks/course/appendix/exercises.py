@@ -24,7 +24,7 @@ def step_seen(Z: Array, e: float, fb: float) -> Array:
 
 
 def fitted_roll(x: Array, y: Array, rows: Array, terms: tuple[int, ...] = (0, 1, 2)) -> float:
-    """Roll, pixels, by least squares from row differences (N,) at normalised places: roll, offset, focal length."""
+    """Roll, pixels: least-squares fit of roll, offset and focal length to row differences (N,)."""
     A = np.column_stack([-x, np.ones_like(x), y])
     return float(np.linalg.lstsq(A[:, terms], rows, rcond=None)[0][0])
 

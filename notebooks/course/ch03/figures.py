@@ -113,7 +113,7 @@ def errors_figure(
     unit: str = "deg",
     height: int = 230,
 ) -> Figure:
-    """Errors (N,) by name: of frames 1, 2, …, or a range of them, with their medians, or over x (N,).
+    """Errors (N,) by name with their medians, over the frames 1, 2, …, a range of frames, or x (N,).
 
     Errors (S, N) of several seeds are drawn as their median, with a band from the smallest to the largest.
     Identical curves are drawn as one line with all their names.

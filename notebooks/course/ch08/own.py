@@ -60,7 +60,7 @@ class Joined:
 
     @property
     def facts(self) -> dict[str, float]:
-        """How many stages are borrowed, for the check."""
+        """Number of borrowed stages, for the check."""
         return {"borrowed": float(sum(words != "yours" for words in self.whose.values()))}
 
     @property

@@ -17,7 +17,7 @@ def depth(truth: Truth, frame: int) -> Array:
 
 
 def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array, Array, BoolArray]:
-    """Places of points of one left image in the pair of another frame; vehicles move as they do.
+    """Positions of points of one left image in the pair of another frame, with the true motion of vehicles.
 
     Parameters
     ----------
