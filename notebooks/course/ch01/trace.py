@@ -85,9 +85,8 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
 
     with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
         results = list(pool.map(step, stages))
-    kept = results[-1][
-        np.isin(results[-1].id, functools.reduce(np.intersect1d, [each.id for each in results]))
-    ]
+    passing = functools.reduce(np.intersect1d, [each.id for each in results])
+    kept = results[-1][np.isin(results[-1].id, passing)]
     chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, config.buckets)]
     fates, passed = (LOST, *checks, SURPLUS, CHOSEN), [each.id for each in (*results, chosen)]
     if isinstance(config, PublishedConfig):

@@ -276,14 +276,9 @@ far_off = Exercise(
     mistakes={
         "this sequence has no ground truth: choose one that has.": lambda now: np.isnan(now[FIRST]),
         "{noise added:.2f} px of noise are added: set the noise to 0.": lambda now: now["noise added"] != 0,
-        "solution 1 of these five matches is only {rotation error of solution 1:.2f}° wrong. `solution` shows another "
-        "solution of the same set: choose five other matches.": lambda now: (
-            now["solution"] > 1 and not now[FIRST] > 2.0
-        ),
-        "the best solution of these five matches is {rotation error of solution 1:.2f}° wrong; more than 2° is "
-        "wanted. Draw other sets, or type numbers: which matches determine the rotation badly?": lambda now: (
-            not now[FIRST] > 2.0
-        ),
+        "solution 1 of these five matches is only {rotation error of solution 1:.2f}° wrong; more than 2° is wanted. "
+        "The slider `solution` does not help: choose five other matches. Which matches determine the rotation "
+        "badly?": lambda now: not now[FIRST] > 2.0,
         "outliers among the five: {outliers among the five:.0f}. One is enough to spoil a set; find five correct "
         "matches that are as bad.": lambda now: now["outliers among the five"] > 0,
         "two of the five are {closest two of the five:.0f} px apart. Neighbours give nearly the same equation; find "

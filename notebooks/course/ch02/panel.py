@@ -127,11 +127,11 @@ class FivePointPanel(Panel):
         R_true = reference_rotation(sequence, frame, clean)
         what, than, E_true = (
             "turn from the estimate",
-            "the estimate from all matches (no truth)",
+            "the estimate from all matches (there is no truth)",
             np.zeros((3, 3)),
         )
         if clean.T_cp is not None:
-            what, than = "rotation error", "the true one"
+            what, than = "rotation error", "the true rotation"
             E_true = essential_from_motion(clean.T_cp[:3, :3], clean.T_cp[:3, 3])
         x_p, x_c = points.x_p[chosen], points.x_c[chosen]
         E = five_point(x_p[None], x_c[None]).E
@@ -153,9 +153,8 @@ class FivePointPanel(Panel):
         distance = abs(float(line @ [*draw.pixels(points.x_c[match], camera), 1.0]))
         error, best_error = rotation_errors(E[[shown, order[0]]], R_true).tolist()
         sentence = (
-            f"{len(E)} essential matrices fit the matches {', '.join(map(str, chosen))} exactly. The rotation of "
-            f"solution {min(view.candidate, len(E))} differs by {error:.3f}° from {than}. Match {match} is "
-            f"{distance:.2f} px from its epipolar line (orange)."
+            f"{len(E)} essential matrices fit the matches {', '.join(map(str, chosen))} exactly. Errors are angles to "
+            f"{than}. Match {match} is {distance:.2f} px from its epipolar line (orange)."
         )
         ends = camera.f * points.x_c[chosen]
         apart = np.linalg.norm(ends[:, None] - ends, axis=2)[np.triu_indices(5, 1)].min()
