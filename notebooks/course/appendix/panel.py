@@ -106,7 +106,7 @@ def third_frame(
 ) -> dict[str, Array]:
     """Lengths (N,) of the published steps as shares of the true ones, with two frames and with three.
 
-    `true` : errors (ERROR_COUNT,) of the rig that sees the tracks; rotations are the true ones.
+    `true` : errors (ERROR_COUNT,) of the rig; rotations are the true ones.
     """
     shares: dict[str, list[float]] = {"two frames": [], "three frames": []}
     before: dict[str, PairBefore | None] = dict.fromkeys(shares)

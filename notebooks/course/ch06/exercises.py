@@ -275,7 +275,7 @@ blind_ate = Exercise(
     {"TE": 4.0, "RE": 0.0, "ATE": 0.05},
     task="The panel shows an estimate with a TE above 3 %, an RE below 0.5 deg/100 m and an ATE below 0.2 m.",
     praise="TE {TE:.1f} %, RE {RE:.2f} deg/100 m, ATE {ATE:.2f} m. Every step is too long by the same share. The "
-    "alignment sim3 scales the estimate before the distances are taken, so ATE does not see this error.",
+    "alignment sim3 scales the estimate before the distances are taken, so ATE does not contain this error.",
     mistakes={
         "the panel shows no TE: choose a sequence with a ground truth, and press Run for a method.": (
             lambda now: np.isnan(now["TE"])

@@ -106,7 +106,7 @@ class _Street:
         self.alive = self._new(0, 0, False)
 
     def step(self, frame: int) -> SimulatedFrame:
-        """Features that live on and new ones, measured in the current pair."""
+        """Features that remain and new ones, measured in the current pair."""
         config, rng = self.config, self.rng
         self._move_objects(frame)
         kept = self.alive[rng.random(len(self.alive)) < config.survival]
@@ -157,7 +157,7 @@ class _Street:
         if moving:
             body = rng.integers(self.config.objects, size=count)
             point = rng.uniform((-0.9, -1.4, -2.1), (0.9, 0.0, 2.1), (count, 3))
-            point[:, 2] = np.where(rng.random(count) < 0.6, -2.1, point[:, 2])  # the rear is what one sees
+            point[:, 2] = np.where(rng.random(count) < 0.6, -2.1, point[:, 2])  # mostly the visible rear
             return point, body
         z = NEAREST * (FARTHEST / NEAREST) ** rng.random(count)
         ground = rng.random(count) < 0.4
