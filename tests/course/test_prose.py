@@ -137,14 +137,14 @@ def test_a_wrong_rotation_slips_by_the_depth_times_the_angle(seen: Seen) -> None
     assert ch04.turned_sideways(near).passed
 
 
-def test_the_vote_goes_over_to_the_lorry_and_back_to_the_street(seen: Seen) -> None:
+def test_the_lorry_wins_the_vote_and_the_street_wins_it_again(seen: Seen) -> None:
     lost, street = 50.0, 5.0  # centimetres, of a step of a metre
-    text = r"At (\d) m, move the \*share\* from ([.\d]+) to ([.\d]+): .* gone over to the lorry"
+    text = r"At (\d) m, move the \*share\* from ([.\d]+) to ([.\d]+): .* The lorry wins the vote"
     now, before, said = seen("05", text, view__share=0.3)
     assert said == [5, 0.3, 0.5]
     assert now["error, all features"] < street
     assert before["error, all features"] > lost
-    text = r"share of ([.\d]+), move the lorry to a \*distance\* of (\d+) m: the vote goes back"
+    text = r"share of ([.\d]+), move the lorry to a \*distance\* of (\d+) m: the street wins again"
     near, _, said = seen("05", text, view__share=0.7)
     far, _, _ = seen("05", text, view__share=0.7, view__distance=10.0)
     assert said == [0.7, 10]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from course.simulation.problems import random_problems
-from vo_lib.geometry.motion import essential_vector
+from vo_lib.geometry.motion import essential_angle, essential_vector
 from vo_lib.geometry.types import Array, BoolArray
 from vo_lib.paper.five_point import five_point
 from vo_lib.paper.selection import draw_sets, nearest_to_prior, truncated_errors
@@ -22,11 +22,6 @@ def vectors() -> list[Case]:
     e = essential_vector(random_problems(np.random.default_rng(1), 2).E)
     unit = np.full(9, 1.0 / 3.0 + 1e-16)
     return [(e[0], e[1]), (e[0], -e[1]), (unit, unit.copy())]
-
-
-def arc(e1: Array, e2: Array) -> float:
-    """The angle of two essential vectors, radians."""
-    return float(np.arccos(min(abs(float(e1 @ e2)), 1.0)))
 
 
 def of_any_length(E: Array, rng: np.random.Generator) -> Array:
@@ -48,12 +43,18 @@ def candidates() -> list[Case]:
 
 def angles(E: Array, e_prev: Array) -> Array:
     """Angles (M,) of candidates to the prior, radians."""
-    return np.asarray(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1.0)))
+    return essential_angle(essential_vector(E), e_prev)
 
 
-def as_long_as_they_are(E: Array, e_prev: Array) -> Array:
-    """A known mistake: angles of candidates that are not divided by their length."""
-    return np.asarray(np.arccos(np.abs(E.reshape(-1, 9) @ e_prev)))
+# Mistakes of an order by angle: the measure of (E, e_prev) in its place.
+ORDERS: dict[str, Callable[[Array, Array], Array]] = {
+    "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.": (
+        lambda E, e_prev: np.arccos(np.abs(E.reshape(-1, 9) @ e_prev))
+    ),
+    "a candidate is taken for far because its sign differs: E and -E are the same.": (
+        lambda E, e_prev: -(essential_vector(E) @ e_prev)
+    ),
+}
 
 
 def first_by(measure: Callable[[Array, Array], Array]) -> Callable[..., Any]:
@@ -96,9 +97,21 @@ def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> 
 
 
 def of_winners(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
-    """Of the right winners of the sets the one nearest to e_prev."""
+    """The winner of a set that is nearest to e_prev."""
     competing = np.where(nearest_to_prior(E, set_index, e_prev, k), errors, np.inf)
     return least(angles(E, e_prev), first_of_each_set(competing, set_index, 1))
+
+
+def within_sets(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
+    """A mistake: indices of the nearest within each set, used as indices of all candidates."""
+    sets = (np.flatnonzero(set_index == s) for s in np.unique(set_index))
+    kept = np.concatenate([np.argsort(angles(E[members], e_prev), kind="stable")[:k] for members in sets])
+    return int(kept[np.argmin(errors[kept])])
+
+
+def by_order(measure: Callable[[Array, Array], Array]) -> Callable[..., int]:
+    """Solution selection with another measure of (E, e_prev) in place of the angle."""
+    return lambda E, s, errors, e_prev, k: least(errors, first_of_each_set(measure(E, e_prev), s, k))
 
 
 def sets_for(good: float) -> float:
@@ -115,16 +128,16 @@ def truncated(
 
 
 angle = Exercise(
-    arc,
+    lambda e1, e2: float(essential_angle(e1, e2)),
     vectors,
     task="A function (e1, e2) -> acos|e1ᵀ e2| in radians, for unit vectors with nine entries.",
-    praise="sign-free, and safe for equal vectors.",
+    praise="the sign does not matter, and equal vectors have the angle 0.",
     hint="dot product, absolute value, arc cosine, in this order.",
     line="np.arccos(min(abs(e1 @ e2), 1))",
     library=("essential_angle",),
     slips={"degrees": "this is in degrees; inside the code angles are radians."},
     mistakes={
-        "this is the cosine, not yet the angle.": lambda e1, e2: abs(e1 @ e2),
+        "this is the cosine, not yet the angle.": lambda a, b: abs(a @ b),
         "e and -e are the same essential matrix, but the angle differs.": lambda a, b: np.arccos(
             min(a @ b, 1)
         ),
@@ -136,23 +149,18 @@ nearest = Exercise(
     first_by(angles),
     candidates,
     task="A function (E, e_prev, k): one set's candidates (m, 3, 3) -> indices of the k nearest, in order.",
-    praise="as the library's `nearest_to_prior` has it, set by set.",
+    praise="the same candidates as `nearest_to_prior` keeps in each set.",
     hint="compute the angle of each candidate to e_prev, sort the candidates by it, return the first k indices.",
     line="np.argsort(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1)))[:k]",
     library=("nearest_to_prior", "essential_angle"),
-    mistakes={
+    mistakes={says: first_by(measure) for says, measure in ORDERS.items()}
+    | {
         "these are the farthest: the angle falls as |eᵀ e_prev| rises.": (
             first_by(lambda E, e: -angles(E, e)),
-            lambda E, e_prev, k: np.argsort(angles(E, e_prev))[-k:],
+            lambda E, e, k: np.argsort(angles(E, e))[-k:],
         ),
         "all candidates in the right order; only the first k are wanted.": lambda E, e, k: np.argsort(
             angles(E, e)
-        ),
-        "a candidate is taken for far because its sign differs: E and -E are the same.": first_by(
-            lambda E, e: -(essential_vector(E) @ e)
-        ),
-        "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.": first_by(
-            as_long_as_they_are
         ),
     },
     slips={"order": "the right candidates, but not the nearest first."},
@@ -168,23 +176,22 @@ truncated_error = Exercise(
     library=("truncated_errors",),
     mistakes={
         "this is the sum, which grows with the number of matches.": truncated(mean=np.sum),
-        "one wrong match decides everything: a term must not exceed 1.": truncated(
-            lambda d, tau: (d / tau) ** 2
-        ),
+        "one wrong match decides everything: a term must not exceed 1.": truncated(lambda d, t: (d / t) ** 2),
         "outliers cost nothing here; each should cost 1.": (
-            truncated(lambda d, tau: (d[np.abs(d) <= tau] / tau) ** 2),
-            truncated(lambda d, tau: (d / tau * (np.abs(d) <= tau)) ** 2),
+            truncated(lambda d, t: (d[np.abs(d) <= t] / t) ** 2),
+            truncated(lambda d, t: (d / t * (np.abs(d) <= t)) ** 2),
         ),
-        "this only counts outliers; inliers have different costs, too.": truncated(
-            lambda d, tau: np.abs(d) > tau
+        "this only counts inliers or outliers; inliers have different costs, too.": (
+            truncated(lambda d, t: np.abs(d) > t),
+            truncated(lambda d, t: np.abs(d) <= t),
         ),
         "the terms are not (d / threshold)²: divide by the threshold first, then square.": (
-            truncated(lambda d, tau: np.minimum(np.abs(d / tau), 1.0)),
-            truncated(lambda d, tau: np.minimum(d**2, tau**2)),
-            truncated(lambda d, tau: np.minimum(d**2, 1.0)),
-            truncated(lambda d, tau: np.minimum(d**2 / tau, 1.0)),
+            truncated(lambda d, t: np.minimum(np.abs(d / t), 1.0)),
+            truncated(lambda d, t: np.minimum(d**2, t**2)),
+            truncated(lambda d, t: np.minimum(d**2, 1.0)),
+            truncated(lambda d, t: np.minimum(d**2 / t, 1.0)),
         ),
-        "the mean is truncated here, not each of its terms.": lambda d, tau: min(np.mean((d / tau) ** 2), 1),
+        "the mean is truncated here, not each of its terms.": lambda d, t: min(np.mean((d / t) ** 2), 1),
     },
 )
 
@@ -196,31 +203,27 @@ select = Exercise(
     hint="for each set, find its members and the k of them nearest to e_prev; then compare the errors of all kept.",
     line="members = np.flatnonzero(set_index == s); kept += [*members[nearest(E[members], e_prev, k)]]",
     library=("nearest_to_prior", "choose"),
-    mistakes={
+    mistakes={says: by_order(measure) for says, measure in ORDERS.items()}
+    | {
         "this is an index into the kept candidates or into one set; return the index into all candidates.": (
             lambda E, s, errors, e, k: np.argmin(errors[nearest_to_prior(E, s, e, k)]),
             lambda E, s, *case: (i := selected(E, s, *case)) - np.searchsorted(s, s[i]),
         ),
-        "this is the nearest to e_prev; the image error has the last word.": lambda E, s, error, e, k: (
+        "`nearest` gives indices within its set; the errors need indices into all candidates.": within_sets,
+        "this is the nearest to e_prev; the image error has the last word.": lambda E, s, errors, e, k: (
             np.argmin(angles(E, e))
         ),
-        "this is consensus: the prior has no effect on who may compete.": lambda E, s, error, *_: np.argmin(
-            error
+        "this is consensus: the prior has no effect on who may compete.": lambda E, s, errors, e, k: (
+            np.argmin(errors)
         ),
         "`k` is not used: it is not always 2.": (
-            lambda E, s, error, e, k: selected(E, s, error, e, 2),
-            lambda E, s, error, e, k: selected(E, s, error, e, 1),
+            lambda E, s, errors, e, k: selected(E, s, errors, e, 2),
+            lambda E, s, errors, e, k: selected(E, s, errors, e, 1),
         ),
         "prior and image error have changed places: the angle decides who may compete, the error who wins.": (
             lambda E, s, errors, e, k: least(angles(E, e), first_of_each_set(errors, s, k))
         ),
         "among the winners of the sets the nearest was taken; the image error decides between sets, too.": of_winners,
-        "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.": (
-            lambda E, s, errors, e, k: least(errors, first_of_each_set(as_long_as_they_are(E, e), s, k))
-        ),
-        "a candidate is taken for far because its sign differs: E and -E are the same.": (
-            lambda E, s, errors, e, k: least(errors, first_of_each_set(-(essential_vector(E) @ e), s, k))
-        ),
         "the last set is left out: range(n) ends with n - 1.": lambda E, s, errors, e, k: least(
             errors, nearest_to_prior(E, s, e, k) & (s < s.max())
         ),
@@ -242,6 +245,10 @@ sets_needed = Exercise(
         "25 sets give 98.995 %, slightly less than required.": 25,
         "this is for 30 % right matches.": np.ceil(sets_for(0.3**5)),
         "all five matches of a set must be right, not one.": (sets_for(0.7), np.ceil(sets_for(0.7))),
+        "0.7⁵ is the probability that a set is good; the n sets that fail have 1 - 0.7⁵.": (
+            sets_for(1 - 0.7**5),
+            np.ceil(sets_for(1 - 0.7**5)),
+        ),
         "this divides by the success probability. The sets are drawn independently: all n fail with probability (1 - p)ⁿ.": (
             0.99 / 0.7**5,
             1 / 0.7**5,
@@ -255,7 +262,7 @@ consensus_fooled = Exercise(
     praise="consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. Matches that move "
     "together agree on one false motion. Chapter 5 removes them before the vote.",
     mistakes={
-        "this sequence has no ground truth: nobody can tell how wrong consensus is. Choose the drawn street.": (
+        "this sequence has no ground truth, so the error of consensus is unknown. Choose the drawn street.": (
             lambda now: np.isnan(now["error by consensus"])
         ),
         "consensus is only {error by consensus:.3f}° wrong. Which matches agree among themselves: wrong ones, or "

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import (
     essential_angle,
     essential_vector,
@@ -17,7 +15,7 @@ from vo_lib.geometry.motion import (
     rotation_from_vector,
     transform,
 )
-from vo_lib.geometry.types import Array, BoolArray, Progress
+from vo_lib.geometry.types import Array, BoolArray
 from vo_lib.paper.five_point import Candidates
 from vo_lib.paper.selection import competing, truncated_errors
 from vo_lib.paper.settings import MethodConfig, SelectionConfig
@@ -27,14 +25,13 @@ from ..ch02.figures import pixels
 from ..ch02.panel import reference_rotation, rotation_errors
 from ..controls import Control
 from ..drawing import stack
-from ..frames import Memory, Points, frame_points, key_of, stereo, true_poses
-from ..lessons import Pair, candidates_of, errors_along, motion_of, turned, winner_of
+from ..frames import Memory, Points, frame_points, key_of, stereo
+from ..lessons import candidates_of, motion_of, turned, winner_of
 from ..panel import Drawing, Panel, State
 from ..results import Fact
-from .figures import PHOTO_HEIGHT, Field, errors_figure, features_picture, field_figure
+from .figures import PHOTO_HEIGHT, Field, features_picture, field_figure
 
 CHART_HEIGHT = 260
-FRAMES = 30  # of the long job
 WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m
 # Motion of the bus from frame to frame: it turns into our street.
 STEP, TURN = np.array([0.5, 0.0, 0.3]), rotation_from_vector(np.radians([0.0, 2.0, 0.0]))
@@ -42,9 +39,9 @@ STEP, TURN = np.array([0.5, 0.0, 0.3]), rotation_from_vector(np.radians([0.0, 2.
 
 @dataclass(frozen=True)
 class SelectionView(Checked):
-    """How the panel of chapter 3 disturbs the matches of the frame."""
+    """Disturbance of the frame's matches in the panel of chapter 3."""
 
-    moving: float = setting(0.0, "share of the matches moved with one object, a turning bus", low=0, high=0.9)
+    moving: float = setting(0.0, "share of the matches on one moving object, a turning bus", low=0, high=0.9)
     wrong: float = setting(
         0.0, "share of the matches with a wrong place in the current image", low=0, high=0.9
     )
@@ -56,60 +53,49 @@ _candidates: Memory[Candidates] = Memory(12)
 _priors: Memory[Array] = Memory(24)
 
 
-def disturbed(
-    points: Points, T_cp: Array, camera: StereoCamera, view: SelectionView
+def disturbed_frame(
+    sequence: Sequence, frame: int, config: MethodConfig, view: SelectionView
 ) -> tuple[Points, BoolArray]:
-    """The points with some matches moving together and some wrong, and which ones, (N,).
+    """A frame's points with some matches moved together and some wrong, and a mask (N,) of both.
 
-    The moving ones are the leftmost and turn about their middle; a wrong one ends 4 to 40 px away.
+    The moved ones are the leftmost and turn about their middle; a wrong one ends 4 to 40 px away. Without truth
+    the rotation of the matches and the median change of the points are the camera's motion.
     """
+    points, camera = frame_points(sequence, frame, config), sequence.camera
+    T_cp = points.T_cp
+    if T_cp is None:
+        R_cp = reference_rotation(sequence, frame, points)
+        X_c = camera.triangulate(points.matches.cur_left, points.matches.cur_right)
+        T_cp = rigid(R_cp, np.nanmedian(X_c - points.X_p @ R_cp.T, axis=0))
     rng, count = np.random.default_rng([4, view.draw]), len(points.x_p)
     if view.plane:
         rays = np.concatenate([points.x_p, np.ones((count, 1))], axis=1)
         X_p = rays * (12.0 / np.maximum(rays @ WALL, 0.1))[:, None]
-        seen = _view(transform(T_cp, X_p)) + rng.normal(0.0, 0.3 / camera.f, (count, 2))
-        points = replace(points, X_p=X_p, x_c=seen)
+        x_c = _view(transform(T_cp, X_p)) + rng.normal(0.0, 0.3 / camera.f, (count, 2))
+        points = replace(points, X_p=X_p, x_c=x_c)
     moving, wrong = round(view.moving * count), round(view.wrong * count)
     order = np.argsort(points.x_p[:, 0])
     order[moving:] = rng.permutation(order[moving:])
+    on_object, mismatched = order[:moving], order[moving : moving + wrong]
     x_c = points.x_c.copy()
-    on_object = order[:moving]
     if moving:
-        middle = np.median(points.X_p[on_object], axis=0)
-        Y = transform(T_cp, (points.X_p[on_object] - middle) @ TURN.T + middle + STEP)
-        noise = x_c[on_object] - _view(transform(T_cp, points.X_p[on_object]))
-        x_c[on_object] = _view(Y) + np.clip(noise, -1.0 / camera.f, 1.0 / camera.f)
-    mismatched = order[moving : moving + wrong]
-    angle, length = (
-        rng.uniform(0, 2 * np.pi, len(mismatched)),
-        rng.uniform(4.0, 40.0, len(mismatched)) / camera.f,
-    )
-    x_c[mismatched] += length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    touched = np.zeros(count, np.bool_)
-    touched[order[: moving + wrong]] = True
-    return replace(points, x_c=x_c), touched
+        X = points.X_p[on_object]
+        middle = np.median(X, axis=0)
+        noise = np.clip(x_c[on_object] - _view(transform(T_cp, X)), -1.0 / camera.f, 1.0 / camera.f)
+        x_c[on_object] = _view(transform(T_cp, (X - middle) @ TURN.T + middle + STEP)) + noise
+    x_c[mismatched] += shifts(rng, len(mismatched)) / camera.f
+    return replace(points, x_c=x_c), np.isin(np.arange(count), order[: moving + wrong])
+
+
+def shifts(rng: np.random.Generator, count: int) -> Array:
+    """Shifts (count, 2) of mismatches: 4 to 40 pixels in any direction."""
+    angle, length = rng.uniform(0, 2 * np.pi, count), rng.uniform(4.0, 40.0, count)
+    return np.asarray(length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
 def _view(X: Array) -> Array:
     """Normalised image points of X (N, 3)."""
     return np.asarray(X[:, :2] / np.maximum(X[:, 2:], 0.5))
-
-
-def disturbed_frame(
-    sequence: Sequence, frame: int, config: MethodConfig, view: SelectionView
-) -> tuple[Points, BoolArray]:
-    """A frame's disturbed points, and which were touched.
-
-    Without truth, the disturbance uses the rotation estimated from the matches and the median motion of the
-    points.
-    """
-    points = frame_points(sequence, frame, config)
-    T_cp = points.T_cp
-    if T_cp is None:
-        R_cp = reference_rotation(sequence, frame, points)
-        X_c = sequence.camera.triangulate(points.matches.cur_left, points.matches.cur_right)
-        T_cp = rigid(R_cp, np.nanmedian(X_c - points.X_p @ R_cp.T, axis=0))
-    return disturbed(points, T_cp, sequence.camera, view)
 
 
 def previous_vector(sequence: Sequence, frame: int, config: MethodConfig) -> Array | None:
@@ -152,7 +138,6 @@ class SelectionPanel(Panel):
     view = SelectionView
     kit = preset("solution_selection", variant="kit")
     height = PHOTO_HEIGHT + CHART_HEIGHT
-    long_job = f"Compare over {FRAMES} frames"
     controls = (
         Control("selection.sets", "n: sets", low=10, high=1000, step=10),
         Control("selection.keep", "k: kept of a set"),
@@ -180,55 +165,25 @@ class SelectionPanel(Panel):
             motion_of(found.E[winner], points, selection, focal)
             for winner in (field.selected, field.consensus)
         )
-        error, apart = turned(R, R_true), turned(R, R_consensus)
-        chart = field_figure(field, error, CHART_HEIGHT)
+        error = turned(R, R_true)
         words = f"frame {state.frame}: inliers of the winner blue, outliers orange, disturbed ones in rings"
         image, camera = stereo(state.sequence, state.frame)[0], state.sequence.camera
         start, end = pixels(points.x_p, camera), pixels(points.x_c, camera)
         photo_above = features_picture(image, start, end, inliers, words, touched)
-        picture = stack([photo_above, chart], self.height)
+        picture = stack([photo_above, field_figure(field, error, CHART_HEIGHT)], self.height)
         same = "the same as" if field.selected == field.consensus else "another than"
-        refined = getattr(selection, "mode", "") == "refined"
         sentence = (
             f"Of {len(found.E)} solutions of {selection.sets} sets {np.count_nonzero(field.kept)} may "
-            f"compete. The winner{', refined,' if refined else ''} is {same} that of consensus. "
-            + (
-                "Its rotation error is unknown: the sequence has no ground truth."
-                if R_true is None
-                else f"Its rotation error is {error:.3f}° (thin line)."
-            )
+            f"compete. The winner is {same} that of consensus."
+            + (" The sequence has no ground truth." if R_true is None else "")
             + (" The prior was dropped: its best solution scored clearly worse." if field.dropped else "")
         )
         facts = (
             Fact("error by selection", error, "°", 3),
             Fact("error by consensus", turned(R_consensus, R_true), "°", 3),
-            Fact("between the two", apart, "°", 3),
+            Fact("between the two", turned(R, R_consensus), "°", 3),
             Fact("angle to the previous vector", float(field.angle[field.selected]), "°", 2),
-            Fact("solutions kept", int(np.count_nonzero(field.kept))),
             Fact("inliers", int(np.count_nonzero(inliers))),
-            Fact("matches", len(points.x_p)),
             Fact("disturbed", int(np.count_nonzero(touched))),
         )
         return Drawing(picture, sentence, facts)
-
-    def work(self, state: State, progress: Progress) -> Drawing:
-        """Both ways over the next frames, each with its own previous vector."""
-        poses = true_poses(state.sequence)
-        selection, frames = state.config.selection, range(state.frame, len(state.sequence))[:FRAMES]
-        prior = replace(selection, prior=True)
-        ways = {"consensus": replace(selection, prior=False)}
-        ways |= {f"k = {keep}": replace(prior, keep=keep) for keep in sorted({1, selection.keep})}
-
-        def pairs() -> Iterator[Pair]:
-            for done, frame in enumerate(frames):
-                progress(done, len(frames))
-                points, _ = disturbed_frame(state.sequence, frame, state.config, state.view)
-                yield Pair(
-                    points.x_p, points.x_c, points.X_p, poses[frame][:3, :3].T @ poses[frame - 1][:3, :3]
-                )
-
-        errors = errors_along(pairs(), ways, selection.sets, state.view.draw, state.sequence.camera.f)
-        sentence = f"Rotation error of frames {frames[0]} to {frames[-1]}; move a control to come back."
-        facts = tuple(Fact(f"median, {name}", float(np.median(v)), "°", 3) for name, v in errors.items())
-        chart = errors_figure(errors, frames, height=self.height)
-        return Drawing(stack([chart], self.height), sentence, facts)

@@ -1,4 +1,4 @@
-"""Chapter 4, drawn: answers of single features, residuals by depth, the joint answer with its covariance."""
+"""Pictures of chapter 4: answers of single features, residuals by depth, the joint answer with its covariance."""
 
 from __future__ import annotations
 
@@ -22,11 +22,13 @@ def residuals_chart(axis: Axes, depth: Array, residual: Array, limit: float | No
     """Residual of each feature over its depth; at the limit (the line) a weight is halved or becomes zero."""
     used = np.isfinite(residual)
     heavy = used & (residual <= (np.inf if limit is None else limit))
-    shown = np.clip(residual, LEAST, MOST)
-    for chosen, colour, words in ((heavy, GOOD, "counts"), (used & ~heavy, BAD, "weight below ½")):
-        axis.plot(depth[chosen], shown[chosen], ".", color=colour, markersize=4, label=words)
-    lowest = np.full(np.count_nonzero(~used), LEAST)
-    axis.plot(depth[~used], lowest, "|", color=PALE, markersize=8, label="not used")
+    shown = np.where(used, np.clip(residual, LEAST, MOST), LEAST)
+    for chosen, look, colour, words in (
+        (heavy, ".", GOOD, "counts"),
+        (used & ~heavy, ".", BAD, "weight below ½"),
+        (~used, "|", PALE, "not used"),
+    ):
+        axis.plot(depth[chosen], shown[chosen], look, color=colour, markersize=4, label=words)
     if limit is not None:
         axis.axhline(limit, color=DARK, linewidth=1, linestyle=":")
     log_axis(axis.xaxis, *DEPTHS, COARSE)
@@ -56,53 +58,33 @@ def ellipse_chart(
     size = float(lengths[1]), float(lengths[0])
     axis.add_patch(Ellipse(tuple(middle.tolist()), *size, angle=angle, facecolor=inside, edgecolor=DARK))
     axis.plot(*middle, "o", color=FIFTH, markeredgecolor=DARK, markersize=6, label="all together, 2σ")
-    mark_reference(axis, reference)
+    axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
     half = room(1.3 * (float(np.abs(middle).max()) + 0.5 * float(lengths.max())), steps=COARSE, least=0.5)
-    millimetres_from_above(axis, half, "error of the translation, from above")
-
-
-def mark_reference(axis: Axes, name: str) -> None:
-    """A cross at zero error."""
-    axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=name)
-
-
-def millimetres_from_above(axis: Axes, half: float, title: str) -> None:
-    """Limits, names and a boxed legend for errors of a translation in the x-z plane."""
     ticks = [-half, -half / 2, 0, half / 2, half]
     axis.set(xlim=(-half, half), ylim=(-half, half))
-    for each in (axis.xaxis, axis.yaxis):
-        each.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-    finish(axis, title, "x, right [mm]", "z, forward [mm]", boxed=True)
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    finish(axis, "error of the translation, from above", "x, right [mm]", "z, forward [mm]", boxed=True)
 
 
-def spread_figure(depth: Array, error: Array, reference: str, height: int = 260) -> Figure:
-    """The answer of each feature alone: errors of its t from above, and their length over its depth.
-
-    Parameters
-    ----------
-    depth : (N,); error : (N, 3) of each feature's own translation, metres, against `reference`.
-    """
-    made, (above, axis) = figure(height, 2, (1.0, 1.6))
-    length = np.linalg.norm(error, axis=1)
-    for near, colour, words in ((depth < 15, GOOD, "nearer than 15 m"), (depth >= 15, PALE, "farther")):
-        above.plot(*(MILLI * error[near][:, [0, 2]]).T, ".", color=colour, markersize=4, label=words)
-    mark_reference(above, reference)
-    millimetres_from_above(above, 200.0, "t of each feature, from above")
-    axis.plot(depth, np.clip(MILLI * length, 0.1, None), ".", color=GOOD, markersize=4, label="one feature")
+def spread_figure(depth: Array, error: Array) -> Figure:
+    """Error of the t of each feature alone, metres, over its depth (N,)."""
+    made, (axis,) = figure(260)
+    axis.plot(depth, np.clip(MILLI * error, 0.1, None), ".", color=GOOD, markersize=4, label="one feature")
     near = (depth > 5) & (depth < 80)
-    factor = np.median(length[near] / depth[near] ** 2) if near.any() else 1e-4
+    factor = np.median(error[near] / depth[near] ** 2) if near.any() else 1e-4
     line = np.array([4.0, 150.0])
     axis.plot(line, MILLI * factor * line**2, color=BAD, linewidth=1.5, label="grows with Z²")
     log_axis(axis.xaxis, *DEPTHS, COARSE)
     axis.set_yscale("log")
     axis.minorticks_off()
-    finish(axis, "error of one feature", "depth Z [m]", "error of t [mm]")
+    finish(axis, "error of the t of one feature [mm]", "depth Z [m]")
     return made
 
 
-def variants_figure(tables: dict[str, dict[str, Array]], height: int = 290) -> Figure:
+def variants_figure(tables: dict[str, dict[str, Array]]) -> Figure:
     """Error of each frame by variant, one axis a table, millimetres on a logarithmic scale."""
-    made, axes = figure(height, len(tables))
+    made, axes = figure(290, len(tables))
     for axis, (title, errors) in zip(axes, tables.items(), strict=True):
         for row, (name, values) in enumerate(errors.items()):
             spread = np.linspace(0.05, 0.35, len(values))
@@ -118,16 +100,14 @@ def variants_figure(tables: dict[str, dict[str, Array]], height: int = 290) -> F
     return made
 
 
-def bias_figure(
-    noises: Array, tables: dict[str, list[dict[str, Array]]], t_true: Array, height: int = 260
-) -> Figure:
+def bias_figure(noises: Array, tables: dict[str, list[dict[str, Array]]], t_true: Array) -> Figure:
     """Mean length of the answers by noise, and a band of one standard deviation; an axis for each table.
 
     Parameters
     ----------
     noises : (K,) pixels. tables : by title, for each noise the answers (S, 3) by name. t_true : (3,).
     """
-    made, axes = figure(height, len(tables))
+    made, axes = figure(260, len(tables))
     for axis, (title, table) in zip(axes, tables.items(), strict=True):
         for name, colour in zip(table[0], (BAD, GOOD), strict=True):
             lengths = np.array([np.linalg.norm(row[name], axis=1) for row in table])
@@ -138,22 +118,6 @@ def bias_figure(
         axis.axhline(0.0, color=DARK, linewidth=1, linestyle=":")
         axis.set_ylim(-6.0, 2.0)
         finish(axis, f"length of the step, {title}", "noise [px]", "error [%]", "lower left")
-    return made
-
-
-def weight_figure(scale: float, height: int = 200) -> Figure:
-    """Cost and weight of a residual: least squares beside Cauchy."""
-    made, (cost, weight) = figure(height, 2)
-    r = np.linspace(0.0, 3.0, 100)
-    cost.plot(r, r**2, color=PALE, linewidth=1.5, label="least squares: r²")
-    cost.plot(r, scale**2 * np.log1p((r / scale) ** 2), color=GOOD, linewidth=1.5, label="Cauchy")
-    cost.set_ylim(0, 3)
-    finish(cost, "cost of a residual", "residual r [px]")
-    weight.plot(r, np.ones_like(r), color=PALE, linewidth=1.5, label="least squares: 1")
-    weight.plot(r, 1.0 / (1.0 + (r / scale) ** 2), color=GOOD, linewidth=1.5, label="1 / (1 + r²/s²)")
-    weight.axvline(scale, color=DARK, linewidth=1, linestyle=":")
-    weight.set_ylim(0, 1.1)
-    finish(weight, "its weight in the sum", "residual r [px]")
     return made
 
 

@@ -20,6 +20,7 @@ from vo_lib.settings import Checked, setting
 
 from ..ch02.panel import reference_rotation
 from ..ch03.figures import PHOTO_HEIGHT, features_picture
+from ..ch03.panel import shifts
 from ..controls import Control
 from ..drawing import figure, stack
 from ..frames import Points, frame_points, stereo, truth
@@ -29,13 +30,13 @@ from .figures import MILLI, ellipse_chart, residuals_chart
 from .weightings import METHOD, WEIGHTINGS, alone, solve_by
 
 CHART_HEIGHT = 290
-GROUPS = 10  # of features that are solved apart, to see how the answers scatter
+GROUPS = 10  # of features that are solved separately
 TRUE, RECORDED, UNDISTURBED = "the truth", "the recorded truth", "the undisturbed published answer"
 
 
 @dataclass(frozen=True)
 class TranslationView(Checked):
-    """How the panel of chapter 4 disturbs the matches and the rotation of the frame."""
+    """Disturbance of the frame's matches and rotation in the panel of chapter 4."""
 
     weighting: str = setting(METHOD, "how the rows of all features are combined", choices=WEIGHTINGS)
     noise: float = setting(0.1, "noise added to each coordinate in all four images", unit="px", low=0, high=2)
@@ -49,12 +50,11 @@ class TranslationView(Checked):
 def disturbed(matches: StereoMatches, view: TranslationView) -> StereoMatches:
     """The matches with noise, and some of them 4 to 40 px from their place in the current pair."""
     rng, count = np.random.default_rng([6, view.draw]), len(matches)
-    shifts = rng.normal(0.0, view.noise, (4, count, 2))
+    noise = rng.normal(0.0, view.noise, (4, count, 2))
     mismatched = rng.permutation(count)[: round(view.wrong * count)]
-    angle, length = rng.uniform(0.0, 2.0 * np.pi, len(mismatched)), rng.uniform(4.0, 40.0, len(mismatched))
-    shifts[2:, mismatched] += length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    noise[2:, mismatched] += shifts(rng, len(mismatched))
     views = ("prev_left", "prev_right", "cur_left", "cur_right")
-    return replace(matches, **{v: getattr(matches, v) + by for v, by in zip(views, shifts, strict=True)})
+    return replace(matches, **{v: getattr(matches, v) + by for v, by in zip(views, noise, strict=True)})
 
 
 def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
@@ -67,7 +67,7 @@ def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
 
 
 def reference(sequence: Sequence, points: Points, R_cp: Array) -> tuple[Array, str]:
-    """The reference translation (3,), metres, and its name."""
+    """The reference of a translation, (3,) metres, and its name."""
     if points.T_cp is not None:
         return np.asarray(points.T_cp[:3, 3]), RECORDED if truth(sequence) is None else TRUE
     solved = solve_translation(sequence.camera, points.matches, R_cp, TranslationConfig())
@@ -85,8 +85,8 @@ def covariance(
 ) -> Array:
     """Covariance (3, 3) of the translation, m², from the data alone, for every weighting alike.
 
-    The features are divided into G groups with separate solutions. The mean of G answers that scatter with the
-    covariance S has S / G, and all features together are about as certain as that.
+    G groups of features are solved separately. If their answers have the covariance S, their mean has S / G;
+    all features together have about the same.
     """
     group = np.arange(len(matches)) % GROUPS
     solved = [solve_by(weighting, camera, matches[group == g], R_cp, config) for g in range(GROUPS)]
@@ -141,22 +141,17 @@ class TranslationPanel(Panel):
         error, step = MILLI * (t - t_ref), float(np.linalg.norm(t_ref))
         length = float(np.linalg.norm(t)) / step - 1.0 if step > 0 else np.nan
         slip = abs(float(error[0]) / MILLI / np.radians(view.turn)) if view.turn else np.nan
-        sentence = (
-            f"{np.count_nonzero(used)} of {len(matches)} features give t_cp = ({t[0]:.3f}, {t[1]:.3f}, "
-            f"{t[2]:.3f}) m. It is {np.linalg.norm(error):.1f} mm from {name}, for a step of {step:.2f} m "
-            f"({round(length, 3) + 0.0:+.1%} in length)."
-        )
+        sentence = f"t_cp = ({t[0]:.3f}, {t[1]:.3f}, {t[2]:.3f}) m, compared with {name}. "
+        sentence += f"The length of the step, {step:.2f} m, is off by {round(length, 3) + 0.0:+.1%}."
         if name == RECORDED:
-            sentence += " One frame does not tell an error of the calibration from one of the recorded truth."
+            sentence += " In one frame an error of the calibration looks like one of the recorded truth."
         facts = (
             Fact("error", float(np.linalg.norm(error)), "mm", 1),
             Fact("error in x", float(error[0]), "mm", 1),
             Fact("error in z", float(error[2]), "mm", 1),
             Fact("σ in x", MILLI * float(np.sqrt(C[0, 0])), "mm", 1),
             Fact("σ in z", MILLI * float(np.sqrt(C[2, 2])), "mm", 1),
-            Fact("features used", int(np.count_nonzero(used))),
-            Fact("median residual", float(np.median(residual[used])), "px", 2),
-            Fact("weight below ½", int(np.count_nonzero(weight < 0.5))),
+            Fact("features used", int(used.sum())),
             Fact("error in x / rotation error", slip, "m", 1),
             Fact("depth limit", config.max_depth, "m"),
             Fact("rotation error", view.turn, "°", 2),

@@ -1,4 +1,4 @@
-"""Chapter 4: ways to combine the rows of all features, besides those of the paper and the kit."""
+"""Chapter 4: plain ways to combine the rows of all features, beside those of the paper and of variant kit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 
 from ..lessons import CAMERA, consensus_rotation, drive, pair_of
 
-# How all features' rows are put together: as the configuration's own method does, or in a plain way.
+# How the rows of all features are combined: by the configuration's own method, or in a plain way.
 METHOD, PIXELS, METRES = "the method's own", "rows in pixels", "rows in metres"
 MEDIAN, MEAN = "median of features", "mean of features"
 WEIGHTINGS = (METHOD, PIXELS, METRES, MEDIAN, MEAN)
@@ -42,7 +42,7 @@ def seen(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, seed: int)
 
 
 def alone(A: Array, B: Array, c: Array) -> Array:
-    """The translation (N, 3), metres, from each single feature with eight rows A, B (N, 8, 3), c (N, 8)."""
+    """The t of each feature alone, (N, 3) metres: the solution of its own eight rows A, B (N, 8, 3), c (N, 8)."""
     M, d = paper.eliminate_points(A, B, c)
     return np.asarray((np.linalg.pinv(M) @ d[..., None])[..., 0])
 

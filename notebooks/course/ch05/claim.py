@@ -1,8 +1,9 @@
-"""Chapter 5's opening: the same frames with features in boxes kept and removed, and when that matters."""
+"""Chapter 5, part one: the same frames with features in boxes kept and removed; measured results."""
 
 from __future__ import annotations
 
 import csv
+from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,19 +18,18 @@ from vo_lib.geometry.types import Array
 from vo_lib.report.page import ReportTable
 
 from ..colours import BAD, DARK, GOOD, PALE, THIRD
-from ..drawing import figure, finish, room, say
+from ..drawing import figure, finish, room
 from ..frames import true_poses
 
 RESULTS = Path(__file__).parents[2] / "results.md"  # written by `vo data measure_results`
 CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
-THRESHOLD_AND_BOXES = "threshold and boxes"  # its choice whose rows are no differences
+THRESHOLD_AND_BOXES = "threshold and boxes"  # rows of this choice have absolute errors
 SPREAD_OF = "standard deviation over the seeds of "  # in the heads of tables of `results.md`
-MEASURED = "kitti/drive_0013", "synthetic/jam"
-LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width: all are seen where they coincide
+LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width, visible where lines coincide
 
 
 def true_path(sequence: Sequence) -> Array:
-    """True places (N, 3), metres, seen from the first camera."""
+    """True positions (N, 3) in the first camera, metres."""
     return np.asarray(from_first(true_poses(sequence))[:, :3, 3])
 
 
@@ -40,9 +40,9 @@ def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
 
 
 def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
-    """A line per run: mean errors of a step, and the error of the last position.
+    """A line for each run: mean errors of a step, and the distance of the end of the path from the true one.
 
-    Mean ± standard deviation over the seeds.
+    Of several seeds the mean and the standard deviation.
     """
     lines, end = [], true_path(sequence)[-1]
     for name in seeds[0]:
@@ -67,19 +67,16 @@ def results_table(title: str, only: str = "") -> ReportTable:
 def whole_drive(section: str, row: str) -> dict[str, str]:
     """TE in % and RE in deg/100 m of a whole drive by method, ± deviation over the seeds, from `results.md`."""
 
-    def numbers(title: str) -> dict[str, str]:
+    def cells(title: str) -> dict[str, str]:
         table = results_table(f"{section}: {title}", row)
-        cells = next((line for line in table.rows if line[0] == row), [row])
-        return dict(zip(table.columns[1:], cells[1:], strict=False))
+        # Rows without a spread are left out of its tables.
+        return dict(zip(table.columns, next((r for r in table.rows if r[0] == row), [row]), strict=False))
 
     kinds = "TE, %", "RE, deg/100 m"
-    means, spreads = ([numbers(of + kind) for kind in kinds] for of in ("", SPREAD_OF))
-    # Rows without a spread are left out of its tables.
+    te, re, te_sd, re_sd = (cells(of + kind) for of in ("", SPREAD_OF) for kind in kinds)
     return {
-        method: " / ".join(
-            f"{m[method]} ± {d.get(method, '0.000')}" for m, d in zip(means, spreads, strict=True)
-        )
-        for method in means[0]
+        method: f"{te[method]} ± {te_sd.get(method, '0.000')} / {re[method]} ± {re_sd.get(method, '0.000')}"
+        for method in list(te)[1:]
     }
 
 
@@ -93,14 +90,10 @@ def claim_figure(
     path.plot(true[:, 0], true[:, 2], color=DARK, linewidth=3, label="truth")
     for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
         turn, step = step_errors(sequence, poses)
-        style: dict[str, Any] = {
-            "color": colour,
-            "linewidth": width,
-            "zorder": 6 - width,
-        }  # thin lines above wide ones
-        turns.plot(frames, turn, label=name, **style)
-        lengths.plot(frames, step, **style)
-        path.plot(poses[:, 0, 3], poses[:, 2, 3], **style)
+        look: Any = {"color": colour, "linewidth": width, "zorder": 6 - width}  # thin lines above wide ones
+        turns.plot(frames, turn, label=name, **look)
+        lengths.plot(frames, step, **look)
+        path.plot(*poses[:, [0, 2], 3].T, **look)
     for axis in (turns, lengths):
         highest = max(float(np.asarray(line.get_ydata(), np.float64).max()) for line in axis.get_lines())
         axis.set_ylim(0, room(1.35 * highest))  # room for the legend above the lines
@@ -114,46 +107,31 @@ def claim_figure(
     return made
 
 
-def by_threshold(path: Path = CHOICES) -> dict[str, dict[str, Array]]:
-    """RE over the inlier threshold, by sequence, with all features and with boxes removed.
+def by_threshold(path: Path = CHOICES) -> dict[tuple[str, str], Array]:
+    """RE over the inlier threshold by sequence and features, "all features" or "boxes removed".
 
     Returns
     -------
-    (K, 3) each, by threshold: threshold in pixels, mean RE and its deviation over seeds, deg/100 m.
+    (K, 3) each: threshold in pixels, mean RE and its standard deviation over seeds, deg/100 m.
     """
-    measured: dict[str, dict[str, list[list[float]]]] = {}
+    measured = defaultdict(list)
     with path.open(encoding="utf-8", newline="") as lines:
         for row in csv.DictReader(lines):
             if row["choice"] == THRESHOLD_AND_BOXES:
                 threshold, _, boxes = row["alternative"].partition(" px, ")
-                numbers = [float(each) for each in (threshold, row["re"], row["re_sd"])]
-                measured.setdefault(row["sequence"], {}).setdefault(boxes, []).append(numbers)
-    return {
-        name: {boxes: np.array(sorted(rows)) for boxes, rows in each.items()}
-        for name, each in measured.items()
-    }
+                numbers = float(threshold), float(row["re"]), float(row["re_sd"])
+                measured[row["sequence"], boxes].append(numbers)
+    return {key: np.array(sorted(rows)) for key, rows in measured.items()}
 
 
-def threshold_lines(measured: Mapping[str, Mapping[str, Array]]) -> str:
-    """A line for each sequence and threshold: RE with all features and without those in boxes."""
-    return "\n".join(
-        f"{name:13}, {rows[0][0]:4g} px: RE "
-        + ", ".join(f"{re:5.2f} ± {spread:.2f} {boxes}" for boxes, (_, re, spread) in zip(each, rows))
-        for name, each in measured.items()
-        for rows in zip(*each.values(), strict=True)
-    )
-
-
-def threshold_figure(measured: Mapping[str, Mapping[str, Array]], height: int = 260) -> Figure:
-    """RE over the inlier threshold, with all features and with boxes removed; bars are one deviation."""
-    made, axes = figure(height, len(MEASURED))
-    for axis, name in zip(axes, MEASURED, strict=True):
-        if name not in measured:
-            say(axis, f"{CHOICES.name} has no rows '{THRESHOLD_AND_BOXES}'\nof {name}")
-            continue
-        for (boxes, rows), (colour, _) in zip(measured[name].items(), LINES, strict=False):
-            threshold, re, deviation = rows.T
-            axis.errorbar(range(len(rows)), re, deviation, color=colour, marker="o", capsize=3, label=boxes)
+def threshold_figure(measured: Mapping[tuple[str, str], Array]) -> Figure:
+    """RE over the inlier threshold, an axis for each sequence; bars are one standard deviation."""
+    names = list(dict.fromkeys(name for name, _ in measured))
+    made, axes = figure(260, len(names))
+    for (name, boxes), rows in measured.items():
+        axis, colour = axes[names.index(name)], GOOD if boxes == "boxes removed" else BAD
+        threshold, re, deviation = rows.T
+        axis.errorbar(range(len(rows)), re, deviation, color=colour, marker="o", capsize=3, label=boxes)
         axis.set_xticks(range(len(rows)), [f"{each:g}" for each in threshold])
         axis.set_ylim(0)
         finish(axis, f"rotation error, {name}", "inlier threshold [px]", "RE [deg/100 m]", "upper left")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +11,7 @@ from vo_lib.detection.layout import Letterbox, fit_letterbox, yolox_cells
 from vo_lib.geometry.boxes import overlap
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray
+from vo_lib.paper.boxes import inside
 
 from ..checker import Case, Exercise, When
 
@@ -28,11 +27,8 @@ KEPT, LOST = "on moving things, kept", "on standing things, removed"
 
 def net_boxes() -> list[Case]:
     """Two boxes inside the image, one over its right and lower edge, one over its left and upper edge, and all."""
-    inner, low, high = (
-        [[10.0, 240, 90.5, 300], [320, 280, 470, 360]],
-        [[600.0, 250, 655, 420]],
-        [[-9.0, 200, 60, 300]],
-    )
+    inner = [[10.0, 240, 90.5, 300], [320, 280, 470, 360]]
+    low, high = [[600.0, 250, 655, 420]], [[-9.0, 200, 60, 300]]
     letterbox = fit_letterbox(*SIZE, *NET)
     parts = inner, low, high, [*inner, *low, *high]
     return [(np.array(boxes), letterbox.scale, letterbox.left, letterbox.top, *SIZE) for boxes in parts]
@@ -43,33 +39,14 @@ def in_image(xyxy: Array, scale: float, left: int, top: int, width: int, height:
     return Letterbox(*NET, scale, left, top).to_image(xyxy, width, height)
 
 
-def endings(back: Callable[..., Array]) -> tuple[Callable[..., Array], ...]:
-    """A way (xyxy, scale, left, top) back into the image: as it is, half a pixel less, and cut at the edges first."""
-    return (
-        lambda xyxy, s, x, y, w, h: back(xyxy, s, x, y),
-        lambda xyxy, s, x, y, w, h: back(xyxy, s, x, y) - 0.5,
-        lambda xyxy, s, x, y, w, h: np.clip(back(xyxy, s, x, y), 0, (w, h) * 2) - 0.5,
-    )
-
-
-def outer(xyxy: Array, scale: float, left: int, top: int) -> Array:
-    """The right way back, counted from the outer edge and not cut."""
-    return np.asarray((xyxy - (left, top) * 2) / scale)
-
-
-def common(a: Array, b: Array, least: float = 0.0) -> float:
-    """Area that two boxes share; sides are at least `least`."""
-    return float(np.prod(np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), least)))
+def common(a: Array, b: Array) -> float:
+    """Area that two boxes share."""
+    return float(np.prod(np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0)))
 
 
 def area(box: Array) -> float:
     """Area of a box x0, y0, x1, y1."""
     return float(np.prod(box[2:] - box[:2]))
-
-
-def shared(a: Array, b: Array, least: float = 0.0) -> float:
-    """Intersection over union of two boxes."""
-    return common(a, b, least) / (area(a) + area(b) - common(a, b, least))
 
 
 def pairs() -> list[Case]:
@@ -80,23 +57,15 @@ def pairs() -> list[Case]:
     return [(a, b), (a, a.copy()), *((a, far) for far in apart), *((far, a) for far in apart)]
 
 
-def suppressed(
-    corners: Array,
-    scores: Array,
-    most: float,
-    rivals: slice | None = slice(None),
-    goes: Callable[[float, float], bool] = operator.gt,
-) -> list[int]:
+def suppressed(corners: Array, scores: Array, most: float, rivals: slice | None = slice(None)) -> list[int]:
     """Indices that greedy suppression keeps, best first.
 
     A box is compared with the kept boxes that `rivals` selects, or with all better boxes if it is None.
     """
-    order = np.argsort(-scores, kind="stable").tolist()
-    shares = overlap(corners, corners)
+    order, shares = np.argsort(-scores, kind="stable").tolist(), overlap(corners, corners)
     kept: list[int] = []
     for place, k in enumerate(order):
-        better = order[:place] if rivals is None else kept[rivals]
-        if not any(goes(float(shares[k, other]), most) for other in better):
+        if not np.any(shares[k, order[:place] if rivals is None else kept[rivals]] > most):
             kept.append(k)
     return kept
 
@@ -121,41 +90,36 @@ def features() -> list[Case]:
     return [(uv_p, uv_c, CORNERS[[0, 2, 3]], CORNERS[[1, 2]] + 6.0), (uv_p, uv_c, *np.zeros((2, 0, 4)))]
 
 
-def inside(uv: Array, boxes: Array) -> BoolArray:
-    """Mask of the points (N, 2) inside any box."""
-    sides: BoolArray = (uv[:, None] >= boxes[:, :2]) & (uv[:, None] <= boxes[:, 2:])
-    found: BoolArray = np.logical_and.reduce(sides, axis=2)
-    return np.asarray(np.logical_or.reduce(found, axis=1))
-
-
 def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> BoolArray:
-    """Mask of the matches outside all boxes in both images."""
-    return ~(inside(uv_p, boxes_p) | inside(uv_c, boxes_c))
+    """Which matches are in a box in neither image."""
+    return np.asarray(~(inside(uv_p, boxes_p).any(axis=1) | inside(uv_c, boxes_c).any(axis=1)))
 
 
 def driven() -> list[Case]:
-    """Boxes: parked, driving ahead, crossing; with wrong matches, street behind, noise in depth, two features.
+    """Boxes: parked, driving ahead, crossing; with wrong matches, street behind, noise in depth, few features.
 
     The camera drives a metre ahead and turns by 2°.
     """
     T_cp = rigid(rotation_from_vector(np.radians([0.0, 2.0, 0.0])), np.array([0.02, 0.0, -1.0]))
 
-    def box(step: tuple[float, ...], behind: int = 0, wrong: int = 0, far: int = 0, count: int = 20) -> Case:
+    def box(
+        *step: float, behind: int = 0, wrong: int = 0, far: int = 0, count: int = 20, least: float = LEAST
+    ) -> Case:
         rng = np.random.default_rng(7)
         X_p = rng.uniform((2.0, -1.0, 12.0 + far), (4.0, 1.0, 14.0 + far), (count, 3))
         X_c = X_p @ T_cp[:3, :3].T + T_cp[:3, 3]
         X_c[behind:] += step
         X_c[count - wrong :, 2] += 25.0
         X_c[:, 2] += rng.normal(0.0, 1.0 if far else 0.02, count)
-        return X_p, X_c, T_cp, LEAST
+        return X_p, X_c, T_cp, least
 
-    parked, ahead, across = (0.0, 0.0, 0.0), (0.0, 0.0, 0.9), (-0.45, 0.0, 0.0)
-    hard = box(parked, wrong=3), box(across, behind=8), box(parked, far=30), box(ahead, count=2)
-    return [box(parked), box(ahead), box(across), *hard]
+    simple = box(0, 0, 0), box(0, 0, 0.9), box(-0.45, 0, 0)
+    hard = box(0, 0, 0, wrong=3), box(-0.45, 0, 0, behind=8), box(0, 0, 0, far=30), box(0, 0, 0.9, count=2)
+    return [*simple, *hard, box(0, 0, 0.9, count=3), box(0.25, 0, 0.25), box(0, 0, 0.4, least=0.5)]
 
 
 def left_over(X_p: Array, X_c: Array, T_cp: Array) -> Array:
-    """Displacement (N, 3) of each feature from its position if it were static, metres."""
+    """Step of each feature (N, 3) beside that of a standing one, metres."""
     return np.asarray(X_c - X_p @ T_cp[:3, :3].T - T_cp[:3, 3])
 
 
@@ -165,10 +129,10 @@ def middle(steps: Array) -> Any:
 
 
 def judged(
-    length: Callable[[Array], Any], steps: Callable[..., Array] = left_over, few: Any = None
+    length: Callable[[Array], Any], steps: Callable[..., Array] = left_over, few: Any = None, fewest: int = 3
 ) -> Callable[..., Any]:
-    """A test "does this box move?" by a length of the features' steps; `few` is its answer for two features."""
-    return lambda X_p, X_c, T_cp, least: length(steps(X_p, X_c, T_cp)) > least if len(X_p) > 2 else few
+    """A test "does this box move?" by a length of the features' steps; `few` is its answer for too few features."""
+    return lambda X_p, X_c, T_cp, least: length(steps(X_p, X_c, T_cp)) > least if len(X_p) >= fewest else few
 
 
 to_image = Exercise(
@@ -176,24 +140,28 @@ to_image = Exercise(
     net_boxes,
     atol=1e-6,
     task="A function (xyxy (K, 4), scale, left, top, width, height) -> boxes (K, 4) in the image, pixels.",
-    praise="the library's `Letterbox.to_image`: network and image name the same places again.",
+    praise="the same boxes as the library's `Letterbox.to_image`.",
     hint="solve u_net = s (u + ½) + left for u, step by step, from the outside.",
     line="np.clip((xyxy - (left, top) * 2) / scale, 0, (width, height) * 2) - 0.5",
     library=("to_image",),
     mistakes={
-        "the last box still hangs over the edge: cut it before the half pixel is taken off.": endings(outer)[
-            1
-        ],
+        "the last box still hangs over the edge: cut it before the half pixel is taken off.": (
+            lambda xyxy, s, x, y, w, h: (xyxy - (x, y) * 2) / s - 0.5
+        ),
         "the cut comes half a pixel too late: counted from pixel centres, the edge is at width - 0.5.": (
-            lambda xyxy, s, x, y, w, h: np.clip(outer(xyxy, s, x, y) - 0.5, 0, (w - 1, h - 1) * 2),
-            lambda xyxy, s, x, y, w, h: np.clip(outer(xyxy, s, x, y) - 0.5, 0, (w, h) * 2),
+            lambda xyxy, s, x, y, w, h: np.clip((xyxy - (x, y) * 2) / s - 0.5, 0, (w - 1, h - 1) * 2),
+            lambda xyxy, s, x, y, w, h: np.clip((xyxy - (x, y) * 2) / s - 0.5, 0, (w, h) * 2),
         ),
-        "half a pixel too far right and down: the kit counts from a pixel's centre.": lambda *x: (
-            in_image(*x) + 0.5
+        "half a pixel too far right and down: the kit counts from a pixel's centre.": lambda *case: (
+            in_image(*case) + 0.5
         ),
-        "the border is forgotten: left and top.": endings(lambda xyxy, s, x, y: xyxy / s),
-        "left and top are exchanged.": endings(lambda xyxy, s, x, y: (xyxy - (y, x) * 2) / s),
-        "multiplied by the scale: too small.": endings(lambda xyxy, s, x, y: (xyxy - (x, y) * 2) * s),
+        "the border is forgotten: left and top.": (
+            lambda xyxy, s, x, y, *size: in_image(xyxy, s, 0, 0, *size),
+            lambda xyxy, s, x, y, *size: xyxy / s - 0.5,
+            lambda xyxy, s, x, y, *size: xyxy / s,
+        ),
+        "left and top are exchanged.": lambda xyxy, s, x, y, *size: in_image(xyxy, s, y, x, *size),
+        "multiplied by the scale: too small.": lambda xyxy, s, *case: in_image(xyxy, 1 / s, *case),
         "boxes inside are right, one over the edge is not: cut it on all four sides.": When(
             lambda got, xyxy, *case: len(xyxy) == 1
         ),
@@ -203,7 +171,7 @@ to_image = Exercise(
 cells = Exercise(
     yolox_cells(WIDTH, HEIGHT),
     task="How many cells a network with strides 8, 16, 32 has for 800 × 256 px.",
-    praise="{right} candidates, for an image with a dozen vehicles: most cells must say no.",
+    praise="{right} candidates for an image with a dozen vehicles: most cells must have a low score.",
     hint="columns times rows of each grid, and all three grids together.",
     line="sum((800 // stride) * (256 // stride) for stride in (8, 16, 32))",
     mistakes={
@@ -214,7 +182,7 @@ cells = Exercise(
 )
 
 iou = Exercise(
-    lambda a, b: shared(a, b),
+    lambda a, b: overlap(a[None], b[None])[0, 0],
     pairs,
     task="A function (a (4,), b (4,)) -> intersection over union of two boxes x0, y0, x1, y1.",
     praise="{got:.3f} for two boxes 10 px apart; 1 with itself; 0 where nothing is shared.",
@@ -244,24 +212,24 @@ suppress = Exercise(
     line="for k in np.argsort(-scores): if all(shared[k, other] <= most for other in kept): kept.append(k)",
     library=("best_boxes", "NMSBoxes"),
     mistakes={
-        "the worse of two boxes on one car stays: go through them with the best first.": (
-            When(lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got),
+        "the worse of two boxes on one car stays: go through them with the best first.": When(
+            lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got
         ),
-        "boxes that overlap only a little go as well: compare with `most`, not with 0.": (
-            When(lambda got, corners, *case: len(corners) == 5 and not {2, 4} <= set(got.ravel())),
+        "boxes that overlap only a little go as well: compare with `most`, not with 0.": When(
+            lambda got, corners, *case: len(corners) == 5 and not {2, 4} <= set(got.ravel())
         ),
-        "a box whose IoU is exactly `most` goes here; only what is above goes.": partial(
-            suppressed, goes=operator.ge
+        "a box whose IoU is exactly `most` goes here; only larger ones go.": lambda b, s, most: suppressed(
+            b, s, most - 1e-12
         ),
-        "right for five boxes, wrong for another threshold: use `most`.": lambda b, s, most: suppressed(
+        "right for five boxes, wrong for another threshold: use `most`.": lambda b, s, _: suppressed(
             b, s, 0.5
         ),
-        "compared with all better boxes: one that has gone itself drops no others.": partial(
-            suppressed, rivals=None
+        "compared with all better boxes: one that has gone itself drops no others.": lambda b, s, most: (
+            suppressed(b, s, most, None)
         ),
         "compared with one kept box only: a box has to be free of all that stay.": (
-            partial(suppressed, rivals=slice(-1, None)),
-            partial(suppressed, rivals=slice(1)),
+            lambda b, s, most: suppressed(b, s, most, slice(-1, None)),
+            lambda b, s, most: suppressed(b, s, most, slice(1)),
         ),
         "nothing is suppressed.": (
             lambda corners, scores, most: np.argsort(-scores),
@@ -280,22 +248,22 @@ keep_outside = Exercise(
     line="((uv[:, None] >= boxes[:, :2]) & (uv[:, None] <= boxes[:, 2:])).all(axis=2).any(axis=1)",
     library=("inside", "in_boxes", "on_vehicles"),
     mistakes={
-        "one of the two images is not asked; either point may be in a box.": (
-            lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p),
-            lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_c, boxes_c),
+        "the boxes of one image are not used; either point may be in a box.": (
+            lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p).any(axis=1),
+            lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_c, boxes_c).any(axis=1),
         ),
-        "a match goes only when both points are in a box; one is enough.": lambda uv_p, uv_c, *boxes: (
-            ~(inside(uv_p, boxes[0]) & inside(uv_c, boxes[1]))
+        "a match goes only when both points are in a box; one is enough.": lambda p, c, *boxes: (
+            ~(inside(p, boxes[0]).any(axis=1) & inside(c, boxes[1]).any(axis=1))
         ),
         "the boxes of the two images are exchanged, or mixed: uv_p belongs to boxes_p alone.": (
-            lambda uv_p, uv_c, *boxes: outside(uv_p, uv_c, *boxes[::-1]),
-            lambda uv_p, uv_c, *boxes: outside(uv_p, uv_c, *[np.concatenate(boxes)] * 2),
+            lambda p, c, *boxes: outside(p, c, *boxes[::-1]),
+            lambda p, c, *boxes: outside(p, c, *[np.concatenate(boxes)] * 2),
         ),
-        "a feature may be in any of the boxes, not only in the first.": lambda uv_p, uv_c, *boxes: outside(
-            uv_p, uv_c, *(each[:1] for each in boxes)
+        "a feature may be in any of the boxes, not only in the first.": lambda p, c, *boxes: outside(
+            p, c, *(each[:1] for each in boxes)
         ),
-        "u and v are exchanged: boxes begin with their u.": lambda uv_p, uv_c, *boxes: outside(
-            uv_p[:, ::-1], uv_c[:, ::-1], *boxes
+        "u and v are exchanged: boxes begin with their u.": lambda p, c, *boxes: outside(
+            p[:, ::-1], c[:, ::-1], *boxes
         ),
         "without any box some matches go.": When(lambda got, uv_p, uv_c, *boxes: not len(boxes[0])),
     },
@@ -306,12 +274,12 @@ box_moves = Exercise(
     judged(middle),
     driven,
     task="A function (X_p (N, 3), X_c (N, 3), T_cp, least) -> whether the vehicle moved; None if N < 3.",
-    praise="parked, driving ahead, crossing, half hidden, far: each box is judged right.",
+    praise="parked, driving ahead, crossing, half hidden, far: the answer is right for each box.",
     hint="where is a standing feature now? The median of what is left over is the step of the box.",
     line="step = np.median(X_c - (X_p @ T_cp[:3, :3].T + T_cp[:3, 3]), axis=0)",
     library=("point_steps", "box_steps", "states"),
     mistakes={
-        "the camera's own motion is still in these steps: a standing feature is at R_cp X_p + t_cp now.": (
+        "the camera's motion is still in these steps: a standing feature is at R_cp X_p + t_cp now.": (
             judged(middle, lambda X_p, X_c, T_cp: X_c - X_p),
             judged(middle, lambda X_p, X_c, T_cp: left_over(X_c, X_p, T_cp)),
         ),
@@ -329,10 +297,12 @@ box_moves = Exercise(
         "the street behind the car is in its box as well: not all features need to move.": judged(
             lambda steps: np.linalg.norm(steps, axis=1).min()
         ),
-        "two features say nothing about a box: return None.": (
-            judged(middle, few=True),
-            judged(middle, few=False),
+        "with two features the answer is None.": (judged(middle, few=True), judged(middle, few=False)),
+        "three features are enough: return None for fewer only.": judged(middle, fewest=4),
+        "the length of a step is the root of the sum of three squares, not its largest coordinate.": judged(
+            lambda steps: np.abs(np.median(steps, axis=0)).max()
         ),
+        "`least` is not used.": lambda *case: judged(middle)(*case[:3], LEAST),
     },
 )
 
@@ -341,7 +311,7 @@ sparing_rule = Exercise(
     task="The panel removes most features on moving things, and few on standing ones.",
     praise=f"{{{KEPT}:.0f}} stay of the features on moving things, {{{LOST}:.0f}} go of those on standing things.",
     mistakes={
-        "in this sequence nobody knows what moves; choose synthetic/traffic.": lambda now: (
+        "this sequence has no truth of moving things; choose synthetic/traffic.": lambda now: (
             not np.isfinite(now[KEPT] + now[LOST])
         ),
         "nothing is removed: choose another rule than `none`, and a score below 1.": lambda now: (

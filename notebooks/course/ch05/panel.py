@@ -26,17 +26,14 @@ from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import make_odometry
 from vo_lib.settings import Checked, setting
 
-from ..ch04.figures import MILLI
 from ..controls import Control, Knob
-from ..drawing import WIDTH, caption, figure, photo, raster, stack
+from ..drawing import WIDTH, caption, photo, stack
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
-from ..lessons import turned
 from ..panel import Drawing, Panel, State
 from ..results import Fact
-from .figures import candidates_picture, errors_chart, filter_picture
+from .figures import PHOTO_HEIGHT, candidates_picture, filter_picture
 
-PHOTO_HEIGHT, CHART_HEIGHT, NET_WIDTH = 298, 250, 640
-HISTORY = 4  # frames before the one shown from which the rule `moving` knows its boxes
+HISTORY = 4  # frames before the one shown, for the rule `moving`
 LABELS = "labels"  # in place of a model: the boxes of the sequence's own folder
 RULES = {"published": ("none", "all"), "kit": ("none", "all", "moving", "truth")}
 LEAST_SCORE = 0.01  # of a box on the curve of precision and recall
@@ -63,7 +60,7 @@ def detector_of(model: str) -> YoloDetector:
 
 
 def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> NetworkOutput:
-    """The output of a detector for a frame's left image."""
+    """Output of a detector for a frame's left image."""
     key = (*key_of(sequence, frame), detector.path)
     return _candidates.get(key, lambda: detector.candidates(stereo(sequence, frame)[0]))
 
@@ -86,7 +83,7 @@ def filtered_frame(
 ) -> tuple[Filtered, Boxes]:
     """The matches of a frame >= 1 that a method's rule keeps, and the frame's boxes.
 
-    The rule `moving` starts `HISTORY` frames earlier, because it accumulates the motion of the camera.
+    The rule `moving` starts `HISTORY` frames earlier, since it judges boxes over several frames.
     """
     rule = config.filter
     if rule.rule == "truth" and truth(sequence) is None:
@@ -112,14 +109,13 @@ def filtered_frame(
 def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: MethodConfig) -> FrameResult:
     """The frame's motion from the matches that `keep` (N,) leaves, of its two pairs alone.
 
-    No previous vector and no calibration: so nothing but the choice of features differs.
+    Without a previous vector and a calibration only the choice of features differs.
     """
     alone = change(change(config, "filter.rule", "none"), "selection.prior", False)
     if isinstance(alone, KitConfig):
         alone = change(alone, "calibration.estimate", False)
     matches = frame_matches(sequence, frame, config)
     key = (*key_of(sequence, frame), keep.tobytes(), alone)
-
     return _motions.get(key, lambda: make_odometry(sequence.camera, alone).step(matches[keep], no_boxes()))
 
 
@@ -152,7 +148,7 @@ class FilteringPanel(Panel):
     view = FilteringView
     start = preset("feature_selection")
     kit = preset("feature_selection", variant="kit")
-    height = PHOTO_HEIGHT + CHART_HEIGHT
+    height = 2 * PHOTO_HEIGHT
     controls = (
         Control("view.model", "model"),
         Control("filter.score", "score", low=0.01, high=0.99, step=0.01),
@@ -196,59 +192,44 @@ class FilteringPanel(Panel):
             shown,
             None if judged is None else judged.state,
             f"frame {frame}, rule {rule.rule}: kept features blue, removed ones orange",
-            PHOTO_HEIGHT,
         )
         T_true = true_motion(sequence, frame)
         every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
         kept = motion_from(sequence, frame, result.keep, state.config).T_cp
-        reference, words = (every, "all features") if T_true is None else (T_true, "the truth")
-        title = f"{'change' if T_true is None else 'error'} of the translation, from above"
-        errors = {name: MILLI * (T[:3, 3] - reference[:3, 3]) for name, T in (("all", every), ("kept", kept))}
-        network, candidates = self._network(state, boxes)
-        change = MILLI * float(np.linalg.norm(kept[:3, 3] - every[:3, 3]))
-        turn = turned(kept[:3, :3], None if T_true is None else T_true[:3, :3])
-        sizes = [np.nan if T_true is None else float(np.linalg.norm(error)) for error in errors.values()]
-        sentence = f"With {len(shown)} boxes here and those of the image before, "
-        sentence += f"the rule removes {removed} of {len(matches)} features. "
-        if T_true is None:
-            sentence += f"That moves the translation by {change:.1f} mm; this sequence has no truth."
-        else:
-            sentence += f"The translation is {sizes[0]:.1f} mm from the truth with all features, "
-            sentence += f"{sizes[1]:.1f} mm with those kept."
+        sentence = f"The rule removes {removed} of {len(matches)} features"
+        sentence += "." if T_true is not None else "; the sequence has no ground truth."
         if judged is not None and removed:
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
         if state.view.model.strip() == "street" and truth(sequence) is None:
-            sentence += " `street` was trained on drawn streets; it does not know real ones."
+            sentence += " `street` was trained on drawn streets, not on real ones."
         if Flag.FILTER_OFF in result.flags:
             sentence += " Too few features would be left, so the filter is off in this frame."
         facts = [
-            Fact("candidates", candidates),
-            Fact("boxes", len(shown)),
-            Fact("features", len(matches)),
             Fact("removed", removed),
-            Fact("error, all", sizes[0], "mm", 1),
-            Fact("error, kept", sizes[1], "mm", 1),
-            Fact("change of t", change, "mm", 1),
-            Fact("rotation error, kept", turn, "°", 3),
+            Fact("error, all", _apart(every, T_true), "mm", 1),
+            Fact("error, kept", _apart(kept, T_true), "mm", 1),
+            Fact("change of t", _apart(kept, every), "mm", 1),
         ]
         if truth(sequence) is not None:
             moving = matches_on_moving(sequence, frame, matches)
             facts.append(Fact("on moving things, kept", int(np.sum(moving & result.keep))))
             facts.append(Fact("on standing things, removed", int(np.sum(~moving & ~result.keep))))
-        chart, (axis,) = figure(CHART_HEIGHT, width=WIDTH - NET_WIDTH)
-        errors_chart(axis, errors, words, title)
-        below = np.hstack([network, raster(chart)])
-        return Drawing(stack([picture, below], self.height), sentence, tuple(facts))
+        return Drawing(stack([picture, self._network(state, boxes)], self.height), sentence, tuple(facts))
 
-    def _network(self, state: State, boxes: Boxes) -> tuple[Image, int]:
-        """The picture of the candidates, and their number; of labels the image alone."""
-        image, rule = stereo(state.sequence, state.frame)[0], state.config.filter
+    def _network(self, state: State, boxes: Boxes) -> Image:
+        """The picture of the candidates; of labels the image alone."""
+        image, score = stereo(state.sequence, state.frame)[0], state.config.filter.score
         if state.view.model.strip() == LABELS:
-            plain = photo(image, NET_WIDTH, CHART_HEIGHT)
-            return caption(plain, f"{len(boxes)} boxes of the label folder, no network"), len(boxes)
+            plain = photo(image, WIDTH, PHOTO_HEIGHT)
+            return caption(plain, f"{len(boxes)} boxes of the label folder, no network")
         found = frame_candidates(state.sequence, state.frame, detector_of(state.view.model))
         letterbox = found.letterbox
         corners = (boxes.xyxy + 0.5) * letterbox.scale + (letterbox.left, letterbox.top) * 2
-        count = int(np.count_nonzero(found.scores.max(axis=1) >= rule.score))
+        count = int(np.count_nonzero(found.scores.max(axis=1) >= score))
         words = f"network's image: {count} candidates orange, {len(boxes)} boxes left blue"
-        return candidates_picture(image, found, rule.score, corners, words, NET_WIDTH, CHART_HEIGHT), count
+        return candidates_picture(image, found, score, corners, words)
+
+
+def _apart(T: Array, T_other: Array | None) -> float:
+    """Distance between the translations of two motions, millimetres; NaN without the other."""
+    return np.nan if T_other is None else 1e3 * float(np.linalg.norm(T[:3, 3] - T_other[:3, 3]))

@@ -1,4 +1,4 @@
-"""Chapter 5, real traffic: drives with vehicle boxes, and what features in them do to the rotation."""
+"""Chapter 5, real traffic: drives with vehicle boxes, and the effect of the features in boxes on the rotation."""
 
 from __future__ import annotations
 
@@ -24,10 +24,6 @@ from ..drawing import figure, finish
 from ..frames import opened
 from .claim import LINES, step_errors
 
-ACCEPTED = (
-    0.25,
-    1.0,
-)  # pixels from its line, of a feature that the wide threshold accepts and a narrow one rejects
 FETCH = {
     "kitti/drive_0005": "2011_09_26_drive_0005 --frames 100:154",
     "kitti/drive_0013": "2011_09_26_drive_0013 --frames 0:80",
@@ -39,9 +35,7 @@ def find_detector(name: str) -> str:
     try:
         return str(find_model(name))
     except DataError:
-        print(
-            f"The detector {name} is not on this machine; `vo data get_detector` lists those that it fetches."
-        )
+        print(f"The detector {name} is not on this machine; `vo data get_detector` lists the detectors.")
         return ""
 
 
@@ -72,32 +66,31 @@ def distance_lines(sequence: Sequence, frame: int, matches: StereoMatches, dista
     within = inside(matches.cur_left, xyxy).T
     parts = {"outside boxes": ~within.any(axis=0)}
     parts |= {f"box at u = {box[::2].mean():4.0f}": part for box, part in zip(xyxy, within, strict=True)}
-    lines = (f"{name:14}: {part.sum():3} features, median " for name, part in parts.items() if part.any())
-    medians = (f"{np.median(distances[part]):.2f} px" for part in parts.values() if part.any())
-    return "\n".join(map(str.__add__, lines, medians))
+    return "\n".join(
+        f"{name:14}: {part.sum():3} features, median {np.median(distances[part]):.2f} px"
+        for name, part in parts.items()
+        if part.any()
+    )
 
 
 def turns_figure(
     sequence: Sequence, runs: Mapping[str, Array], matches: list[StereoMatches], distances: list[Array]
 ) -> Figure:
-    """Rotation error of each step by run, and below it the share of the features in boxes, near their lines or not.
+    """Rotation error of each step by run, and the share of the features in boxes, near their lines or not.
 
     matches, distances : of the frames 1 … N - 1, under a motion from the features outside boxes.
     """
     made, (turns, shares) = figure(250, 2)
-    frames, pulls = np.arange(1, len(sequence)), []
+    frames, in_boxes, accepted = np.arange(1, len(sequence)), [], []
     for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
         turns.plot(frames, step_errors(sequence, poses)[0], color=colour, linewidth=width, label=name)
     for frame, each, far in zip(frames.tolist(), matches, distances, strict=True):
         boxed = on_vehicles(each, sequence.boxes(frame - 1), sequence.boxes(frame), FilterConfig())
-        pulls.append(
-            100 * np.array([boxed.mean(), np.mean(boxed & (far > ACCEPTED[0]) & (far < ACCEPTED[1]))])
-        )
-    every, pulling = np.array(pulls).T
-    shares.fill_between(frames, every, color=PALE, step="mid", label="all")
-    words = "off their lines by {:g} to {:g} px".format(*ACCEPTED)
-    shares.fill_between(frames, pulling, color=BAD, step="mid", label=words)
-    shares.set_ylim(0, 1.3 * every.max())
+        in_boxes.append(100 * boxed.mean())
+        accepted.append(100 * np.mean(boxed & (far > 0.25) & (far < 1.0)))
+    shares.fill_between(frames, in_boxes, color=PALE, step="mid", label="all")
+    shares.fill_between(frames, accepted, color=BAD, step="mid", label="off their lines by 0.25 to 1 px")
+    shares.set_ylim(0, 1.3 * max(in_boxes))
     finish(turns, "rotation error of each step, 1 px [deg]", "frame")
     finish(shares, "features in boxes [% of all]", "frame", "", "upper left")
     return made
