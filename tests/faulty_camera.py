@@ -50,7 +50,7 @@ def yaw_matrix(angle: float) -> Array:
 def pair(X: Array, faults: Faults, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:
     """Left and right pixels (N, 2) of points (N, 3)."""
 
-    def seen(x: Array, y: Array, half: float) -> tuple[Array, Array]:
+    def distorted(x: Array, y: Array, half: float) -> tuple[Array, Array]:
         r2 = x * x + y * y
         radial = faults.k1 * r2
         u = F * x + CX + faults.p1 * 2 * x * y + faults.p2 * (r2 + 2 * x * x) + radial * x
@@ -59,7 +59,7 @@ def pair(X: Array, faults: Faults, noise: float, rng: np.random.Generator) -> tu
 
     from_right = X - (B, 0.0, 0.0)
     (x, y, _), (x_r, y_r, _) = (place.T / place[:, 2] for place in (X, from_right))
-    left, right = np.stack(seen(x, y, 0.5), axis=1), np.stack(seen(x_r, y_r, -0.5), axis=1)
+    left, right = np.stack(distorted(x, y, 0.5), axis=1), np.stack(distorted(x_r, y_r, -0.5), axis=1)
     return left + rng.normal(0, noise, left.shape), right + rng.normal(0, noise, right.shape)
 
 

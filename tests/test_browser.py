@@ -92,13 +92,13 @@ def answers(address: str) -> bool:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[BrowserContext]:
     """Headless system Chromium; the pages of one context share a cache."""
-    found = find_browser()
-    if found is None:
+    executable = find_browser()
+    if executable is None:
         pytest.skip(f"needs one of the browsers {', '.join(BROWSERS)}")
     with sync_playwright() as driver:
         # Root in a container has no sandbox and little shared memory.
         words = ["--no-sandbox", "--disable-dev-shm-usage"]
-        started = driver.chromium.launch(executable_path=found, args=words)
+        started = driver.chromium.launch(executable_path=executable, args=words)
         yield started.new_context(viewport={"width": 1400, "height": 1000})
         started.close()
 
@@ -141,8 +141,8 @@ def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContex
 def test_lab_opens_the_course_without_dialogs(lab: str, browser: BrowserContext) -> None:
     page = browser.new_page()
     page.set_default_timeout(LONG)
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url))
     page.goto(f"{lab}/?token={TOKEN}")
     page.get_by_text("| Idle").first.wait_for()
     assert page.url.startswith(f"{lab}/lab/workspaces/stereo-vo-course/tree/00_start_here.ipynb")
@@ -155,5 +155,5 @@ def test_lab_opens_the_course_without_dialogs(lab: str, browser: BrowserContext)
     page.get_by_role("heading", name="Glossary").wait_for()
     assert tabs.count() == 2
     assert page.locator(".Toastify__toast, .jp-Dialog").count() == 0
-    assert [address for address in asked if not address.startswith((lab, "data:", "blob:"))] == []
+    assert [address for address in requests if not address.startswith((lab, "data:", "blob:"))] == []
     page.close()

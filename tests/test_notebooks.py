@@ -40,9 +40,9 @@ def outputs(notebook: Any) -> list[Any]:
 def complaints(notebook: Any) -> list[str]:
     """Errors in the outputs and in the saved widget state, where panels show theirs."""
     states = notebook.metadata.get("widgets", {}).get(WIDGETS, {}).get("state", {}).values()
-    shown = [output for state in states for output in state["state"].get("outputs", [])]
+    widget_outputs = [output for state in states for output in state["state"].get("outputs", [])]
     result = []
-    for output in [*outputs(notebook), *shown]:
+    for output in [*outputs(notebook), *widget_outputs]:
         if output["output_type"] == "error":
             result.append(f"{output['ename']}: {output['evalue']}")
         if output["output_type"] == "stream" and output["name"] == "stderr":

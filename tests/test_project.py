@@ -27,8 +27,8 @@ def test_measured_versions_are_within_the_ranges() -> None:
     lines = (ROOT / ".ci" / "versions.txt").read_text(encoding="utf-8").splitlines()[1:]
     versions = dict(line.split("==") for line in lines)
     for line in project["dependencies"]:
-        wanted = Requirement(line)
-        assert wanted.specifier.contains(versions[wanted.name]), line
+        requirement = Requirement(line)
+        assert requirement.specifier.contains(versions[requirement.name]), line
     measured = (ROOT / "notebooks" / "results.md").read_text(encoding="utf-8")
     assert f"numpy {versions['numpy']}, OpenCV {versions['opencv-python-headless'][:5]}" in measured
 

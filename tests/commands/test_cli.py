@@ -61,8 +61,8 @@ def program(code: str, *words: str, **environ: str) -> subprocess.CompletedProce
 @pytest.mark.parametrize("variant", SMALL)
 def test_a_run_writes_its_files(bands: Path, done: Callable[..., str], variant: str) -> None:
     printed, out = done("new/out", "--method", "mesvo_f", variant=variant), bands.parent / "new" / "out"
-    wanted = FILES | ({"calibration.json"} if variant == "kit" else set())
-    assert {path.name for path in out.glob("[!.]*")} == wanted
+    expected = FILES | ({"calibration.json"} if variant == "kit" else set())
+    assert {path.name for path in out.glob("[!.]*")} == expected
     poses = read_kitti_poses(out / "poses.txt")
     assert poses.shape == (6, 4, 4)
     times, tum = read_tum(out / "poses_tum.txt")

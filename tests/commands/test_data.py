@@ -28,9 +28,9 @@ def test_data_lists_all_scripts(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_scripts_have_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert load(name)(["--help"]) == 0
-    shown = capsys.readouterr().out
-    assert shown.startswith(f"usage: vo data {name} ")
-    assert f"\n  vo data {name}" in shown.partition("examples:")[2]
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"usage: vo data {name} ")
+    assert f"\n  vo data {name}" in printed.partition("examples:")[2]
 
 
 def test_script_runs_as_a_program(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

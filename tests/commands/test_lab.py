@@ -77,17 +77,17 @@ def test_changed_files_are_kept(tmp_path: Path, source: Path, capsys: pytest.Cap
     theirs, mine = source / "course" / "a.py", tmp_path / "mine" / "course" / "a.py"
     beside = mine.with_name("a.new.py")
 
-    def said() -> str:
+    def update() -> str:
         lab.copy_course(source, tmp_path / "mine", teacher=False)
         return capsys.readouterr().out
 
-    assert said() == ""
+    assert update() == ""
     mine.write_text("first", encoding="utf-8")  # a prefix of its source
-    assert said() == ""
+    assert update() == ""
     for version in ("second = 2", "third = 3"):
         theirs.write_text(version, encoding="utf-8")
-        assert said() == "You changed course/a.py, so it is kept; the new version is course/a.new.py\n"
-        assert said() == ""
+        assert update() == "You changed course/a.py, so it is kept; the new version is course/a.new.py\n"
+        assert update() == ""
         assert beside.read_text(encoding="utf-8") == version
         assert mine.read_text(encoding="utf-8") == "first"
 

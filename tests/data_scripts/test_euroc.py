@@ -74,7 +74,7 @@ def test_euroc_points_project_as_the_poses_predict(tmp_path: Path) -> None:
     X = np.array([[-0.6, -0.5, 4.0], [0.9, 0.4, 5.0], [0.2, -0.3, 3.0], [-0.9, 0.6, 6.0], [0.4, 0.8, 4.5]])
     X_w = transform(T_w_b[0] @ T_B_0, X)
 
-    def seen(frame: int, camera: int) -> Array:
+    def rectified(frame: int, camera: int) -> Array:
         """Rectified pixels of the points, projected by the distorted cameras."""
         T_c_w = inverse(T_w_b[frame] @ T_B_C[camera])
         f_u, f_v, c_u, c_v = INTRINSICS[camera]
@@ -84,7 +84,7 @@ def test_euroc_points_project_as_the_poses_predict(tmp_path: Path) -> None:
         assert drive.rig.maps is not None
         return rectified_pixels(drive.rig.maps[camera], np.asarray(uv.reshape(-1, 2), np.float64))
 
-    left, right = seen(0, 0), seen(0, 1)
+    left, right = rectified(0, 0), rectified(0, 1)
     np.testing.assert_allclose(left[:, 1], right[:, 1], atol=0.1)
     rig = drive.rig
     z = rig.f * rig.baseline / (left[:, 0] - right[:, 0])
@@ -92,7 +92,7 @@ def test_euroc_points_project_as_the_poses_predict(tmp_path: Path) -> None:
     for frame in (2, 5):
         now = transform(inverse(drive.poses[frame]), first)
         uv = rig.f * now[:, :2] / now[:, 2:] + [rig.cx, rig.cy]
-        np.testing.assert_allclose(uv, seen(frame, 0), atol=0.5)
+        np.testing.assert_allclose(uv, rectified(frame, 0), atol=0.5)
         assert np.abs(uv - left).max() > 5  # the points move far enough for a test
 
 

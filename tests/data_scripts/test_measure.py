@@ -117,13 +117,13 @@ def test_result_tables_compare_two_methods() -> None:
         }
 
     cells = {"a": row(0.5, 0.1, 1.0), "b": row(1.5, 0.1, 2.0), "c": row(0.8, 0.1, 2.0)}
-    said = compared(cells, "solution_selection", "feature_selection", "It")
-    assert said[0].startswith(
+    sentences = compared(cells, "solution_selection", "feature_selection", "It")
+    assert sentences[0].startswith(
         "It lowers TE on a (1.000 → 0.500); it raises TE on b (1.000 → 1.500). On 1 of 3"
     )
-    assert "lowers RE on no row" in said[1]
-    te, re, spread, _ = tables("T", cells, said)
+    assert "lowers RE on no row" in sentences[1]
+    te, re, spread, _ = tables("T", cells, sentences)
     assert te.rows[0] == ["a", "=", "1.000", "0.500"]
     assert te.rows[1] == ["b", "2.000", "1.000", "1.500"]
-    assert (te.head, re.head) == (said, [])
+    assert (te.head, re.head) == (sentences, [])
     assert spread.rows[2] == ["c", "0.100", "0.100", "0.100"]

@@ -149,8 +149,8 @@ def test_street_model_detects_vehicles_of_a_new_street(street: Sequence) -> None
     detector, frames = YoloDetector("street"), range(5, 75, 10)
     images = [(detector.detect(street.stereo(frame)[0]), street.boxes(frame)) for frame in frames]
     assert all(set(detections.class_id.tolist()) <= set(VEHICLES) for detections, _ in images)
-    recall, precision, wanted = recall_precision(images, 32.0)
-    assert wanted >= 30
+    recall, precision, vehicles = recall_precision(images, 32.0)
+    assert vehicles >= 30
     assert recall >= 0.75
     assert precision >= 0.75
     assert MODELS["street"].stat().st_size <= 3_000_000

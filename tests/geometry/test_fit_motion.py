@@ -13,14 +13,14 @@ CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, he
 R_CP, T_CP = rotation_from_vector(np.array([0.02, -0.15, 0.05])), np.array([0.1, -0.05, -1.2])
 
 
-def seen(n: int = 60) -> tuple[Array, Array, Array]:
+def observations(n: int = 60) -> tuple[Array, Array, Array]:
     """Points (n, 3) of the previous frame, and their pixels (n, 2) in the current pair."""
     X_p = np.random.default_rng(3).uniform([-8, -2, 6], [8, 2, 40], (n, 3))
     return X_p, *CAMERA.project(X_p @ R_CP.T + T_CP)
 
 
 def test_fit_motion_tolerates_outliers() -> None:
-    X_p, left, right = seen()
+    X_p, left, right = observations()
     left[:20] += np.random.default_rng(4).uniform(30, 90, (20, 2))
     R, t, residual = fit_motion(CAMERA, X_p, left, right, np.eye(3), np.zeros(3), scale=0.5)
     np.testing.assert_allclose(R, R_CP, atol=2e-4)
@@ -30,7 +30,7 @@ def test_fit_motion_tolerates_outliers() -> None:
 
 
 def test_residual_is_the_norm_of_four_coordinates() -> None:
-    X_p, left, right = seen()
+    X_p, left, right = observations()
     left[:, 0] += 3.0
     right[:, 1] -= 4.0
     _, _, residual = fit_motion(CAMERA, X_p, left, right, R_CP, T_CP, scale=1e6, iterations=0)
@@ -38,7 +38,7 @@ def test_residual_is_the_norm_of_four_coordinates() -> None:
 
 
 def test_points_behind_the_camera_have_infinite_residuals() -> None:
-    X_p, left, right = seen()
+    X_p, left, right = observations()
     X_p[0] = [0.0, 0.0, -5.0]
     _, _, residual = fit_motion(CAMERA, X_p, left, right, R_CP, T_CP, scale=1.0, iterations=0)
     assert residual[0] == np.inf

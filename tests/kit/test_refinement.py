@@ -23,7 +23,7 @@ def turn(axis: str, degrees: float) -> Array:
     return rotation_from_vector(np.radians(degrees) * about / np.linalg.norm(about))
 
 
-def seen(R_cp: Array, number: int = 200, seed: int = 0) -> tuple[Array, Array, Array]:
+def visible_points(R_cp: Array, number: int = 200, seed: int = 0) -> tuple[Array, Array, Array]:
     """Normalised points x_p, x_c (N, 2) of points X_p (N, 3) in front of both cameras."""
     X_c = np.random.default_rng(seed).uniform([-6, -3, 6], [6, 3, 30], (60 * number, 3))
     X_p = (X_c - 1.2 * DIRECTION) @ R_cp
@@ -39,7 +39,7 @@ def seen(R_cp: Array, number: int = 200, seed: int = 0) -> tuple[Array, Array, A
 def test_refinement_converges_to_the_true_motion(axis: str, degrees: float, turned: float) -> None:
     R = turn("mixed", turned)
     start, astray = turn(axis, degrees) @ R, np.array([0.1, 0.1, 0.0]) + DIRECTION
-    result, direction = refine(start, astray, match_terms(*seen(R)[:2]), 100.0 / FOCAL, 30)
+    result, direction = refine(start, astray, match_terms(*visible_points(R)[:2]), 100.0 / FOCAL, 30)
     assert rotation_angle(result.T @ R) < 1e-6
     np.testing.assert_allclose(direction, DIRECTION, atol=1e-5)
 
@@ -48,7 +48,7 @@ def test_refinement_converges_to_the_true_motion(axis: str, degrees: float, turn
 @pytest.mark.parametrize("turned", [2.0, 30.0, 50.0])
 def test_refinement_derivative_equals_finite_differences(axis: str, turned: float) -> None:
     R, h = turn(axis, turned), 1e-6
-    x_p, x_c, _ = seen(R)
+    x_p, x_c, _ = visible_points(R)
     aside = turn("mixed", 1.0) @ R
 
     def distance(by: Array) -> Array:
@@ -65,7 +65,7 @@ def test_refinement_derivative_equals_finite_differences(axis: str, turned: floa
 @pytest.mark.parametrize("turned", [2.0, 30.0, 50.0])
 def test_motion_of_a_winner_with_a_large_rotation(mode: str, axis: str, turned: float) -> None:
     R = turn(axis, turned)
-    x_p, x_c, X_p = seen(R)
+    x_p, x_c, X_p = visible_points(R)
     # The winner is near the truth; refined it is the truth.
     E = essential_from_motion(turn("mixed", 0.0 if mode == "literal" else 0.05) @ R, DIRECTION)
     result, direction, best, inliers = motion_of_winner(

@@ -60,12 +60,12 @@ def test_warp_is_the_derivative_of_the_motion(right: bool) -> None:
         t = T + CAMERA.baseline * (R[:, 0] - (1.0, 0.0, 0.0))
         place = place - (20.0, 0.0)
 
-    def seen(uv: Array) -> Array:
+    def moved(uv: Array) -> Array:
         X = CAMERA.back_project(uv, 20.0 + (uv - place) @ slope)
         return CAMERA.project(X @ R.T + t)[0]
 
     step = 0.5 * np.eye(2)
-    numeric = np.stack([(seen(place + d[None]) - seen(place - d[None]))[0] for d in step], axis=1)
+    numeric = np.stack([(moved(place + d[None]) - moved(place - d[None]))[0] for d in step], axis=1)
     A = motion_warp(CAMERA, place[None], np.array([20.0]), slope[None], R, t)
     np.testing.assert_allclose(A[0], numeric, atol=1e-4)
 

@@ -68,12 +68,14 @@ def test_special_motions_lose_no_solution(
 @pytest.mark.parametrize("noise_px", [0.0, 0.3])
 @pytest.mark.parametrize("motion", WITH_PARALLAX)
 def test_candidates_are_essential_and_fit_their_points(motion: Motion, noise_px: float) -> None:
-    given = problems(motion, 1000, noise_px)
-    E, index = five_point(given.x_p, given.x_c)
+    simulated = problems(motion, 1000, noise_px)
+    E, index = five_point(simulated.x_p, simulated.x_c)
     off = off_essential(E)
     assert np.max(off) <= 2e-8
     assert np.quantile(off, 0.99) <= 1e-13
-    h_p, h_c = (np.concatenate([x, np.ones((*x.shape[:2], 1))], axis=2) for x in (given.x_p, given.x_c))
+    h_p, h_c = (
+        np.concatenate([x, np.ones((*x.shape[:2], 1))], axis=2) for x in (simulated.x_p, simulated.x_c)
+    )
     residual = np.einsum("mni,mij,mnj->mn", h_c[index], E, h_p[index])
     assert np.max(np.abs(residual)) <= 1e-12
     np.testing.assert_allclose(np.linalg.norm(E, axis=(1, 2)), 1.0, atol=1e-14)
@@ -81,8 +83,8 @@ def test_candidates_are_essential_and_fit_their_points(motion: Motion, noise_px:
 
 def test_number_of_candidates_is_even_and_at_most_ten() -> None:
     """Complex roots of a real polynomial are paired, so the number of real ones among ten is even."""
-    given = problems("general", 5000, noise_px=0.3)
-    count = np.bincount(five_point(given.x_p, given.x_c).set_index, minlength=5000)
+    simulated = problems("general", 5000, noise_px=0.3)
+    count = np.bincount(five_point(simulated.x_p, simulated.x_c).set_index, minlength=5000)
     assert count.max() <= 10
     assert np.mean(count % 2) <= 1e-3
     assert 4.0 < count.mean() < 5.0
@@ -90,11 +92,11 @@ def test_number_of_candidates_is_even_and_at_most_ten() -> None:
 
 @pytest.mark.parametrize("motion", ["general", "sideways", "forward"])
 def test_opencv_finds_the_same_candidates(motion: Motion) -> None:
-    given = problems(motion, 400, noise_px=0.3)
-    E, index = five_point(given.x_p, given.x_c)
+    simulated = problems(motion, 400, noise_px=0.3)
+    E, index = five_point(simulated.x_p, simulated.x_c)
     ours, theirs, precise = [], [], []
     for s in range(400):
-        stacked, _ = cv2.findEssentialMat(given.x_p[s], given.x_c[s], np.eye(3))
+        stacked, _ = cv2.findEssentialMat(simulated.x_p[s], simulated.x_c[s], np.eye(3))
         F = np.empty((0, 3, 3)) if stacked is None else stacked.reshape(-1, 3, 3)
         F = F / np.linalg.norm(F, axis=(1, 2), keepdims=True)
         gaps = distance(E[index == s][:, None], F[None])
@@ -112,10 +114,10 @@ def test_opencv_finds_the_same_candidates(motion: Motion) -> None:
 
 @pytest.mark.parametrize("motion", ["general", "planar_forward"])
 def test_batch_equals_single_sets(motion: Motion) -> None:
-    given = problems(motion, 100)
-    batch = five_point(given.x_p, given.x_c)
+    simulated = problems(motion, 100)
+    batch = five_point(simulated.x_p, simulated.x_c)
     for s in range(100):
-        alone = five_point(given.x_p[s : s + 1], given.x_c[s : s + 1])
+        alone = five_point(simulated.x_p[s : s + 1], simulated.x_c[s : s + 1])
         together = batch.E[batch.set_index == s]
         assert alone.E.shape == together.shape
         np.testing.assert_allclose(distance(alone.E, together), 0.0, atol=1e-8)
@@ -123,12 +125,12 @@ def test_batch_equals_single_sets(motion: Motion) -> None:
 
 @pytest.mark.parametrize("copies", [2, 3, 5])
 def test_sets_with_repeated_matches_have_no_candidates(copies: int) -> None:
-    given = problems("general", 60)
-    x_p, x_c = given.x_p.copy(), given.x_c.copy()
+    simulated = problems("general", 60)
+    x_p, x_c = simulated.x_p.copy(), simulated.x_c.copy()
     x_p[::2, :copies], x_c[::2, :copies] = x_p[::2, :1], x_c[::2, :1]
     result = five_point(x_p, x_c)
     assert set(result.set_index) == set(range(1, 60, 2))
-    assert np.max(error_of_best(result, given.E)[1::2]) <= 1e-9
+    assert np.max(error_of_best(result, simulated.E)[1::2]) <= 1e-9
 
 
 def test_degenerate_sets_give_finite_candidates() -> None:

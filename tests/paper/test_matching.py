@@ -17,7 +17,7 @@ MARGIN = 100
 WALL = texture(np.random.default_rng(1), 160, 320 + 2 * MARGIN, 2.0)
 
 
-def seen(left_edge: int) -> Image:
+def view(left_edge: int) -> Image:
     """The wall from `left_edge` on."""
     return np.ascontiguousarray(WALL[:, left_edge : left_edge + 320])
 
@@ -58,7 +58,7 @@ def test_stereo_match_has_the_smallest_difference(largest: int) -> None:
 
 def test_loop_closes_where_four_best_matches_return() -> None:
     settings = MatchingConfig(max_disparity=32)
-    images = [(seen(u), seen(u + 10)) for u in (MARGIN, MARGIN + 7)]
+    images = [(view(u), view(u + 10)) for u in (MARGIN, MARGIN + 7)]
     for _, right in images:  # a step of one row: left and right features have different orders
         right[:, :160] = np.roll(right[:, :160], 1, axis=0)
     before, pair = (describe_pair(each, FEATURES, settings) for each in images)
@@ -81,7 +81,7 @@ def test_loop_closes_where_four_best_matches_return() -> None:
 
 @pytest.mark.parametrize(("apart", "within"), [(1.5, True), (3.0, False)])
 def test_refinement_moves_at_most_two_pixels(apart: float, within: bool) -> None:
-    image = seen(0)
+    image = view(0)
     u, v = np.meshgrid(np.arange(40.0, 280, 30), np.arange(30.0, 130, 25))
     uv = np.stack([u.ravel(), v.ravel()], axis=1)
     result, ok, _ = track(image, image, uv, uv + np.array([apart, 0.0]), 21)
@@ -94,7 +94,7 @@ def test_refinement_moves_at_most_two_pixels(apart: float, within: bool) -> None
 def test_matches_respect_the_disparity_range(disparity: int, largest: int, seen_in_both: bool) -> None:
     settings = MatchingConfig(max_disparity=largest)
     for shift, there in ((disparity, seen_in_both), (-disparity, False)):
-        pair = describe_pair((seen(MARGIN), seen(MARGIN + shift)), FEATURES, settings)
+        pair = describe_pair((view(MARGIN), view(MARGIN + shift)), FEATURES, settings)
         for index, query, train, sign in (
             (pair.to_right, pair.in_left, pair.in_right, 1),
             (pair.to_left, pair.in_right, pair.in_left, -1),

@@ -22,13 +22,17 @@ def by_definition(E: Array, x_p: Array, x_c: Array) -> Array:
 
 @pytest.mark.parametrize("motion", [m for m in MOTIONS if m != "pure_rotation"])
 def test_sampson_products_equal_the_definition(motion: Motion) -> None:
-    given = random_problems(np.random.default_rng(1), 6, 50, motion, noise_px=1.0)
-    for x_p, x_c in zip(given.x_p, given.x_c, strict=True):
-        expected = by_definition(given.E, x_p, x_c)
-        result = squared_distances(candidate_terms(given.E), match_terms(x_p, x_c))
+    simulated = random_problems(np.random.default_rng(1), 6, 50, motion, noise_px=1.0)
+    for x_p, x_c in zip(simulated.x_p, simulated.x_c, strict=True):
+        expected = by_definition(simulated.E, x_p, x_c)
+        result = squared_distances(candidate_terms(simulated.E), match_terms(x_p, x_c))
         np.testing.assert_allclose(result, expected, rtol=1e-6, atol=1e-12)
-        np.testing.assert_allclose(sampson_distance(given.E, x_p, x_c) ** 2, expected, rtol=1e-6, atol=1e-12)
-        single = squared_distances(candidate_terms(given.E, np.float32), match_terms(x_p, x_c, np.float32))
+        np.testing.assert_allclose(
+            sampson_distance(simulated.E, x_p, x_c) ** 2, expected, rtol=1e-6, atol=1e-12
+        )
+        single = squared_distances(
+            candidate_terms(simulated.E, np.float32), match_terms(x_p, x_c, np.float32)
+        )
         assert single.dtype == np.float32
         # A hundredth of a pixel is enough to rank.
         np.testing.assert_allclose(np.sqrt(single), np.sqrt(expected), atol=0.01 / FOCAL, rtol=1e-3)

@@ -31,9 +31,9 @@ def test_film_has_the_same_bytes_from_cached_matches(bands: Path, capsys: pytest
     assert (base / "a.mp4").read_bytes() == (base / "b.mp4").read_bytes()
     video = cv2.VideoCapture(str(base / "a.mp4"))
     # An image of 480×240, a square for the path beside it, words above.
-    wanted = (5, 10, 480 + 300, 300 + WORDS_HEIGHT_PX)
+    expected = (5, 10, 480 + 300, 300 + WORDS_HEIGHT_PX)
     kinds = cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
-    assert tuple(map(video.get, kinds)) == wanted
+    assert tuple(map(video.get, kinds)) == expected
     assert sum(video.read()[0] for _ in range(9)) == 5
 
 
