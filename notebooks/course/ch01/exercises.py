@@ -162,7 +162,7 @@ is_stereo = Exercise(
     good,
     stereo_pairs,
     task="A function (left (N, 2), right (N, 2), row_tolerance, min_disparity) -> (N,) bool.",
-    praise="the rows agree, and the disparity is large enough.",
+    praise="every good match has equal rows and a sufficient disparity.",
     hint="each match has two conditions, one on its rows and one on its columns; the mask is True where both hold.",
     line="(np.abs(left[:, 1] - right[:, 1]) <= row_tolerance) & (left[:, 0] - right[:, 0] >= min_disparity)",
     mistakes={
@@ -171,7 +171,7 @@ is_stereo = Exercise(
         ),
         "the two limits are exchanged.": judged(limits=lambda most, least: (least, most)),
         "1 and 0.5 are hard-coded: use the limits given.": judged(limits=lambda *_: (1.0, 0.5)),
-        "a match exactly at a limit is still good: use <= and >=.": (
+        "a match exactly at a limit is good: use <= and >=.": (
             *(judged(limits=lambda m, n, a=a, b=b: (m - a, n + b)) for a, b in ((E, E), (E, 0), (0, E))),
         ),
         "the match whose rows differ by two is judged good.": judged(row=np.zeros_like),
@@ -190,7 +190,7 @@ loop_closes = Exercise(
     chains,
     form=any_order,
     task="A function (pl_pr, pr_cr, cr_cl, cl_pl): best matches as indices, -1 for none -> indices that close.",
-    praise="few wrong matches pass these four matches and one condition.",
+    praise="the loop has four matches and one condition, and few wrong matches pass.",
     hint="follow feature i: pl_pr[i] is its number in the next image, and its index in the next list.",
     line="at = step[at]; alive &= at >= 0",
     mistakes={

@@ -154,6 +154,7 @@ epipolar_distance = Exercise(
 epipolar_rows = Exercise(
     rows,
     lambda: [five_matches(8)],
+    also=(lambda x_p, x_c: -rows(x_p, x_c),),
     atol=1e-12,
     task="A function (x_p, x_c), (5, 2) each -> A (5, 9) with A vec(E) = the five x_cᵀ E x_p.",
     praise="these are the library's rows; with the true E, A vec(E) is 0.",
