@@ -17,7 +17,7 @@ from ..geometry.types import Array, BoolArray, IntArray, Progress
 from ..paper.boxes import in_boxes
 from ..paper.buckets import select_by_bucket
 from ..paper.features import describe
-from ..paper.matching import LoopMatcher
+from ..paper.matching import LoopMatcher, describe_pair
 from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig
 from ..paper.viso2 import ransac_motion
 from .places import candidates, place_frames, similarities
@@ -70,9 +70,8 @@ def find_loops(
         errors = np.hstack(predicted) - np.hstack([inliers.cur_left, inliers.cur_right])
         residuals[row] = np.sqrt(np.sum(errors**2) / (len(inliers) or np.nan))
         progress(len(frames) + len(frames) * (row + 1) // len(pairs), 2 * len(frames))
-    stacked, alike = np.reshape(motions, (-1, 4, 4)), similarity[tuple(pairs.T)]
-    (first, second), (matched, agreeing) = frames[pairs].T, counts
-    return Loops(first, second, alike, matched, agreeing, residuals, stacked)
+    (first, second), (matched, agreeing), stacked = frames[pairs].T, counts, np.reshape(motions, (-1, 4, 4))
+    return Loops(first, second, similarity[tuple(pairs.T)], matched, agreeing, residuals, stacked)
 
 
 def compare_places(
@@ -82,9 +81,10 @@ def compare_places(
 
     Without a motion, T_cp is the identity and no match is an inlier.
     """
-    matcher = LoopMatcher(FeatureConfig(), MatchingConfig(search_radius=config.radius))
-    described = functools.lru_cache(PAIRS_KEPT)(lambda frame: matcher.prepare(sequence.stereo(frame)))
+    settings = FeatureConfig(), MatchingConfig(search_radius=config.radius)
+    described = functools.lru_cache(PAIRS_KEPT)(lambda k: describe_pair(sequence.stereo(k), *settings))
     for first, second in pairs.tolist():
+        matcher = LoopMatcher(*settings)
         matcher.step(described(first))
         m = matcher.step(described(second))
         keep = uncovered(sequence, first, m.prev_left, method)

@@ -83,7 +83,7 @@ class LoopPanel(Panel):
         words = f"frame {state.frame}", f"frame {partner}, the first visit of the nearest loop"
         pictures = beside(image, stereo(state.sequence, int(partner))[0], *words)
         errors = ate(truth, before), ate(truth, after)
-        sentence = f"{len(pairs)} true loops and {false} false ones: ATE {errors[0]:.2f} m before"
+        sentence = f"True loops: {len(pairs)}, false loops: {false}. ATE {errors[0]:.2f} m before"
         sentence += f", {errors[1]:.2f} m closed." if view.closed else "; the loops are not closed."
         least = float(weight[~is_false].min(initial=1.0))
         facts = (
