@@ -41,7 +41,7 @@ from ..view3d import Shape, View, camera, view
 
 LEFT_HEIGHT = 298
 RAYS, RAYS_END = 14, 15.0  # so many rays, to points nearer than this, metres
-DEPTHS = 3.0, 100.0  # metres shown
+DEPTHS, ERRORS = (3.0, 100.0), (0.01, 100.0)  # metres shown
 
 
 @dataclass(frozen=True)
@@ -163,12 +163,12 @@ def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
     made, (axis,) = figure(260)
     good = np.isfinite(measured) & np.isfinite(true)
     measured, true = measured[good], true[good]
-    fb, Z = camera.f * camera.baseline, np.array(DEPTHS)
+    error, fb, Z = np.abs(measured - true), camera.f * camera.baseline, np.array(DEPTHS)
     sigma = float(np.median(np.abs(fb / measured - fb / true)))
-    axis.plot(true, np.abs(measured - true), ".", color=GOOD, markersize=4, label=f"{len(true)} matches")
+    axis.plot(true, np.clip(error, *ERRORS), ".", color=GOOD, markersize=4, label=f"{len(true)} matches")
     axis.plot(Z, Z**2 / fb * sigma, color=BAD, label=f"Z² / (f b) · {sigma:.2f} px")
     log_axis(axis.xaxis, *DEPTHS, COARSE)
-    log_axis(axis.yaxis, 0.001, 100.0)
+    log_axis(axis.yaxis, *ERRORS)
     finish(axis, "error of the depth", "true depth Z [m]", "error [m]", "upper left")
     return made
 
