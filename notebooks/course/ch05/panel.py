@@ -87,9 +87,7 @@ def filtered_frame(
     """
     rule = config.filter
     if rule.rule == "truth" and truth(sequence) is None:
-        raise DataError(
-            "the rule `truth` needs a drawn scene: other sequences do not have true motions of vehicles"
-        )
+        raise DataError("the rule `truth` needs the true motions of vehicles of a drawn scene")
     first = max(frame - HISTORY, 1) if rule.rule == "moving" else frame
     before = frame_boxes(sequence, first - 1, view.model, rule.score, view.nms)
     if not isinstance(rule, KitFilterConfig):
