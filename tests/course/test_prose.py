@@ -90,6 +90,18 @@ def test_neighbours_and_noise_make_sets_worse_and_a_low_threshold_tells_solution
     assert shares[0] < 0.2 < 0.6 < shares[1]
 
 
+def test_the_winner_of_few_sets_varies_more_from_draw_to_draw(seen: Seen) -> None:
+    text = r"Lower `n` to (\d+) and press .* five times: .* rises to ([.\d]+)°.* 200 sets .* below ([.\d]+)°"
+    largest = {10: 0.0, 200: 0.0}
+    for sets in largest:
+        for draw in range(6):
+            now, _, (few, worst, bound) = seen("03", text, selection__sets=sets, view__draw=draw)
+            largest[sets] = max(largest[sets], now["error by selection"])
+    assert few == 10
+    assert round(largest[10], 2) == worst
+    assert largest[200] < bound
+
+
 def test_moving_matches_win_the_vote_and_wrong_ones_do_not(seen: Seen) -> None:
     now, _, said = seen("03", r"Set \*moving share\* to ([.\d]+) instead", view__moving=0.6)
     assert said == [0.6]
