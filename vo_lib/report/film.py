@@ -129,10 +129,7 @@ class Film:
         self._count += 1
 
     def picture(self, frame: FilmFrame) -> Image:
-        """The picture of a frame, BGR: text, the image below, the path to its right.
-
-        Controls of a player cover the lower edge.
-        """
+        """The picture of a frame, BGR: text, which controls of a player do not cover, image and path."""
         page = np.full((*self._shape, 3), WHITE, np.uint8)
         left, _ = self.run.sequence.stereo(frame.index)
         image = plots.match_image(left, frame.matches, frame.keep, frame.boxes, frame.state, by_age=True)
