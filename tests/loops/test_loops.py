@@ -161,9 +161,9 @@ def test_the_film_and_the_trajectory_picture_show_the_loops(bands: Path) -> None
 
 def test_a_reproduction_adds_loops_below_the_papers_table(bands: Path, tmp_path: Path) -> None:
     twice(bands)
-    words = ["reproduce", "--sequences", str(bands), "--methods", "feature_selection", "--seeds", "1"]
-    assert main([*words, "--loops", "--out", str(tmp_path)]) == 0
-    for name in ("table1.md", "report.html"):
-        page = (tmp_path / name).read_text(encoding="utf-8")
-        assert 0 < page.index("feature_selection") < page.index("Not in the paper: loops closed")
+    words = f"reproduce --sequences {bands} --variant published --methods feature_selection --seeds 1"
+    assert main([*words.split(), "--lengths", "2", "--loops", "--out", str(tmp_path)]) == 0
+    tables = (tmp_path / "table1.md").read_text(encoding="utf-8")
+    assert 0 < tables.index("feature_selection") < tables.index("Not in the paper: loops closed")
+    assert "Not in the paper: loops closed" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert len(list(tmp_path.glob("runs/published/**/loops.csv"))) == 1
