@@ -70,7 +70,7 @@ def test_list_fits_80_columns(
     assert facts["kitti/04"] == ["6", "2", "yes", "no", "480×240", "1"]
     assert facts["kitti/05"] == ["–"] * 6
     assert "kitti/05 is not usable" in text[0]
-    assert facts["synthetic/jam"] == ["–", "100", "yes", "yes", "1241×376", "–"]
+    assert facts["synthetic/jam"] == ["296", "100", "yes", "yes", "1241×376", "–"]
     assert {f"synthetic/{name}" for name in SCENES} < facts.keys()
 
 
