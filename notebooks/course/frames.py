@@ -220,7 +220,7 @@ def has_truth(sequence: Sequence, what: str = "poses") -> bool:
     """
     missing = lacks(sequence, what)
     if missing:
-        print(f"{missing} This cell is skipped.")
+        print(f"{missing} The corresponding part of this cell is skipped.")
     return not missing
 
 

@@ -16,7 +16,8 @@ def test_what_a_sequence_lacks_is_printed(bands: Path, capsys: pytest.CaptureFix
     sequence = replace(open_sequence(bands), truth=None, labels=None)
     assert not any(frames.has_truth(sequence, what) for what in frames.LACKING)
     said = capsys.readouterr().out.splitlines()
-    assert said[0] == "bands has no ground truth: no error can be stated. This cell is skipped."
+    sentence = "bands has no ground truth: no error can be stated."
+    assert said[0] == f"{sentence} The corresponding part of this cell is skipped."
     assert len(said) == len(frames.LACKING)
 
 

@@ -80,11 +80,12 @@ class LoopPanel(Panel):
         left.plot(*before[state.frame, [0, 2], 3], "o", color=BEFORE)
         weight_chart(right, residual, is_false, config.scale)
         partner = loops.first[np.abs(loops.second - state.frame).argmin()] if len(pairs) else 0
-        words = f"frame {state.frame}", f"frame {partner}, the first visit of the nearest loop"
+        visit = "the first visit of the nearest loop" if len(pairs) else "as no place is visited twice"
+        words = f"frame {state.frame}", f"frame {partner}, {visit}"
         pictures = beside(image, stereo(state.sequence, int(partner))[0], *words)
         errors = ate(truth, before), ate(truth, after)
-        sentence = f"True loops: {len(pairs)}, false loops: {false}. ATE {errors[0]:.2f} m before"
-        sentence += f", {errors[1]:.2f} m closed." if view.closed else "; the loops are not closed."
+        end = f", {errors[1]:.2f} m closed." if view.closed else "; the loops are not closed."
+        sentence = f"True loops: {len(pairs)}, false loops: {false}. ATE {errors[0]:.2f} m before{end}"
         least = float(weight[~is_false].min(initial=1.0))
         facts = (
             Fact("ATE before", errors[0], "m", 2),
