@@ -10,7 +10,7 @@ import ipywidgets as widgets
 from vo_lib.settings import Setting
 
 COLUMN = {"flex": "0 1 320px", "min_width": "260px", "margin": "0 12px 0 0"}  # of controls
-LABEL_WIDTH = "150px"  # of the longest label: all sliders begin below each other
+LABEL_WIDTH = "156px"  # of the longest label: all sliders begin below each other
 STEPS = 100  # of a slider, if no step is given
 
 

@@ -33,7 +33,7 @@ class MatchingPanel(Panel):
         Control("matching.row_tolerance", "row tolerance", high=3),
         Control("matching.loop_tolerance", "loop tolerance", high=5),
         Control("features.cell", "corner spacing", high=60),
-        Control("features.quality", "corners above", high=20),
+        Control("features.quality", "strength", high=20),
         Control("matching.max_difference", "difference", high=60),
         Control("matching.surface_tolerance", "surface tolerance", high=5),
         Control("buckets.size", "bucket size", high=300),
