@@ -34,7 +34,7 @@ from vo_lib.runs.drive import Run
 from vo_lib.runs.folder import read_run, run_folder
 from vo_lib.runs.jobs import run_jobs
 
-ABLATION = Path(__file__).parents[1] / "notebooks" / "ablation.csv"  # its tables are the last of the page
+ABLATION = Path(__file__).parents[1] / "notebooks" / "ablation.csv"  # its tables end a page of all sequences
 
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:
@@ -75,8 +75,9 @@ def run(options: argparse.Namespace) -> int:
     for (key, _), job in jobs.items():
         runs.setdefault(key, []).append(read_run(job.folder, job.sequence))
     tables = result_tables(sequences, runs)
-    if ABLATION.exists():
-        tables += ablation.tables([cells for _, cells in read_csv(ABLATION)[1:]])
+    rows = [cells for _, cells in read_csv(ABLATION)[1:]]
+    if {cells[2] for cells in rows} <= {sequence.name for sequence in sequences}:
+        tables += ablation.tables(rows)
     write_atomic(options.out, _page(tables, options))
     say(f"written to {options.out}")
     return 0
