@@ -193,7 +193,7 @@ def _judged(sequence: Sequence) -> str:
 
 
 def _length(sequence: Sequence, runs: list[Run]) -> float:
-    """Length of the path relative to the truth's, mean over seeds, percent more."""
+    """Excess length of the path over the true path, mean over seeds, %."""
     assert sequence.truth is not None
     true, *results = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
     return 100 * (float(np.mean(results)) / float(true) - 1)

@@ -77,7 +77,7 @@ def yaw_rotation(psi: Array | float) -> Array:
 
 
 def make_route(config: SceneConfig) -> Route:
-    """A street of gentle bends, straight at its start; with a right-angled turn half way if asked.
+    """A street of gentle bends, straight at its start; with a right-angled turn half way by `sharp_turn`.
 
     A block's street turns right four times and meets itself.
     """
@@ -117,7 +117,7 @@ def _integrated(s: Array, curvature: Array, lap: float | None = None) -> Route:
 
 
 def bump(s: Array, start: float, size: float, turn: float) -> Array:
-    """Curvature of one bend: it swells and fades as a clothoid does, and turns by `turn` radians in all."""
+    """Curvature (N,) of one bend, a raised cosine along s; the whole bend turns by `turn` radians."""
     phase = np.clip((s - start) / size, 0.0, 1.0)
     return np.asarray(turn / size * (1.0 - np.cos(2.0 * np.pi * phase)))
 

@@ -62,7 +62,7 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Definitions of a module of saved functions; empty without a file. `DataError` if it cannot be run."""
+    """Definitions of a module of saved functions; empty without a file. `DataError` if the file cannot be run."""
     spec = importlib.util.spec_from_file_location(path.stem, path) if path.is_file() else None
     if spec is None or spec.loader is None:
         return {}
@@ -70,9 +70,11 @@ def load(path: Path) -> dict[str, Any]:
     try:
         exec(compile(path.read_bytes(), path, "exec"), vars(module))  # never from the cache of compiled files
     except ImportError as error:
-        raise DataError(f"it cannot be run, {error}: CONTRIBUTING.md says what moved where", path) from None
+        raise DataError(
+            f"the file cannot be run, {error}: CONTRIBUTING.md says what moved where", path
+        ) from None
     except (Exception, SystemExit, KeyboardInterrupt) as error:
-        raise DataError(f"it cannot be run, {type(error).__name__}: {error}", path) from None
+        raise DataError(f"the file cannot be run, {type(error).__name__}: {error}", path) from None
     return vars(module)
 
 
@@ -181,7 +183,7 @@ def _with(text: str, name: str, source: str, imports: list[str]) -> str:
 
 
 def is_stub(answer: Any) -> bool:
-    """Whether an answer is an unchanged function of a notebook, with dots as a line."""
+    """Whether an answer is an unchanged function of a notebook, with the line `...`."""
     try:
         lines = ast.walk(ast.parse(_source(answer)))
     except (OSError, SyntaxError, TypeError, ValueError):

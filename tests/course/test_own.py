@@ -142,7 +142,7 @@ def solve_five(x_p, x_c): return five_point(x_p, x_c)
     weights, select = "4.8  weights              passes", "3.5  select               not there"
     for line in (f"1 of {len(marks.asked())} pass", weights, select, "hands the work to `five_point`"):
         assert line in told.out
-    assert re.fullmatch("error: .*ben.py: it cannot be run.*\n", told.err)
+    assert re.fullmatch("error: .*ben.py: the file cannot be run.*\n", told.err)
     monkeypatch.setattr(sys, "argv", ["marks", "--json", str(anna)])
     assert marks.main() == 0
     functions = json.loads(capsys.readouterr().out)[str(anna)]["functions"]
@@ -165,7 +165,7 @@ def test_a_module_of_mine_that_cannot_be_run_is_told(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_vo.py").write_text(f"{line}\n", encoding="utf-8")
-    with pytest.raises(DataError, match=rf"my_vo\.py: it cannot be run.*{words}"):
+    with pytest.raises(DataError, match=rf"my_vo\.py: the file cannot be run.*{words}"):
         own.join()
 
 

@@ -39,7 +39,7 @@ def steps(poses: Array) -> Array:
 def in_camera(world: World, vehicle: Vehicle) -> tuple[Array, Array, Array]:
     """Positions of a vehicle to the right (N,) and ahead (N,) of the camera of each frame, metres.
 
-    Also its position in the previous frame, ahead (N - 1,) of the camera of the later frame.
+    Third result: the vehicle's previous position, ahead (N - 1,) of the camera of the current frame, metres.
     """
     eye = inverse(world.drive.poses)
     here, before = eye @ vehicle.poses, eye[1:] @ vehicle.poses[:-1]

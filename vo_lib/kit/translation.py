@@ -126,7 +126,7 @@ class EliminatedPoints:
 
     Attributes
     ----------
-    before, now : points in the previous pair, in the axes of the current one, and in the current pair.
+    before : points of the previous pair, in the axes of the current pair; now : points of the current pair.
     apart : (3, N) differences, points now minus points before.
     C_p : (6, N) covariance of the points before; W : (6, N) inverse covariance of `apart`.
     residual_floor : (N,) squared residual that does not depend on t.

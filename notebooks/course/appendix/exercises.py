@@ -72,7 +72,7 @@ step = Exercise(
     lambda: [(np.array([10.0, 20.0, 40.0]), 0.5, FB), (np.array([15.0, 30.0]), -0.3, 240.0)],
     task="A function (Z (N,), e, fb) -> the length that a step of 1 m towards each point seems to have.",
     praise="{right[0]:.3f} m at 10 m, {right[2]:.3f} m at 40 m: the far points shorten the step most.",
-    hint="the depth that is seen before the step, less the one seen after it.",
+    hint="the measured depth before the step minus the measured depth after the step.",
     line="fb / (fb / Z + e) - fb / (fb / (Z - 1) + e)",
     mistakes={
         "this step goes backwards: after it the points are at Z - 1.": lambda Z, *rig: step_seen(Z + 1, *rig),

@@ -69,7 +69,8 @@ def with_noise(points: Points, noise: float, focal: float) -> Points:
 def rotation_errors(E: Array, R_true: Array) -> Array:
     """Angle between the rotation of each E (M, 3, 3) and the true one, (M,) degrees.
 
-    Of the two rotations of E the nearer one: the other is turned by 180° about t, and depth excludes it.
+    E has two rotations; the error is that of the nearer rotation. The other rotation differs by 180° about t,
+    and depth excludes it.
     """
     R, _ = decompose_essential(E)
     angles = rotation_angle(np.swapaxes(R, -1, -2) @ R_true)

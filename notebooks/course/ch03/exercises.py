@@ -92,7 +92,7 @@ def least(values: Array, allowed: BoolArray) -> int:
 
 
 def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
-    """Solution selection: of the k nearest of each set the one with the smallest image error."""
+    """Solution selection: the candidate with the smallest image error among the k nearest of each set."""
     return least(errors, nearest_to_prior(E, set_index, e_prev, k))
 
 

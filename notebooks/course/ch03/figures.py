@@ -149,7 +149,7 @@ def turns_figure(angle: Array, turn: Array) -> Figure:
 
 
 def stopping_figure(needed: Array, stop: Array) -> Figure:
-    """Sets that adaptive stopping asks for, over the number of sets drawn.
+    """Number of sets that adaptive stopping requires, over the number of sets drawn.
 
     needed : (S, N) for S orders of the sets, drawn as median and band; stop : (S,) sets drawn in the end.
     """

@@ -46,7 +46,7 @@ def eight_rows(
 
 
 def times(x: float, y: float) -> Callable[..., tuple[Array, Array]]:
-    """The same equations, both sides of those in x and in y times a number."""
+    """The eight rows, with those in x multiplied by one factor and those in y by another."""
     factors = np.tile([x, y], 4)
     return lambda *case: (factors[:, None] * eight_rows(*case)[0], factors * eight_rows(*case)[1])
 

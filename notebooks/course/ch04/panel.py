@@ -85,8 +85,8 @@ def covariance(
 ) -> Array:
     """Covariance (3, 3) of the translation, m², from the data alone, for every weighting alike.
 
-    G groups of features are solved separately. If their answers have the covariance S, their mean has S / G;
-    all features together have about the same.
+    G groups of features are solved separately. If the solutions have the covariance S, their mean has S / G;
+    the solution from all features has about the same covariance.
     """
     group = np.arange(len(matches)) % GROUPS
     solved = [solve_by(weighting, camera, matches[group == g], R_cp, config) for g in range(GROUPS)]

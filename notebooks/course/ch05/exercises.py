@@ -26,7 +26,7 @@ KEPT, LOST = "on moving things, kept", "on standing things, removed"
 
 
 def net_boxes() -> list[Case]:
-    """Two boxes inside the image, one over its right and lower edge, one over its left and upper edge, and all."""
+    """Two boxes inside the image, a box over the lower right corner, a box over the upper left corner, all."""
     inner = [[10.0, 240, 90.5, 300], [320, 280, 470, 360]]
     low, high = [[600.0, 250, 655, 420]], [[-9.0, 200, 60, 300]]
     letterbox = fit_letterbox(*SIZE, *NET)
@@ -119,7 +119,7 @@ def driven() -> list[Case]:
 
 
 def left_over(X_p: Array, X_c: Array, T_cp: Array) -> Array:
-    """Step of each feature (N, 3) beside that of a standing one, metres."""
+    """Step of each feature (N, 3) relative to a feature that does not move, metres."""
     return np.asarray(X_c - X_p @ T_cp[:3, :3].T - T_cp[:3, 3])
 
 

@@ -24,7 +24,7 @@ LEAST_LABELLED = 44  # pixels of a box, for its score above it
 
 
 def score_picture(image: Image, found: NetworkOutput) -> Image:
-    """The network's image three times, left to right its strides: each cell tinted by its best score."""
+    """The network's image once per stride, from left to right; the tint of a cell is the cell's best score."""
     ground, parts, first = photo(letterboxed(image, found.letterbox), found.letterbox.width), [], 0
     for stride in STRIDES:
         rows, columns = found.letterbox.height // stride, found.letterbox.width // stride

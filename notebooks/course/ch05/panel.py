@@ -120,7 +120,8 @@ def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: MethodC
 def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) -> tuple[Array, Array, Array]:
     """Scores of a detector's boxes, best first, and precision and recall of all boxes down to each score.
 
-    A box is right where its IoU with a labelled box is a half or more; of several on one, the best scored.
+    A box is correct if its IoU with a labelled box is at least 0.5. If several boxes match the same label,
+    only the box with the best score is correct.
     """
     found, labelled = [], 0
     for frame in frames:

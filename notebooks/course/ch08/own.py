@@ -65,7 +65,7 @@ class Joined:
 
     @property
     def name(self) -> str:
-        """What an odometry of these stages may be called: yours only where all of them are."""
+        """Name of an odometry with these stages: "yours" only if all stages are the student's."""
         own = len(STAGES) - int(self.facts["borrowed"])
         return "yours" if own == len(STAGES) else f"{own} of {len(STAGES)} stages yours"
 
