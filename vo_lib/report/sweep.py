@@ -148,7 +148,7 @@ def heat_map(sweep: Sweep) -> bytes:
     for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
         values = np.array([record[kind] for record in sweep.records], float).reshape(len(rows), -1)
         image = axis.imshow(values, "YlGnBu", aspect="auto")
-        figure.colorbar(image, ax=axis, label=f"{label}\nlower is better", format="%.3g")
+        figure.colorbar(image, ax=axis, label=f"{label}\nlower is better", format="%.4g")
         axis.set_xticks(range(len(columns)), columns)
         axis.set_yticks(range(len(rows)), rows)
         axis.set(xlabel=across.name, ylabel=",\n".join(axis.name for axis in down))
