@@ -112,7 +112,7 @@ def test_moving_matches_win_the_vote_and_wrong_ones_do_not(seen: Seen) -> None:
 
 
 def test_the_vote_takes_one_solution_of_a_plane_and_the_prior_stays_with_the_other(seen: Seen) -> None:
-    text = r"set `k` to (\d)\. .* after the first and the seventh press .* more than ([.\d]+)° wrong"
+    text = r"set `k` to (\d)\. .* after the first and the seventh press, .* more than ([.\d]+)° wrong"
     for draw in (1, 7):
         plane = {"view__plane": True, "selection__keep": 1, "view__draw": draw}
         now, _, (keep, wrong) = seen("03", text, **plane)

@@ -19,9 +19,7 @@ from .places import place_frames
 from .settings import LoopConfig
 
 MAX_STEPS = 40
-MAX_TURN = (
-    0.2  # largest rotation of a pose in a step, radians; with false loops, longer steps do not converge
-)
+MAX_TURN = 0.2  # largest rotation of a pose in a step, radians; with false loops, longer steps diverge
 LAST_MOVE = 1e-4  # largest move of a pose in the last step, radians and metres
 NARROWING = 0.25  # ratio of the weights' scales in successive first steps
 SERIES = ((1, 0.5), (2, 1 / 12), (4, -1 / 720), (6, 1 / 30240))  # powers and factors of x / (1 - exp(-x))
