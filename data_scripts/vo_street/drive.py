@@ -147,6 +147,11 @@ def lane_offset(config: SceneConfig) -> float:
     return (config.lanes - 0.5) * LANE_WIDTH + (1.0 if config.layout == "highway" else 0.0)
 
 
+def frame_count(config: SceneConfig) -> int:
+    """Number of frames of a scene's drive."""
+    return len(make_drive(config, make_route(config)).times)
+
+
 def make_drive(config: SceneConfig, route: Route) -> Drive:
     """A drive along the route with slower bends, varying speed, an optional standstill, and suspension."""
     rng = np.random.default_rng([config.seed, 2])

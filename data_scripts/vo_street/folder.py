@@ -19,7 +19,7 @@ from vo_lib.geometry.types import Progress
 from vo_lib.parallel import local_pool
 from vo_lib.settings import to_dict
 
-from .drive import make_drive, make_route
+from .drive import frame_count
 from .render import Renderer
 from .sensor import photograph
 from .truth_files import encode_depth, visible_boxes, write_objects
@@ -38,10 +38,10 @@ def write_scene(
         (folder / name).mkdir(parents=True)
     scene = json.dumps({"config": to_dict(config)}, indent=1)
     _write_text(folder / "truth" / "scene.json", scene + "\n")
-    everything = range(len(make_drive(config, make_route(config)).times))
-    selection = everything if frames is None else frames
-    if not 0 <= selection.start < selection.stop <= len(everything):
-        raise DataError(f"--frames {selection.start}:{selection.stop}: the scene has 0:{len(everything)}")
+    count = frame_count(config)
+    selection = range(count) if frames is None else frames
+    if not 0 <= selection.start < selection.stop <= count:
+        raise DataError(f"--frames {selection.start}:{selection.stop}: the scene has 0:{count}")
     with local_pool(jobs) as pool:
         tables = pool.submit(_write_tables, config, folder)
         running = [pool.submit(_write_frame, config, folder, frame) for frame in selection]

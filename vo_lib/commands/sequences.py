@@ -42,12 +42,11 @@ def _list(options: argparse.Namespace) -> int:
 def _facts(name: str, folder: Path | None) -> list[str]:
     """Cells of a sequence's row; for a scene not drawn yet, those known from its settings."""
     if folder is None:
-        from vo_street.drive import make_drive, make_route
+        from vo_street.drive import frame_count
 
         scene = SCENES[name.removeprefix(SYNTHETIC)]
-        frames = len(make_drive(scene, make_route(scene)).times)
         size = f"{scene.width}×{scene.height}"
-        return [str(frames), f"{scene.length:.0f}", "yes", "yes", size, NO_NUMBER]
+        return [str(frame_count(scene)), f"{scene.length:.0f}", "yes", "yes", size, NO_NUMBER]
     sequence = open_folder(folder, name)
     camera, truth = sequence.camera, sequence.truth
     length = NO_NUMBER if truth is None else f"{trajectory_distances(truth)[-1]:.0f}"
