@@ -39,7 +39,7 @@ def clean_matches(cache: Path | None = None) -> int:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Delete the folders and print the number of bytes."""
+    """Delete the old matches and print the number of bytes deleted."""
     removed, folder = clean_matches(options.cache), match_folder(options.cache)
     say(f"{folder}: {in_words(removed)} deleted, {in_words(folder_size(folder))} remain")
     return 0

@@ -3,11 +3,11 @@
 The images come from two folders or patterns, from one video with both images
 side by side, or from a drive of KITTI's raw data or a EuRoC folder (mav0),
 which include calibration, times and truth. If file names are times
-(nanoseconds, or seconds with decimals), each image is paired with the nearest
-in time. The calibration is given as three numbers for rectified images, or as
-OpenCV YAML files: with K1 D1 K2 D2 R T the images are rectified by this
-script, with P1 P2 alone they must be rectified already. The order of the
-images, their rows and the baseline are checked on a sample.
+(nanoseconds, or seconds with decimals), left and right images are paired by
+time. The calibration is given as three numbers for rectified images, or as
+OpenCV YAML files: with K1 D1 K2 D2 R T, the script rectifies the images; with
+P1 P2 alone, the images must already be rectified. The order of left and right,
+the rows and the baseline are checked on a sample.
 
 examples:
   vo data from_folder --left L --right R --out data/mine \\
@@ -82,7 +82,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Find images and calibration, check them together, write the sequence."""
+    """Find images and calibration, check a sample of pairs, and write the sequence."""
     require_new(options.out)
     if sum(place is not None for place in (options.video, options.raw, options.euroc, options.left)) != 1:
         raise DataError("give the images by --left and --right, or by one of --video, --raw and --euroc")

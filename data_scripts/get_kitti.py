@@ -1,8 +1,8 @@
 """Download single sequences of KITTI, or a range of their frames.
 
-Images, calibration and ground truth are read from the official archives: those
-of the odometry benchmark (22 GB), or of a drive of the raw data, which becomes
-a sequence with the GPS/IMU path as ground truth. Complete files are not
+Images, calibration and ground truth are read from the official archives of the
+odometry benchmark (22 GB) or of a drive of the raw data. The drive becomes a
+sequence with the GPS/IMU path as ground truth. Complete files are not
 downloaded again. After an interruption, or for more frames, repeat the
 command.
 
@@ -55,7 +55,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Link, unpack or download the files of the options."""
+    """Link, unpack or download the chosen files."""
     root: Path = options.root or kitti_root()
     parse_frames(options.frames, 0)
     if options.raw is not None:

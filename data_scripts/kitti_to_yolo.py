@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
         images = read_tracking_set(options.kitti, parse_drives(options.drive))
     allowed = check_origin(images, options.allow_evaluated)
     if len(allowed) < 2:
-        raise DataError(f"{len(allowed)} images are left for training: expected two or more", options.kitti)
+        raise DataError(f"{len(allowed)} images remain for training: expected two or more", options.kitti)
     parts = split(allowed, options.valid, parse_whole("--seed", options.seed, least=0))
     with reporting("writing the data set") as report:
         write_set(parts, options.out, report)

@@ -1,15 +1,14 @@
-"""Measure the effect of each idea of the kit by turning it off.
+"""Measure the effect of each idea of variant `kit` by turning the idea off.
 
 examples:
   vo data measure_ablation --sequences 00,01,kitti/drive_0013 \\
       --detector yolov8n.onnx
   vo data measure_ablation --jobs 2 --out notebooks/ablation.csv
 
-A row has the change of the results without an idea, mean and deviation over
-five seeds. A row without the name of an idea has the errors themselves, the
-excess length of the path in %, and processor milliseconds per frame. Rows that
-are not measured again are kept in the file: those of removed ideas and of
-other sequences.
+A row has the change of the results without an idea: mean and standard
+deviation over five seeds. A row without the name of an idea has the errors,
+the excess length of the path in %, and the processor time in milliseconds per
+frame. Rows of removed ideas and of other sequences are kept in the file.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ DRAWN_FRAMES = 100  # the first frames of a drawn scene; all frames would take a
 
 
 def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
-    """TE, RE, length and ms per frame of each seed, (S, 4), without an idea; ms includes changed matching."""
+    """TE, RE, excess length and ms per frame of each seed, (S, 4); ms includes the matching if it changes."""
     config = preset(idea.method, variant="kit")
     with ExitStack() as patches:
         patches.enter_context(single_threaded())
@@ -73,7 +72,7 @@ def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
 
 
 def figures(run: Run) -> tuple[float, float, float]:
-    """TE, RE and the excess length of the path, %."""
+    """TE (%), RE (deg/100 m) and the excess length of the path (%)."""
     assert run.sequence.truth is not None
     te, re = te_and_re(run.sequence, run.poses, SHORT_MEASURE, is_raw_drive(run.sequence))
     true, length = (trajectory_distances(T)[-1] for T in (run.sequence.truth, run.poses))
@@ -87,7 +86,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the kit with and without each idea; write the differences and print them as a table."""
+    """Run variant `kit` with and without each idea; write the differences and print them as tables."""
     workers, out = parse_whole("--jobs", options.jobs), Path(options.out)
     sequences = [s.part(0, DRAWN_FRAMES) if s.name.startswith(SYNTHETIC) else s for s in open_all(options)]
     tasks = [(sequence, idea) for sequence in sequences for idea in (*WHOLE, *IDEAS)]

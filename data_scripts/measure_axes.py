@@ -6,7 +6,7 @@ examples:
   vo data measure_axes truth.txt runs/00/poses.txt --lengths 20,50,100 --step 1
 
 KITTI's ground truth is measured by an inertial unit and transformed to the
-camera by a calibration, whose error rotates every motion. The printed pitch
+camera with a calibration; its error rotates every motion. The printed pitch
 and yaw minimise the translation error TE. KITTI's benchmark has no such
 correction. Both files are in KITTI's format, one row per frame.
 """
@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the errors as measured, and with the angles that minimise TE."""
+    """Print the errors without a correction and with the angles that minimise TE."""
     lengths, step = parse_lengths(options.lengths), parse_whole("--step", options.step)
     truth, estimate = (read_kitti_poses(path) for path in (options.truth, options.estimate))
     if len(truth) != len(estimate):

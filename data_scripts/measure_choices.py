@@ -4,10 +4,10 @@ examples:
   vo data measure_choices --detector yolov8n.onnx \\
       --sequences 00,01,kitti/drive_0013,synthetic/traffic,synthetic/jam
 
-A row has the change of the results of `published` with another choice, mean
-and deviation over five seeds, lengths in per cent. On real clips, TE is
-computed with the fitted axes of the truth, as in `vo data measure_axes`. Rows
-on thresholds and boxes have the errors over 50 m instead of differences.
+A row has the change of the results of `published` with an alternative choice:
+mean and standard deviation over five seeds, lengths in per cent. On real
+clips, TE is computed with the fitted axes of the truth, as in `vo data
+measure_axes`. Rows about thresholds and boxes have errors over 50 m.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any, before: Any =
 
 
 def from_current(before: Any, pair: Any, matches: Any, config: Any) -> Any:
-    """Sub-pixel positions with the feature on an integer pixel in the current left image."""
+    """Sub-pixel positions of matches whose feature is at an integer pixel of the current left image."""
     return backwards(subpixel_matches(pair, before, backwards(matches), config))
 
 
@@ -76,7 +76,7 @@ def backwards(m: Any) -> Any:
 
 
 def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
-    """The result of `earlier_rows` with positions shifted by the sub-pixel part of the earlier match."""
+    """The result of `earlier_rows` with earlier positions shifted to the integer pixel of the later match."""
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
     now, then = matches[here], before.matches[there]
     shifted = replace(
@@ -88,7 +88,7 @@ def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
 
 
 def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> int:
-    """`Odometry.select` with the principal vector of the best tenth of the best candidates as winner."""
+    """`Odometry.select` with another winner: principal vector of the best tenth of the best candidates."""
     errors = truncated_errors(E, x_p, x_c, odometry.threshold)
     compete = competing(E, set_index, odometry.e_prev, odometry.config.selection)
     errors = np.where(compete, errors, np.inf)
@@ -132,7 +132,7 @@ ABSOLUTE_SEQUENCES = ("kitti/drive_0013", "synthetic/jam")
 
 
 def measured(sequence: Sequence, name: str, value: Any, cache: Any) -> Array:
-    """TE, RE (NaN without truth) and length of the path, metres, of each seed, (S, 3)."""
+    """TE (%), RE (deg/100 m), NaN without truth, and path length (metres) of each seed, (S, 3)."""
     own, config = name.startswith("vo_lib."), preset("feature_selection", variant="published")
     if name == ABSOLUTE:
         config = change(change(config, "selection.threshold", value[0]), "filter.rule", value[1])
@@ -157,7 +157,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run `published` with its own and with each other choice; write the differences."""
+    """Run `published` as it is and with each alternative choice; write the differences."""
     workers = parse_whole("--jobs", options.jobs)
     tasks = []
     for sequence in open_all(options, 0.1):

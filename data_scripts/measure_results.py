@@ -5,7 +5,7 @@ examples:
   vo data measure_results --sequences 00,01 --detector yolov8n.onnx --jobs 2
 
 Each system of Table 1 is run in both variants with seeds 0-4. A second call
-with the same --runs repeats no finished run.
+with the same --runs does only the missing runs.
 """
 
 from __future__ import annotations
@@ -58,12 +58,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do the missing runs and write the page."""
+    """Run the missing jobs and write the page."""
     workers = parse_whole("--jobs", options.jobs)
     sequences = open_all(options)
     for sequence in sequences:
         if sequence.truth is None:
-            raise DataError(f"{sequence.name} has no ground truth, so there are no errors")
+            raise DataError(f"{sequence.name} has no ground truth, so errors cannot be computed")
     with run_folder(options.runs) as folder:
         jobs = {key: job for sequence in sequences for key, job in jobs_of(sequence, folder)}
         with reporting(f"{len(jobs)} runs") as report:
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def open_all(options: argparse.Namespace, score: float = 0.25) -> list[Sequence]:
-    """The sequences in the options, with labels or with the detector's boxes of at least `score`."""
+    """The sequences in the options, with labels or with the detector's boxes of score `score` or more."""
     sequences = []
     for name in parse_sequences(options.sequences):
         sequence, detector = open_with_bar(name, options.cache), DetectorConfig(score=score)
@@ -98,7 +98,7 @@ def open_all(options: argparse.Namespace, score: float = 0.25) -> list[Sequence]
 
 
 def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:
-    """The page: its origin, then the tables."""
+    """The text of the page: its origin, then the tables."""
     words = ["vo", "data", "measure_results", "--sequences", options.sequences]
     words += [] if options.detector is None else ["--detector", Path(options.detector).name]
     origin = [*provenance(), platform.processor() or platform.machine()]

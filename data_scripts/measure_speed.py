@@ -1,10 +1,10 @@
-"""Measure the time of each stage of a frame on this machine.
+"""Measure the processing time of each stage per frame on this machine.
 
 examples:
   vo data measure_speed
   vo data measure_speed --sequence kitti/00 --frames 200 --variant kit
 
-For comparison, the script also measures the time for decoding the same images.
+For comparison, the script also measures the time for decoding the images.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Measure and print a table."""
+    """Measure the times and print them as a table."""
     frames = parse_whole("--frames", options.frames)
     config = preset(METHOD, variant=options.variant or "published")
     sequence = open_with_bar(options.sequence, options.cache)
@@ -66,10 +66,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def measure(sequence: Sequence, config: MethodConfig, progress: Progress | None = None) -> dict[str, Any]:
-    """Times of a method on a sequence, and of decoding its images, milliseconds per frame.
+    """Times of a method on a sequence and of the decoding of its images, milliseconds per frame.
 
-    Wall time for the stages; wall time and processor time of all threads for the whole run; processor time of
-    one thread for decoding.
+    The stages have wall time, the whole run has wall time and processor time of all threads, and decoding has
+    processor time of one thread.
     """
     count = len(sequence)
     run_sequence(sequence.part(0, 2), config)  # excludes work that a process does only once

@@ -108,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def register(name: str, model: Path, map50: float) -> None:
-    """Register a model under a name; `DataError` if it detected nothing in its test."""
+    """Register a model under a name; `DataError` if the model detected nothing on the test images."""
     if map50 == 0:
         command = f"vo data get_detector {name} --from {model}"
         raise DataError(f"not registered: detects nothing on the test images; to force it: {command}", model)
@@ -117,7 +117,7 @@ def register(name: str, model: Path, map50: float) -> None:
 
 
 def _ultralytics() -> Any:
-    """Ultralytics' class of models, without its usage reports and its installation of packages."""
+    """The model class of Ultralytics, with usage reports and the installation of packages turned off."""
     os.environ.setdefault("YOLO_AUTOINSTALL", "false")
     try:
         import onnx  # noqa: F401  (needed for the export)
@@ -129,7 +129,7 @@ def _ultralytics() -> Any:
 
 
 def _description(data: DetectionSet, one_class: str | None) -> bytes:
-    """A data.yaml with absolute paths, which Ultralytics finds from any folder."""
+    """The text of data.yaml with absolute paths, so that Ultralytics runs from any folder."""
     full = {key: images[0].parent for split, key in SPLITS.items() if (images := data.images[split])}
     folders = {key: str(folder.resolve()) for key, folder in full.items()}
     names = [one_class] if one_class is not None else list(data.names)

@@ -74,13 +74,13 @@ def fetch_detector(detector: Detector, folder: Path, progress: Progress | None =
 
 
 def register_detector(name: str, source: Path, folder: Path) -> Path:
-    """Copy an ONNX file from disk under a name; names of downloadable detectors are reserved."""
+    """Copy an ONNX file from disk under a new name; the names of downloadable detectors are reserved."""
     if not NAME.fullmatch(name):
         raise DataError(f"{name!r} is not a valid name: expected letters, digits, - and _")
     data = read_bytes(source)
     YoloDetector(source)  # raises `DataError` for an unusable model
     if name in FETCHABLE and file_sha256(source) != FETCHABLE[name].sha256:
-        raise DataError(f"is not the official {name}; register it under another name", source)
+        raise DataError(f"is not the official {name}; register the file under another name", source)
     path = folder / f"{name}.onnx"
     write_file(path, data)
     return path

@@ -81,7 +81,7 @@ def confirm(question: str, yes: bool) -> bool:
     if yes:
         return True
     if not sys.stdin.isatty():
-        raise DataError("no terminal for the question: add --yes to start without confirmation")
+        raise DataError("no terminal for the confirmation: add --yes to skip the question")
     try:
         answer = input(f"{question} [y/N] ")
     except EOFError:
@@ -116,7 +116,7 @@ def download(url: str, path: Path, size: int, sha256: str, progress: Progress | 
 
 
 def write_file(path: Path, data: bytes | str) -> None:
-    """Write a file like `write_atomic`, and create its folder if missing."""
+    """Write a file with `write_atomic`, and create its folder if missing."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

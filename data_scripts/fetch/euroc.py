@@ -1,4 +1,4 @@
-"""EuRoC folders (mav0): images, calibration, and the rectified left camera's path from the body's truth."""
+"""EuRoC folders (mav0): images, calibration, and the true path of the rectified left camera."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  # of a 4×4 pose
 def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
     """The drive in a folder mav0 or its parent; `DataError` with the file for missing or invalid data.
 
-    Each image is paired with the nearest in time, within `max_delay` seconds; other images are skipped. At
-    the start and the end, pairs without a true pose are skipped; without ground truth all are used.
+    Each left image is paired with the right image nearest in time, within `max_delay` seconds. Other images
+    are skipped. If there is ground truth, pairs before its start and after its end are skipped.
     """
     base = folder / "mav0" if (folder / "mav0").is_dir() else folder
     if not (base / "cam0").is_dir():
@@ -65,13 +65,13 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
 
 
 def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
-    """Image files of a camera by time, nanoseconds, from data.csv up to the first absent file."""
+    """Image files of a camera by time in nanoseconds: the rows of data.csv before the first missing image."""
     path = camera / "data.csv"
     images: dict[int, Path] = {}
     for number, cells in read_csv(path):
         words = [word.strip() for word in cells]
         if len(words) != 2 or not MOMENT.fullmatch(words[0]):
-            raise DataError("expected a time in ns and a file name, with a comma between", path, number)
+            raise DataError("expected a time in ns and a file name, separated by a comma", path, number)
         if int(words[0]) in images:
             raise DataError(f"repeats the time {words[0]}", path, number)
         image = camera / "data" / words[1]
@@ -86,7 +86,7 @@ def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
 
 
 def _rig(base: Path) -> tuple[Rig, Array]:
-    """The rig of both cameras, and T_body_camera (4, 4) of the rectified left one."""
+    """The rig of both cameras, and T_body_camera (4, 4) of the rectified left camera."""
     matrices: dict[str, Array] = {}
     T_body, sizes = [], []
     for number, camera in (("1", "cam0"), ("2", "cam1")):
@@ -94,7 +94,7 @@ def _rig(base: Path) -> tuple[Rig, Array]:
         sensor = read_yaml(path)
         model = sensor.get("distortion_model", "none")
         if model not in ("radial-tangential", "radtan"):
-            raise DataError(f"distortion_model {model}: only radial-tangential is rectified", path)
+            raise DataError(f"distortion_model {model}: expected radial-tangential distortion", path)
         fu, fv, cu, cv = _numbers(sensor, "intrinsics", 4, path)
         matrices[f"K{number}"] = np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
         matrices[f"D{number}"] = _numbers(sensor, "distortion_coefficients", 4, path)
@@ -116,7 +116,7 @@ def _rig(base: Path) -> tuple[Rig, Array]:
 
 
 def _numbers(sensor: dict[str, Any], name: str, count: int, path: Path) -> Array:
-    """The numbers of `name: [a, b, …]`, or of the data of a matrix."""
+    """The numbers of the entry `name: [a, b, …]`, or of the field `data` of a matrix."""
     value: Any = sensor.get(name)
     try:
         value = value["data"] if isinstance(value, dict) else value

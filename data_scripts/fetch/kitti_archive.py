@@ -29,12 +29,12 @@ LICENCE = (
     f"that the page asks for before it shows its download links: {PAGE}",
 )
 
-# Pattern for the end of a member's name, and the path below the root.
+# Pattern for the end of a member's name -> path of the file below the root.
 Targets = dict[str, str]
 
 
 def sequence_archives(host: str, sequences: Iterable[str], color: bool = False) -> tuple[list[str], Targets]:
-    """Addresses of the benchmark's archives, and the targets of given sequences, "00" … "21"."""
+    """Addresses of the benchmark's archives, and the paths of the files of sequences ("00" … "21")."""
     kinds, names = [GRAY, *([COLOR] if color else []), CALIB, POSES], f"(?:{'|'.join(sequences)})"
     inside = rf"(sequences/{names}/(?:image_[0-3]/\d+\.png|calib\.txt|times\.txt)|poses/{names}\.txt)"
     return [f"{host.rstrip('/')}/{kind}" for kind in kinds], {inside: r"\1"}
@@ -43,7 +43,7 @@ def sequence_archives(host: str, sequences: Iterable[str], color: bool = False) 
 def plan(
     archives: Archives, sources: list[str], targets: Targets, progress: Progress | None = None
 ) -> list[Member]:
-    """The members of archives that have a target, one per target, in the order of the targets.
+    """The members of the archives that match `targets`, one per path, sorted by path.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def plan(
 
 
 def absent(members: list[Member], root: Path, progress: Progress | None = None) -> list[Member]:
-    """The members without a file of the right size and checksum below `root`."""
+    """The members whose file below `root` is missing or has a wrong size or checksum."""
     todo = []
     for number, member in enumerate(members, start=1):
         path = root / member.target
@@ -107,7 +107,7 @@ def fetch(
 
 
 def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:
-    """Link the sequences and poses of another KITTI folder below `root`; return the names linked."""
+    """Create links below `root` to the sequences and poses of another KITTI folder; return their names."""
     tree = tree / "dataset" if (tree / "dataset" / "sequences").is_dir() else tree
     linked = [name for name in sequences if (tree / "sequences" / name).is_dir()]
     for name in linked:
@@ -115,7 +115,7 @@ def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:
         if (tree / "poses" / f"{name}.txt").is_file():
             _link(tree / "poses" / f"{name}.txt", root / "poses" / f"{name}.txt")
     if not linked:
-        raise DataError("has none of these sequences; expected folders such as sequences/00", tree)
+        raise DataError("contains none of these sequences; expected folders such as sequences/00", tree)
     return linked
 
 

@@ -26,8 +26,8 @@ class SequenceReport:
     ----------
     name : the sequence's name.
     part : options of `vo data get_kitti` for this part of a sequence; "" for a whole sequence.
-    pairs, expected : stereo pairs present, and in the part or benchmark (None for a user's own sequence).
-    parts : (part, content) as text, in a fixed order.
+    pairs, expected : numbers of present and of expected stereo pairs (None for a user's own sequence).
+    parts : name and content of each file or image folder, as text, in a fixed order.
     problems : missing or invalid files, a sentence each; empty for a complete sequence.
     """
 
@@ -40,7 +40,7 @@ class SequenceReport:
 
 
 def parse_numbers(text: str) -> list[str]:
-    """Sequences of the benchmark in "07,04" or "00-10", without repetition; `DataError` for other names."""
+    """Names of benchmark sequences from text such as "07,04" or "00-10", each once. Raises `DataError`."""
     names = [name.removeprefix("kitti/") for name in parse_sequences(text)]
     for name in names:
         if name not in kitti.EXPECTED_FRAMES:
@@ -53,7 +53,7 @@ def parse_numbers(text: str) -> list[str]:
 def check_tree(
     root: Path, names: Iterable[str] | None = None, deep: bool = False, progress: Progress | None = None
 ) -> list[SequenceReport]:
-    """Reports of the named sequences, by default of all in the folder.
+    """Reports of the named sequences, by default of all sequences in the folder.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def check_tree(
     """
     root = root / "dataset" if (root / "dataset" / "sequences").is_dir() else root
     if not (root / "sequences").is_dir():
-        raise DataError("not a KITTI folder: expected the folder sequences, with 00 … 21", root)
+        raise DataError("not a KITTI folder: expected a folder 'sequences' with the folders 00 … 21", root)
     if names is None:
         names = sorted(p.name for p in (root / "sequences").iterdir() if p.is_dir())
     reports, names = list[SequenceReport](), list(names)

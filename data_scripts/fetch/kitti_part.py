@@ -1,4 +1,4 @@
-"""Parts of KITTI's sequences, and drives of its raw data as sequences: members, part.txt, tables."""
+"""Parts of KITTI's sequences, and raw drives as sequences: archive members, part.txt, other text files."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ DRIVE = re.compile(r"(\d{4}_\d\d_\d\d)_(drive_\d{4})", re.ASCII)
 
 
 def parse_drive(text: str) -> tuple[str, str]:
-    """Day and sequence, such as drive_0013, of the raw drive 2011_09_26_drive_0013; `DataError` otherwise."""
+    """Day and sequence of a raw drive: 2011_09_26 and drive_0013 of 2011_09_26_drive_0013."""
     if (match := DRIVE.fullmatch(text)) is None:
         raise DataError(f"--raw {text!r}: expected a drive such as 2011_09_26_drive_0013")
     return match[1], match[2]
 
 
 def drive_archives(host: str, drive: str, color: bool = False) -> tuple[list[str], Targets]:
-    """Addresses of a synchronised and rectified drive and of its day's calibration, and the targets of both.
+    """Archives of a synchronised, rectified drive and of that day's calibration; paths of their files.
 
-    Images keep their numbers in the drive; calibration, timestamps and GPS/IMU packets go into RAW.
+    The images have the same numbers as in the drive. Calibration, timestamps and GPS/IMU packets go into RAW.
     """
     day, sequence = parse_drive(drive)
     base, folder, cameras = f"{host.rstrip('/')}/raw_data", f"sequences/{sequence}", "0-3" if color else "01"
@@ -43,16 +43,16 @@ def drive_archives(host: str, drive: str, color: bool = False) -> tuple[list[str
 def select_frames(
     members: list[Member], root: Path, frames: Callable[[int], tuple[int, int]], drive: str | None = None
 ) -> tuple[list[Member], dict[Path, str]]:
-    """The members for given frames and for those of earlier calls, and the text of each part.txt.
+    """The members of the given frames and of the frames of earlier calls, and the text of each part.txt.
 
     Parameters
     ----------
     members : members of whole sequences. root : KITTI folder.
-    frames : start and stop of the frames, for the number of frames of a sequence.
+    frames : function from the number of frames of a sequence to start and stop of the given frames.
     drive : the raw drive of the members; None for the odometry benchmark.
 
-    The text for a whole sequence is "". Raises `DataError` for frames outside the sequence or with a gap to
-    those of earlier calls, and for a folder with images of another source.
+    The text for a whole sequence is "". Raises `DataError` for frames outside the sequence, for a gap
+    between these frames and those of earlier calls, and for a folder with images of another source.
     """
     counts, parts, marks = dict[str, int](), dict[str, range](), dict[Path, str]()
     for target in (m.target for m in members if m.target.match("sequences/*/image_?/*.png")):
@@ -65,7 +65,7 @@ def select_frames(
         foreign = images and drive is not None if part is None else not part[0].startswith(f"{source} ")
         if foreign:
             raise DataError(
-                f"contains images of another source than {drive or name}; move the folder away first", folder
+                f"contains images of a source other than {drive or name}; move the folder away first", folder
             )
         if part is not None:
             old, size = part[1], stop - start

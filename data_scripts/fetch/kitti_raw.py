@@ -25,9 +25,9 @@ MOMENT = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?", re.ASCII)
 
 
 def read_raw_drive(drive: Path, skip_unpaired: bool = False) -> Drive:
-    """The drive in a folder such as 2011_09_26_drive_0005_sync, with calibration in it or its parent.
+    """The drive in a folder such as 2011_09_26_drive_0005_sync, with the calibration there or in its parent.
 
-    Raises `DataError` with the file, where something needed is missing or wrong.
+    Raises `DataError` with the name of a missing or invalid file.
     """
     left, right = (drive / f"image_0{camera}" / "data" for camera in (0, 1))
     if not left.is_dir() or not right.is_dir():
@@ -36,11 +36,11 @@ def read_raw_drive(drive: Path, skip_unpaired: bool = False) -> Drive:
 
 
 def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:
-    """Calibration, times and poses of a drive folder for stereo images, which may be elsewhere.
+    """Calibration, times and poses of a drive folder; the images may be in another folder.
 
     paths : left and right image of each frame, named by the frame's number in the drive.
 
-    Raises `DataError` with the file, where something needed is missing or wrong.
+    Raises `DataError` with the name of a missing or invalid file.
     """
     paths = [pair for pair in paths if pair[0].stem.isdecimal()]
     stems = [left.stem.zfill(10) for left, _ in paths]
@@ -82,7 +82,7 @@ def _matrix(matrices: dict[str, Array], name: str, shape: tuple[int, ...], path:
 
 
 def _timestamps(path: Path) -> Array:
-    """Seconds of the lines `2011-09-26 13:02:25.964389445`, from the first one. (N,)"""
+    """Times (N,) of lines such as `2011-09-26 13:02:25.964389445`, seconds after the first line."""
     moments = []
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         try:
@@ -141,7 +141,7 @@ def imu_poses(rows: Array) -> Array:
 
     Returns
     -------
-    (N, 4, 4) poses; the map's scale is that of the first latitude (Geiger et al., IJRR 2013).
+    (N, 4, 4) poses; the scale of the map is that of the first latitude (Geiger et al., IJRR 2013).
     """
     latitude, longitude = np.radians(rows[:, :2]).T
     scale = EARTH_RADIUS_M * np.cos(latitude[0])

@@ -40,9 +40,9 @@ class Rig:
 
     Attributes
     ----------
-    f, cx, cy : pixels; baseline : metres, negative if the calibration has the right camera on the left.
+    f, cx, cy : pixels. baseline : metres, negative if the right camera is on the left in the calibration.
     maps : two rectifying maps of `cv2.remap` per camera, or None for rectified images.
-    R1 : (3, 3) rotation from the left camera's axes to the rectified ones.
+    R1 : (3, 3) rotation from the axes of the left camera to the rectified axes.
     """
 
     f: float
@@ -53,7 +53,7 @@ class Rig:
     R1: Array = field(default_factory=lambda: np.eye(3))
 
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
-        """The rectified pair, (H, W) uint8 each; `DataError` for another size than in the calibration."""
+        """The rectified images, (H, W) uint8 each; `DataError` for a size not in the calibration."""
         if self.maps is None:
             return left, right
         for image, maps in zip((left, right), self.maps, strict=True):
@@ -104,7 +104,7 @@ def _matrices(path: Path) -> dict[str, Array]:
 
 
 def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
-    """A matrix, after a check: OpenCV overflows its buffer if there are more than rows × cols numbers."""
+    """A matrix of rows × cols numbers. The count is checked, since more numbers overflow OpenCV's buffer."""
     sizes = node.getNode("sizes")  # instead of rows and cols for a vector
     sides = [sizes.at(i) for i in range(sizes.size())] or [node.getNode("rows"), node.getNode("cols")]
     shape = [int(side.real()) if side.isInt() else 0 for side in sides]
@@ -135,13 +135,13 @@ def rig_from_matrices(
 ) -> Rig:
     """The rig of calibration matrices.
 
-    The rectification is computed from K, D of both cameras and R, T between them (`cv2.stereoRectify`, only
-    common pixels), or taken from R1, P1, R2, P2. With P1 and P2 alone, the images are rectified already.
+    The rectification is computed from K, D of both cameras and from R, T (`cv2.stereoRectify`, only common
+    pixels), or is given by R1, P1, R2, P2. With P1 and P2 alone, the images must already be rectified.
 
     Parameters
     ----------
     size : width and height of the images, pixels.
-    rectified : the images are rectified; only P1 and P2 are used.
+    rectified : if true, the images are rectified, and only P1 and P2 are used.
     unit : unit of T, metres.
     """
     raw = {"K1", "D1", "K2", "D2"} <= matrices.keys()
@@ -180,7 +180,7 @@ def _maps(matrices: dict[str, Array], size: tuple[int, int], camera: str) -> tup
 
 
 def rig_from_numbers(f: float, cx: float, cy: float, baseline: float, path: Path | None = None) -> Rig:
-    """A rig from numbers, pixels and metres; `DataError` for impossible values."""
+    """A rig from numbers in pixels and metres; `DataError` for impossible values."""
     if not np.isfinite([f, cx, cy, baseline]).all() or f <= 0:
         raise DataError(f"focal length {f:g} px, centre {cx:g},{cy:g} px: expected positive numbers", path)
     if baseline == 0:

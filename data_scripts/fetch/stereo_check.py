@@ -1,4 +1,4 @@
-"""Check of a sample of stereo pairs: order of the images, rows, disparities."""
+"""Check of a sample of stereo pairs: left and right not exchanged, equal rows, disparities."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class PairStatistics:
 
 
 def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
-    """Statistics of SIFT matches without constraints, which also match swapped and unrectified pairs."""
+    """Statistics of SIFT matches without geometric constraints, for swapped and unrectified pairs too."""
     shifts = [_shifts(left, right) for left, right in pairs]
     disparity, row = np.concatenate([np.zeros((0, 2)), *shifts]).T * [[-1.0], [1.0]]
     if not len(row):
@@ -62,10 +62,10 @@ def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
 
 
 def _shifts(left: Image, right: Image) -> Array:
-    """Right minus left pixel of matched features, (N, 2)."""
+    """Pixel in the right image minus pixel in the left image for matched features, (N, 2)."""
     if left.shape != right.shape:
         sizes = " and ".join(f"{image.shape[1]}×{image.shape[0]}" for image in (left, right))
-        raise DataError(f"left and right image have different sizes: {sizes}")
+        raise DataError(f"the left and the right image have different sizes: {sizes}")
     sift = cv2.SIFT.create(SIFT_FEATURES)
     scale = min(1.0, MAX_SIFT_SIDE_PX / max(left.shape))
     (points_l, descriptors_l), (points_r, descriptors_r) = (
@@ -85,7 +85,7 @@ def _shifts(left: Image, right: Image) -> Array:
 
 
 def complaints(stats: PairStatistics, baseline: float) -> list[str]:
-    """Problems of a pair and of its baseline's sign, a sentence each; empty without problems.
+    """Problems of the pairs and of the sign of the baseline, a sentence each; empty without problems.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def complaints(stats: PairStatistics, baseline: float) -> list[str]:
     """
     if stats.matches < MIN_MATCHES_PER_PAIR * max(stats.pairs, 1):
         return [
-            f"only {stats.matches} matches between left and right in {stats.pairs} pairs: do the two show "
+            f"only {stats.matches} matches between left and right in {stats.pairs} pairs: do both show "
             "the same scene at the same time?"
         ]
     if stats.disparity == stats.row_spread == 0.0:

@@ -32,12 +32,12 @@ def rig_of(
     rectified: bool,
     unit: float,
 ) -> Rig:
-    """The rig of a source, from numbers or from calibration files; `DataError` for both or none.
+    """The rig of a source, from either numbers or calibration files; otherwise `DataError`.
 
     Parameters
     ----------
-    numbers : focal length, pixels; principal point such as "607.2,185.2", pixels; baseline, units.
-    rectified : the images are rectified already. unit : unit of lengths, metres.
+    numbers : focal length, pixels; principal point such as "607.2,185.2", pixels; baseline in `unit`.
+    rectified : whether the images are already rectified. unit : unit of lengths, metres.
     """
     focal, centre, baseline = numbers
     if files is not None:
@@ -57,10 +57,10 @@ def rig_of(
 
 
 def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[str]:
-    """Results of the check of a sample, a line each; `DataError` for impossible results.
+    """Results of the check of a sample, a line each. Raises `DataError` for problems.
 
-    `anyway` : problems are only warnings, except a wrong sign of the baseline. `nearest` : smallest plausible
-    median depth, metres.
+    `anyway` : report problems as warnings, except a wrong sign of the baseline. `nearest` : smallest
+    plausible median depth, metres.
     """
     statistics = measure_pairs(rig.rectify(*pair) for pair in source.sample())
     wrong = complaints(statistics, rig.baseline)
@@ -70,7 +70,7 @@ def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[s
             f"another unit (--unit)? Outdoors it is {nearest:g} m and more"
         )
     if wrong and (not anyway or rig.baseline <= 0):
-        hint = "" if rig.baseline <= 0 else " (--anyway writes it all the same)"
+        hint = "" if rig.baseline <= 0 else " (--anyway writes the sequence nevertheless)"
         raise DataError("; ".join(wrong) + hint)
     depth = (
         "far away" if statistics.disparity <= 0 else f"{rig.f * rig.baseline / statistics.disparity:.1f} m"
@@ -93,8 +93,8 @@ def write_sequence(
 ) -> int:
     """Write a sequence in KITTI's layout; the folder appears only when complete.
 
-    PNG images that are rectified are linked (copied with `copy`, or where links are impossible); others
-    are rectified and written as grey PNG.
+    Rectified PNG images are linked (copied with `copy`, or if links are impossible). Other images are
+    rectified and written as grey PNG.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Sources of a user's stereo pairs: two folders of images, or a video with both side by side."""
+"""Sources of a user's stereo pairs: two folders of images, or a video with both images side by side."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Drive:
     ----------
     paths : image files, left and right. rig : the rectified camera.
     times : (N,) seconds of the data set's clock.
-    poses : (N, 4, 4) T_w_c of the rectified left camera, the first one the identity; None without truth.
+    poses : (N, 4, 4) T_w_c of the rectified left camera, identity for the first pair; None without truth.
     note : a sentence on skipped images, or "".
     """
 
@@ -51,9 +51,9 @@ class Drive:
 
 @dataclass(frozen=True)
 class FolderSource:
-    """N pairs of image files; `times` (N,), seconds, if the names are times; `note` as in `Drive`.
+    """N pairs of image files. `times` : (N,) seconds, if the names are times. `note` : as in `Drive`.
 
-    `left` : number of each pair's left image among all left images, skipped ones included; `left_count` :
+    `left` : index of each pair's left image among all left images, including skipped images; `left_count` :
     number of all left images.
     """
 
@@ -64,7 +64,7 @@ class FolderSource:
     left_count: int = 0
 
     def of_pairs(self, rows: Array) -> Array:
-        """The rows (N, …) of the pairs, from such rows or from a row for each left image."""
+        """A row per pair (N, …), from rows per pair or from rows per left image."""
         return rows[[*self.left]] if len(rows) == self.left_count else rows
 
     def sample(self) -> list[Pair]:
@@ -148,12 +148,12 @@ def pair_images(
 ) -> FolderSource:
     """Pairs of left and right image files; each side is a folder or a pattern such as `S/I1_*.png`.
 
-    If the names are times, nanoseconds or seconds with decimals, each image is paired with the nearest in
-    time, within `max_delay` seconds. Otherwise equal names, or equal parts for the star, are paired; without
-    equal names, images are paired in the order of their numbers.
+    If the names are times (nanoseconds, or seconds with decimals), each left image is paired with the right
+    image nearest in time, within `max_delay` seconds. Otherwise, images with equal names, or with equal text
+    at the star, are paired; without equal names, images are paired in the order of their numbers.
 
-    Raises `DataError` for places without images, for different numbers of images without equal names, and
-    for an image without a partner unless `skip_unpaired` leaves it out.
+    Raises `DataError` for a side without images, for unequal numbers of images without equal names, and,
+    without `skip_unpaired`, for an image without a partner.
     """
     sides = [_images(place) for place in (left, right)]
     names, stamps = [list(side) for side in sides], [_seconds(list(side)) for side in sides]
@@ -185,7 +185,7 @@ def pair_images(
 
 
 def _images(place: Path) -> dict[str, Path]:
-    """Images of a folder by file stem, or images of a pattern by the text for the star."""
+    """Images of a folder by file stem, or images of a pattern by their text at the star."""
     head, star, tail = place.name.partition("*") if "*" in place.name else ("", "", "")
     folder = place.parent if star else place
     if not folder.is_dir():

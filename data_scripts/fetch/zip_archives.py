@@ -1,4 +1,4 @@
-"""Zip archives on disk or on a web server, read member by member, with repeated requests."""
+"""Zip archives on disk or on a web server, read member by member; failed requests are repeated."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Member:
     Attributes
     ----------
     archive : the archive's path or URL; info : the member's entry in the directory.
-    end : position of the member's end in the archive. target : path below the root.
+    end : end of the member in the archive, bytes. target : path of the file below the KITTI folder.
     """
 
     archive: str
@@ -41,7 +41,7 @@ class Member:
 
 
 class Archives:
-    """Archives for several threads; each member is read by one request, with a check of its checksum."""
+    """Reader of archives for several threads: one request per member, then a check of the checksum."""
 
     def __init__(self) -> None:
         self._session = open_session()
@@ -54,7 +54,7 @@ class Archives:
         self._session.close()
 
     def directory(self, place: str) -> list[tuple[zipfile.ZipInfo, int]]:
-        """Entries of an archive, each with the position of its member's end; `DataError` if unreadable."""
+        """Entries of an archive, each with the end of its member in bytes. Raises `DataError`."""
 
         def ask() -> tuple[list[zipfile.ZipInfo], int]:
             remote, options = _is_url(place), {"session": self._session, "timeout": download.TIMEOUT_S}
@@ -67,7 +67,7 @@ class Archives:
         return list(zip(members, ends, strict=False))  # without members, there is one end too many
 
     def read(self, member: Member) -> bytes:
-        """Content of a member after a check of its checksum; `DataError` if damaged or unreadable."""
+        """Content of a member with a valid checksum; `DataError` for a damaged or unreadable member."""
 
         def ask() -> bytes:
             data = self._bytes(member.archive, member.info.header_offset, member.end)
@@ -92,14 +92,14 @@ class Archives:
             return bytes(answer.raw.read())
 
     def _again(self, place: str, ask: Callable[[], Answer], member: str = "") -> Answer:
-        """The result of `ask`, which is called again after a lost connection or a wrong checksum."""
+        """The result of `ask`; after a lost connection or a wrong checksum, `ask` is called again."""
         for attempt in range(download.ATTEMPTS):
             time.sleep(download.PAUSE_S * attempt)
             try:
                 return ask()
             except RangeNotSupported:
-                remedy = "download the archive as a whole and call again with --from-zip FILE"
-                raise DataError(f"the server gives only whole files: {remedy}", place) from None
+                remedy = "download the whole archive and call again with --from-zip FILE"
+                raise DataError(f"the server does not send parts of files: {remedy}", place) from None
             except (
                 Exception
             ) as error:  # errors of zipfile and its compressions have no other common base class
@@ -108,12 +108,12 @@ class Archives:
                     break
         if isinstance(failure, LOST):
             raise DataError(what_failed(failure, place)) from None
-        what = f"the member {member} is damaged or packed otherwise" if member else "is not a whole zip file"
+        what = f"the member {member} is damaged or unreadable" if member else "is not a whole zip file"
         raise DataError(f"{what} ({failure})", place) from None
 
 
 def _close_unread(response: requests.Response, *details: object, **options: object) -> None:
-    """Close unused responses: refusals, and whole files instead of a range."""
+    """Close responses that are not read: errors, and whole files instead of a range."""
     if response.status_code >= 400 or (response.status_code == 200 and "Range" in response.request.headers):
         response.close()
 

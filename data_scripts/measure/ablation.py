@@ -1,4 +1,4 @@
-"""The kit's ideas, the changes that turn each of them off, and the table of the effects."""
+"""The ideas of variant `kit`, the changes that turn off each idea, and the tables of the effects."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ COLUMNS = (*KEY, "lines", "seeds", "te", "te_sd", "re", "re_sd", "length", "leng
 
 @dataclass(frozen=True)
 class Idea:
-    """An idea of the kit.
+    """An idea of variant `kit`.
 
     Attributes
     ----------
-    name : its name in the table; lines : number of its lines of code.
-    off : settings by dotted name, functions and constants by full name, with the values that turn it off.
-    method : the system in which it is turned off.
+    name : name of the idea in the table. lines : number of lines of its code.
+    off : values that turn off the idea: of settings by dotted name, of functions and constants by full name.
+    method : the method in which the idea is turned off.
     stays : reason to keep an idea that does not reduce the errors.
     """
 
@@ -56,7 +56,7 @@ class Idea:
         return any(name.startswith(FRONT_END) for name in self.off)
 
 
-# The complete kit; the time of ideas of the front end includes the matching.
+# All ideas turned on; the time of ideas of the front end includes the matching.
 WHOLE = (
     Idea("", 0, {}),
     Idea("", 0, {}, MOVING),
@@ -73,7 +73,7 @@ def from_last_place(self: Any, before: Any, features: Any, pair: Any) -> Any:
 
 
 def searched_once(self: Any, before: Any, features: Any, pair: Any) -> Any:
-    """`KltMatcher._follow` without a second search where the prediction fails."""
+    """`KltMatcher._follow` without a second search after a failed prediction."""
     if self._motion is None:
         return from_last_place(self, before, features, pair)
     R, t = self._motion
@@ -84,12 +84,12 @@ def searched_once(self: Any, before: Any, features: Any, pair: Any) -> Any:
 
 
 def square_in_stereo(slope: Array) -> Array:
-    """`stereo_warp` for square windows."""
+    """`stereo_warp` that leaves windows square."""
     return np.tile(np.eye(2), (len(slope), 1, 1))
 
 
 def square_over_time(camera: Any, uv: Array, *_: Any) -> Array:
-    """`motion_warp` for square windows."""
+    """`motion_warp` that leaves windows square."""
     return square_in_stereo(uv)
 
 
@@ -124,14 +124,14 @@ def as_estimated(self: Any, estimate: Array, covariance: Array) -> None:
 
 
 def without(*names: str) -> dict[str, Any]:
-    """The change that sets the errors to zero whose names have a given prefix."""
+    """The change that fixes calibration errors at zero if their names begin with a prefix."""
     share = np.where([name.startswith(names) for name in rig.ERROR_NAMES], 1e-4, 1.0)
     prior = rig.prior_covariance() * np.outer(share, share)
     return {f"{RIG}.prior_covariance": lambda: prior}
 
 
 def without_faults(*names: str) -> dict[str, Any]:
-    """The change that removes the faults whose names have a given prefix."""
+    """The change that removes the faults of the rig whose names begin with a prefix."""
     left = {name: fault for name, fault in rig.RIG_FAULTS.items() if not name.startswith(names)}
     return {f"{RIG}.RIG_FAULTS": left}
 
@@ -221,7 +221,7 @@ IDEAS = (
 
 
 def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
-    """Tables of the change of TE, of RE and of the length without each idea, from rows of the CSV file."""
+    """Tables of the changes of TE, RE and path length without each idea, from rows of the CSV file."""
     records = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
     baselines = {(r["method"], r["sequence"]): r for r in records if not r["idea"]}
     sequences = sorted(
@@ -270,7 +270,7 @@ def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
 
 
 def _cell(row: dict[str, str], kind: str, baselines: dict[str, str]) -> str:
-    """A change ± deviation as text, in % of the complete kit's error (length: percentage points)."""
+    """Change ± deviation as text, in % of the error with all ideas (length: percentage points)."""
     scale, digits = (1.0, 2) if kind == "length" else (100.0 / float(baselines[kind]), 1)
     change, spread = (f"{scale * float(row[key]):.{digits}f}" for key in (kind, f"{kind}_sd"))
     signed = change if change.startswith("-") else f"+{change}"

@@ -1,4 +1,4 @@
-"""Constant angles between the axes of the camera and those of the truth, from two paths."""
+"""Constant angles between the axes of the camera and the axes of the truth, from two paths."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GRID_SHRINK, GRIDS = 0.6, 40  # the last grid is 1e-9° wide
 class TurnedErrors:
     """KITTI errors of an estimate with axes rotated by `pitch` and `yaw`, degrees.
 
-    In the truth's axes, the camera points up for a positive pitch (y is down), right for a positive yaw.
+    Positive pitch: the camera points up in the axes of the truth (y is down). Positive yaw: it points right.
     """
 
     pitch: float
@@ -30,13 +30,13 @@ class TurnedErrors:
 
 
 def axes_rotation(angles: ArrayLike) -> Array:
-    """Rotations C (..., 3, 3), camera to truth, of angles (pitch, yaw), (..., 2), degrees."""
+    """Rotations C (..., 3, 3) from camera axes to truth axes by angles (pitch, yaw), (..., 2), degrees."""
     angles = np.radians(angles)
     return rotation_from_vector(np.concatenate([angles, np.zeros_like(angles[..., :1])], axis=-1))
 
 
 def turn_axes(poses: Array, C: Array) -> Array:
-    """Poses C T C⁻¹ (N, 4, 4) of the same path for a camera with axes rotated by C (3, 3)."""
+    """Poses C T C⁻¹ (N, 4, 4) of the same path for a camera whose axes are rotated by C (3, 3)."""
     turn = rigid(C, np.zeros(3))
     return np.asarray(turn @ poses @ turn.T)
 
@@ -44,10 +44,10 @@ def turn_axes(poses: Array, C: Array) -> Array:
 def fit_axes(
     truth: Array, estimate: Array, lengths: Items[float] = KITTI_LENGTHS, step: int = KITTI_STEP
 ) -> TurnedErrors:
-    """Errors with the pitch and yaw, at most `MAX_ANGLE_DEG`, that minimise TE; 0° without sub-sequences.
+    """Errors with the pitch and yaw (at most `MAX_ANGLE_DEG`) that minimise TE. Without sub-sequences, 0°.
 
-    The translation error of inverse(C Δest C⁻¹) Δgt is as long as t_gt - C t_est. Its mean is nearly convex
-    in the two angles: ever smaller 5×5 grids around the best point find the minimum.
+    The translation of inverse(C Δest C⁻¹) Δgt has the length of t_gt - C t_est. The mean length is nearly
+    convex in both angles: a search with ever smaller 5×5 grids around the best point finds the minimum.
     """
     errors = kitti_errors(truth, estimate, lengths, step)
     if not len(errors):
@@ -73,7 +73,7 @@ def is_raw_drive(sequence: Sequence) -> bool:
 
 
 def te_and_re(sequence: Sequence, poses: Array, measure: Measure, turned: bool) -> tuple[float, float]:
-    """TE in % and RE in deg/100 m of a path, or NaN; `turned` : TE with fitted axes."""
+    """TE in % and RE in deg/100 m of a path, or NaN; with `turned`, TE is computed with fitted axes."""
     assert sequence.truth is not None
     errors = kitti_errors(sequence.truth, poses, measure.lengths, measure.step)
     of_te = fit_axes(sequence.truth, poses, measure.lengths, measure.step).kitti if turned else errors

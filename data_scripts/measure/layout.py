@@ -18,9 +18,9 @@ SHARE = 0.02  # a change counts beyond the spread and this share of the error
 
 
 def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence") -> list[ReportTable]:
-    """TE, RE and their spreads, a table each; the sentences are above the first.
+    """Tables of TE, of RE and of the spread of each; the sentences are above the first table.
 
-    `mesvo_f` is not repeated where it equals `solution_selection`. Rows without a spread are left out of it.
+    A `mesvo_f` equal to `solution_selection` is not repeated. Tables of spreads have only rows with a spread.
     """
     columns = list(next(iter(cells.values())))
     result = []
@@ -45,7 +45,7 @@ def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence
 
 
 def with_numbers(cells: Cells) -> Cells:
-    """The rows that have a number."""
+    """The rows with at least one number."""
     return {label: row for label, row in cells.items() if any(cell is not None for cell in row.values())}
 
 
@@ -54,7 +54,7 @@ def _repeats(cell: Cell, other: Cell) -> bool:
 
 
 def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
-    """A sentence for TE and one for RE: the rows where one column is clearly below or above another."""
+    """A sentence each for TE and RE: the rows where the column `after` is clearly below or above `before`."""
     sentences = []
     for kind, unit in enumerate(KINDS):
         sides: dict[bool, list[str]] = {True: [], False: []}

@@ -30,7 +30,7 @@ from vo_lib.runs.jobs import Job
 SEEDS = range(5)
 RULES = ("none", "all", "moving", "truth")
 RULED = ("viso2", "solution_selection")
-# Box rules that are methods of their own, which are not run twice.
+# Box rules that have a method in Table 1; these methods are not run twice.
 PRESET_OF_RULE = {
     ("solution_selection", "all"): "feature_selection",
     ("solution_selection", "moving"): "moving_selection",
@@ -41,7 +41,7 @@ OTHERS: dict[str, dict[str, tuple[float, float]]] = {
     "kitti/00, 100 m": {"libviso2": (1.44, 1.17), "ORB-SLAM2": (1.41, 1.64)},
     "kitti/01, 20 m": {"libviso2": (7.84, 2.70), "ORB-SLAM2": (5.47, 2.54)},
 }
-BESIDE = "viso2", "feature_selection"  # the methods beside them
+BESIDE = "viso2", "feature_selection"  # the methods in the same table
 Key = tuple[str, str, str]  # sequence, variant, method or "method rule"
 
 
@@ -70,7 +70,7 @@ def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int],
 
 
 def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
-    """Measures of a sequence: KITTI's, or one short length per row."""
+    """Table rows of a sequence, each with its measure: KITTI's measure, or one row per short length."""
     assert sequence.truth is not None
     whole = sequence.name.startswith(SYNTHETIC) and suitable_measure(sequence.truth) == KITTI_MEASURE
     if whole:
@@ -81,7 +81,7 @@ def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
 
 
 def _cell(runs: list[Run] | None, measure: Measure) -> Cell:
-    """TE and RE, mean and deviation over the seeds, (2, 2); None without a number."""
+    """Mean and standard deviation of TE and RE over the seeds, (2, 2); None without a number."""
     if runs is None:
         return None
     turned = is_raw_drive(runs[0].sequence)
@@ -90,7 +90,7 @@ def _cell(runs: list[Run] | None, measure: Measure) -> Cell:
 
 
 def result_tables(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> list[ReportTable]:
-    """All tables of the page: the systems of both variants, other systems, box rules, the calibration."""
+    """All tables of the page: methods of both variants, other systems, box rules, self-calibration."""
     system_cells = {
         variant: {
             label: {method: _cell(runs[sequence.name, variant, method], measure) for method in methods}
@@ -163,7 +163,7 @@ def page_tables(
 
 
 def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:
-    """libviso2 and ORB-SLAM2 beside methods of both variants, on the clips where they are known."""
+    """libviso2 and ORB-SLAM2 beside methods of both variants, on the clips with results of these systems."""
     rows: dict[str, dict[str, float | None]] = {}
     for label, others in OTHERS.items():
         if any(label not in cells for cells in systems.values()):
@@ -188,7 +188,7 @@ def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:
 
 
 def _judged(sequence: Sequence) -> str:
-    """The method for the comparison with and without estimated calibration errors."""
+    """The method that is compared with and without estimation of the calibration errors."""
     return "feature_selection" if sequence.name.startswith(SYNTHETIC) else "solution_selection"
 
 

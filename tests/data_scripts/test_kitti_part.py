@@ -100,7 +100,7 @@ def test_wrong_frames_and_other_folders_are_refused(
     assert "drive_0005: has the frames 0:3; --frames 0:7 leaves no gap" in capsys.readouterr().err
     (folder / PART).write_text("--raw 2011_10_03_drive_0005 --frames 0:3\n", encoding="utf-8")
     assert get(raw, tmp_path, "--raw", NAME, "--frames", "0:4") == 2
-    assert f"drive_0005: contains images of another source than {NAME}" in capsys.readouterr().err
+    assert f"drive_0005: contains images of a source other than {NAME}" in capsys.readouterr().err
     (folder / PART).unlink()
     assert get(raw, tmp_path, "--raw", NAME, "--frames", "0:4") == 2
     assert images(folder) == [[0, 1, 2], [0, 1, 2]]
