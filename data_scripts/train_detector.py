@@ -111,7 +111,7 @@ def register(name: str, model: Path, map50: float) -> None:
     """Register a model under a name; `DataError` if the model detected nothing on the test images."""
     if map50 == 0:
         command = f"vo data get_detector {name} --from {model}"
-        raise DataError(f"not registered: detects nothing on the test images; to force it: {command}", model)
+        raise DataError(f"not registered: detects nothing on the test images; add it with: {command}", model)
     register_detector(name, model, detector_folder())
     say(f"registered: vo run … --detector {name}")
 

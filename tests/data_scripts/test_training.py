@@ -113,7 +113,7 @@ def test_useless_model_is_not_registered(
     monkeypatch.setattr("train_detector.detector_folder", lambda: tmp_path / "kept")
     model = write_answering(tmp_path / "own.onnx", np.zeros((1, 5, 84), np.float32), names="['car']")
     with pytest.raises(
-        DataError, match=r"detects nothing on the test images; to register it: vo data get_detector"
+        DataError, match=r"detects nothing on the test images; add it with: vo data get_detector"
     ):
         register("mine", model, 0.0)
     assert not (tmp_path / "kept").exists()
