@@ -97,8 +97,8 @@ class Exercise:
     right : a function of the inputs of a case; a value; or, for a panel, facts of a panel that passes.
     cases : for functions: returns the inputs of the calls, simple inputs first.
     also : other right answers.
-    task, praise, hint : the task, and the messages for right answers and for unknown mistakes. `praise` has
-        fields: `got` and `right`, results of the first case, or names of facts.
+    praise, hint : the messages for right answers and for unknown mistakes. `praise` has fields: `got` and
+        `right`, results of the first case, or names of facts.
     line : the code of a right answer, shown from the third different failure on; by default the hint.
     library : functions of the library that an answer must not call.
     mistakes : answers with a mistake, by message (with `got` and `right`, or with facts): functions of the
@@ -112,7 +112,6 @@ class Exercise:
     right: Any
     cases: Callable[[], list[Case]] | None = None
     _: KW_ONLY
-    task: str
     praise: str
     hint: str = ""
     line: str = ""
@@ -126,7 +125,6 @@ class Exercise:
     rtol: float = 0.0
 
     def __post_init__(self) -> None:
-        self.__doc__ = self.task
         self.more = f"In code: `{self.line}`." if self.line else self.hint
         self.failures = set[str]()  # different failures in a row
         self._given = ""  # results of the last answer, as text

@@ -19,7 +19,7 @@ from vo_lib.paper.five_point import null_space as other_name
 def table(right: Any, *more: Any, twice: Any = -1, odd: Any = -3, **options: Any) -> Exercise:
     """An exercise with two known mistakes: an answer, or a test, each."""
     known = {"twice: {got:g}.": twice, "odd.": odd}
-    words = {"task": "Do it.", "praise": "well done, {got}.", "hint": "try."}
+    words = {"praise": "well done, {got}.", "hint": "try."}
     return Exercise(right, *more, mistakes=known, **{**words, **options})
 
 

@@ -56,7 +56,6 @@ SEEN = float(depth_seen(40.0, E))
 far_point = Exercise(
     SEEN,
     atol=0.05,
-    task="How far a point at 40 m seems to be, f b = 386 px m, if each disparity is half a pixel too large.",
     praise="{right:.1f} m: far points are moved most.",
     hint="depth to disparity, add the error, and back.",
     line="386 / (386 / 40 + 0.5)",
@@ -70,7 +69,6 @@ far_point = Exercise(
 step = Exercise(
     step_seen,
     lambda: [(np.array([10.0, 20.0, 40.0]), 0.5, FB), (np.array([15.0, 30.0]), -0.3, 240.0)],
-    task="A function (Z (N,), e, fb) -> the length that a step of 1 m towards each point seems to have.",
     praise="{right[0]:.3f} m at 10 m, {right[2]:.3f} m at 40 m: the far points shorten the step most.",
     hint="the measured depth before the step minus the measured depth after the step.",
     line="fb / (fb / Z + e) - fb / (fb / (Z - 1) + e)",
@@ -84,7 +82,6 @@ step = Exercise(
 roll = Exercise(
     fitted_roll,
     rolled,
-    task="A function (x (N,), y (N,), rows (N,)) -> roll, pixels, where rows = offset - roll x + focal y.",
     praise="{right:.1f} px from rows alone; no motion is needed.",
     hint="a column of the matrix for each unknown, all three in one fit.",
     line="np.linalg.lstsq(np.column_stack([-x, np.ones_like(x), y]), rows, rcond=None)[0][0]",
@@ -101,7 +98,6 @@ roll = Exercise(
 shrink = Exercise(
     shrunk,
     estimates,
-    task="A function (estimate (k,), covariance (k, k)) -> the estimate, shrunk by what noise explains.",
     praise="a clear estimate stays nearly whole, one within its noise becomes 0.",
     hint="noise alone gives a squared length of k, in deviations: which share of the square is more than that?",
     line="max(0, 1 - k / (estimate @ np.linalg.inv(covariance) @ estimate)) * estimate",

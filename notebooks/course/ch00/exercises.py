@@ -73,7 +73,6 @@ right_chain = appended(inverse)
 disparity_at_20_m = Exercise(
     lambda camera: camera.f * camera.baseline / DISTANCE,
     rtol=0.01,
-    task="The disparity in pixels of a point 20 m away.",
     praise="d = f b / Z = {right:.2f} px.",
     hint="the two coloured triangles of the sketch are similar: d / f = b / Z.",
     line="camera.f * camera.baseline / 20",
@@ -87,7 +86,6 @@ disparity_at_20_m = Exercise(
 back_project = Exercise(
     point,
     lambda: [(810.0, 250.0, 14.0, CAMERA), (350.0, 90.0, 7.0, CAMERA)],
-    task="A function (u, v, d, camera) -> X (3,), metres, left camera frame.",
     praise="X = ({got[0]:.2f}, {got[1]:.2f}, {got[2]:.2f}) m, as `camera.back_project` has it.",
     hint="compute Z from the disparity first. Then X is to Z as u - cx is to f, and Y is to Z as v - cy is to f.",
     line="np.array([(u - camera.cx) / camera.f * Z, (v - camera.cy) / camera.f * Z, Z])",
@@ -112,7 +110,6 @@ back_project = Exercise(
 depth_error_ratio = Exercise(
     16.0,
     rtol=0.05,
-    task="By what factor the depth error of the same disparity error grows from 10 m to 40 m.",
     praise="the depth error grows with Z²: four times as far, sixteen times as inexact.",
     hint="take the derivative of Z = f b / d by d, and put Z back in its place.",
     line="(40 / 10) ** 2",
@@ -123,7 +120,6 @@ depth_error_ratio = Exercise(
 chain = Exercise(
     right_chain,
     motions,
-    task="A function: list of motions T_cp (4, 4) -> list of poses T_w_c, the first one the identity.",
     praise="every motion, inverted, is appended on the right.",
     hint="the first pose is the identity; each motion gives one more pose, from the pose before.",
     line="poses.append(poses[-1] @ inverse(T_cp))",
@@ -149,7 +145,6 @@ chain = Exercise(
 path_length = Exercise(
     way,
     paths,
-    task="A function: poses T_w_c (N, 4, 4) -> the length of the path, metres.",
     praise="the lengths of all steps, added; hills count, too.",
     hint="positions are poses[:, :3, 3]. How long is each step from one to the next?",
     line="np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()",
@@ -164,7 +159,6 @@ path_length = Exercise(
 
 wrong_depth = Exercise(
     {"depth Z": 9.0, "true depth": 12.0},
-    task="The panel shows a point whose depth from block matching is more than 20 % wrong.",
     praise="{depth Z:.1f} m instead of {true depth:.1f} m. Chapter 1 has the checks that catch such matches.",
     mistakes={
         "block matching found nothing here: choose a coloured place.": lambda now: np.isnan(now["depth Z"]),

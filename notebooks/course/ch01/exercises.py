@@ -133,7 +133,6 @@ corner_strength = Exercise(
     strength,
     windows,
     atol=1e-6,
-    task="A function (gx, gy): gradients of a window, (n, n) each -> root of M's smaller eigenvalue.",
     praise="0 on an edge, large on a corner. The library computes this strength for all pixels at once.",
     hint="M is 2×2: sum gx², gx gy and gy² over the window; then take the root of the smaller eigenvalue.",
     line="M = [[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]]; np.linalg.eigvalsh(M)",
@@ -161,7 +160,6 @@ corner_strength = Exercise(
 is_stereo = Exercise(
     good,
     stereo_pairs,
-    task="A function (left (N, 2), right (N, 2), row_tolerance, min_disparity) -> (N,) bool.",
     praise="every good match has equal rows and a sufficient disparity.",
     hint="each match has two conditions, one on its rows and one on its columns; the mask is True where both hold.",
     line="(np.abs(left[:, 1] - right[:, 1]) <= row_tolerance) & (left[:, 0] - right[:, 0] >= min_disparity)",
@@ -189,7 +187,6 @@ loop_closes = Exercise(
     lambda pl_pr, pr_cr, cr_cl, cl_pl: which(pl_pr, pr_cr, cr_cl, cl_pl),
     chains,
     form=any_order,
-    task="A function (pl_pr, pr_cr, cr_cl, cl_pl): best matches as indices, -1 for none -> indices that close.",
     praise="the loop has four matches and one condition, and few wrong matches pass.",
     hint="follow feature i: pl_pr[i] is its number in the next image, and its index in the next list.",
     line="at = step[at]; alive &= at >= 0",
@@ -215,7 +212,6 @@ peak = Exercise(
         tuple(height + curve * (x - top) ** 2 for x in (-1.0, 0.0, 1.0))
         for top, height, curve in ((0.3, 5.0, -2.0), (-0.45, 1.0, -0.5), (0.0, 2.0, -1.0))
     ],
-    task="A function (left, middle, right) -> position of a parabola's top, in pixels from the middle one.",
     praise="three values determine a parabola; its top is between the pixels.",
     hint="put x = -1 and x = 1 into f(x) = middle + b x + a x² and solve for a and b; the slope is 0 at x = -b / (2a).",
     line="(left - right) / 2 / (left - 2 * middle + right)",
@@ -232,7 +228,6 @@ buckets = Exercise(
     chosen(),
     crowd,
     form=any_order,
-    task="A function (uv (N, 2), age (N,), strength (N,), size, count) -> indices of the features kept.",
     praise="the features are spread over the image, and the oldest come first.",
     hint="sort all features, the best first; keep each feature whose square is not yet full.",
     line="for i in np.lexsort((-strength, -age)): square = tuple(uv[i] // size)",
@@ -263,7 +258,6 @@ buckets = Exercise(
 
 too_strict = Exercise(
     {"right ones dropped": 140.0, "wrong among the kept": 9.0},
-    task="The panel shows checks that drop more than 100 matches which are right.",
     praise="{right ones dropped:.0f} right matches are dropped, and {wrong among the kept:.0f} wrong ones are "
     "still kept. A strict check is not a safe one.",
     mistakes={

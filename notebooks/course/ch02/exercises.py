@@ -132,7 +132,6 @@ epipolar_distance = Exercise(
     distance,
     matches,
     atol=1e-12,
-    task="A function (E, x_p, x_c) -> distance of x_c from the line E x_p, normalised units, for one match.",
     praise="times f, this is the distance in pixels that the panel shows.",
     hint="a, b and c are the three entries of E x_p, with x_p as (x, y, 1).",
     line="a, b, c = E @ [*x_p, 1]; abs(a * x_c[0] + b * x_c[1] + c) / np.hypot(a, b)",
@@ -156,7 +155,6 @@ epipolar_rows = Exercise(
     lambda: [five_matches(8)],
     also=(lambda x_p, x_c: -rows(x_p, x_c),),
     atol=1e-12,
-    task="A function (x_p, x_c), (5, 2) each -> A (5, 9) with A vec(E) = the five x_cᵀ E x_p.",
     praise="these are the library's rows; with the true E, A vec(E) is 0.",
     hint="x_cᵀ E x_p = Σ c_i E_ij p_j with c = (x_c, 1) and p = (x_p, 1): the factor of E_ij is c_i p_j.",
     line="np.outer(np.append(x_c[k], 1), np.append(x_p[k], 1)).ravel()",
@@ -175,7 +173,6 @@ null_basis = Exercise(
     null_space,
     lambda: [(rows(*five_matches(9)),)],
     form=lambda basis: basis.T @ basis,
-    task="A function A (5, 9) -> basis (4, 9) of its null space, orthonormal.",
     praise="the true E is a combination of the four.",
     hint="A = U S Vᵀ has nine rows in Vᵀ but only five singular values; A maps the other four rows to 0.",
     line="np.linalg.svd(A)[2][5:]",
@@ -193,7 +190,6 @@ essential_constraints = Exercise(
     essentials,
     also=(lambda E: ten(E, times=-3.0),),
     form=up_to_scale,
-    task="A function E (3, 3) -> ten numbers that are all zero if and only if E is an essential matrix.",
     praise="ten cubics in the entries of E; `cubic_constraints` writes them in x, y, z, w.",
     hint="the matrix equation gives nine numbers, one for each entry; the determinant is the tenth.",
     line="np.append((E @ E.T @ E - 0.5 * np.trace(E @ E.T) * E).ravel(), np.linalg.det(E))",
@@ -217,7 +213,6 @@ solve_five = Exercise(
     lambda: [five_matches(seed) for seed in range(8)],
     form=in_line,
     atol=1e-4,
-    task="A function (x_p, x_c), (5, 2) each -> all essential matrices through the five matches, (M, 3, 3).",
     praise="these are the library's solutions; the library solves hundreds of sets at once.",
     hint="each real root z gives one solution: compute x and y from the null vector of C(z).",
     line="v = np.linalg.svd(C(z))[2][-1]; E = np.tensordot([v[3] / v[5], v[4] / v[5], z, 1], basis, axes=1)",
@@ -239,7 +234,6 @@ solve_five = Exercise(
 
 most_frequent_count = Exercise(
     lambda: np.argmax(np.bincount(counts())),
-    task="The number of real solutions that sets of general motion have most often.",
     praise="{right} real solutions are the most frequent number of 0, 2, 4, 6, 8 and 10.",
     hint="count the solutions of each set, then the sets with 0, 1, 2 … solutions.",
     line="np.argmax(np.bincount(np.bincount(found.set_index)))",
@@ -255,7 +249,6 @@ most_frequent_count = Exercise(
 noise_factor = Exercise(
     growth,
     rtol=0.02,
-    task="By what factor the median error of a set grows when the noise grows from 0.1 to 0.4 px.",
     praise="{right:.2f}: the rotation error grows nearly in proportion to the noise.",
     hint="compute the median error at both noises and divide.",
     line="ch02.median_error(0.4) / ch02.median_error(0.1)",
@@ -271,7 +264,6 @@ noise_factor = Exercise(
 
 far_off = Exercise(
     {FIRST: 2.5, "noise added": 0.0, "outliers among the five": 0.0, "closest two of the five": 50.0},
-    task="The panel shows five correct, noise-free matches, apart from each other, with a best solution 2° wrong.",
     praise="{rotation error of solution 1:.1f}° from five correct matches: small errors of their places become large "
     "errors of the rotation. Only the other matches show that this set is bad.",
     mistakes={

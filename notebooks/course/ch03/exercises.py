@@ -130,7 +130,6 @@ def truncated(
 angle = Exercise(
     lambda e1, e2: float(essential_angle(e1, e2)),
     vectors,
-    task="A function (e1, e2) -> acos|e1ᵀ e2| in radians, for unit vectors with nine entries.",
     praise="the sign does not matter, and equal vectors have the angle 0.",
     hint="dot product, absolute value, arc cosine, in this order.",
     line="np.arccos(min(abs(e1 @ e2), 1))",
@@ -148,7 +147,6 @@ angle = Exercise(
 nearest = Exercise(
     first_by(angles),
     candidates,
-    task="A function (E, e_prev, k): one set's candidates (m, 3, 3) -> indices of the k nearest, in order.",
     praise="the same candidates as `nearest_to_prior` keeps in each set.",
     hint="compute the angle of each candidate to e_prev, sort the candidates by it, return the first k indices.",
     line="np.argsort(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1)))[:k]",
@@ -169,7 +167,6 @@ nearest = Exercise(
 truncated_error = Exercise(
     truncated(),
     lambda: [(t * np.array([0.0, 0.5, -0.5, 0.9, -3.0, 50.0]), t) for t in (1.0, 2.0)],
-    task="A function (d, threshold): distances (N,) -> mean of min(d² / threshold², 1).",
     praise="a match never costs more than 1, however wrong it is.",
     hint="compute one cost between 0 and 1 for each match, then the mean of the costs.",
     line="np.mean(np.minimum((d / threshold) ** 2, 1))",
@@ -198,7 +195,6 @@ truncated_error = Exercise(
 select = Exercise(
     selected,
     frames,
-    task="A function (E, set_index, errors, e_prev, k) -> index of the winner by solution selection.",
     praise="the paper's section 2.2: k of each set by angle, then the smallest image error of all kept candidates.",
     hint="for each set, find its members and the k of them nearest to e_prev; then compare the errors of all kept.",
     line="members = np.flatnonzero(set_index == s); kept += [*members[nearest(E[members], e_prev, k)]]",
@@ -237,7 +233,6 @@ sets_needed = Exercise(
     26.0,
     also=(sets_for(0.7**5),),
     atol=0.02,
-    task="Sets to draw so that with 99 % one has only right matches, when 30 % of the matches are wrong.",
     praise="(1 - 0.7⁵)ⁿ = 0.01 gives n = 25.03, so 26 sets.",
     hint="write down the probability that one set is good, that it is not, and that all n sets are not.",
     line="np.log(0.01) / np.log(1 - 0.7**5)",
@@ -258,7 +253,6 @@ sets_needed = Exercise(
 
 consensus_fooled = Exercise(
     {"error by consensus": 2.0, "error by selection": 2.0, "disturbed": 170.0},
-    task="The panel shows a winner by consensus that is more than 0.5° wrong, by matches that were disturbed.",
     praise="consensus is {error by consensus:.2f}° wrong, selection {error by selection:.2f}°. Matches that move "
     "together agree on one false motion. Chapter 5 removes them before the vote.",
     mistakes={

@@ -104,7 +104,6 @@ feature_rows = Exercise(
     one_match,
     parts=("M", "c"),
     also=(times(-1, -1), times(-1, 1), times(1, -1)),
-    task="A function (x_pl, x_pr, x_cl, x_cr, R_cp, b) -> M (8, 6), c (8,) of equation (3) for one feature.",
     praise="the library's rows (up to a sign), for one feature: M (Q, t) = c.",
     hint="order of the rows: x and y in previous left, previous right, current left, current right.",
     line="row = x[0] * e3 - e1; M.append(np.concatenate([row @ R_cp, row]))",
@@ -146,7 +145,6 @@ one_feature = Exercise(
     lambda M, c: solve(M, c)[3:],
     lambda: [(np.hstack([A[0], B[0]]), c[0]) for A, B, c in [noisy_rows(1, 3, 0.3)]],
     atol=1e-6,
-    task="A function (M (8, 6), c (8,)) -> t_cp (3,), metres, from one feature.",
     praise="t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, -0.9).",
     hint="solve M q = c by least squares; t is the last three of the six numbers in q.",
     line="np.linalg.lstsq(M, c, rcond=None)[0][3:]",
@@ -158,7 +156,6 @@ one_feature = Exercise(
 
 rank_at_infinity = Exercise(
     4,
-    task="The rank of the 8×6 matrix of a feature whose disparity is zero in both pairs.",
     praise="4: each pair has two different rows. Such a feature gives a direction and no length.",
     hint="left and right points are equal, so the rows of a pair repeat: count the different ones.",
     line="np.linalg.matrix_rank(rows_of_one(x, x, x, x, np.eye(3), 0.5)[0])",
@@ -171,7 +168,6 @@ rank_at_infinity = Exercise(
 row_error = Exercise(
     FAR / NEAR,
     rtol=0.01,
-    task="How many times larger the error of a row is at 40 m than at 8 m, for the same error in pixels.",
     praise="{right:g} times: the error is dx · P₃. A row divided by its depth has the error dx at every depth.",
     hint="by how much does (x e3 - e1)ᵀ P change when x changes by dx?",
     line="40 / 8",
@@ -185,7 +181,6 @@ stack = Exercise(
     stacked,
     lambda: [noisy_rows(30, 5, 0.5)],
     atol=1e-6,
-    task="A function (A (N, 8, 3), B (N, 8, 3), c (N, 8)) -> t (3,): the least-squares t of A Q_i + B t = c.",
     praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, as the library's `eliminate_points` has it.",
     hint="for each feature compute N_i; add up B_iᵀ N_i B_i and B_iᵀ N_i c_i; solve one 3×3 system at the end.",
     line="N = np.eye(8) - A_i @ np.linalg.pinv(A_i); H += B_i.T @ N @ B_i; g += B_i.T @ N @ c_i",
@@ -204,7 +199,6 @@ bias = Exercise(
     drawn_answers,
     parts=("bias", "scatter"),
     atol=1e-6,
-    task="A function (answers (S, 3), t_true (3,)) -> bias and scatter of their lengths, in % of the true one.",
     praise="bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: averaging over more features reduces the second only.",
     hint="compute the length of each answer first, then compare it with the true length.",
     line="off = 100 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1); off.mean(), off.std()",
@@ -238,7 +232,6 @@ robust_weight = Exercise(
         for s in (0.5, 0.8, 2.0)
         for r in ([0.0], [1.0], [0.0, 0.5, 1.0, -1.0, 4.0, 200.0])
     ],
-    task="A function (r (N,), s) -> Cauchy weights (N,) of residuals.",
     praise="1 for a residual of zero, ½ at the scale s, and nearly 0 for a mismatch.",
     hint="divide r by s, square the quotient, add 1, take the inverse.",
     line="1 / (1 + (r / s) ** 2)",
@@ -269,7 +262,6 @@ robust_weight = Exercise(
 turned_sideways = Exercise(
     {"error in x": -35.0, "error in z": 10.0, "error in x / rotation error": 10.0, "depth limit": 15.0}
     | {"rotation error": 0.2, "wrong share": 0.0, "noise added": 0.1},
-    task="Features nearer than 15 m only; an error above 30 mm in x, at most half of it in z, by the rotation alone.",
     praise="{error in x:.0f} mm by {rotation error:.2f}°, a mean depth of {error in x / rotation error:.0f} m: near "
     "features slip less, so the rotation error has to be larger than with all features.",
     mistakes={

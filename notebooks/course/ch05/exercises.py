@@ -139,7 +139,6 @@ to_image = Exercise(
     in_image,
     net_boxes,
     atol=1e-6,
-    task="A function (xyxy (K, 4), scale, left, top, width, height) -> boxes (K, 4) in the image, pixels.",
     praise="the same boxes as the library's `Letterbox.to_image`.",
     hint="solve u_net = s (u + ½) + left for u, step by step, from the outside.",
     line="np.clip((xyxy - (left, top) * 2) / scale, 0, (width, height) * 2) - 0.5",
@@ -170,7 +169,6 @@ to_image = Exercise(
 
 cells = Exercise(
     yolox_cells(WIDTH, HEIGHT),
-    task="How many cells a network with strides 8, 16, 32 has for 800 × 256 px.",
     praise="{right} candidates for an image with a dozen vehicles: most cells must have a low score.",
     hint="columns times rows of each grid, and all three grids together.",
     line="sum((800 // stride) * (256 // stride) for stride in (8, 16, 32))",
@@ -184,7 +182,6 @@ cells = Exercise(
 iou = Exercise(
     lambda a, b: overlap(a[None], b[None])[0, 0],
     pairs,
-    task="A function (a (4,), b (4,)) -> intersection over union of two boxes x0, y0, x1, y1.",
     praise="{got:.3f} for two boxes 10 px apart; 1 with itself; 0 where nothing is shared.",
     hint="where does the common part begin, and where does it end? Then the two areas, and the common one.",
     line="sides = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0)",
@@ -206,7 +203,6 @@ iou = Exercise(
 suppress = Exercise(
     suppressed,
     heaps,
-    task="A function (corners (N, 4), scores (N,), most) -> indices kept by suppression, best first.",
     praise="best first, for these five boxes and also in 20 random heaps.",
     hint="take the best, drop what overlaps it by more than `most`, repeat.",
     line="for k in np.argsort(-scores): if all(shared[k, other] <= most for other in kept): kept.append(k)",
@@ -242,7 +238,6 @@ suppress = Exercise(
 keep_outside = Exercise(
     outside,
     features,
-    task="A function (uv_p (N, 2), uv_c (N, 2), boxes_p (K, 4), boxes_c (L, 4)) -> matches to keep, (N,) bool.",
     praise="the same matches as `on_vehicles` leaves.",
     hint="when is a point in one box? When in any? And a match has two points.",
     line="((uv[:, None] >= boxes[:, :2]) & (uv[:, None] <= boxes[:, 2:])).all(axis=2).any(axis=1)",
@@ -273,7 +268,6 @@ keep_outside = Exercise(
 box_moves = Exercise(
     judged(middle),
     driven,
-    task="A function (X_p (N, 3), X_c (N, 3), T_cp, least) -> whether the vehicle moved; None if N < 3.",
     praise="parked, driving ahead, crossing, half hidden, far: the answer is right for each box.",
     hint="where is a standing feature now? The median of what is left over is the step of the box.",
     line="step = np.median(X_c - (X_p @ T_cp[:3, :3].T + T_cp[:3, 3]), axis=0)",
@@ -308,7 +302,6 @@ box_moves = Exercise(
 
 sparing_rule = Exercise(
     {"removed": 40.0, KEPT: 1.0, LOST: 15.0},
-    task="The panel removes most features on moving things, and few on standing ones.",
     praise=f"{{{KEPT}:.0f}} stay of the features on moving things, {{{LOST}:.0f}} go of those on standing things.",
     mistakes={
         "this sequence has no truth of moving things; choose synthetic/traffic.": lambda now: (

@@ -125,7 +125,6 @@ def plain(errors: list[Array]) -> float:
 end_frame = Exercise(
     end,
     paths,
-    task="A function (path (N,), first, length) -> first frame beyond path[first] + length, or None.",
     praise="the first frame beyond the length, or none. Standing still (frames 3 and 4) does no harm.",
     hint="the path is 0, 1.5, 3.5, 6, 6, 7, 9.5, 12 m.",
     line="beyond = np.flatnonzero(path > path[first] + length)",
@@ -156,7 +155,6 @@ part_errors = Exercise(
     stretches,
     parts=("te", "re"),
     atol=1e-3,
-    task="A function (truth, estimate, first, last, length) -> TE in %, RE in deg/100 m of one sub-sequence.",
     praise="the error of one sub-sequence, as KITTI's development kit computes it.",
     hint="compute the true and the estimated motion, then the motion between them. The length of its translation "
     "gives TE, its angle acos((trace - 1) / 2) gives RE.",
@@ -186,7 +184,6 @@ part_errors = Exercise(
 yaw_on_a_straight = Exercise(
     TE,
     rtol=0.03,
-    task="TE, %, of a 400 m straight road when the estimate turns by 1 deg/100 m and is right otherwise.",
     praise="{right:.2f} %: ½ · 0.0698 · 400 m = 14 m to the side. For 100 m it would be 0.87 %.",
     hint="the estimate is an arc. How far to the side is its end, with the angle there in radians?",
     slips={"share": "this is the fraction: times 100."},
@@ -205,7 +202,6 @@ yaw_on_a_straight = Exercise(
 once_round = Exercise(
     0.0,
     atol=5e-3,
-    task="TE, %, of 800 m once round the block of 800 m, when every step is 1 % too long.",
     praise="almost zero: a larger block is closed too. TE depends on the end of a sub-sequence, not on its middle.",
     hint="draw the estimate: it is a slightly larger block.",
     line="kitti_errors(tour, made_up(tour, scale=1.0), lengths=(800,)).te",
@@ -221,7 +217,6 @@ all_errors = Exercise(
     lambda: [(*judged_pair(), KITTI_LENGTHS[:4], 10), (*judged_pair(), (150.0,), 25)],
     parts=("te", "re"),
     atol=1e-6,
-    task="A function (truth, estimate, lengths, step) -> TE, RE: means over all sub-sequences.",
     praise="TE {got[0]:.3f} %, RE {got[1]:.3f} deg/100 m over all sub-sequences, as `kitti_errors` has it.",
     hint="leave out the sub-sequences for which `end_frame` returns None; take one mean over all the others.",
     line="if (last := end_frame(path, first, length)) is not None: "
@@ -251,7 +246,6 @@ averages = Exercise(
     lambda errors: (pooled(errors), plain(errors)),
     sequences,
     parts=("pooled", "plain"),
-    task="A function (list of arrays, one a sequence) -> pooled mean, mean of the sequences' means.",
     praise="1.4 and 2.0 of the same errors. A table has to say which average it gives.",
     hint="one mean is over all errors, the other over the sequences' own means.",
     line="np.concatenate(errors).mean(), np.mean([each.mean() for each in errors if len(each)])",
@@ -273,7 +267,6 @@ averages = Exercise(
 
 blind_ate = Exercise(
     {"TE": 4.0, "RE": 0.0, "ATE": 0.05},
-    task="The panel shows an estimate with a TE above 3 %, an RE below 0.5 deg/100 m and an ATE below 0.2 m.",
     praise="TE {TE:.1f} %, RE {RE:.2f} deg/100 m, ATE {ATE:.2f} m. Every step is too long by the same share. The "
     "alignment sim3 scales the estimate before the distances are taken, so ATE does not contain this error.",
     mistakes={

@@ -67,7 +67,6 @@ paper_average = Exercise(
         ({"00": None, "01": None, "03": 4.0, "05": 0.5},),
         ({"01": 3.0, "06": 2.5, "07": 1.5, "08": 8.0, "09": 2.0},),
     ],
-    task="A function (te, a dict of numbers or None by sequence) -> the mean as the paper's Avg row has it.",
     praise="the plain mean of the rows with a number, without 01.",
     hint="in the first case three rows are left: 1, 2 and 6.",
     line="np.mean([v for name, v in te.items() if name != '01' and v is not None])",
@@ -88,7 +87,6 @@ paper_average = Exercise(
 true_rotation_error = Exercise(
     TRUE / USED,
     atol=2e-3,
-    task="The RE in deg/100 m of a row that the paper prints as 1.000, if it used 5555.6.",
     praise="{right:.4f}: the printed number is 3 % too low.",
     hint="divide by the factor that was used: that is rad/m. Then multiply by 100 · 180/π.",
     line="1.000 / 5555.6 * 100 * 180 / np.pi",
@@ -110,7 +108,6 @@ gain = Exercise(
     ],
     also=(lambda before, after: change(before, after, np.std(after - before, ddof=1)),),
     parts=("mean", "spread"),
-    task="A function (before (S,), after (S,)) -> mean and standard deviation of the change, seed by seed.",
     praise="{got[0]:+.2f} ± {got[1]:.2f}, and each method alone ± 0.3: chance that affects both alike has cancelled.",
     hint="one change for each seed; then the mean and the deviation of these changes.",
     line="np.mean(after - before), np.std(after - before)",
@@ -137,7 +134,6 @@ gain = Exercise(
 sweep = Exercise(
     lambda sequence, matches, values: errors_of_sets()[0],
     lambda: [(*simulated(), VALUES)],
-    task="A function (sequence, matches, values) -> TE in % over 20 m, for each number of five-point sets.",
     praise="TE by sets: 8: {right[0]:.2f} %, 16: {right[1]:.2f} %, 100: {right[2]:.2f} %. The matches were "
     "found once, only the back end ran again.",
     hint="for each value make a new configuration of `solution_selection`, run it, and take the TE of its poses.",
@@ -157,7 +153,6 @@ fewer_sets = Exercise(
         "settings changed": 2.0,
         **{"TE": 0.18, "TE of the preset": 0.19, "RE": 0.4, "RE of the preset": 0.5},
     },
-    task="The panel shows a run with 20 sets or fewer whose TE and RE are at most the preset's.",
     praise="{five-point sets:.0f} sets: TE {TE:.3f} % against {TE of the preset:.3f} %, RE {RE:.3f} against "
     "{RE of the preset:.3f} deg/100 m. That is one seed on thirty frames: move *seed*, and look again.",
     mistakes={

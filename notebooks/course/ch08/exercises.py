@@ -44,7 +44,6 @@ def measured(poses: Array, sequence: Sequence, lengths: tuple[float, ...] = (10.
 
 all_yours = Exercise(
     {"borrowed": 0.0},
-    task="The result of `join`: every stage is a function of your own that passes its check.",
     praise="every stage of this odometry is yours.",
     mistakes={
         "{borrowed:.0f} of the stages are still the library's. The table above names the exercise of each: solve "
@@ -55,7 +54,6 @@ all_yours = Exercise(
 drift = Exercise(
     drift_of,
     rtol=2e-3,
-    task="The distance of the last estimated position from the true one, in % of the true path.",
     praise="{right:.2f} % of the path. Over a longer path the share grows: a wrong heading displaces all that follows.",
     hint="estimates start at the identity, this truth does not: take the true motion from the first to the last pose. "
     "Divide the distance of the last positions by the length of the true path.",
@@ -81,7 +79,6 @@ te_and_re = Exercise(
     parts=("te", "re"),
     atol=6e-4,
     slips={"share": "TE is a fraction: times 100.", "radians": "this is in radians; RE is in degrees."},
-    task="TE in % and RE in deg/100 m of the estimate over 10 m, a start at every second frame.",
     praise="TE {right[0]:.3f} %, RE {right[1]:.3f} deg/100 m.",
     hint="call your own `all_errors` with one length and a step of two frames.",
     line="te_re = mine.all_errors(street.truth, yours, (10,), 2)",
@@ -96,7 +93,6 @@ te_and_re = Exercise(
 
 less_luck = Exercise(
     {"RE": 0.1, "RE published": 0.5},
-    task="The RE of a drive, mean over three seeds, is at most half of that of `published`.",
     praise="RE {RE:.3f} against {RE published:.3f} deg/100 m, means over three seeds. A setting that was chosen on "
     "the frames on which it is reported is no result: now try other frames.",
     mistakes={

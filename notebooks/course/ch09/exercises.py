@@ -87,7 +87,6 @@ def loop_residuals() -> list[Case]:
 candidates = Exercise(
     nearest_earlier,
     similar_places,
-    task="A function (S (N, N), gap) -> (N,): for each place the most similar one at least gap places before.",
     praise="for each place its nearest neighbour in the past; the frames just before do not count.",
     hint="place k may be compared with the places 0 … k - gap; without any the answer is -1.",
     line="int(S[k, : k - gap + 1].argmax()) if k >= gap else -1",
@@ -108,7 +107,6 @@ residual = Exercise(
     edge_residual,
     plane_edges,
     atol=1e-9,
-    task="A function (p_i, p_j, z) -> r (3,): by how much two poses in the plane differ from a measured motion.",
     praise="zero where the poses agree with the edge; metres in the axes of pose i, then radians.",
     hint="what pose i sees of pose j: the difference of the places, turned into the axes of pose i.",
     line="place = turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]; angle = (d + np.pi) % (2 * np.pi) - np.pi",
@@ -135,7 +133,6 @@ residual = Exercise(
 
 gauge = Exercise(
     3,
-    task="How many eigenvalues of the matrix H of a graph in the plane are zero.",
     praise="3: the whole path may shift in x and z and turn, and no residual changes. One fixed pose takes them away.",
     hint="which motions of the whole path leave all residuals as they are?",
     line="np.count_nonzero(np.linalg.eigvalsh(J.T @ J) < 1e-9)",
@@ -150,7 +147,6 @@ step = Exercise(
     gauss_newton,
     linear_problems,
     atol=1e-5,  # single precision is enough
-    task="A function (J (M, 3N), r (M,)) -> delta (3N,): a Gauss-Newton step; the first pose stays.",
     praise="the normal equations of all poses but the first.",
     hint="leave the first three columns of J out, solve the normal equations of the others, put zeros in front.",
     line="delta[3:] = np.linalg.solve(J[:, 3:].T @ J[:, 3:], -J[:, 3:].T @ r)",
@@ -177,7 +173,6 @@ step = Exercise(
 weights = Exercise(
     loop_weights,
     loop_residuals,
-    task="A function (r (N, 3), sigma (3,), c) -> Cauchy's weights (N,) of loops.",
     praise="1 for a perfect loop, ½ at c standard deviations, next to nothing for a false loop.",
     hint="metres and radians are put together in standard deviations: divide first, then take the norm.",
     line="1 / (1 + np.sum((r / sigma) ** 2, axis=1) / c**2)",
@@ -198,7 +193,6 @@ weights = Exercise(
 
 bends = Exercise(
     {"ATE before": 1.0, "ATE after": 0.2, "false loops": 3.0, "robust": 1.0},
-    task="The panel shows three false loops or more, and an ATE after closing of at most half of that before.",
     praise="{ATE before:.2f} m before, {ATE after:.2f} m after, with {false loops:.0f} false loops: their weights are "
     "next to nothing.",
     mistakes={
