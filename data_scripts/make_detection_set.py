@@ -4,8 +4,8 @@ examples:
   vo data make_detection_set data/street --jobs 2
   vo data make_detection_set data/small --train 500 --valid 50
 
-The test split has the kit's named scenes, which are not in the training split.
-After an interruption, repeat the command: it continues.
+The test split has the named scenes of the kit, which are not in the training
+split. After an interruption, repeat the command to continue.
 """
 
 from __future__ import annotations

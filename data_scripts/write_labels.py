@@ -4,8 +4,8 @@ examples:
   vo data write_labels kitti/07 --model yolov8n.onnx
   vo data write_labels synthetic/traffic --model street --out labels
 
-After an interruption, repeat the command: it continues. The folder's
-detector.json has the model's SHA-256.
+After an interruption, repeat the command to continue. The file detector.json
+in the folder contains the model's SHA-256.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Data sets in YOLO format: `data.yaml`, and for each split a folder of images and one of label files."""
+"""Data sets in YOLO format: `data.yaml`, and a folder of images and a folder of label files per split."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class DetectionSet:
 
 
 def open_set(where: Path) -> DetectionSet:
-    """The data set of a folder, or of its `data.yaml`: drawn by us, converted, or a Roboflow YOLO export.
+    """The data set of a folder or of its `data.yaml`: drawn streets, converted labels, or a Roboflow export.
 
-    Raises `DataError` for an invalid file, or without images for training or validation.
+    Raises `DataError` for an invalid file, or if the images for training or validation are missing.
     """
     path = where / "data.yaml" if where.is_dir() else where
     about = read_yaml(path)
@@ -54,7 +54,7 @@ def open_set(where: Path) -> DetectionSet:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file; empty for other YAML content. `DataError` if the file is not YAML."""
+    """The mapping in a YAML file; for other content, an empty one. `DataError` if the file is not YAML."""
     text = read_text(path)
     try:
         about = yaml.safe_load(text)
@@ -71,7 +71,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def _images(path: Path, entry: Any) -> tuple[Path, ...]:
-    """Image files of a split. Roboflow's entries begin with ../, but the folders are next to the file."""
+    """Image files of a split. Roboflow's paths begin with ../, but the folders are next to data.yaml."""
     if not isinstance(entry, str):
         return ()
     candidates = [path.parent / entry, path.parent / entry.removeprefix("../")]

@@ -1,7 +1,7 @@
 """Images used for the evaluation of the odometry, which are forbidden for the training of a detector.
 
-A detector trained on the test images removes their vehicles better than those of a new street, so the
-measured errors would be too small.
+A detector trained on the test images detects the vehicles in them better than the vehicles in a new street,
+so the measured errors would be too small.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ WHY = "a detector that learnt the images it is tested on makes the errors look s
 
 
 def evaluated_sequence(text: str) -> str | None:
-    """The odometry sequence, such as "07", of a path or a drive's name; None for others."""
+    """The odometry sequence, such as "07", of a path or of a drive's name; None for other names."""
     for drive in DRIVE.findall(text):
         if drive in ODOMETRY_DRIVES:
             return ODOMETRY_DRIVES[drive]
@@ -46,7 +46,7 @@ def refuse_evaluated(images: Iterable[Path]) -> None:
         sequence = evaluated_sequence(str(image)) or evaluated_sequence(str(image.resolve()))
         if sequence is not None:
             raise DataError(
-                f"comes from KITTI odometry sequence {sequence}, which is evaluated: {WHY}; leave it out, or "
+                f"comes from KITTI odometry sequence {sequence}, which is evaluated: {WHY}; remove it, or "
                 "allow it with --allow-evaluated",
                 image,
             )

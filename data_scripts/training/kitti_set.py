@@ -1,7 +1,7 @@
 """KITTI's object and tracking labels as a data set in YOLO format.
 
-Car and Van become car, Truck becomes truck, Tram becomes train. Other objects, and boxes lower than 8 px,
-have no label and are background for the detector.
+Car and Van become car, Truck becomes truck, Tram becomes train. Other objects, and boxes with a height under
+8 px, have no label and are background for the detector.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ NUMBER = re.compile(r"[0-9]{1,9}")
 
 @dataclass(frozen=True)
 class Labelled:
-    """An image with its labels and its raw drive, "" if unknown.
+    """An image with its labels and its raw drive ("" for an unknown drive).
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Labelled:
 
     @property
     def stem(self) -> str:
-        """Name in the data set, which contains the drive, so that evaluated drives can be detected."""
+        """Name of the image in the data set; contains the drive, so that evaluated drives are recognised."""
         folder = self.image.parent.name
         return f"{self.drive or folder}_{self.image.stem}"
 
@@ -57,7 +57,7 @@ def read_object_set(
 
     Parameters
     ----------
-    root : folder of both; KITTI's `training`.
+    root : folder of images and labels, KITTI's `training`.
     mapping, permutation : `train_mapping.txt` and `train_rand.txt` of the object development kit, with the
         raw drive of each image.
     """
@@ -99,7 +99,7 @@ def read_tracking_set(root: Path, drives: dict[str, str] | None = None) -> list[
 
 
 def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
-    """Vehicles of label rows: type, 3 numbers, left, top, right, bottom, …"""
+    """Boxes of vehicles from label rows: type, 3 numbers, left, top, right, bottom, …"""
     vehicles: list[tuple[int, list[float]]] = []
     for number, words in rows:
         try:
@@ -129,7 +129,7 @@ def _listed(folder: Path, pattern: str) -> list[Path]:
 
 
 def _object_drives(mapping: Path | None, permutation: Path | None) -> list[str]:
-    """Raw drive of each object image: image i is row permutation[i] (counted from 1) of the mapping."""
+    """Raw drive of each object image: image i has row permutation[i] (counted from 1) of the mapping."""
     if mapping is None or permutation is None:
         return []
     rows = [line.split() for line in read_text(mapping).splitlines() if line.strip()]
@@ -149,7 +149,7 @@ def _object_drives(mapping: Path | None, permutation: Path | None) -> list[str]:
 def check_origin(images: list[Labelled], allow_evaluated: bool) -> list[Labelled]:
     """The images allowed for training, without those of evaluated drives.
 
-    Raises `DataError` for images of unknown origin. `allow_evaluated` : all images are allowed.
+    Raises `DataError` for images of unknown origin. `allow_evaluated` : whether all images are allowed.
     """
     if allow_evaluated:
         return images
@@ -164,7 +164,7 @@ def check_origin(images: list[Labelled], allow_evaluated: bool) -> list[Labelled
 
 
 def split(images: list[Labelled], share: float, seed: int) -> dict[str, list[Labelled]]:
-    """Training and validation images, split by drives if known, so that no street is in both."""
+    """Training and validation images. Images of a known raw drive are all in the same part."""
     units = sorted({image.drive or image.stem for image in images})
     order = np.random.default_rng([seed, 30]).permutation(len(units))
     count = min(max(1, round(share * len(units))), len(units) - 1)
@@ -180,7 +180,7 @@ def split(images: list[Labelled], share: float, seed: int) -> dict[str, list[Lab
 
 
 def write_set(parts: dict[str, list[Labelled]], folder: Path, progress: Progress | None = None) -> None:
-    """Write a data set; images are hard links if possible, or else copies."""
+    """Write a data set. Images are hard links if possible, otherwise copies."""
     total, done = sum(len(part) for part in parts.values()), 0
     for name, part in parts.items():
         for kind in ("images", "labels"):

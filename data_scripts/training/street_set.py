@@ -1,7 +1,7 @@
 """A drawn detection data set in YOLO format: left images of many streets, with exact boxes.
 
-Every street has its own seed and random settings, and only a few frames, far apart, are used. The test split
-has scenes that are not in the training split: the kit's named scenes and further seeds of them.
+Every street has a different seed and random settings, and only a few distant frames are drawn. The test split
+has scenes that are not in the training split: the kit's named scenes, also with other seeds.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ JPEG_QUALITY = 92
 
 @dataclass(frozen=True)
 class DetectionSetConfig(Checked):
-    """Settings of the drawn data set for the training of a detector of drawn streets."""
+    """Settings of a drawn data set for the training of a vehicle detector for drawn streets."""
 
     seed: int = setting(0, "shifts all seeds of the streets", low=0, high=99_999)
     train: int = setting(4000, "images to train on", low=1, high=1_000_000)
@@ -110,7 +110,7 @@ def streets(config: DetectionSetConfig) -> list[Street]:
 def draw_street(street: Street, folder: Path) -> int:
     """Draw the missing images of a street; return its number of images.
 
-    An image's label file is written last, so an image with a label file is complete.
+    The label file is written after the image, so an image with a label file is complete.
     """
     root = folder / street.split
     missing = [k for k in range(street.frames) if not (root / "labels" / f"{street.stem(k)}.txt").exists()]
@@ -155,6 +155,6 @@ def write_street_set(
 
 
 def data_yaml(names: tuple[str, ...], test: bool = True) -> str:
-    """The text of data.yaml in the format of YOLO trainers and Roboflow, with or without a test split."""
+    """The text of data.yaml in the format of Ultralytics and Roboflow, with or without a test split."""
     lines = ["train: train/images", "val: valid/images", *(["test: test/images"] if test else [])]
     return "\n".join([*lines, f"nc: {len(names)}", "names:", *(f"  - {name}" for name in names), ""])

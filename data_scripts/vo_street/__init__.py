@@ -1,1 +1,1 @@
-"""A stereo street, drawn into folders in KITTI's layout with exact truth: `cache.draw_scene`."""
+"""Renderer of stereo streets in KITTI's layout with exact truth; the entry point is `cache.draw_scene`."""

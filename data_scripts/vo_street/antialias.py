@@ -1,8 +1,8 @@
-"""Smooth outlines: pixels that an edge crosses become a mixture of both sides.
+"""Smooth outlines: a pixel on an edge gets a mixture of the brightness of both sides.
 
-A pixel shows the face at its centre, so outlines would jump by whole pixels, which disturbs corner detectors.
-Between two neighbours with different faces, the position of the edge follows exactly from the corners of the
-face; the pixel that it cuts is mixed with its neighbour's brightness, by the covered fraction.
+A pixel shows the face at its centre. Without smoothing, outlines jump by whole pixels and disturb corner
+detectors. The corners of a face give the exact position of its edge between two neighbouring pixels. The
+pixel cut by the edge is mixed with the brightness of its neighbour, in proportion to the covered area.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ def soften_edges(
     ----------
     light, inverse_depth : (H, W) brightness and 1/Z at the pixel centres.
     faces : (H, W) face of each pixel.
-    edges : (F, 4, 3) a point (x, y, 1) is inside a face where all four products are >= 0.
-    camera : its f, cx and cy.
+    edges : (F, 4, 3) a point (x, y, 1) is inside a face if its products with all four rows are >= 0.
+    camera : camera with f, cx and cy.
     """
     height, width = faces.shape
     change = np.zeros(light.size, np.float32)
@@ -47,7 +47,7 @@ def soften_edges(
         at_two = (x[column] + (step[0] if axis == 0 else 0.0), y[row] + (step[0] if axis == 1 else 0.0))
         leave_one = _way_out(edges[face[one]], at_one, axis, step[0])
         leave_two = 1.0 - _way_out(edges[face[two]], at_two, axis, step[1])
-        # The outline belongs to the nearer face, unless only one of the two ends here.
+        # The outline belongs to the nearer face, unless only one of the faces ends here.
         first = np.isfinite(leave_one) & (~np.isfinite(leave_two) | (inverse[one] >= inverse[two]))
         cross = np.where(first, leave_one, leave_two)
         for target, other, share in ((one, two, 0.5 - cross), (two, one, cross - 0.5)):
@@ -62,8 +62,8 @@ def _way_out(edges: Array, at: tuple[Array, Array], axis: int, step: float) -> A
     """Position (N,) of the end of a face, as a fraction of the step to the next pixel; infinite if the face
     does not end.
 
-    An edge counts only along the axis that is closer to its normal, so that no edge is smoothed twice; NaN
-    for the other axis.
+    An edge is used only along the axis closer to its normal, so that no edge is smoothed twice. The result
+    for the other axis is NaN.
     """
     value = edges[:, :, 0] * at[0][:, None] + edges[:, :, 1] * at[1][:, None] + edges[:, :, 2]
     slope = edges[:, :, axis] * step

@@ -1,9 +1,9 @@
-"""An atlas of all textures at all scales, against aliasing.
+"""An atlas of all textures at all scales, which prevents aliasing.
 
-The image of a slanted surface is compressed in one direction: the road ahead along its length, hardly across.
+The image of a slanted surface is compressed mainly in one direction: the road ahead along its length.
 Each texture is therefore stored at all pairs of scales, 2^-i along its columns and 2^-j along its rows (a
-ripmap), and each pixel reads the pair that fits its footprint. All are in one array, so that one remap is
-enough.
+ripmap). Each pixel reads the pair of scales that fits its footprint. All textures are in one array, so that
+one remap is enough.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ATLAS_WIDTH = 8192
 
 @dataclass(frozen=True)
 class Atlas:
-    """All textures at all scales, T of them with up to L levels an axis.
+    """T textures, each at all scales, with up to L levels per axis.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Atlas:
     size : (T, 2) texels along s (columns) and t (rows), powers of two.
     top : (T, 2) coarsest level along s and t.
     wrap : (T, 2) 1 where the texture repeats, 0 where it ends.
-    column, row : (T, L) position of level i: texel coordinate s is at column[i] + s / 2**i.
+    column, row : (T, L) position of level i: texel coordinate s is in column[i] + s / 2**i.
     """
 
     texels: Float32
@@ -44,26 +44,26 @@ class Atlas:
 
 @dataclass
 class TextureSet:
-    """Textures collected by name while a world is built."""
+    """The textures of a world by name, collected before the atlas is built."""
 
     images: list[Float32] = field(default_factory=list)
     wraps: list[tuple[bool, bool]] = field(default_factory=list)
     names: dict[str, int] = field(default_factory=dict)
 
     def add(self, name: str, image: NDArray[np.generic], wrap: tuple[bool, bool] = (False, False)) -> int:
-        """Number of a new texture; its sides must be powers of two. `wrap`: repeats along s, along t."""
+        """Number of a new texture with sides of powers of two. `wrap` : repeats along s, along t."""
         self.names[name] = len(self.images)
         self.images.append(np.asarray(image, np.float32))
         self.wraps.append(wrap)
         return self.names[name]
 
     def size(self, texture: int) -> tuple[int, int]:
-        """Texels along s and t."""
+        """Numbers of texels of a texture along s and along t."""
         rows, columns = self.images[texture].shape
         return columns, rows
 
     def build(self) -> Atlas:
-        """Shrink every texture to all its pairs of scales and lay them out on shelves."""
+        """Shrink every texture to all pairs of scales, and arrange the results in rows of the atlas."""
         count = len(self.images)
         size = np.array([self.size(k) for k in range(count)], np.int64)
         top = np.log2(size).astype(np.int64) - 2
@@ -102,19 +102,19 @@ class TextureSet:
 
 
 def _starts(size: int, top: int) -> list[int]:
-    """First texel of each level with its padding, and the length of all."""
+    """First texel of each level including padding, and the total length of all levels."""
     return [0, *np.cumsum([(size >> i) + 2 * PAD for i in range(top + 1)]).tolist()]
 
 
 def _pad(image: Float32, wrap: tuple[bool, bool]) -> Float32:
-    """Texels added on all sides: from the other end where a texture repeats, else its last value."""
+    """The texture with padding: texels of the opposite side if it repeats, else border texels."""
     mode = [cv2.BORDER_WRAP if w else cv2.BORDER_REPLICATE for w in wrap]
     wide = cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, PAD, PAD, mode[0])
     return np.asarray(cv2.copyMakeBorder(wide, PAD, PAD, 0, 0, mode[1]), np.float32)
 
 
 def _halve(image: Float32, wrap: bool) -> Float32:
-    """Half as many columns, low-passed by (1, 3, 3, 1)/8; the texture does not shift."""
+    """The texture with half as many columns, low-passed by (1, 3, 3, 1)/8, without a shift."""
     border = cv2.BORDER_WRAP if wrap else cv2.BORDER_REPLICATE
     wide = cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, 1, 1, border)
     outer, inner = wide[:, 0:-2:2] + wide[:, 3::2], wide[:, 1:-1:2] + wide[:, 2:-1:2]

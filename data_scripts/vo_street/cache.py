@@ -26,9 +26,9 @@ def draw_scene(
     ----------
     progress : called with (frames done, frames) while drawing.
     jobs : number of processes; the images do not depend on it.
-    frames : draw no others.
+    frames : the frames to draw; None draws all frames.
 
-    Raises `DataError` where the folder cannot be written.
+    Raises `DataError` if the folder cannot be written.
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)

@@ -18,7 +18,7 @@ BRICKS = np.array([[0.0, 0.2], [0.0, 0.0], [0.1, 0.0], [0.1, 0.2]])  # of a wall
 
 
 def build_city(site: Site) -> None:
-    """Both sides of the street; around a block, the second half repeats the outer houses of the first."""
+    """Both sides of the street. Around a block, both halves have the same outer houses."""
     halves = 1 if site.route.lap is None else 2
     for side in (-1.0, 1.0):
         state = site.rng.bit_generator.state
@@ -30,7 +30,7 @@ def build_city(site: Site) -> None:
 
 
 def build_houses(site: Site, side: float, first: float, last: float) -> None:
-    """Houses along one side: terraces, and single houses with gardens between."""
+    """Houses along one side: terraces, and single houses with gardens between them."""
     rng, line = site.rng, site.profile.pavement
     s, terrace, back = first + 10.0, True, 1.0
     while s < last - 20.0:
@@ -77,7 +77,7 @@ def add_house(site: Site, s: float, side: float, width: float, offset: float) ->
 
 
 def house_faces(side: float, width: float, height: float, depth: float, ridge: float) -> dict[str, Array]:
-    """Faces of a house, metres: the front is in the plane x = 0, the body on the side `side`."""
+    """Faces of a house, metres. The front is in the plane x = 0, the body on the side with sign `side`."""
     w, d = width / 2, side * depth
     plan = np.array([[0, 0, -w], [0, 0, w], [d, 0, w], [d, 0, -w]])
     tall = plan - (0.0, height, 0.0)

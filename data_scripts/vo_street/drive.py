@@ -27,10 +27,10 @@ class Route:
 
     Attributes
     ----------
-    s : (M,) arc length, metres; 0 where the drive starts.
+    s : (M,) arc length, metres; 0 at the start of the drive.
     x, z : (M,) position in the street frame, metres.
     heading : (M,) angle from the z axis towards x, radians.
-    curvature : (M,) change of heading per metre.
+    curvature : (M,) change of heading, radians per metre.
     lap : length of a closed street, metres; None for a street with two ends.
     """
 
@@ -56,7 +56,7 @@ class Route:
         return np.asarray(np.interp(s, self.s, self.heading))
 
     def pose(self, s: Array | float, offset: Array | float = 0.0, turn: float = 0.0) -> Array:
-        """Poses (..., 4, 4), street frame, of bodies that face along the road or `turn` rad to its right."""
+        """Poses (..., 4, 4), street frame, of bodies turned by `turn` rad from the road to the right."""
         position = self.point(s, offset)
         T = np.zeros((*position.shape[:-1], 4, 4))
         T[..., :3, :3] = yaw_rotation(self.angle(s) + turn)
@@ -65,21 +65,21 @@ class Route:
         return T
 
     def distance(self, points: Array) -> Array:
-        """Distance (N,) of points (N, 3) from the centre line, metres, seen from above."""
+        """Horizontal distance (N,) of points (N, 3) from the centre line, metres."""
         line = np.stack([self.x, self.z], axis=1)[::4]
         return np.asarray(np.min(np.linalg.norm(points[:, None, [0, 2]] - line, axis=2), axis=1))
 
 
 def yaw_rotation(psi: Array | float) -> Array:
-    """Rotations (..., 3, 3) of bodies that face headings psi (...)."""
+    """Rotations (..., 3, 3) of bodies with headings psi (...), radians."""
     psi = np.asarray(psi, float)
     return rotation_from_vector(np.stack([0 * psi, psi, 0 * psi], axis=-1))
 
 
 def make_route(config: SceneConfig) -> Route:
-    """A street of gentle bends, straight at its start; with a right-angled turn half way by `sharp_turn`.
+    """A street with gentle bends and a straight start; `sharp_turn` adds a right-angled turn half-way.
 
-    A block's street turns right four times and meets itself.
+    The street round a block turns right four times and is closed.
     """
     if config.layout == "block":
         # Oncoming vehicles drive round the other way: they need two rounds behind the start.
@@ -108,7 +108,7 @@ def make_route(config: SceneConfig) -> Route:
 
 
 def _integrated(s: Array, curvature: Array, lap: float | None = None) -> Route:
-    """The street of a given curvature, from the origin along the z axis."""
+    """The route of a given curvature, which starts at the origin along the z axis."""
     psi = np.concatenate([[0.0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * STEP)])
     psi -= np.interp(0.0, s, psi)
     x = np.concatenate([[0.0], np.cumsum(np.sin(0.5 * (psi[1:] + psi[:-1])) * STEP)])
@@ -129,9 +129,9 @@ class Drive:
     Attributes
     ----------
     times : (N,) seconds.
-    s, speed : (N,) arc length, metres, and speed along the street, metres a second.
+    s, speed : (N,) arc length, metres, and speed along the street, metres per second.
     poses : (N, 4, 4) pose of the left camera in the street frame, T_s_c.
-    clock, way : (M,) fine samples of the time law s(t), beyond both ends of the drive too.
+    clock, way : (M,) fine samples of time t and arc length s(t), also beyond both ends of the drive.
     """
 
     times: Array
@@ -143,7 +143,7 @@ class Drive:
 
 
 def lane_offset(config: SceneConfig) -> float:
-    """Lateral offset of the camera's lane, the rightmost, metres."""
+    """Lateral offset of the rightmost lane, in which the camera drives, metres."""
     return (config.lanes - 0.5) * LANE_WIDTH + (1.0 if config.layout == "highway" else 0.0)
 
 
@@ -153,7 +153,7 @@ def frame_count(config: SceneConfig) -> int:
 
 
 def make_drive(config: SceneConfig, route: Route) -> Drive:
-    """A drive along the route with slower bends, varying speed, an optional standstill, and suspension."""
+    """A drive along the route, slow in bends, with varying speed, suspension and optional standstill."""
     rng = np.random.default_rng([config.seed, 2])
     clock, way = _time_law(config, route, rng)
     count = max(2, int(np.floor(np.interp(config.length, way, clock) * config.rate)) + 1)
@@ -175,7 +175,7 @@ def make_drive(config: SceneConfig, route: Route) -> Drive:
 
 
 def _time_law(config: SceneConfig, route: Route, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Times (M,) and arc lengths (M,) of a drive that is slow enough in bends (2.5 m/s² sideways)."""
+    """Times (M,) and arc lengths (M,) of a drive with a lateral acceleration of at most 2.5 m/s² in bends."""
     desired = config.speed * (
         1.0 + config.speed_change * smooth_wave(route.s, rng, 6.0 * config.speed, 12.0 * config.speed)
     )
@@ -198,7 +198,7 @@ def _time_law(config: SceneConfig, route: Route, rng: np.random.Generator) -> tu
 
 
 def smooth_wave(t: Array, rng: np.random.Generator, short: float, long: float) -> Array:
-    """A smooth random wave within [-1, 1] with periods between short and long."""
+    """A smooth random wave within [-1, 1] with periods from `short` to `long`."""
     periods = np.geomspace(short, long, 4)
     phases = rng.uniform(0, 2 * np.pi, 4)
     weights = rng.uniform(0.5, 1.0, 4)

@@ -1,4 +1,4 @@
-"""Drawing a whole scene into a folder in KITTI's layout, with several processes if wanted."""
+"""Drawing of a whole scene into a folder in KITTI's layout, in one or several processes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def write_scene(
     count = frame_count(config)
     selection = range(count) if frames is None else frames
     if not 0 <= selection.start < selection.stop <= count:
-        raise DataError(f"--frames {selection.start}:{selection.stop}: the scene has 0:{count}")
+        raise DataError(f"--frames {selection.start}:{selection.stop}: the scene has the frames 0:{count}")
     with local_pool(jobs) as pool:
         tables = pool.submit(_write_tables, config, folder)
         running = [pool.submit(_write_frame, config, folder, frame) for frame in selection]
@@ -63,7 +63,7 @@ def _renderer(config: SceneConfig) -> Renderer:
 
 
 def _write_tables(config: SceneConfig, folder: Path) -> None:
-    """Calibration, times, poses and the motion of the vehicles."""
+    """Write calibration, times, poses and the motion of the vehicles."""
     world = _renderer(config).world
     _write_text(folder / "calib.txt", calibration_text(config.camera))
     _write_text(folder / "times.txt", "".join(f"{t:.6e}\n" for t in world.drive.times))
@@ -88,7 +88,7 @@ def _write_frame(config: SceneConfig, folder: Path, frame: int) -> None:
 
 
 def calibration_text(camera: StereoCamera) -> str:
-    """calib.txt: P0 to P3; odd ones are right cameras, with -f b at the end of the first row."""
+    """Text of calib.txt: P0 to P3; P1 and P3 are right cameras, with -f b at the end of the first row."""
     lines = []
     for k in range(4):
         P = np.hstack([camera.K, np.zeros((3, 1))])

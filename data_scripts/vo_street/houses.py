@@ -12,7 +12,7 @@ STOREYS = (2, 3, 3, 4)
 
 
 def wall(rng: Rng, kind: str) -> Image:
-    """A bare wall of ROWS × COLUMNS texels, about 12 m wide and 9 m high."""
+    """Texture of a bare wall of ROWS × COLUMNS texels, about 12 m wide and 9 m high."""
     if kind == "brick":
         return masonry(rng, ROWS, COLUMNS, 6, 14, rng.uniform(85, 115), 12.0, rng.uniform(120, 150))
     if kind == "blocks":
@@ -28,7 +28,7 @@ def wall(rng: Rng, kind: str) -> Image:
 
 
 def facade(rng: Rng, kind: str, storeys: int, shop: bool) -> Image:
-    """A house front, upright, top row first: plinth, storeys of windows, a door or a shop, a cornice."""
+    """Texture of a house front, top row first: cornice, storeys, door or shop, plinth."""
     image = wall(rng, kind)
     mean = float(image.mean())
     trim = 225.0 if mean < 150 or rng.random() < 0.4 else 95.0
@@ -71,7 +71,7 @@ def facade(rng: Rng, kind: str, storeys: int, shop: bool) -> Image:
 
 
 def gable(rng: Rng, kind: str) -> Image:
-    """A side wall: mostly bare, a few small windows."""
+    """Texture of a side wall with a few small windows."""
     image = wall(rng, kind)
     for _ in range(int(rng.integers(1, 5))):
         x, y = rng.uniform(0.1, 0.75) * COLUMNS, rng.uniform(0.1, 0.7) * ROWS

@@ -24,12 +24,12 @@ class Faces(Rows):
 
     Attributes
     ----------
-    corners : (F, 4, 3) metres, in order round the face.
+    corners : (F, 4, 3) corners in their order round the face, metres.
     texture : (F,) number of the texture.
     origin : (F, 2) texel coordinate (s, t) of the first corner.
-    s_axis, t_axis : (F, 3) texels a metre: s = origin + s_axis · (X - first corner).
+    s_axis, t_axis : (F, 3) texels per metre: s = origin + s_axis · (X - first corner).
     gain : (F,) brightness that multiplies the texture.
-    instance : (F,) number of the object of the face; 0 is the street itself.
+    instance : (F,) number of the object of the face; 0 is the street.
     """
 
     corners: Array
@@ -41,18 +41,18 @@ class Faces(Rows):
     instance: Int
 
     def moved(self, T: Array) -> Faces:
-        """The faces after the rigid motion T (4, 4), with their textures."""
+        """The faces and their textures after the rigid motion T (4, 4)."""
         corners = transform(T, self.corners.reshape(-1, 3)).reshape(-1, 4, 3)
         R = T[:3, :3].T
         return dataclasses.replace(self, corners=corners, s_axis=self.s_axis @ R, t_axis=self.t_axis @ R)
 
     def outward(self) -> Array:
-        """Unit normals (F, 3) of the sides that are seen; faces are invisible from behind."""
+        """Unit normals (F, 3) of the outer sides; faces are invisible from behind."""
         normal = np.cross(self.corners[:, 3] - self.corners[:, 0], self.corners[:, 1] - self.corners[:, 0])
         return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
     def lit(self) -> Faces:
-        """The faces with a gain that includes the light of sun and sky on their outer sides."""
+        """The faces with a gain that includes the light of sun and sky on the outer sides."""
         return dataclasses.replace(self, gain=self.gain * sunlight(self.outward()))
 
 
@@ -63,7 +63,7 @@ def sunlight(normal: Array) -> Array:
 
 @dataclass
 class MeshBuilder:
-    """A builder of meshes; corners are clockwise from outside, which defines the outer side for lighting."""
+    """A builder of meshes. Corners are in clockwise order from outside; the order defines the lit side."""
 
     sizes: list[tuple[int, int]]  # texels of each texture, from TextureSet.size
     parts: list[tuple[Array, Array, int, Array]] = field(default_factory=list)
@@ -74,10 +74,10 @@ class MeshBuilder:
         Parameters
         ----------
         corners : (n, 4, 3) or (4, 3), metres.
-        texture : its number.
-        uv : (n, 4, 2) or (4, 2), texture coordinates as shares of the texture, above 1 where it repeats;
-            by default the corners of the texture: lower left, upper left, upper right, lower right.
-        gain : brightness, one or n.
+        texture : number of the texture.
+        uv : (n, 4, 2) or (4, 2), texture coordinates as shares of the texture, above 1 for repetition;
+            default: the corners of the texture (lower left, upper left, upper right, lower right).
+        gain : brightness, a number or (n,).
         """
         quads = np.asarray(corners, float).reshape(-1, 4, 3)
         if uv is None:
@@ -86,7 +86,7 @@ class MeshBuilder:
         self.parts.append((quads, uv, texture, np.broadcast_to(np.asarray(gain, float), len(quads))))
 
     def build(self) -> Faces:
-        """All faces with their texture axes, not yet lit."""
+        """All faces with their texture axes, without lighting."""
         corners = np.concatenate([p[0] for p in self.parts])
         uv = np.concatenate([p[1] * self.sizes[p[2]] for p in self.parts])
         texture = np.concatenate([np.full(len(p[0]), p[2], np.int32) for p in self.parts])
@@ -105,7 +105,7 @@ def prism(base: Array, top: Array) -> Array:
 
 
 def ring(centre: Array, radius: float, count: int) -> Array:
-    """Corners (count, 3) of a horizontal ring, metres, in the order of rising angles."""
+    """Corners (count, 3) of a horizontal ring, metres, in the order of increasing angles."""
     angle = 2 * np.pi * np.arange(count) / count
     return np.asarray(centre + radius * np.stack([np.cos(angle), np.zeros(count), np.sin(angle)], axis=1))
 

@@ -1,7 +1,7 @@
 """Rendering of a world: the face of each pixel, its depth and its brightness.
 
 OpenCV's z-buffer rasteriser gives only the face of a pixel. The intersection of the pixel's ray with the
-face, and its position in the texture, are then computed exactly: 1/Z, s/Z and t/Z are linear in the pixel
+face, and the texture position, are then computed exactly: 1/Z, s/Z and t/Z are linear in the pixel
 coordinates.
 """
 
@@ -38,11 +38,11 @@ ROWS_AT_ONCE = 12  # rows shaded together: they fit into the processor's cache
 
 @dataclass(frozen=True)
 class View:
-    """The view of one camera, before the sensor.
+    """The view of one camera, without the effects of the sensor.
 
     Attributes
     ----------
-    light : (H, W) brightness, 255 is white at an exposure of 1.
+    light : (H, W) brightness; 255 is white for an exposure of 1.
     inverse_depth : (H, W) 1/Z, 1/metre; 0 for the sky.
     instance : (H, W) instance number of the visible object; 0 is street or sky.
     """
@@ -54,12 +54,12 @@ class View:
 
 @dataclass(frozen=True)
 class FaceTable:
-    """F faces seen by one camera; row 0 is the sky.
+    """Shading data of the F faces in the view of one camera; row 0 is the sky.
 
     Attributes
     ----------
-    lines : (9, F) coefficients of (s/Z, t/Z, 1/Z) over (x, y, 1), normalised image points.
-    edges : (F, 4, 3) a point is inside the face where all four products with (x, y, 1) are >= 0.
+    lines : (9, F) coefficients of s/Z, t/Z and 1/Z as linear functions of normalised points (x, y, 1).
+    edges : (F, 4, 3) a point (x, y, 1) is inside a face if its products with all four rows are >= 0.
     texture, instance : (F,) numbers. gain : (F,) brightness.
     """
 
@@ -71,7 +71,7 @@ class FaceTable:
 
 
 class Renderer:
-    """The renderer of the frames of a world."""
+    """Renderer of the frames of a world."""
 
     def __init__(self, world: World):
         self.world = world
@@ -95,7 +95,7 @@ class Renderer:
         return View(light, inverse_depth, table.instance[face_of_pixel])
 
     def _in_sight(self, frame: int, T_c_s: Array) -> tuple[Faces, Array]:
-        """Faces that may be in the picture, street frame, and their corners (F, 4, 3) in the camera frame."""
+        """Faces that may be visible (street frame), and their corners (F, 4, 3) in the camera frame."""
         world = self.world
         eye = -T_c_s[:3, :3].T @ T_c_s[:3, 3]
         away = self._middle - eye
@@ -118,7 +118,7 @@ class Renderer:
         return faces[order], corners[order]
 
     def _in_pyramid(self, middle: Array, radius: Array) -> BoolArray:
-        """Whether balls (N, 3), camera frame, may reach into the pyramid that the picture covers."""
+        """Whether spheres with centres (N, 3), camera frame, may intersect the view frustum."""
         camera = self.camera
         x, y, z = middle.T
         inside = z + radius > NEAR
@@ -129,7 +129,7 @@ class Renderer:
         return np.asarray(inside)
 
     def _shade(self, faces: Int, table: FaceTable) -> tuple[Float32, Float32]:
-        """Brightness and 1/Z of every pixel (H, W), from its face and its place in the face's texture."""
+        """Brightness and 1/Z of every pixel (H, W), from its face and its position in the texture."""
         camera, atlas = self.camera, self.world.atlas
         light = np.empty(faces.shape, np.float32)
         inverse_depth = np.empty(faces.shape, np.float32)
@@ -154,10 +154,10 @@ class Renderer:
     def _texels(
         self, face: Int, table: FaceTable, x: Float32, y: Float32
     ) -> tuple[Places, list[Float32], Float32]:
-        """Positions in the atlas of the values of pixels (h, W).
+        """Positions in the atlas that pixels (h, W) read.
 
-        Returns the positions in the finer and the coarser level and the share of the coarser level, for s and
-        for t; and 1/Z.
+        Returns, for s and for t, the positions in the finer and in the coarser level and the share of the
+        coarser level; and 1/Z.
         """
         atlas, pixel = self.world.atlas, np.float32(1.0 / self.camera.f)
         line = [look_up(coefficients, face) for coefficients in table.lines]
@@ -191,7 +191,7 @@ class Renderer:
 
 
 def look_up(table: NDArray[Number], index: Int) -> NDArray[Number]:
-    """table[index], faster, for indices within the table."""
+    """The values table[index]: faster than NumPy's indexing, for indices within the table."""
     return table.take(index, mode="clip")
 
 
@@ -201,7 +201,7 @@ def rasterise(corners: Array, camera: StereoCamera) -> Int:
     Parameters
     ----------
     corners : (F, 4, 3) faces in the camera frame, metres.
-    camera : its principal point and size set the picture.
+    camera : focal length, principal point and size of the image.
     """
     # The rasteriser drops faces that reach behind the camera, so they are cut here.
     low = corners[:, :, 2].min(axis=1)
@@ -258,8 +258,8 @@ def clip_near(polygon: Array) -> Array:
 def face_table(faces: Faces, corners: Array, T_s_c: Array, sky: int) -> FaceTable:
     """Shading data of the faces for one camera; row 0 is the sky.
 
-    A ray meets the plane n · X = h at 1/Z = n · (x, y, 1) / h. With X = Z (x, y, 1) a texture coordinate
-    s = s0 + a · (X - X0) gives s/Z = (a + (s0 - a · X0) n/h) · (x, y, 1).
+    A ray meets the plane n · X = h at 1/Z = n · (x, y, 1) / h. With X = Z (x, y, 1), the texture coordinate s
+    = s0 + a · (X - X0) gives s/Z = (a + (s0 - a · X0) n/h) · (x, y, 1).
     """
     R_c_s = T_s_c[:3, :3].T
     level = R_c_s @ (0.0, 1.0, 0.0)

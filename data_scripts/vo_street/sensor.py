@@ -21,7 +21,7 @@ SHIFTS = 256  # places along each side where a picture's noise may begin
 
 
 def exposures(config: SceneConfig, times: Array) -> Array:
-    """Exposure (N,) of each frame, with the relative variation of the settings."""
+    """Exposure (N,) of each frame, relative to 1, with the variation of the settings."""
     rng = np.random.default_rng([config.seed, 7])
     wave = smooth_wave(times, rng, 4.0, 15.0)
     return np.asarray(np.exp(np.log1p(config.exposure_change) * wave))
@@ -37,9 +37,9 @@ def photograph(renderer: Renderer, frame: int, right: bool = False) -> tuple[Vie
 def expose(
     light: Float32, config: SceneConfig, exposure: float, frame: int, right: bool
 ) -> NDArray[np.uint8]:
-    """The picture (H, W), 8 bits, of one camera.
+    """The 8-bit image (H, W) of one camera.
 
-    Noise depends on seed, frame and camera alone, so that frames can be drawn in any order.
+    The noise depends only on seed, frame and camera, so frames can be drawn in any order.
     """
     gain = exposure * (1.0 + config.gain_difference * right)
     if config.optics > 0:
@@ -54,13 +54,13 @@ def expose(
 
 @functools.lru_cache(maxsize=2)
 def noise_field(seed: int, height: int, width: int) -> Float32:
-    """White noise of deviation 1, larger than an image; each image uses another part, which saves time."""
+    """White noise of deviation 1, larger than an image, so that each image can use a different part."""
     rng = np.random.default_rng([seed, 10])
     return rng.standard_normal((height + SHIFTS, width + SHIFTS), dtype=np.float32)
 
 
 def smear(world: World, frame: int, view: View, right: bool) -> Float32:
-    """Brightness (H, W) averaged along the way of each pixel while the shutter is open."""
+    """Brightness (H, W) averaged along the motion of each pixel during the exposure."""
     shutter = world.config.shutter * 1e-3
     if shutter <= 0:
         return view.light
@@ -82,8 +82,8 @@ def smear(world: World, frame: int, view: View, right: bool) -> Float32:
 def image_velocity(world: World, frame: int, view: View, right: bool) -> Float32:
     """Image velocity (2, H, W) of each pixel, pixels per second.
 
-    A point X in the camera frame moves with X' = -v - w × X + o, where v and w are the camera's own velocity
-    and turn rate and o the velocity of the object it belongs to.
+    A point X in the camera frame has the velocity X' = -v - w × X + o: v and w are velocity and turn rate of
+    the camera, o is the velocity of the object with the point.
     """
     camera, poses = world.config.camera, world.drive.poses
     first, last = max(frame - 1, 0), min(frame + 1, len(poses) - 1)
@@ -109,7 +109,7 @@ def image_velocity(world: World, frame: int, view: View, right: bool) -> Float32
 
 
 def rotation_vector(R: Array) -> Array:
-    """Axis times angle (3,) of a rotation (3, 3) by less than half a turn, radians."""
+    """Rotation vector (3,), radians, of a rotation (3, 3) by less than 180°."""
     axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sine = float(np.linalg.norm(axis))
     return axis if sine < 1e-9 else axis / sine * float(rotation_angle(R))

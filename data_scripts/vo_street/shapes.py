@@ -1,6 +1,6 @@
-"""Vehicle shapes: each is a side view given width.
+"""Vehicle shapes: side views with a width.
 
-Vehicle frame: x right, y down, z forward; origin on the ground under the middle.
+Vehicle frame: x right, y down, z forward; origin on the ground under the middle of the vehicle.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ PAINTS = (46.0, 105.0, 165.0, 222.0)
 
 @dataclass(frozen=True)
 class Shape:
-    """Side view of a vehicle, metres; z runs from rear to front, heights above the ground.
+    """Side view of a vehicle, metres. z increases from rear to front; heights are above the ground.
 
     Attributes
     ----------
@@ -22,9 +22,9 @@ class Shape:
     body : (z, height) of the upper edge of the lower body, rear to front.
     cabin : (rear base z, rear roof z, front roof z, front base z, base height, roof height) or None.
     wheels : z of the axles.
-    radius : of the wheels.
-    windows : (z0, z1) of side windows painted on a flat side (van, bus, truck), with their height band.
-    band : (low, high) heights of those windows.
+    radius : radius of the wheels.
+    windows : (z0, z1) of each side window painted on a flat side (bus, truck).
+    band : (low, high) heights of the lower and upper edge of the side windows.
     """
 
     kind: int

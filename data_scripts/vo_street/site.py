@@ -1,6 +1,6 @@
-"""The builder of a street: objects at places along the route, and ribbons that follow the route.
+"""The builder of a street: objects at positions along the route, and ribbons that follow the route.
 
-Places on it are given as arc length s and lateral offset, positive to the right of the centre line.
+A position is given as arc length s and lateral offset, positive to the right of the centre line.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ class Profile:
 
     Attributes
     ----------
-    lanes, road, pavement : metres from the centre line to the end of the lanes, of the carriageway, and of
-        the pavement, where the houses may begin.
+    lanes, road, pavement : distances from the centre line to the edge of the lanes, of the carriageway, and
+        of the pavement (the nearest position of houses), metres.
     """
 
     lanes: float
@@ -46,7 +46,7 @@ class Profile:
 
 
 class Site:
-    """Adds faces to a mesh at places on the street; `names` gives texture numbers."""
+    """Builder that adds faces to a mesh at positions on the street; `names` : texture numbers by name."""
 
     def __init__(self, mesh: MeshBuilder, names: dict[str, int], route: Route, config: SceneConfig):
         self.mesh, self.names, self.route, self.config = mesh, names, route, config
@@ -57,21 +57,21 @@ class Site:
         self.rng = np.random.default_rng([config.seed, 4])
 
     def samples(self) -> Array:
-        """Arc lengths at which ribbons along the whole street bend; those along a closed street close."""
+        """Arc lengths of the ends of ribbon segments along the whole street, which may be closed."""
         closing = 0.0 if self.route.lap is None else SEGMENT
         return np.arange(self.first, self.last + closing, SEGMENT)
 
     def add(self, name: str, corners: Array, uv: Array | None = None, gain: float | Array = 1.0) -> None:
-        """Add faces (n, 4, 3) in the street frame; `uv` and `gain` as `MeshBuilder.add` takes them."""
+        """Add faces (n, 4, 3) in the street frame; `uv` and `gain` as in `MeshBuilder.add`."""
         self.mesh.add(corners, self.names[name], uv, gain)
 
     def place(self, shape: Array, s: float, offset: float, turn: float = 0.0, up: float = 0.0) -> Array:
-        """Corners (..., 3) given round the origin, moved to a place on the street, `up` metres above it."""
+        """Corners (..., 3) moved from the origin to a position `up` metres above a point of the street."""
         moved = transform(self.route.pose(s, offset, turn), shape.reshape(-1, 3)) - (0.0, up, 0.0)
         return np.asarray(moved.reshape(shape.shape))
 
     def is_clear(self, corners: Array, distance: float) -> bool:
-        """Whether no corner is nearer to the route than `distance`, so that no bend runs through a house."""
+        """Whether all corners are at least `distance` from the route, so that no bend intersects a house."""
         return bool(self.route.distance(corners.reshape(-1, 3)).min() >= distance)
 
     def ribbon(
@@ -88,12 +88,12 @@ class Site:
 
         Parameters
         ----------
-        name : of the texture; its columns run along, its rows from the first line to the second.
+        name : name of the texture; columns along the route, rows from the first line to the second.
         s : (n,) arc lengths, metres.
-        offset, up : of the first and the second line, one number or n, metres.
-        period : metres along for one repeat of the texture.
-        across : metres for one repeat from line to line; 0: the ribbon is one texture wide.
-        flip : the side that is seen has the first line on its right, not on its left.
+        offset, up : lateral offset and height of the first and of the second line, a number or (n,), metres.
+        period : length of one repeat of the texture along the route, metres.
+        across : width of one repeat of the texture, metres; 0: the ribbon has the width of one texture.
+        flip : whether the visible side has the first line on the right instead of on the left.
         """
         left, right = (np.broadcast_to(value, s.shape).astype(float) for value in offset)
         a, b = self.route.point(s, left, up[0]), self.route.point(s, right, up[1])

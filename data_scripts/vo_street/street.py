@@ -72,7 +72,7 @@ def paint_city(store: TextureSet, rng: Rng) -> None:
 
 
 def build_ground(site: Site) -> None:
-    """Road, kerbs, pavements, lawns, and flat land up to the woods on the horizon."""
+    """Ground: road, kerbs, pavements, lawns, and flat land up to the woods on the horizon."""
     road, out = site.profile.road, site.profile.pavement
     for start in np.arange(np.floor(site.first / TILE) * TILE, site.last, TILE):
         s = start + np.arange(0.0, TILE + 0.1, SEGMENT)
@@ -97,7 +97,7 @@ def build_ground(site: Site) -> None:
 
 
 def _build_woods(site: Site, middle: Array, radius: float) -> None:
-    """A ring of woods with an uneven top, seen from inside."""
+    """A ring of woods with an uneven top, visible from inside."""
     count = 240
     base = ring(middle + np.array([0.0, 0.3, 0.0]), radius, count)
     height = 14.0 + 7.0 * np.abs(fractal(site.rng, 8, 256, 1.0)[0, :count])
@@ -109,12 +109,12 @@ def _build_woods(site: Site, middle: Array, radius: float) -> None:
 
 
 def _ordered(a: Array | float, b: Array | float) -> tuple[Array | float, Array | float]:
-    """The two lines with the left one first, so that a horizontal ribbon is visible from above."""
+    """The two lines, the left line first, so that a horizontal ribbon is visible from above."""
     return (a, b) if np.all(np.asarray(a) <= b) else (b, a)
 
 
 def _strongest_curvature(site: Site, s: Array) -> Array:
-    """The strongest curvature within 25 m of s (n,), signed, 1/metre."""
+    """The signed curvature (n,), 1/metre, with the largest magnitude within 25 m of s (n,)."""
     near = s + np.arange(-25.0, 26.0, 5.0)[:, None]
     around = np.interp(near, site.route.s, site.route.curvature)
     return np.asarray(np.take_along_axis(around, np.abs(around).argmax(axis=0)[None], axis=0)[0])
@@ -142,7 +142,7 @@ def build_highway(site: Site) -> None:
 
 
 def add_barrier(site: Site, offset: float) -> None:
-    """A crash barrier along the whole street: a beam on posts, seen from both sides."""
+    """A crash barrier along the whole street: a beam on posts, visible from both sides."""
     for flip in (False, True):
         site.ribbon("rail", site.samples(), (offset, offset), (0.75, 0.42), 8.0, flip=flip)
     for s in np.arange(site.first, site.last, 4.0):
@@ -150,7 +150,7 @@ def add_barrier(site: Site, offset: float) -> None:
 
 
 def add_noise_barrier(site: Site, first: float, offset: float) -> None:
-    """60 m of concrete wall, 3 m high."""
+    """A concrete wall, 60 m long and 3 m high."""
     s = np.arange(first, min(first + 60.0, site.last), SEGMENT)
     site.ribbon("concrete", s, (offset, offset), (3.2, 0.0), 8.0, flip=offset > 0)
 

@@ -15,9 +15,9 @@ Rng = np.random.Generator
 
 
 def fractal(rng: Rng, rows: int, columns: int, slope: float, coarsest: float = 1.0) -> Image:
-    """Noise of mean 0 and deviation 1 that repeats, its amplitude falling as frequency ** -slope.
+    """Periodic noise of mean 0 and deviation 1 with an amplitude proportional to frequency ** -slope.
 
-    `coarsest` is the lowest frequency left in, in waves across the texture.
+    `coarsest` is the lowest frequency in the noise, in waves across the texture.
     """
     white = rng.standard_normal((rows, columns), dtype=np.float32)
     fy = np.float32(max(rows, columns)) * np.fft.fftfreq(rows)[:, None].astype(np.float32)
@@ -30,9 +30,9 @@ def fractal(rng: Rng, rows: int, columns: int, slope: float, coarsest: float = 1
 
 
 def without_stripes(image: Image) -> Image:
-    """The texture with all its rows and columns brought to the same mean.
+    """The texture with equal means of all rows and columns.
 
-    On a plain with a repeated texture, a darker row would be visible as a line to the vanishing point.
+    On a plane with a repeated texture, a dark row would be visible as a line to the vanishing point.
     """
     mean = image.mean()
     image = image - (image.mean(axis=1, keepdims=True) - mean)
@@ -40,14 +40,14 @@ def without_stripes(image: Image) -> Image:
 
 
 def plain(grey: float, rows: int, columns: int, rng: Rng, rough: float = 4.0) -> Image:
-    """A surface of one grey with dirt at large scale and grain at small."""
+    """A surface of one grey value with dirt at a large scale and grain at a small scale."""
     dirt = fractal(rng, rows, columns, 1.4)
     grain = fractal(rng, rows, columns, 0.2, 8.0)
     return np.asarray(grey + rough * dirt + 0.6 * rough * grain, np.float32)
 
 
 def smeared(image: Image, length: int) -> Image:
-    """The texture averaged downwards: furrows, and the streaks of rain."""
+    """The texture averaged along columns: furrows, or streaks of rain."""
     return np.asarray(cv2.blur(image, (1, length), borderType=cv2.BORDER_REFLECT), np.float32)
 
 
@@ -72,12 +72,12 @@ def blend(image: Image, mask: Image, grey: Image | float) -> None:
 
 
 def asphalt(rng: Rng, lanes: int, width: float, length: float, solid_centre: bool) -> Image:
-    """One stretch of road, rows across from left to right, columns along; repeats along.
+    """A stretch of road with rows from left to right and columns along the road; repeats along the road.
 
     Parameters
     ----------
-    lanes : in each direction. width, length : of the stretch, metres.
-    solid_centre : the line in the middle is not broken.
+    lanes : number of lanes per direction. width, length : size of the stretch, metres.
+    solid_centre : whether the centre line is solid.
     """
     rows, columns = 1024, 1024
     per_m = np.array([columns / length, rows / width])
@@ -123,7 +123,7 @@ def _crack(image: Image, rng: Rng, per_m: Array, width: float, length: float) ->
 
 
 def _manhole(image: Image, at: Array, per_m: Array) -> None:
-    """A cover of 64 cm with a ribbed lid."""
+    """A manhole cover with ribs, 64 cm in diameter."""
     x, y = np.rint(at).astype(int).tolist()
     a, b = np.rint(0.32 * per_m).astype(int).tolist()
     cv2.ellipse(image, (x, y), (a, b), 0, 0, 360, 62.0, -1)
@@ -134,7 +134,7 @@ def _manhole(image: Image, at: Array, per_m: Array) -> None:
 
 
 def slabs(rng: Rng) -> Image:
-    """Pavement slabs with different grey values; repeats along."""
+    """Pavement slabs with different grey values; repeats along the pavement."""
     image = plain(138.0, 256, 512, rng, 4.0)
     ys, xs = np.linspace(0, 256, 6), np.linspace(0, 512, 11)
     for y0, y1 in itertools.pairwise(ys.astype(int)):
@@ -146,7 +146,7 @@ def slabs(rng: Rng) -> Image:
 
 
 def kerb(rng: Rng) -> Image:
-    """Kerb stones, seen from the road; repeats along."""
+    """Kerb stones in the view from the road; repeats along the kerb."""
     image = plain(160.0, 16, 256, rng, 6.0)
     for k in range(4):
         image[:, 64 * k : 64 * k + 2] = 80.0
@@ -155,13 +155,13 @@ def kerb(rng: Rng) -> Image:
 
 
 def grass(rng: Rng) -> Image:
-    """Lawn: blades and clumps; repeats both ways."""
+    """Lawn: blades and clumps; repeats along both axes."""
     image = 92.0 + 13.0 * fractal(rng, 512, 512, 0.9) + 12.0 * fractal(rng, 512, 512, 0.1, 24.0)
     return without_stripes(np.clip(image, 25, 190))
 
 
 def leaves(rng: Rng, size: int = 256, mean: float = 78.0, count: int = 1400) -> Image:
-    """Foliage: overlapping leaves from dark to light; repeats both ways."""
+    """Foliage: overlapping leaves from dark to light; repeats along both axes."""
     image = np.asarray(mean * 0.55 + 10.0 * fractal(rng, size, size, 1.0), np.float32)
     for k in range(count):
         x, y = rng.integers(0, size, 2)
@@ -176,13 +176,13 @@ def leaves(rng: Rng, size: int = 256, mean: float = 78.0, count: int = 1400) -> 
 
 
 def bark(rng: Rng) -> Image:
-    """Tree bark: furrows along the trunk; repeats round it."""
+    """Tree bark: furrows along the trunk; repeats round the trunk."""
     noise = fractal(rng, 256, 64, 0.7)
     return np.asarray(72.0 + 20.0 * smeared(noise, 9) + 6 * noise, np.float32)
 
 
 def boards(rng: Rng, count: int, grey: float, gap: int = 4) -> Image:
-    """A board fence, dark between the boards; repeats along."""
+    """A board fence, dark between the boards; repeats along the fence."""
     image = plain(grey, 128, 512, rng, 5.0)
     wide = 512 // count
     for k in range(count):
@@ -210,14 +210,14 @@ def masonry(
 
 
 def roof_tiles(rng: Rng, grey: float) -> Image:
-    """Rows of roof tiles with moss; repeats along."""
+    """Rows of roof tiles with moss; repeats along the rows."""
     image = masonry(rng, 256, 512, 16, 16, grey, 9.0, grey * 0.55)
     y = np.arange(256)[:, None] % 16
     return np.asarray(image * (0.82 + 0.022 * y) + 9.0 * fractal(rng, 256, 512, 1.2), np.float32)
 
 
 def concrete(rng: Rng) -> Image:
-    """A concrete wall cast in panels; repeats along."""
+    """A concrete wall of panels; repeats along the wall."""
     image = plain(150.0, 256, 512, rng, 7.0)
     for x in range(0, 512, 128):
         image[:, x : x + 3] = 92.0
@@ -229,7 +229,7 @@ def concrete(rng: Rng) -> Image:
 
 
 def rail(rng: Rng) -> Image:
-    """A crash barrier's beam: two waves of light, bolts at every post; repeats along."""
+    """A crash barrier's beam: two bright waves, bolts at every post; repeats along the beam."""
     y = np.linspace(0, 2 * np.pi, 32)[:, None]
     image = 150.0 + 45.0 * np.sin(y + 0.6) + plain(0.0, 32, 512, rng, 4.0)
     image[:2], image[-2:] = 80.0, 70.0
@@ -240,7 +240,7 @@ def rail(rng: Rng) -> Image:
 
 
 def sign(rng: Rng, kind: int) -> Image:
-    """A traffic sign's face: 0 limit, 1 warning, 2 crossing, 3 name of a place, 4 chevrons, 5 direction."""
+    """Face of a traffic sign: 0 speed limit, 1 warning, 2 crossing, 3 place name, 4 chevrons, 5 direction."""
     image = np.full((128, 128), 150.0, np.float32)
     dark, light = 40.0, 235.0
     if kind == 0:
@@ -275,6 +275,6 @@ def sign(rng: Rng, kind: int) -> Image:
 
 
 def clouds(rng: Rng) -> Image:
-    """Sky from below: soft clouds on a bright ground; repeats both ways."""
+    """Sky from below: soft clouds on a bright background; repeats along both axes."""
     cover = fractal(rng, 1024, 1024, 1.7, 2.0)
     return without_stripes(196.0 + 46.0 * np.clip(cover, -0.6, 1.4) / 1.4)

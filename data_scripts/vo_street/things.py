@@ -11,7 +11,7 @@ from .site import KERB, Site
 
 
 def add_tree(site: Site, s: float, offset: float, size: float = 1.0) -> None:
-    """A trunk and a crown of a few rough balls, unless the tree would be on the road."""
+    """A tree with a trunk and a crown of a few rough balls; no tree is added on the road."""
     rng = site.rng
     tall = float(rng.uniform(2.4, 3.4)) * size
     foot = site.route.point(s, offset)
@@ -25,7 +25,7 @@ def add_tree(site: Site, s: float, offset: float, size: float = 1.0) -> None:
 
 
 def add_leaves(site: Site, centre: Array, radius: float, gain: float) -> None:
-    """A rough ball of leaves: triangles, 6 faces round and 4 down."""
+    """A rough ball of leaves: triangles in 4 rings of 6 faces."""
     around, down = 6, 4
     lat = np.linspace(-np.pi / 2, np.pi / 2, down + 1)[:, None]
     lon = 2 * np.pi * (np.arange(around) + 0.5 * (np.arange(down + 1) % 2)[:, None]) / around
@@ -50,7 +50,7 @@ def add_leaves(site: Site, centre: Array, radius: float, gain: float) -> None:
 
 
 def add_pole(site: Site, foot: Array, height: float, radius: float) -> None:
-    """An upright post of six sides, metres."""
+    """An upright post with six sides, metres."""
     site.add("pole", prism(ring(foot, radius, 6), ring(foot - (0, height, 0), 0.8 * radius, 6)))
 
 
@@ -80,6 +80,6 @@ def add_bollards(site: Site, s: float, offset: float) -> None:
 
 
 def two_sides(half: float, low: float, high: float, z: float) -> tuple[Array, Array]:
-    """Front and back (4, 3) of a board `half` metres to either side, from low to high above the origin."""
+    """Front and back (4, 3) of a board of width 2 · `half`, at heights from `low` to `high`, metres."""
     front = np.array([[-half, -low, z], [-half, -high, z], [half, -high, z], [half, -low, z]])
     return front, front[::-1] + np.array([0.0, 0.0, 0.04])

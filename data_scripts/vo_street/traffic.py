@@ -1,4 +1,4 @@
-"""Vehicles on the street: parked, ahead, oncoming, overtaking; each with its exact motion."""
+"""Vehicles on the street (parked, ahead, oncoming, overtaking) and their exact motion."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .vehicles import Model
 
 @dataclass(frozen=True)
 class Vehicle:
-    """One vehicle over the whole drive.
+    """A vehicle and its poses during the whole drive.
 
     Attributes
     ----------
-    model : its shape and paint.
+    model : shape and paint of the vehicle.
     poses : (N, 4, 4) pose in the street frame, T_s_o.
     gain : brightness.
     """
@@ -37,7 +37,7 @@ class Vehicle:
 
 
 class Traffic:
-    """The builder of traffic; `vehicles` has all vehicles, moving ones first."""
+    """The builder of traffic; `vehicles` has all vehicles, moving vehicles first."""
 
     def __init__(self, config: SceneConfig, route: Route, drive: Drive, models: list[Model]):
         self.config, self.route, self.drive = config, route, drive
@@ -47,17 +47,17 @@ class Traffic:
         self.vehicles: list[Vehicle] = []
 
     def pick(self, large: float = 0.0) -> Model:
-        """A random model; with the probability `large` a truck or a bus."""
+        """A random model; a truck or a bus with probability `large`."""
         pool = self.large if self.rng.random() < large else self.cars
         return pool[int(self.rng.integers(len(pool)))]
 
     def add(self, model: Model, s: Array, offset: float, turn: float = 0.0) -> None:
-        """A vehicle at arc lengths s (N,), metres, `offset` to the right, turned by `turn` radians."""
+        """A vehicle at arc lengths s (N,) and `offset` to the right, metres, turned by `turn` radians."""
         poses = self.route.pose(s, offset, turn)
         self.vehicles.append(Vehicle(model, poses, float(self.rng.uniform(0.9, 1.1))))
 
     def ahead(self) -> None:
-        """Vehicles that drive in front of the camera: each passes a place a little sooner than the next."""
+        """Vehicles that drive in front of the camera: each is a short time ahead of the next vehicle."""
         config, rng, times = self.config, self.rng, self.drive.times
         trucks = [m for m in self.large if m.shape.kind == TRUCK]
         clear = 0.0
@@ -87,7 +87,7 @@ class Traffic:
             at += spacing * float(rng.uniform(1.0, 1.6)) + model.shape.length / faster
 
     def oncoming(self) -> None:
-        """Vehicles in the lanes of the other direction, all at the same steady speed."""
+        """Vehicles in the lanes of the other direction, all at the same constant speed."""
         config, rng, times = self.config, self.rng, self.drive.times
         if not config.oncoming:
             return
@@ -128,7 +128,7 @@ class Traffic:
 
 
 def make_traffic(config: SceneConfig, route: Route, drive: Drive, models: list[Model]) -> list[Vehicle]:
-    """All vehicles of a scene; moving ones first."""
+    """All vehicles of a scene, moving vehicles first."""
     traffic = Traffic(config, route, drive, models)
     traffic.ahead()
     traffic.overtaking()

@@ -1,8 +1,8 @@
 """Files of the truth: depth, instances, objects and labels, and their formats.
 
-Depth is a 16-bit PNG of codes: 0 for the sky, else 1 + 65534 · ln(z / 0.25 m) / ln(3000 m / 0.25 m),
-rounded; a step is 1.4e-4 of the depth. Instances are a PNG of 8 bits, or 16 where there are many: 0 for
-street and sky, k + 1 for vehicle k, K + k + 1 for the shadow under it.
+Depth is a 16-bit PNG with the rounded code 1 + 65534 · ln(z / 0.25 m) / ln(3000 m / 0.25 m), or 0 for the
+sky; a code step is 1.4e-4 of the depth. Instances are a PNG of 8 bits (16 for many instances): 0 for street
+and sky, k + 1 for vehicle k, K + k + 1 for its shadow.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MIN_PIXELS, MIN_HEIGHT, MIN_SHARE = 100, 12, 0.2
 
 
 def encode_depth(inverse_depth: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Depth codes (H, W) of 1/Z (H, W), 1/metre; 0 means sky."""
+    """Depth codes (H, W) of 1/Z (H, W) in 1/metre; code 0 is the sky."""
     visible = inverse_depth > 0
     z = 1.0 / np.where(visible, inverse_depth, 1.0)
     share = np.log(np.clip(z, MIN_CODED_DEPTH_M, MAX_CODED_DEPTH_M) / MIN_CODED_DEPTH_M) / LOG_DEPTH_RANGE
@@ -35,14 +35,14 @@ def encode_depth(inverse_depth: NDArray[np.float32]) -> NDArray[np.uint16]:
 
 
 def decode_depth(code: NDArray[np.uint16]) -> Array:
-    """Depth (H, W), metres, of its codes; infinite for the sky."""
+    """Depth (H, W), metres, of depth codes (H, W); infinite for the sky."""
     z = MIN_CODED_DEPTH_M * np.exp((code.astype(np.float64) - 1.0) / 65534.0 * LOG_DEPTH_RANGE)
     return np.asarray(np.where(code > 0, z, np.inf))
 
 
 @dataclass(frozen=True)
 class Box:
-    """A vehicle's visible part in the left image: pixel borders, the right and lower ones included."""
+    """Box of a vehicle's visible part in the left image, pixels, with right column and bottom row."""
 
     vehicle: int
     kind: int
@@ -68,8 +68,8 @@ def visible_boxes(
 ) -> list[Box]:
     """Boxes around the visible part of each vehicle in the left image.
 
-    A vehicle is skipped if fewer than `min_pixels` of it are visible, if its box is lower than `min_height`
-    pixels, or if less than `MIN_SHARE` of its outline within the image is visible.
+    A vehicle is skipped if it has fewer than `min_pixels` visible pixels, if the height of its box is under
+    `min_height` pixels, or if less than `MIN_SHARE` of its outline within the image is visible.
     """
     count = len(world.vehicles)
     boxes = []
@@ -89,7 +89,7 @@ def visible_boxes(
 
 
 def outline_area(world: World, vehicle: int, frame: int) -> float:
-    """Number of pixels inside the convex outline of a vehicle in the left image, hidden or not."""
+    """Number of pixels inside the convex outline of a vehicle in the left image, hidden pixels included."""
     camera = world.config.camera
     one = world.vehicles[vehicle]
     T_c_o = inverse(world.drive.poses[frame]) @ one.poses[frame]

@@ -15,7 +15,7 @@ SEAM = 0.5  # brightness of the gaps round doors, as a share of the paint
 
 
 def paint_wheel(rng: Rng) -> Image:
-    """Tyre, rim and spokes."""
+    """Texture of a wheel: tyre, rim and spokes."""
     image = np.full((128, 128), 30.0, np.float32)
     cv2.circle(image, (64, 64), 44, 175.0, -1, cv2.LINE_AA)
     for k in range(5):
@@ -30,7 +30,7 @@ def paint_wheel(rng: Rng) -> Image:
 
 
 class _Canvas:
-    """A picture drawn in metres, at twice its final size."""
+    """A picture that is drawn in metres at twice its final resolution."""
 
     def __init__(self, rows: int, columns: int, width: float, height: float, grey: float):
         self.image: Image = np.full((2 * rows, 2 * columns), grey, np.float32)
@@ -38,7 +38,7 @@ class _Canvas:
         self.width, self.height = width, height
 
     def at(self, points: object) -> NDArray[np.int32]:
-        """Texels of points (horizontal from the left, height above the ground), metres."""
+        """Texels of points (distance from the left edge, height above the ground), metres."""
         p = np.asarray(points, float).reshape(-1, 2)
         texels = np.stack([p[:, 0], self.height - p[:, 1]], axis=1) * self.scale
         return np.asarray(np.rint(texels), np.int32)
@@ -50,7 +50,7 @@ class _Canvas:
         self.fill([[x0, h0], [x0, h1], [x1, h1], [x1, h0]], grey)
 
     def pair(self, x0: float, h0: float, x1: float, h1: float, grey: float) -> None:
-        """A rectangle on the left, and its mirror image on the right."""
+        """Draw a rectangle on the left and its mirror image on the right."""
         self.rect(x0, h0, x1, h1, grey)
         self.rect(self.width - x1, h0, self.width - x0, h1, grey)
 
@@ -70,7 +70,7 @@ class _Canvas:
 
 
 def paint_vehicle(shape: Shape, paint: float, rng: Rng) -> dict[str, Image]:
-    """The views of a vehicle in one paint, by the names in `VIEWS`."""
+    """The views of a vehicle in one colour, by the names in `VIEWS`."""
     end = _paint_car_end if shape.cabin else _paint_large_end
     return {
         "right": _paint_side(shape, paint, rng, mirror=False),
@@ -82,7 +82,7 @@ def paint_vehicle(shape: Shape, paint: float, rng: Rng) -> dict[str, Image]:
 
 
 def _paint_side(shape: Shape, paint: float, rng: Rng, mirror: bool) -> Image:
-    """Side view, the front at the right; `mirror` turns it round, but never the lettering."""
+    """Side view with the front on the right; `mirror` flips the picture, but not the lettering."""
     c = _Canvas(128, 512, shape.length, shape.height, paint)
     mid = shape.length / 2
     if shape.cabin:

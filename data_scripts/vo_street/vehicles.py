@@ -18,7 +18,7 @@ from .vehicle_paint import VIEWS, paint_vehicle, paint_wheel
 
 @dataclass(frozen=True)
 class Model:
-    """A vehicle ready to be placed: its faces in the vehicle frame, and its shadow's on the ground."""
+    """A vehicle model: faces of the vehicle in the vehicle frame, and faces of the shadow on the ground."""
 
     name: str
     shape: Shape
@@ -51,12 +51,12 @@ def make_models(textures: TextureSet, rng: Rng, names: tuple[str, ...]) -> list[
 
 
 def _build(mesh: MeshBuilder, shape: Shape, views: list[int], dark: int, wheel: int, lamp: int) -> None:
-    """Faces of one vehicle; every painted face takes its picture from a view along an axis."""
+    """Faces of one vehicle; the texture of a painted face is a view along an axis."""
     right_side, left_side, front, rear, top = views
     half, length, height = shape.width / 2, shape.length, shape.height
 
     def project(corners: Array, view: int) -> Array:
-        """Share of the view's picture at each corner."""
+        """Texture coordinates of each corner, as shares of the view's picture."""
         x, y, z = corners[..., 0], -corners[..., 1], corners[..., 2]
         if view in (right_side, left_side):
             along = z / length if view == right_side else -z / length
@@ -66,7 +66,7 @@ def _build(mesh: MeshBuilder, shape: Shape, views: list[int], dark: int, wheel: 
         return np.stack([(x if view == rear else -x) / shape.width + 0.5, 1.0 - y / height], axis=-1)
 
     def strip(z0: float, h0: float, z1: float, h1: float, w0: float, w1: float) -> None:
-        """Across the vehicle, from (z0, h0) to (z1, h1) of the side view."""
+        """A face across the whole width of the vehicle, from (z0, h0) to (z1, h1) in the side view."""
         corners = np.array([[-w0, -h0, z0], [-w1, -h1, z1], [w1, -h1, z1], [w0, -h0, z0]])
         steep = abs(h1 - h0) > 0.35 * abs(z1 - z0)
         view = top if not steep else (rear if h1 > h0 else front)

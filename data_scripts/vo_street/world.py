@@ -23,7 +23,7 @@ from .vehicles import make_models
 
 
 def make_shade(config: SceneConfig, route: Route) -> Array:
-    """Light (M,) along the route, 1 in the open: 10 to 40 m as dark as under a bridge, with soft ends."""
+    """Light (M,) along the route: 1, and less in dark stretches of 10 to 40 m with soft ends."""
     rng = np.random.default_rng([config.seed, 9])
     light = np.ones_like(route.s)
     at = 10.0
@@ -37,7 +37,7 @@ def make_shade(config: SceneConfig, route: Route) -> Array:
 
 
 def light_at(light: Array, route: Route, points: Array) -> Array:
-    """Light (N,) at points (N, 3) in the street frame, from the light along the route."""
+    """Light (N,) at points (N, 3) in the street frame: the light at the nearest sample of the route."""
     if light.min() == 1.0:
         return np.ones(len(points))
     line = np.stack([route.x, route.z], axis=1)[::8]
@@ -53,10 +53,10 @@ class World:
     ----------
     config : the scene's settings.
     route, drive : the street's centre line and the camera's path.
-    atlas : all textures; `sky` is the number of the clouds.
-    still : faces that never move: street and parked vehicles, street frame.
-    vehicles : all K vehicles; vehicle k has instance number k + 1, its shadow K + k + 1.
-    shade : (M,) light along the samples of the route, 1 in the open.
+    atlas : all textures. sky : number of the texture of the clouds.
+    still : faces without motion (street and parked vehicles), street frame.
+    vehicles : all K vehicles. Vehicle k has instance number k + 1, and its shadow has K + k + 1.
+    shade : (M,) light at the samples of the route; 1 outside dark stretches.
     """
 
     config: SceneConfig
@@ -74,7 +74,7 @@ class World:
         return np.asarray(inverse(self.drive.poses[0]) @ self.drive.poses)
 
     def vehicles_near(self, frame: int, reach: float = 200.0) -> list[int]:
-        """Vehicles near the camera that are not part of `still`."""
+        """Numbers of the vehicles near the camera that are not part of `still`."""
         eye = self.drive.poses[frame][:3, 3]
         return [
             k
@@ -83,16 +83,16 @@ class World:
         ]
 
     def placed(self, k: int, frame: int) -> Faces:
-        """Faces of vehicle k and its shadow where they are in a frame."""
+        """Faces of vehicle k and of its shadow at their positions in a frame."""
         faces = place_vehicle(self.vehicles[k], k + 1, len(self.vehicles) + k + 1, frame)
         shade = light_at(self.shade, self.route, self.vehicles[k].poses[frame, :3, 3][None])
         return dataclasses.replace(faces, gain=faces.gain * shade)
 
 
 def place_vehicle(vehicle: Vehicle, instance: int, shadow: int, frame: int) -> Faces:
-    """A vehicle's faces and its shadow's in the street frame.
+    """Faces of a vehicle and of its shadow in the street frame.
 
-    The light is that of the middle of the drive, so that a surface keeps its brightness while it moves.
+    The vehicle has the light of the middle of the drive, so that its brightness does not change.
     """
     parts = []
     for faces, number in ((vehicle.model.faces, instance), (vehicle.model.shadow, shadow)):
@@ -124,7 +124,7 @@ def make_world(config: SceneConfig) -> World:
 
 
 def _vehicles_needed(config: SceneConfig) -> tuple[str, ...]:
-    """Names of the shapes a scene uses; painting the others would only cost time."""
+    """Names of the vehicle shapes of a scene; only these shapes are painted."""
     moving = config.ahead or config.oncoming or config.overtaking
     if moving:
         return tuple(SHAPES)
