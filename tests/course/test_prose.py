@@ -156,7 +156,7 @@ def test_the_lorry_wins_the_vote_and_the_street_wins_it_again(seen: Seen) -> Non
     assert said == [5, 0.3, 0.5]
     assert now["error, all features"] < street
     assert before["error, all features"] > lost
-    text = r"share of ([.\d]+), move the lorry to a \*distance\* of (\d+) m: the street wins again"
+    text = r"share of ([.\d]+), set the \*distance\* of the lorry to (\d+) m: the street wins again"
     near, _, said = seen("05", text, view__share=0.7)
     far, _, _ = seen("05", text, view__share=0.7, view__distance=10.0)
     assert said == [0.7, 10]
@@ -164,20 +164,20 @@ def test_the_lorry_wins_the_vote_and_the_street_wins_it_again(seen: Seen) -> Non
     assert far["error, all features"] < street
     assert far["after the buckets"] < 0.5 * far["on the lorry"]
     assert near["error, box removed"] == before["error, box removed"]
-    text = r"is the same at every share, but at 5 m larger than at (\d+) m"
+    text = r"is the same at every share\. At 5 m it is larger than at (\d+) m"
     far, _, said = seen("05", text, view__distance=15.0)
     assert said == [15]
     assert 2 * far["error, box removed"] < near["error, box removed"]
 
 
 def test_made_up_errors_have_the_size_that_is_said(seen: Seen) -> None:
-    text = r"TE is (\d), whatever the length, and RE is (\d)\. With sim3, ATE is nearly 0"
+    text = r"TE is (\d) % for every length, and RE is (\d)\. With sim3, ATE is nearly 0"
     now, _, said = seen("06", text, **NONE_MADE_UP | {"view__scale": 2.0, "view__alignment": "sim3"})
     assert said == [round(now["TE"], 1), round(now["RE"], 1)]
     assert now["ATE"] < 0.01
     text = r"\*Noise\* of (\d+) mm alone: RPE is (\d+) mm a frame, TE ([.\d]+) %"
     now, _, said = seen("06", text, **NONE_MADE_UP | {"view__noise": 50.0})
     assert said == [50, round(now["RPE"]), round(now["TE"], 2)]
-    text = r"\*Jitter\* of ([.\d]+)° alone: RPE is ([.\d]+) mm, and TE is ([.\d]+) %"
+    text = r"\*Jitter\* of ([.\d]+)° alone: RPE is ([.\d]+) mm, but TE is ([.\d]+) %"
     now, _, said = seen("06", text, **NONE_MADE_UP | {"view__jitter": 0.1})
     assert said == [0.1, round(now["RPE"], 2), round(now["TE"], 2)]
