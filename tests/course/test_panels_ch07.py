@@ -100,10 +100,10 @@ def test_a_printed_number_is_reproduced_within_the_spread_of_the_seeds_alone(tmp
     te, re = ({row[0]: row for row in table.rows} for table in verdicts(tmp_path, paper))
     assert te["04 VISO2"][1:] == ["1.02", "1.040", "+0.02", "0.027", "reproduced"]
     assert re["04 VISO2"][-1] == "not reproduced"
-    assert te["04 MESVO_F"][-1] == "cannot be told: fewer than three seeds"
-    assert te["00 VISO2"][2:] == ["–", "–", "–", "cannot be told: part of the sequence"]
+    assert te["04 MESVO_F"][-1] == "no verdict: fewer than three seeds"
+    assert te["00 VISO2"][2:] == ["–", "–", "–", "no verdict: part of the sequence"]
     assert set(te) == {"04 VISO2", "04 MESVO_F", "00 VISO2", "04 Feature selection"}
-    assert te["04 Feature selection"][-1] == "cannot be told: no boxes"
+    assert te["04 Feature selection"][-1] == "no verdict: no boxes"
 
 
 def test_the_page_of_results_has_other_systems_on_the_same_frames() -> None:

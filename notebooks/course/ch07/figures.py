@@ -74,9 +74,9 @@ def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
         for row, method in itertools.product(table1.PAPER_ROWS, table1.PAPER_METHODS):
             ours = published.get((row if row == table1.AVERAGE else f"{KITTI}{row}", method), {})
             printed = paper.value(row, method)[kind == "re_deg_per_100m"]
-            cells, verdict = [number(printed, digits), *"–––"], "cannot be told: not run"
+            cells, verdict = [number(printed, digits), *"–––"], "no verdict: not run"
             if ours and not ours[f"paper_{kind}"]:
-                verdict = "cannot be told: part of the sequence"
+                verdict = "no verdict: part of the sequence"
             elif ours:
                 n, deviation = int(ours["seeds"]), float(ours[f"{kind}_std"] or "nan")
                 less = float(ours[kind]) - float(printed or "nan")
@@ -84,9 +84,9 @@ def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
                 cells[1:] = number(float(ours[kind])), signed(less, digits), number(most)
                 verdict = "reproduced" if abs(less) <= most else "not reproduced"
                 if n < FEWEST:
-                    verdict = "cannot be told: fewer than three seeds"
+                    verdict = "no verdict: fewer than three seeds"
                 elif method == table1.PROPOSAL and float(ours["removed_share"] or "nan") == 0.0:
-                    verdict = "cannot be told: no boxes"
+                    verdict = "no verdict: no boxes"
             if ours:
                 rows.append([f"{row} {table1.PRINTED_NAMES[method]}", *cells, verdict])
             counts[verdict] += printed is not None
