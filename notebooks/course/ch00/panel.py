@@ -88,8 +88,8 @@ class StartPanel(Panel):
         words = "right image: the same row", "disparity: bright is near, grey was not found"
         below = beside(right, disparity_picture(coarse, largest), *words)
         whole = caption(photo(left, WIDTH, LEFT_HEIGHT), f"left image, frame {frame}")
-        known = truth(sequence)
-        true_depth = float("nan") if known is None else float(true_depths(known, frame)[v, u])
+        ground_truth = truth(sequence)
+        true_depth = float("nan") if ground_truth is None else float(true_depths(ground_truth, frame)[v, u])
         sentence = (
             f"The point ({u}, {v}) of the left image is {d:.1f} px further left in the right image, in the "
             f"same row. Its depth is Z = f b / d = {camera.f:.1f} px × {camera.baseline:.3f} m / {d:.1f} px "
@@ -113,10 +113,10 @@ class Watched(Sequence):
     vehicles: tuple[int, ...] = field(default=(), kw_only=True)
 
     def boxes(self, index: int) -> Boxes:
-        known, boxes = truth(self), super().boxes(index)
-        assert known is not None
+        ground_truth, boxes = truth(self), super().boxes(index)
+        assert ground_truth is not None
         corners = np.rint(boxes.xyxy).astype(int)
-        at_middle = known.vehicle_at(int(self.frames[index]), (corners[:, :2] + corners[:, 2:]) / 2)
+        at_middle = ground_truth.vehicle_at(int(self.frames[index]), (corners[:, :2] + corners[:, 2:]) / 2)
         return boxes[np.isin(at_middle, self.vehicles)]
 
 
@@ -182,19 +182,19 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     matches = match_image(image, points.matches, everything, no_boxes())
 
     sets = draw_sets(np.random.default_rng(0), len(points.x_p), config.selection.sets)
-    found = five_point(points.x_p[sets], points.x_c[sets])
+    candidates = five_point(points.x_p[sets], points.x_c[sets])
     polynomial, (axis,) = figure(220)
     five = draw_sets(np.random.default_rng(1044), len(points.x_p), 1)[0]  # the set of chapter 2
     polynomial_chart(axis, *polynomial_of(points.x_p[five], points.x_c[five]))
 
     e_prev = previous_vector(sequence, frame, config)
     R_true = None if points.T_cp is None else points.T_cp[:3, :3]
-    candidates = field_of(found, points, e_prev, R_true, config.selection, focal)
-    R_cp, _, inliers = motion_of(found.E[candidates.selected], points, config.selection, focal)
+    candidate_field = field_of(candidates, points, e_prev, R_true, config.selection, focal)
+    R_cp, _, inliers = motion_of(candidates.E[candidate_field.selected], points, config.selection, focal)
     return {
         "matches": caption(photo(matches), words),
         "polynomial": polynomial,
-        "selection": field_figure(candidates),
+        "selection": field_figure(candidate_field),
         "residuals": residual_picture(image, points.matches, R_cp, inliers, sequence.camera),
     }
 

@@ -66,17 +66,17 @@ def chains() -> list[Case]:
 
 def follow(*steps: Index) -> tuple[Index, Any]:
     """The end of each feature's chain of matches, and whether the chain is complete."""
-    at, found = np.arange(len(steps[0])), np.ones(len(steps[0]), np.bool_)
+    at, complete = np.arange(len(steps[0])), np.ones(len(steps[0]), np.bool_)
     for step in steps:
         at = step[at]
-        found &= at >= 0
-    return at, found
+        complete &= at >= 0
+    return at, complete
 
 
 def which(*steps: Index) -> Index:
     """Indices of the features whose chain returns to its start."""
-    at, found = follow(*steps)
-    return np.flatnonzero(found & (at == np.arange(len(at))))
+    at, complete = follow(*steps)
+    return np.flatnonzero(complete & (at == np.arange(len(at))))
 
 
 def crowd() -> list[Case]:

@@ -129,11 +129,11 @@ def loop_picture(images: dict[str, Image], matches: StereoMatches, back: Array, 
 def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: str) -> Image:
     """The current image with every matched feature, coloured by its fate; kept wrong matches (M,) have a ring."""
     picture = photo(image, image.shape[1])
-    found, names = trace.found, trace.fate[trace.index]
+    matches, names = trace.matches, trace.fate[trace.index]
     order = np.concatenate([np.flatnonzero(names == name) for name in list(FATES)[::-1]])
     colours = [FATES[name] for name in names[order].tolist()]
-    draw_flow(picture, found.prev_left[order], found.cur_left[order], colours, 2.5)
-    for place in np.rint(16 * found.cur_left[wrong & (names == CHOSEN)]).astype(int).tolist():
+    draw_flow(picture, matches.prev_left[order], matches.cur_left[order], colours, 2.5)
+    for place in np.rint(16 * matches.cur_left[wrong & (names == CHOSEN)]).astype(int).tolist():
         for shade, width in (((255, 255, 255), 3), (bgr(DARK), 1)):
             cv2.circle(picture, place, 6 * 16, shade, width, cv2.LINE_AA, shift=4)
     return caption(photo(picture, WIDTH, 298), words)
@@ -171,10 +171,10 @@ def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "how far fro
         say(axis, "this sequence has no truth for single matches")
         return
     for (name, values), colour in zip(errors.items(), CYCLE, strict=False):
-        known = np.sort(values[np.isfinite(values)])
-        share = 100 * np.arange(1, len(known) + 1) / max(len(known), 1)
-        words = f"{name}: median {np.median(known):.2f} px" if len(known) else name
-        axis.plot(np.clip(known, LEAST, MOST), share, color=colour, label=words)
+        finite = np.sort(values[np.isfinite(values)])
+        share = 100 * np.arange(1, len(finite) + 1) / max(len(finite), 1)
+        words = f"{name}: median {np.median(finite):.2f} px" if len(finite) else name
+        axis.plot(np.clip(finite, LEAST, MOST), share, color=colour, label=words)
     axis.axvline(1.0, color=DARK, linewidth=1, linestyle=":")
     log_axis(axis.xaxis, LEAST, MOST)
     axis.set_ylim(0, 102)

@@ -42,21 +42,21 @@ class MatchingPanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         sequence, frame = state.sequence, state.frame
-        known = truth(sequence)
+        ground_truth = truth(sequence)
         traced = trace(sequence, frame, state.config)
         if len(traced.id) == 0:
             raise DataError(f"frame {frame - 1} has no features: lower the threshold")
-        error = match_errors(known, traced.found, frame)
+        error = match_errors(ground_truth, traced.matches, frame)
         wrong = error > RIGHT  # false where the truth is not known
         by_name = by_fate(traced, error)
         chart, (left, right) = figure(CHART_HEIGHT, 2)
-        fates_chart(left, traced, None if known is None else wrong)
+        fates_chart(left, traced, None if ground_truth is None else wrong)
         errors_chart(right, by_name)
         words = f"frame {frame}: kept blue, others by what dropped them; rings: kept, but wrong"
         picture = fates_picture(stereo(sequence, frame)[0], traced, wrong, words)
         exact = by_name["kept"][np.isfinite(by_name["kept"])]
         facts = [Fact("features", len(traced.id)), Fact("kept", len(traced.chosen))]
-        if known is not None:
+        if ground_truth is not None:
             facts += [
                 Fact("wrong among the kept", int(np.count_nonzero(by_name["kept"] > RIGHT))),
                 Fact("right ones dropped", int(np.count_nonzero(by_name["dropped"] <= RIGHT))),
@@ -64,8 +64,8 @@ class MatchingPanel(Panel):
             ]
         surplus = len(traced.kept) - len(traced.chosen)
         sentence = (
-            f"{len(traced.id)} features of the previous pair have a stereo match, and {len(traced.found)} of them are "
-            f"matched in all four images. The checks remove {len(traced.found) - len(traced.kept)} of these, the "
+            f"{len(traced.id)} features of the previous pair have a stereo match, and {len(traced.matches)} of them are "
+            f"matched in all four images. The checks remove {len(traced.matches) - len(traced.kept)} of these, the "
             f"buckets {surplus}; {len(traced.chosen)} are kept."
         )
         return Drawing(stack([picture, chart], self.height), sentence, tuple(facts))

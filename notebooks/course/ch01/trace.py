@@ -43,14 +43,14 @@ class Trace:
     ----------
     id : (N,) numbers of the features.
     fates : possible fates of a feature, in the order of the steps; fate : (N,) fate of each feature.
-    found : the M matched features, before all checks; index : (M,) their numbers among the N.
+    matches : the M matched features, before all checks; index : (M,) their numbers among the N.
     kept : matches that pass the checks; chosen : kept matches that the buckets keep.
     """
 
     id: NDArray[np.int64]
     fates: tuple[str, ...]
     fate: NDArray[np.str_]
-    found: StereoMatches
+    matches: StereoMatches
     index: NDArray[np.int64]
     kept: StereoMatches
     chosen: StereoMatches

@@ -117,10 +117,10 @@ def counts() -> Index:
 def median_error(noise_px: float) -> float:
     """Median over sets of the rotation error of the best candidate, degrees, at this noise."""
     given = random_problems(np.random.default_rng(0), PROBLEMS, motion="forward", noise_px=noise_px)
-    found = five_point(given.x_p, given.x_c)
-    agreement = np.abs(np.sum(found.E * given.E[found.set_index], axis=(1, 2)))
-    best = np.flatnonzero(first_of_each_set(-agreement, found.set_index))
-    return float(np.median(rotation_errors(found.E[best], given.R_cp[found.set_index[best], None])))
+    solutions = five_point(given.x_p, given.x_c)
+    agreement = np.abs(np.sum(solutions.E * given.E[solutions.set_index], axis=(1, 2)))
+    best = np.flatnonzero(first_of_each_set(-agreement, solutions.set_index))
+    return float(np.median(rotation_errors(solutions.E[best], given.R_cp[solutions.set_index[best], None])))
 
 
 def growth() -> float:
@@ -236,7 +236,7 @@ most_frequent_count = Exercise(
     lambda: np.argmax(np.bincount(counts())),
     praise="{right} real solutions are the most frequent number of 0, 2, 4, 6, 8 and 10.",
     hint="count the solutions of each set, then the sets with 0, 1, 2 … solutions.",
-    line="np.argmax(np.bincount(np.bincount(found.set_index)))",
+    line="np.argmax(np.bincount(np.bincount(solutions.set_index)))",
     mistakes={
         "this is the mean number; the most frequent one is wanted.": lambda: counts().mean(),
         "this is the index of a set, that of the set with most solutions.": lambda: np.argmax(counts()),

@@ -95,10 +95,10 @@ def sets_of(points: Points, seed: Any, sets: int, spread: str) -> Index:
 
 def set_errors(points: Points, R_true: Array, chosen: Index, threshold: float) -> tuple[Array, float]:
     """Rotation error, degrees, of each set's best candidate by image error (S,), and of the best of all."""
-    found = five_point(points.x_p[chosen], points.x_c[chosen])
-    image_errors = truncated_errors(found.E, points.x_p, points.x_c, threshold)
-    best = np.flatnonzero(first_of_each_set(image_errors, found.set_index))
-    errors = rotation_errors(found.E[best], R_true)
+    solutions = five_point(points.x_p[chosen], points.x_c[chosen])
+    image_errors = truncated_errors(solutions.E, points.x_p, points.x_c, threshold)
+    best = np.flatnonzero(first_of_each_set(image_errors, solutions.set_index))
+    errors = rotation_errors(solutions.E[best], R_true)
     return errors, float(errors[np.argmin(image_errors[best])])
 
 

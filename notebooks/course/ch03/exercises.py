@@ -33,9 +33,9 @@ def candidates() -> list[Case]:
     """Candidates of any length and sign, a prior and k = 2, 3, 1, for every set with four or more."""
     rng = np.random.default_rng(2)
     given = random_problems(rng, 60, motion="forward")
-    found = five_point(given.x_p, given.x_c)
-    E = of_any_length(found.E, rng)
-    sets = [(s, E[found.set_index == s]) for s in range(60)]
+    candidates = five_point(given.x_p, given.x_c)
+    E = of_any_length(candidates.E, rng)
+    sets = [(s, E[candidates.set_index == s]) for s in range(60)]
     return [
         (E, essential_vector(given.E[(s + 1) % 60]), k) for s, E in sets if len(E) >= 4 for k in (2, 3, 1)
     ]

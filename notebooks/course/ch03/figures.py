@@ -70,8 +70,8 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
     `result`, degrees, is marked on the right: the error of the rotation that the frame gets in the end.
     """
     made, (by_angle, by_error) = figure(height, 2)
-    known = bool(np.isfinite(field.rotation_error).any())
-    named = by_error if known else by_angle  # one legend is enough
+    with_truth = bool(np.isfinite(field.rotation_error).any())
+    named = by_error if with_truth else by_angle  # one legend is enough
     nearest = "every solution" if field.kept.all() else "nearest k of a set"
     for axis, x in ((by_angle, field.angle), (by_error, np.clip(field.rotation_error, LEAST, MOST))):
         for chosen, colour, marker, size, words in (
@@ -88,7 +88,7 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
     by_angle.set_xlim(0, 90)
     x_name = "angle to the previous essential vector [deg]"
     finish(by_angle, "the solutions of all sets", x_name, "image error", "lower right", boxed=True)
-    if not known:
+    if not with_truth:
         by_error.clear()
         say(by_error, "no ground truth: the rotation error of a solution is unknown")
         return made

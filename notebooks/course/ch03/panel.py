@@ -105,16 +105,16 @@ def previous_vector(sequence: Sequence, frame: int, config: MethodConfig) -> Arr
 
     def estimate() -> Array:
         points, focal = frame_points(sequence, frame - 1, config), sequence.camera.f
-        found = candidates_of(points, 200, 0)
-        field = field_of(found, points, None, None, config.selection, focal)
-        return motion_of(found.E[field.selected], points, config.selection, focal)[1]
+        candidates = candidates_of(points, 200, 0)
+        field = field_of(candidates, points, None, None, config.selection, focal)
+        return motion_of(candidates.E[field.selected], points, config.selection, focal)[1]
 
     key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets, config.selection)
     return _priors.get(key, estimate)
 
 
 def field_of(
-    found: Candidates,
+    candidates: Candidates,
     points: Points,
     e_prev: Array | None,
     R_true: Array | None,
@@ -122,13 +122,13 @@ def field_of(
     focal: float,
 ) -> Field:
     """Angles, errors and winners of a frame's candidates; NaN for errors of rotation without a true one."""
-    nothing = np.full(len(found.E), np.nan)
-    angle = nothing if e_prev is None else np.degrees(essential_angle(essential_vector(found.E), e_prev))
-    errors = truncated_errors(found.E, points.x_p, points.x_c, config.threshold / focal)
-    consensus, _ = winner_of(found, errors, None, config)
-    selected, dropped = winner_of(found, errors, e_prev, config)
-    wrong = nothing if R_true is None else rotation_errors(found.E, R_true)
-    return Field(angle, errors, wrong, competing(*found, e_prev, config), consensus, selected, dropped)
+    nothing = np.full(len(candidates.E), np.nan)
+    angle = nothing if e_prev is None else np.degrees(essential_angle(essential_vector(candidates.E), e_prev))
+    errors = truncated_errors(candidates.E, points.x_p, points.x_c, config.threshold / focal)
+    consensus, _ = winner_of(candidates, errors, None, config)
+    selected, dropped = winner_of(candidates, errors, e_prev, config)
+    wrong = nothing if R_true is None else rotation_errors(candidates.E, R_true)
+    return Field(angle, errors, wrong, competing(*candidates, e_prev, config), consensus, selected, dropped)
 
 
 class SelectionPanel(Panel):
@@ -158,11 +158,11 @@ class SelectionPanel(Panel):
         points, touched = disturbed_frame(state.sequence, state.frame, state.config, view)
         R_true = None if points.T_cp is None else points.T_cp[:3, :3]
         key = (*key_of(state.sequence, state.frame), state.config.variant, selection.sets, view)
-        found = _candidates.get(key, lambda: candidates_of(points, selection.sets, view.draw))
+        candidates = _candidates.get(key, lambda: candidates_of(points, selection.sets, view.draw))
         e_prev = previous_vector(state.sequence, state.frame, state.config)
-        field = field_of(found, points, e_prev, R_true, selection, focal)
+        field = field_of(candidates, points, e_prev, R_true, selection, focal)
         (R, _, inliers), (R_consensus, _, _) = (
-            motion_of(found.E[winner], points, selection, focal)
+            motion_of(candidates.E[winner], points, selection, focal)
             for winner in (field.selected, field.consensus)
         )
         error = turned(R, R_true)
@@ -173,7 +173,7 @@ class SelectionPanel(Panel):
         picture = stack([photo_above, field_figure(field, error, CHART_HEIGHT)], self.height)
         same = "the same as" if field.selected == field.consensus else "another than"
         sentence = (
-            f"Of {len(found.E)} solutions of {selection.sets} sets {np.count_nonzero(field.kept)} may "
+            f"Of {len(candidates.E)} solutions of {selection.sets} sets {np.count_nonzero(field.kept)} may "
             f"compete. The winner is {same} that of consensus."
             + (" The sequence has no ground truth." if R_true is None else "")
             + (" The prior was dropped: its best solution scored clearly worse." if field.dropped else "")

@@ -14,7 +14,7 @@ from vo_lib.paper.translation import eliminate_points
 from vo_lib.paper.translation import feature_rows as library_rows
 
 from ..checker import Case, Exercise, When
-from .weightings import alone, seen, solve_all, spread_points
+from .weightings import alone, noisy_matches, solve_all, spread_points
 
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, height=376)
 R_CP = rotation_from_vector(np.array([0.01, 0.05, -0.02]))
@@ -24,7 +24,7 @@ FAR, NEAR = 40.0, 8.0  # metres
 
 def exact_matches(count: int, seed: int, noise: float = 0.0) -> StereoMatches:
     """Matches (count,) of random points 5 to 40 m ahead under R_CP, T_CP, with noise in pixels."""
-    return seen(CAMERA, spread_points(count, seed, 5.0, 40.0), rigid(R_CP, T_CP), noise, seed)
+    return noisy_matches(CAMERA, spread_points(count, seed, 5.0, 40.0), rigid(R_CP, T_CP), noise, seed)
 
 
 def one_match() -> list[Case]:

@@ -30,8 +30,8 @@ def spread_points(count: int, seed: int, nearest: float, farthest: float) -> Arr
     return np.stack([rng.uniform(-0.7, 0.7, count) * z, rng.uniform(-0.2, 0.2, count) * z, z], axis=1)
 
 
-def seen(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, seed: int) -> StereoMatches:
-    """Matches of points X_p (N, 3), metres, seen before and after T_cp with Gaussian noise in pixels.
+def noisy_matches(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, seed: int) -> StereoMatches:
+    """Matches of points X_p (N, 3), metres, before and after T_cp with Gaussian noise in pixels.
 
     A point that noise puts behind the cameras, or nearly at infinity, is left out.
     """
