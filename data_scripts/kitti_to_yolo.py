@@ -8,9 +8,8 @@ examples:
 
 Car and Van become car, Truck becomes truck, Tram becomes train; other objects
 get no label. Images of the raw drives of the odometry sequences 00-10 are
-skipped, and images of unknown origin are refused: a detector tested on its
-training images makes the errors look too small. The mapping folder of the
-object development kit contains the two files with the drive of each object
+skipped, and images of unknown origin are refused: the errors of a detector on its training images are too
+small. The mapping folder of the object development kit contains the two files with the drive of each object
 image.
 """
 

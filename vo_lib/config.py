@@ -76,7 +76,7 @@ def preset(method: str, *, variant: str = "published", seed: int = 0) -> MethodC
 
 
 def config_class(variant: str) -> type[MethodConfig]:
-    """The settings class of a variant; `DataError` for an unknown one."""
+    """The settings class of a variant; `DataError` for an unknown variant."""
     if variant not in CONFIG_CLASSES:
         raise DataError(f"unknown variant {variant!r}: expected one of {', '.join(VARIANTS)}")
     return CONFIG_CLASSES[variant]

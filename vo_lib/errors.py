@@ -10,7 +10,7 @@ RENAMED = {"finish_window": "subpixel_window"}  # settings of earlier versions
 
 
 class DataError(Exception):
-    """Bad input: a file, a folder or an option that cannot be used as it is.
+    """Bad input: a file, a folder or an option that cannot be used.
 
     The text is one line: the file and line (or image), if any, then the fault and the expected content.
     The `vo` command prints this line and exits with code 2.

@@ -101,6 +101,13 @@ class Setting:
         return f"{text} {self.unit}".rstrip()
 
 
+def as_typed(value: Any) -> str:
+    """A value as written on the command line."""
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
 class Checked:
     """Base of settings classes: the constructor checks every value against its declaration."""
 

@@ -33,7 +33,7 @@ COLUMNS = ["first", "second", "similarity", "matches", "inliers", "residual_px",
 
 def add_loops(parser: argparse.ArgumentParser) -> None:
     """Declare --loops."""
-    text = f"close loops by a pose graph, which the paper does not; adds {LOOPS_POSES} and {LOOPS}"
+    text = f"close loops by a pose graph (not in the paper); adds {LOOPS_POSES} and {LOOPS}"
     parser.add_argument("--loops", action="store_true", help=text)
 
 
@@ -44,7 +44,7 @@ def loops_with_bar(sequence: Sequence, method: MethodConfig, config: LoopConfig)
 
 
 def close_run(folder: Path, sequence: Sequence, poses: Array, loops: Loops, config: LoopConfig) -> Closed:
-    """Close the accepted ones of compared places; write poses and loops into the folder of the run."""
+    """Close the accepted loops; write the poses and the loops into the folder of the run."""
     with single_threaded():  # the last digits depend on the number of threads
         closed = close_path(poses, loops[loops.accepted(config)], config)
     write_kitti_poses(folder / LOOPS_POSES, closed.poses)
@@ -69,9 +69,9 @@ def loop_pairs(closed: Closed) -> list[tuple[int, int]]:
 
 
 def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTable]:
-    """Close the loops of finished runs in their folders; a table of their errors, none without truth.
+    """Close the loops of finished runs in their folders; return a table of errors, or none without truth.
 
-    Runs whose loops depend on the same settings share them.
+    Places are compared once for all runs with the same settings of the comparison.
     """
     shared: dict[Any, Loops] = {}
     errors: dict[tuple[str, str, str], list[list[float]]] = {}

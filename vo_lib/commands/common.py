@@ -91,7 +91,7 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
 def read_settings(options: argparse.Namespace) -> MethodConfig:
     """The settings of --method and --variant, or of --config; sets `options.method` and `options.variant`.
 
-    Raises `DataError` if --config has another method or variant than the options.
+    Raises `DataError` if the method or variant in --config differs from the options.
     """
     if options.config is None:
         options.method = options.method or DEFAULT_METHOD
@@ -170,7 +170,7 @@ def parse_delta(text: str) -> Delta:
 
 
 def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> None:
-    """Warn of sequences without boxes for a box rule: the consequence, and the sources of boxes."""
+    """Warn of sequences without boxes for a box rule; name the consequence and the sources of boxes."""
     without = (s.name for s, config in runs if s.labels is None and config.filter.rule in ("all", "moving"))
     if names := ", ".join(dict.fromkeys(without)):
         tell(

@@ -22,7 +22,7 @@ SPEED_PERIOD_S = 180.0  # time over which a progress bar averages the speed
 
 @contextmanager
 def reporting(label: str, in_bytes: bool = False) -> Iterator[Progress]:
-    """A progress function: in a terminal a bar that disappears at the end, else a line a minute."""
+    """A progress function: a bar in a terminal, removed at the end, or elsewhere one line per minute."""
     console = Console(stderr=True)
     if not console.is_interactive:
         printed = time.monotonic()
@@ -59,7 +59,7 @@ def tell(*sentences: str) -> None:
 
 
 def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: bool = True) -> None:
-    """Print a table; the first column has the rows' names, numbers are aligned to the right."""
+    """Print a table; the first column has the names of the rows, and numbers are aligned to the right."""
     if title:
         say(title)  # not as the table's own title, which a narrow table wraps
     table = Table()

@@ -166,7 +166,7 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
 
 
 def changed_by_options(options: argparse.Namespace, config: MethodConfig) -> MethodConfig:
-    """The configuration with the thresholds in the options; `DataError` for one of the other variant."""
+    """The configuration with the options' thresholds; `DataError` for a threshold of the other variant."""
     for item in (SETTINGS | {item.name: item for item in settings.declared(type(config))}).values():
         if (text := getattr(options, item.name)) is not None:
             config = change(config, item.name, item.parse(text))

@@ -19,7 +19,7 @@ ENDINGS = (DataError, OSError, KeyboardInterrupt)  # exceptions that end a comma
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A parser that answers wrong options with one line, the nearest option, and exit code 2."""
+    """A parser that reports a wrong option in one line, with the nearest valid option, and exit code 2."""
 
     _words: Sequence[str] = ()
 
@@ -47,7 +47,7 @@ class OneLineParser(argparse.ArgumentParser):
 def exit_code(program: str, error: BaseException) -> int:
     """The exit code for one of `ENDINGS`, after a line about it on stderr.
 
-    2 for bad input and errors of the system, 130 for Ctrl-C, 1 (without a line) for a closed output pipe.
+    2 for bad input and errors of the system, 130 for Ctrl-C, 1 (without a message) for a closed output pipe.
     """
     if isinstance(error, BrokenPipeError):
         # At its end, Python writes the rest of its buffer, here to the null device.

@@ -40,7 +40,7 @@ def _list(options: argparse.Namespace) -> int:
 
 
 def _facts(name: str, folder: Path | None) -> list[str]:
-    """Cells of a sequence's row; for a scene not drawn yet, those known from its settings."""
+    """Cells of a sequence's row; a scene that is not drawn yet has only the cells given by its settings."""
     if folder is None:
         from vo_street.drive import frame_count
 

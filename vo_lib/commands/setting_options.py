@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
-from ..settings import Setting, declared
+from ..settings import Setting, as_typed, declared
 
 Config = TypeVar("Config")
 OptionGroup = argparse._ActionsContainer  # a parser, or a group of its options
@@ -18,8 +18,7 @@ def add_option(
     """Add the option `--name` for a setting; its help text, if shown, has meaning, range and default."""
     text = f"{item.text.removesuffix('.')}; {item.describe()}"
     if default:
-        value = ",".join(map(str, item.default)) if isinstance(item.default, tuple) else item.default
-        text += f"; default {value}"
+        text += f"; default {as_typed(item.default)}"
     text = text.replace("%", "%%") if shown else argparse.SUPPRESS
     group.add_argument(f"--{name}", metavar="X", dest=item.name, help=text)
 

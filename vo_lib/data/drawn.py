@@ -41,7 +41,7 @@ def scene_key(config: SceneConfig) -> str:
 
 
 def scene_folder(config: SceneConfig, cache: Path | None = None) -> Path:
-    """The folder of a scene in the cache, by default the user's; only a complete scene has its folder."""
+    """The folder of a scene in the cache, by default the user's; it exists only for a complete scene."""
     return (cache_folder() if cache is None else Path(cache)).absolute() / scene_key(config)
 
 

@@ -128,10 +128,7 @@ def read_part(folder: Path) -> tuple[str, range] | None:
 
 
 def wanted_frames(folder: Path) -> range | None:
-    """Frame numbers that a complete folder has: those of part.txt, or of the benchmark's sequence.
-
-    None for a folder that is neither.
-    """
+    """Frame numbers of a complete folder, from part.txt or the benchmark; None for other folders."""
     if (part := read_part(folder)) is not None:
         return part[1]
     return range(EXPECTED_FRAMES[folder.name]) if folder.name in EXPECTED_FRAMES else None

@@ -1,7 +1,7 @@
 """Trajectory files in the formats of KITTI (12 numbers per row), TUM (t x y z qx qy qz qw) and EuRoC.
 
 A trajectory is an array (N, 4, 4) of poses `T_w_c`, which transform points from camera c to the world (for
-KITTI, the first left camera). Metres; times in seconds.
+KITTI, the first left camera). Positions are in metres, times in seconds.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str)
 def match_times(
     times_a: Array, times_b: Array, tolerance: float = TIME_TOLERANCE_S
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices of corresponding times of two increasing lists, seconds: pairs of nearest times."""
+    """Indices of the pairs of nearest times in two increasing lists, seconds."""
     few, many = (times_a, times_b) if len(times_a) <= len(times_b) else (times_b, times_a)
     after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
     nearest = after - (np.abs(few - many[after - 1]) <= np.abs(few - many[np.minimum(after, len(many) - 1)]))
@@ -139,7 +139,7 @@ def read_rows(
 ) -> tuple[Array, list[int]]:
     """Finite numbers of a text table, (N, columns), and the line number of each row, from 1.
 
-    Without a `separator`, numbers are separated by blanks. With one, a row may have further columns.
+    Without a `separator`, numbers are separated by blanks. With a separator, a row may have further columns.
     """
     text = read_text(path)
     rows: list[list[float]] = []

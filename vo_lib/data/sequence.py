@@ -29,7 +29,7 @@ class Sequence:
 
     Attributes
     ----------
-    name : name for the reader, "kitti/07" or the folder's name.
+    name : displayed name, such as "kitti/07", or the folder's name.
     folder : folder with image_0, image_1 and calib.txt.
     frames : (N) file stems, in order.
     camera : intrinsics, baseline and image size.

@@ -52,14 +52,14 @@ class Truth:
         return np.where(number > 0, (number - 1) % max(self.objects.shape[1], 1) + 1, 0)
 
     def is_moving(self, frame: int, uv: Array, other: int) -> BoolArray:
-        """Whether left pixels (N, 2) show a vehicle, or its shadow, that moves between frame and `other`."""
+        """Mask (N,) of left pixels (N, 2) on a vehicle that moves between two frames, or on its shadow."""
         step = self.objects[other, :, :3, 3] - self.objects[frame, :, :3, 3]
         moves = np.append(False, np.linalg.norm(step, axis=1) > MAX_STANDING_STEP_M)
         return np.asarray(moves[self.vehicle_at(frame, uv)])
 
 
 def matches_on_moving(sequence: Sequence, index: int, matches: StereoMatches) -> BoolArray:
-    """Mask (N,) of the matches of a drawn frame with the previous frame on moving vehicles or their shadows.
+    """Mask (N,) of the matches of a drawn frame that are on moving vehicles or on their shadows.
 
     Raises `DataError` if the sequence is not drawn.
     """

@@ -43,7 +43,7 @@ def coco_number(name: str) -> int | None:
 
 
 def names_from_metadata(text: str, count: int) -> tuple[str, ...] | None:
-    """The class names in a model's metadata, from a dict or list as text; None unless there are `count`."""
+    """The class names in a model's metadata, a dict or list as text; None unless there are `count` names."""
     names = tuple(re.findall(r"['\"]([^'\"]*)['\"]", text))
     return names if len(names) == count else None
 
@@ -55,7 +55,7 @@ def class_numbers(names: Sequence[str]) -> IntArray:
 
 
 def choose_classes(words: Sequence[str], names: Sequence[str]) -> BoolArray:
-    """Mask (C,) of the model's classes in `words`, names (the model's or COCO's) or numbers; no words: all.
+    """Mask (C,) of the classes listed in `words` by number or name (the model's or COCO's); no words: all.
 
     Raises `DataError` for a name that neither the model nor COCO has.
     """

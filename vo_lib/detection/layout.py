@@ -119,8 +119,8 @@ def _corners(centre: Array, size: Array) -> Array:
 def best_boxes(
     corners: Array, scores: Array, score: float, nms: float, wanted: BoolArray | None = None
 ) -> Boxes:
-    """Boxes after non-maximum suppression, best first: per cell the best class, with at least `score`;
-    suppression at an IoU of `nms` within a class, of `ONE_OBJECT_IOU` between classes.
+    """Boxes after non-maximum suppression, best first; a cell has the box of its best class, if its score is
+    at least `score`. The IoU of suppression is `nms` within a class, `ONE_OBJECT_IOU` between classes.
 
     corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` is the column. Boxes with numbers that are
     not finite are ignored. wanted : (C,) mask of the classes to report; by default all.

@@ -20,9 +20,9 @@ class DetectorConfig(Checked):
     )
     score: float = setting(0.25, "boxes with a lower score are not reported", low=0.001, high=1)
     nms: float = setting(
-        0.5, "of two boxes of a class with a larger overlap (IoU), only the better is kept", low=0.05, high=1
+        0.5, "largest overlap (IoU) of boxes of a class; above it, the worse box is dropped", low=0.05, high=1
     )
     classes: tuple[str, ...] = setting(
-        ("car", "bus", "truck"), "classes reported, by name or COCO number; an empty list reports all"
+        ("car", "bus", "truck"), "classes to report, by name or COCO number; an empty list means all"
     )
     threads: int = setting(1, "processor threads of the network", low=1, high=64)

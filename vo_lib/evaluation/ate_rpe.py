@@ -56,7 +56,7 @@ class Delta(NamedTuple):
 
     @property
     def words(self) -> str:
-        """As a table's note says it."""
+        """Text for the note of a table."""
         return "from frame to frame" if self == Delta() else f"over {self.size:g} {self.unit}"
 
 
@@ -163,7 +163,7 @@ def check_pair(truth: Array, estimate: Array, where: str = "") -> None:
     if len(truth) != len(estimate) or len(truth) == 0:
         raise DataError(
             f"{where}truth has {len(truth)} poses and the estimate {len(estimate)}; "
-            "both need one for every frame"
+            "both need one pose for every frame"
         )
     for name, poses in (("truth", truth), ("estimate", estimate)):
         bad = ~np.isfinite(poses).all(axis=(1, 2))

@@ -1,8 +1,8 @@
 """KITTI's trajectory errors over sub-sequences (chapter 6).
 
 KITTI's odometry benchmark (Geiger, Lenz, Urtasun, CVPR 2012) compares motions over sub-sequences of 100 to
-800 m of path. TE is the translation error in % of their length, RE the rotation error in deg/100 m. All poses
-are `T_w_c`, (N, 4, 4), metres. ATE and RPE are in `ate_rpe.py`.
+800 m of path. TE is the translation error in % of the length of a sub-sequence, RE the rotation error in
+deg/100 m. All poses are `T_w_c`, (N, 4, 4), metres. ATE and RPE are in `ate_rpe.py`.
 """
 
 from __future__ import annotations
@@ -131,11 +131,11 @@ def kitti_errors(
 ) -> KittiErrors:
     """Errors of all sub-sequences of a sequence, equal to those of KITTI's development kit.
 
-    From every `step`-th frame and for each length, a sub-sequence ends at the first frame whose true path
-    exceeds start + length. Both errors of inverse(Δest) Δgt are divided by the nominal length.
+    For each length, sub-sequences start at every `step`-th frame and end at the first frame that is more than
+    this length ahead. Both errors of inverse(Δest) Δgt are divided by the nominal length.
 
-    For KITTI's lengths, numbers have the devkit's single precision and agree with it to the last digit. Its
-    resolution of angles, 0.02°, is too coarse for shorter paths, so other lengths use double precision.
+    For KITTI's lengths, numbers have the devkit's single precision and agree with the devkit to the last
+    digit. This precision, 0.02° for angles, is too coarse for shorter paths; other lengths use double.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def kitti_errors(
 
     Returns
     -------
-    KittiErrors, ordered by first frame, then as `lengths`.
+    KittiErrors, ordered by first frame, then in the order of `lengths`.
     """
     check_pair(truth, estimate)
     if len(lengths) == 0 or not all(0 < length < math.inf for length in lengths):
@@ -191,5 +191,5 @@ SHORT_MEASURE = Measure(SHORT_LENGTHS, 1)
 
 
 def suitable_measure(truth: Array) -> Measure:
-    """KITTI's measure if the true path (N, 4, 4) has such a sub-sequence, otherwise that of short paths."""
+    """KITTI's measure if the true path (N, 4, 4) is long enough, otherwise the measure of short paths."""
     return KITTI_MEASURE if len(kitti_errors(truth, truth)) else SHORT_MEASURE

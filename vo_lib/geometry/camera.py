@@ -41,11 +41,11 @@ class StereoCamera:
         return np.array([[self.f, 0.0, self.cx], [0.0, self.f, self.cy], [0.0, 0.0, 1.0]])
 
     def normalise(self, uv: Array) -> Array:
-        """Pixels (N, 2) to normalised image points (N, 2): ((u - cx) / f, (v - cy) / f)."""
+        """Normalised image points (N, 2) of pixels (N, 2): ((u - cx) / f, (v - cy) / f)."""
         return (uv - (self.cx, self.cy)) / self.f
 
     def project(self, X: Array) -> tuple[Array, Array]:
-        """Points (N, 3) of the left camera frame, metres, to left and right pixels, (N, 2) each.
+        """Left and right pixels, (N, 2) each, of points (N, 3) in the left camera frame, metres.
 
         Points with z <= 0 have no image; their pixels are NaN.
         """
@@ -55,7 +55,7 @@ class StereoCamera:
         return left, right
 
     def back_project(self, left: Array, disparity: Array) -> Array:
-        """Left pixels (N, 2) and disparities (N,), pixels, to points (N, 3), metres, left frame.
+        """Points (N, 3), metres, left frame, from left pixels (N, 2) and disparities (N,), pixels.
 
         Z = f b / d. Disparities that are not positive give NaN: such points are not in front of the pair.
         """
@@ -64,5 +64,5 @@ class StereoCamera:
         return np.concatenate([self.normalise(left) * z[:, None], z[:, None]], axis=1)
 
     def triangulate(self, left: Array, right: Array) -> Array:
-        """Left and right pixels (N, 2) of the same points to points (N, 3), as `back_project`."""
+        """Points (N, 3) from their left and right pixels (N, 2), as in `back_project`."""
         return self.back_project(left, left[:, 0] - right[:, 0])

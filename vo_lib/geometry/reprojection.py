@@ -36,7 +36,7 @@ def fit_motion(
     cur_left, cur_right : (N, 2) pixels.
     R_cp, t_cp : start of the iteration.
     scale : pixel residual at which a point's weight is halved (Cauchy weights, 1 / (1 + r² / scale²)),
-        or the median residual while that is larger.
+        or the median residual if that is larger.
     tolerance : step at which the iteration ends, radians and metres.
 
     Returns
@@ -77,7 +77,7 @@ def linearise(
     Parameters
     ----------
     rotated : (..., N, 3) points R_cp X_p; t_cp : (3,) or broadcastable to them.
-    measured : (..., N, 4) u, v in the left and u, v in the right current image, from the principal point.
+    measured : (..., N, 4) u, v in the left, u, v in the right current image, relative to the principal point.
 
     Returns
     -------
@@ -105,6 +105,6 @@ def linearise(
 
 
 def measured_pixels(camera: StereoCamera, cur_left: Array, cur_right: Array) -> Array:
-    """Pixels of both current images from the principal point, (N, 4)."""
+    """Pixels (N, 4) of both current images relative to the principal point."""
     both = np.concatenate([cur_left, cur_right], axis=1)
     return np.asarray(both - np.tile([camera.cx, camera.cy], 2))

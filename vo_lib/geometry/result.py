@@ -35,7 +35,7 @@ class FrameResult:
     Attributes
     ----------
     T_cp : (4, 4) motion from the previous to the current left camera, metres.
-    matches, removed, used : numbers of matches, of those removed in boxes, and of those after bucketing.
+    matches, removed, used : numbers of all matches, of matches removed in boxes, of matches after bucketing.
     inliers : number of used matches that agree with the epipolar geometry.
     prior_angle : angle to the previous essential vector, degrees; NaN without one.
     flags : remarks on unusual frames.

@@ -11,7 +11,7 @@ FULL = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # index of each of the nine 
 
 
 def outer(v: Array) -> Array:
-    """v vᵀ of vectors (3, …), (6, …)."""
+    """Products v vᵀ (6, …) of vectors (3, …)."""
     return np.asarray(v[ROW] * v[COLUMN])
 
 

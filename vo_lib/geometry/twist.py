@@ -60,7 +60,7 @@ def bracket(xi: Array) -> Array:
 def carried_along(poses: Array, frames: IntArray, new_poses: Array) -> Array:
     """Poses (N, 4, 4) after frames (K,), the first of them 0, have been moved to `new_poses` (K, 4, 4).
 
-    The change between two of them is distributed evenly over the frames between them, as a twist.
+    Between two such frames, the change is distributed evenly, as a twist.
     """
     part = np.searchsorted(frames, np.arange(len(poses)), side="right") - 1
     old, change = poses[frames], np.zeros((len(frames), 6))

@@ -1,9 +1,9 @@
 """Sub-pixel refinement by Lucas-Kanade, with windows warped to follow the surface (chapter 1).
 
-On a slanted surface, the comparison of square windows has an error of a fifth of a pixel or more on the
-street. Here the neighbourhood of each feature is cut out as a tile. The tile of the second image is warped
-back by a 2×2 matrix (`surface.py`). The tiles of each image are placed side by side in one picture for
-OpenCV's Lucas-Kanade.
+On a slanted surface such as the street, the comparison of square windows has an error of 0.2 px or more. Here
+the neighbourhood of each feature is cut out as a tile. The tile of the second image is warped back by a 2×2
+matrix (`surface.py`). The tiles of each image are placed side by side in one picture for OpenCV's
+Lucas-Kanade.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def refine_over_time(
     motion: tuple[Array, Array],
     config: KitMatchingConfig,
 ) -> tuple[Array, Array, BoolArray]:
-    """Sub-pixel positions in the current pair, left from left and right from right.
+    """Sub-pixel positions in the current pair: each image is compared with the previous image of its camera.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def refine_over_time(
 
     Returns
     -------
-    left (N, 2), right (N, 2) pixels, and a mask (N,) of features with similar windows in both.
+    left (N, 2), right (N, 2) pixels, and a mask (N,) of features with similar windows in both images.
     """
     R, t = motion
     # The right camera is one baseline to the right of the left camera.

@@ -17,7 +17,7 @@ def corner_strength(image: Image) -> NDArray[np.float32]:
 
     The strength is the root of the structure tensor's smaller eigenvalue, in grey levels: the smallest
     contrast over all directions in a window of 3×3 pixels. A threshold therefore has the same meaning in
-    every image. Half the size is a quarter of the work; tracking uses wider windows anyway.
+    every image. Half the size means a quarter of the pixels; tracking uses wider windows anyway.
     """
     height, width = image.shape[0] // 2, image.shape[1] // 2
     # A factor of exactly two is by far the fastest; an odd last row or column is ignored.

@@ -49,7 +49,7 @@ class Judgement:
 def states(steps: BoxSteps, config: MovingConfig) -> IntArray:
     """State of each box (K,): PARKED, UNKNOWN or MOVING.
 
-    A box moves if its displacement is significant; it is parked if a displacement of `min_step` would be.
+    A box with a significant displacement moves. Another box is parked if `min_step` would be significant.
     """
     state, measured = np.full(len(steps), UNKNOWN), steps.information.any(axis=(1, 2))
     step, information = steps.step[measured], steps.information[measured]
@@ -87,7 +87,7 @@ class BoxMotionClassifier:
     def _measure_steps(
         self, matches: StereoMatches, current: Boxes, outside: BoolArray
     ) -> tuple[BoxSteps, BoolArray]:
-        """Displacements of the boxes, and a mask (N,) of matches in boxes that are not static."""
+        """Displacements of the boxes, and a mask (N,) of the matches inside them that are not static."""
         disagrees = np.zeros(len(matches), np.bool_)
         if self._motion is None:
             return no_steps(len(current)), disagrees
@@ -101,7 +101,7 @@ class BoxMotionClassifier:
         return box_steps(points, owner, len(current), config.noise**2), disagrees
 
     def _estimate_motion(self, background: StereoMatches) -> None:
-        """Estimate the camera's motion from features outside boxes; None with too few features."""
+        """Set the camera's motion from features outside boxes; None with too few features."""
         if len(background) < MIN_CAMERA_FEATURES:
             self._motion = None
         else:

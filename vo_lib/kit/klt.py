@@ -26,7 +26,7 @@ MAX_CONTRAST_RATIO = 1.25  # a larger change of contrast makes Lucas-Kanade fail
 
 @dataclass(frozen=True, eq=False)
 class _Features(Rows):
-    """Features of a stereo pair, for the matching with the next pair; `slope` is that of their surface."""
+    """Features of a stereo pair, for the matching with the next pair; `slope` is the slope of the surface."""
 
     left: Array
     right: Array
@@ -159,7 +159,7 @@ def _inside(uv: Array, image: Image) -> BoolArray:
 
 
 def _in_right_image(coarse: CoarseDisparity, uv: Array) -> tuple[Array, BoolArray]:
-    """Coarse positions (N, 2) in the right image of pixels of the left image, and a mask of known ones."""
+    """Coarse positions (N, 2) in the right image for left pixels (N, 2), and a mask (N,) of valid ones."""
     column, row = np.clip(np.rint(uv / 2).astype(int), 0, np.array(coarse.shape[::-1]) - 1).T
     disparity = coarse[row, column].astype(np.float64)
     return uv - np.stack([disparity, np.zeros_like(disparity)], axis=1), disparity > 0
@@ -181,7 +181,7 @@ def next_motion(
 ) -> tuple[tuple[Array, Array] | None, int]:
     """The motion of matches, for the prediction in the next search, and the number of inliers.
 
-    None with too few matches. The fit starts from the previous motion.
+    There is no motion with too few matches. The fit starts from the previous motion.
     """
     if len(matches) < 10:
         return None, 0

@@ -1,7 +1,7 @@
 """Displacements of the vehicles in boxes against the background (chapter 5, not in the paper).
 
 The camera's motion is estimated from the features outside all boxes. This motion predicts the position of a
-static feature; the difference to the measured position is a displacement in space. Unlike the distance to
+static feature; its difference from the measured position is a displacement in space. Unlike the distance to
 an epipolar line, the displacement also detects a car ahead at a constant distance: its disparity is constant,
 while that of a parked car grows.
 """
@@ -55,7 +55,7 @@ class PointSteps(Rows):
     depth: Array
 
     def squared_error(self, step: Array) -> Array:
-        """Squared errors (N,) of the features for a common displacement (3,) or one each (N, 3), pixels²."""
+        """Squared errors (N,), pixels², for a common displacement (3,) or one displacement each (N, 3)."""
         e = self.step - step
         return np.asarray(np.einsum("ni,nij,nj->n", e, self.information, e))
 
@@ -103,10 +103,10 @@ def _point_covariance(camera: StereoCamera, X: Array) -> Array:
 
 
 def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes) -> IntArray:
-    """Index of the box that each feature (N, 2), (N, 2) may belong to, -1 for none; of several, the nearest.
+    """Index of the box of each feature (N, 2), (N, 2): the nearest of the possible boxes, or -1 for none.
 
     The nearest box is the lowest in the image. A feature belongs to the background inside a box if a vehicle
-    at the feature's depth would be taller than any of its class.
+    at the feature's depth would be taller than any vehicle of its class.
     """
     if len(boxes) == 0:
         return np.full(len(left), -1)
@@ -135,12 +135,12 @@ class BoxSteps(Rows):
 
 
 def no_steps(number: int) -> BoxSteps:
-    """Steps of a number of boxes without a measurement."""
+    """Steps of boxes without a measurement."""
     return BoxSteps(np.zeros((number, 3)), np.zeros((number, 3, 3)), np.zeros(number, np.int64))
 
 
 def box_steps(points: PointSteps, owner: IntArray, number: int, noise: float) -> BoxSteps:
-    """One displacement for each of `number` boxes from its features (owner (N,), -1: no box).
+    """The displacement of each of `number` boxes, from its features; owner (N,) is their box, -1 for none.
 
     `noise` : variance of a match, pixels².
 

@@ -42,8 +42,8 @@ class SelfCalibratingOdometry(Odometry):
 
     Parameters
     ----------
-    calibration : initial calibration errors; `DataError` if they belong to another camera.
-    times : (N,) seconds of all frames; None if unknown, then no motion is flagged.
+    calibration : initial calibration errors; `DataError` for the errors of another camera.
+    times : (N,) seconds of all frames; if None, no motion is flagged.
     on_moving : function for the box rule `truth`.
 
     Attributes

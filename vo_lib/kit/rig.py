@@ -1,26 +1,26 @@
 """Estimation of calibration errors that remain in calib.txt (chapters 3 and 4, not in the paper).
 
 In a rectified pair both images of a point lie on one row, and the columns differ by f b / Z. In a real pair
-rows and disparities have errors, a smooth field over the image of some tenths of a pixel. Depths are then
-wrong, and with them the length of the steps, on the KITTI highway by 5 %. The field is a polynomial for the
-disparities and one for the rows, in the normalised position x, y. The two are correlated, since each fault of
-a rig has a shape in both (`RIG_FAULTS`). A model with too few terms is worse than no model: the rest of the
-field is then absorbed by the constant, which determines the length of the steps. Half of the field is
-attributed to the left camera at x_l, half to the right camera at x_r = x_l - D / f, where D is a point's
-disparity: this fits the flow on KITTI better than the whole field in the right camera.
+rows and disparities have errors, a smooth field over the image of some tenths of a pixel. These errors make
+depths and steps wrong, on the KITTI highway by 5 %. The field is a polynomial for the disparities and one for
+the rows, in the normalised position x, y. The two are correlated, since each fault of a rig has a shape in
+both (`RIG_FAULTS`). A model with too few terms is worse than no model: the rest of the field is then absorbed
+by the constant, which determines the length of the steps. Half of the field is attributed to the left camera
+at x_l, half to the right camera at x_r = x_l - D / f, where D is a point's disparity: this fits the flow on
+KITTI better than the whole field in the right camera.
 
 The two lenses have equal errors, Brown's decentering and radial terms with r² = x² + y²,
 
     (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   (k1 r² + k2 r⁴) (x, y).
 
-Stereo matches measure the row errors directly, and with them roll and focal length, which a moving camera
-cannot separate from a longer step; near and far points on one row measure the lens errors. The motion
-measures the disparity errors and again the lens errors: disparities must agree with parallax, and flow with
-epipolar lines. A single frame contributes little, so a Kalman filter combines all frames.
+Stereo matches measure the row errors directly, and so roll and focal length, which a moving camera cannot
+separate from a longer step. Near and far points on one row measure the lens errors. The motion measures the
+disparity errors and again the lens errors: disparities must agree with parallax, and flow with epipolar
+lines. A single frame contributes little, so a Kalman filter combines all frames.
 
-For a good rig, noisy estimates would do harm. The correction therefore uses shrunk estimates (empirical
-Bayes, James and Stein 1961, positive part): the part of a squared estimate that its variance explains counts
-as noise.
+For a good rig, a correction by noisy estimates would do harm. The correction therefore uses shrunk estimates
+(empirical Bayes, James and Stein 1961, positive part): the part of a squared estimate that its variance
+explains counts as noise.
 """
 
 from __future__ import annotations
@@ -86,9 +86,9 @@ class Rig:
     estimate : (19,) errors in the order of `ERROR_NAMES`, pixels; rows and disparities are left minus right.
     covariance : (19, 19) covariance of the estimate.
     errors : (19,) shrunk errors, used in `correct`. Lens errors are shrunk one after the other. A lens error
-        is zero until its variance is at most half of the prior's, since slow driving in a jam has little but
-        one-sided information. Each shrunk lens error then conditions the errors after it. At the end the
-        field is shrunk as a whole.
+        is zero until its variance is at most half of the prior's, since slow driving in a jam gives little
+        and one-sided information. Each shrunk lens error then conditions the errors after it. Finally, the
+        whole field is shrunk.
     """
 
     def __init__(self, camera: StereoCamera, config: CalibrationConfig):

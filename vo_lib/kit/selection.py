@@ -55,7 +55,7 @@ def choose_candidate(
 
 
 def guarded(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
-    """Index of the best kept candidate, or of the best of all if the prior is rejected, and whether it is.
+    """Index of the best kept candidate, or of the best of all if the prior is rejected; and this decision.
 
     The prior is rejected if the error of the best kept candidate exceeds the smallest error by more than the
     ratio, as in a sharp turn or after a wrong essential vector. errors, kept : (M,).

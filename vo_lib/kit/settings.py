@@ -54,10 +54,10 @@ class MovingConfig(Checked):
 
     noise: float = setting(0.2, "standard deviation of a match", unit="px", low=0.01, high=5)
     significance: float = setting(
-        4.0, "a box moves if its displacement exceeds this many standard deviations", low=1, high=50
+        4.0, "displacement above which a box moves, in standard deviations", low=1, high=50
     )
     min_step: float = setting(
-        0.05, "a box moves if its displacement in one frame exceeds this", unit="m", low=0, high=5
+        0.05, "displacement in one frame above which a box moves", unit="m", low=0, high=5
     )
     agreement: float = setting(
         2.0,
@@ -73,7 +73,7 @@ class KitFilterConfig(FilterConfig):
 
     rule: str = setting("all", "boxes whose features are removed", choices=("none", "all", "moving", "truth"))
     min_matches: int = setting(
-        12, "no features of the frame are removed if fewer matches would remain", low=0, high=10000
+        12, "smallest number of matches after a removal; with fewer, all are kept", low=0, high=10000
     )
     moving: MovingConfig = section(MovingConfig)
 
@@ -93,7 +93,7 @@ class KitSelectionConfig(SelectionConfig):
     )
     prior_rejection_ratio: float = setting(
         1.25,
-        "the prior is ignored if its best candidate is this many times worse than the overall best",
+        "largest ratio of the prior's best error to the smallest error; above it, the prior is ignored",
         low=1,
         high=1000,
     )
@@ -107,9 +107,7 @@ class KitTranslationConfig(TranslationLimits):
         0.5, "residual at which a feature's weight is halved", unit="px", low=0.05, high=20
     )
     iterations: int = setting(6, "largest number of robust re-weightings", low=1, high=50)
-    agreement: float = setting(
-        2.0, "a feature is an inlier if the residual of its equations is smaller", unit="px", low=0.1, high=50
-    )
+    agreement: float = setting(2.0, "largest residual of an inlier's equations", unit="px", low=0.1, high=50)
 
 
 @dataclass(frozen=True)
@@ -117,7 +115,7 @@ class CalibrationConfig(Checked):
     """Calibration errors that remain in calib.txt, estimated during the run (not in the paper)."""
 
     estimate: bool = setting(
-        True, "estimate the calibration errors during the run; off: keep the initial ones"
+        True, "estimate the calibration errors during the run; off: keep the initial errors"
     )
     scale: float = setting(
         0.5, "residual at which a feature's weight is halved", unit="px", low=0.05, high=20
@@ -127,7 +125,7 @@ class CalibrationConfig(Checked):
     )
     drift: float = setting(
         0.015,
-        "standard deviation of a calibration error's change per frame, as a share of its initial one",
+        "standard deviation of a calibration error's change per frame, as a share of the initial deviation",
         low=0,
         high=1,
     )

@@ -139,7 +139,7 @@ class EliminatedPoints:
         self.residual_floor = before.residual_floor / depth_p**2 + now.residual_floor / depth_c**2
 
     def right_sides(self) -> Array:
-        """Right sides g (3, N) of each feature's normal equations W t = g."""
+        """Right-hand sides g (3, N) of the features' normal equations W t = g."""
         return times(self.W, self.apart)
 
     def squared_residuals(self, t: Array) -> Array:

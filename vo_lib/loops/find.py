@@ -30,10 +30,10 @@ PAIRS_KEPT = 32  # described stereo pairs: neighbouring places have the same can
 class Loops(Rows):
     """N pairs of places that were compared.
 
-    first, second : (N,) their frames, counted from 0; similarity : (N,) of the two images.
-    matches, inliers : (N,) matches of the two stereo pairs, and those that agree with one motion.
+    first, second : (N,) frames of the two places, from 0; similarity : (N,) of their images.
+    matches, inliers : (N,) number of matches of the stereo pairs, and of matches that agree on one motion.
     residual : (N,) root mean square of the inliers' reprojection errors, pixels; NaN without a motion.
-    motion : (N, 4, 4) pose of the second left camera in the first; the identity without a motion.
+    motion : (N, 4, 4) pose of the second left camera relative to the first; the identity without a motion.
     """
 
     first: IntArray
@@ -54,7 +54,7 @@ def find_loops(
 ) -> Loops:
     """Pairs of similar places, accepted or not, with the motion between them.
 
-    method : its seed, box rule, buckets and reprojection settings are used; the features are the published.
+    method : source of the seed, box rule, buckets and reprojection settings; the features are the paper's.
     progress : called with (steps done, total steps); the places are the first half, the pairs the second.
     """
     frames = place_frames(len(sequence), config)

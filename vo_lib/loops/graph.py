@@ -1,7 +1,7 @@
 """The pose graph: least squares over measured motions between poses, by Gauss-Newton.
 
-An edge measures the pose Z of its second camera in its first. The residual is the twist of Z⁻¹ T_i⁻¹ T_j
-(Grisetti et al., "A tutorial on graph-based SLAM", 2010). A loop, which may be false, has Cauchy's weight.
+An edge measures the pose Z of its second camera relative to its first. The residual is the twist of Z⁻¹ T_i⁻¹
+T_j (Grisetti et al., "A tutorial on graph-based SLAM", 2010). A loop may be false, so it has Cauchy's weight.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Edges(Rows):
     """N measured motions between poses.
 
     first, second : (N,) numbers of the poses.
-    motion : (N, 4, 4) pose of the second camera in the first.
+    motion : (N, 4, 4) pose of the second camera relative to the first.
     sigma : (N, 2) standard deviations of the rotation, radians, and of the translation, metres.
     is_loop : (N,) the edge has a robust weight.
     """
@@ -43,7 +43,7 @@ class Edges(Rows):
 
 
 def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
-    """Residuals (N, 6) of edges, standard deviations, and derivatives (N, 6, 6) for a twist of either pose.
+    """Residuals (N, 6) of edges over their deviations, and derivatives (N, 6, 6) by a twist of either pose.
 
     A twist δ moves a pose in its own frame: T_w_c exp(δ).
     """
@@ -58,11 +58,11 @@ def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
 def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_MOVE) -> tuple[Array, ...]:
     """Gauss-Newton from poses (N, 4, 4), T_w_c; the first pose is fixed, and with it the world frame.
 
-    scale : residual, standard deviations, at which the weight of a loop is one half; infinite: weights of 1.
-        The first steps have a larger scale, since true loops have large residuals before the drift is out.
+    scale : residual of a loop of weight ½, in standard deviations; if infinite, all weights are 1.
+        The first steps have a larger scale: before the drift is corrected, true loops have large residuals.
     tolerance : largest move of a pose in the last step, radians and metres.
 
-    Returns the poses and, for each edge (M,), the residual, standard deviations, and the weight in [0, 1].
+    Returns the poses and, for each edge (M,), the residual in standard deviations and the weight in [0, 1].
     """
     poses, moved, count, ends = poses.copy(), np.inf, len(poses), (edges.first, edges.second)
     for step in range(MAX_STEPS + 1):
@@ -73,11 +73,11 @@ def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_M
         if step == MAX_STEPS or (current == scale and moved < tolerance):
             break
         H, g = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
-        for i, left in zip(ends, sides, strict=True):
-            weighted = weight[:, None, None] * np.swapaxes(left, 1, 2)
+        for i, J_i in zip(ends, sides, strict=True):
+            weighted = weight[:, None, None] * np.swapaxes(J_i, 1, 2)
             np.add.at(g, i, (weighted @ r[:, :, None])[..., 0])
-            for j, right in zip(ends, sides, strict=True):
-                np.add.at(H, (i, j), weighted @ right)
+            for j, J_j in zip(ends, sides, strict=True):
+                np.add.at(H, (i, j), weighted @ J_j)
         free = H[1:, 1:].transpose(0, 2, 1, 3).reshape(6 * count - 6, 6 * count - 6)
         delta = np.asarray(np.linalg.solve(free, -g[1:].ravel()), np.float64).reshape(-1, 6)
         poses[1:] = poses[1:] @ motion_from_twist(delta / max(1.0, np.abs(delta[:, :3]).max() / MAX_TURN))
@@ -92,7 +92,7 @@ class Closed:
     poses : (N, 4, 4) T_w_c of all frames, the first unchanged.
     loops : the M closed loops.
     weight : (M,) weight of each loop in the pose graph, from 0 to 1.
-    gap : (M,) distance of the second visit on the path from its position by the loop's motion, metres.
+    gap : (M,) distance between the second visit's positions by the path and by the loop's motion, metres.
     """
 
     poses: Array
@@ -102,7 +102,7 @@ class Closed:
 
 
 def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
-    """The path (N, 4, 4) of a run with all these loops closed; without loops, the same path."""
+    """The path (N, 4, 4) of a run with all these loops closed; without loops, the unchanged path."""
     frames = place_frames(len(poses), config)
     if len(loops) == 0:
         return Closed(poses.copy(), loops, np.zeros(0), np.zeros(0))
@@ -115,7 +115,7 @@ def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
 
 
 def graph_edges(places: Array, frames: IntArray, loops: Loops, config: LoopConfig) -> Edges:
-    """Edges between successive places (N, 4, 4), at these frames (N,), then the edges of the loops."""
+    """Edges between successive places, with poses (N, 4, 4) and frames (N,), then the edges of the loops."""
     number, size = np.arange(len(frames) - 1), np.diff(frames)
     # The errors of frames add up as in a random walk.
     steps = np.sqrt(size)[:, None] * [np.radians(config.frame_turn), config.frame_step]

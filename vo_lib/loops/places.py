@@ -1,6 +1,6 @@
 """Places: the similarity of images, and the earlier images that are most similar to an image.
 
-An image is a histogram of visual words: the nearest word of a small vocabulary replaces each descriptor. The
+A histogram of visual words describes an image: the nearest word of a vocabulary replaces each descriptor. The
 vocabulary is learnt from the same sequence (Sivic and Zisserman, "Video Google", ICCV 2003). Features in
 vehicle boxes are not counted: parked cars drive away, and the car ahead is in every image.
 """
@@ -19,7 +19,7 @@ LEARNING_ROUNDS = 5
 
 
 def place_frames(count: int, config: LoopConfig) -> IntArray:
-    """The frames that are places: each n-th of `count`, fewer where that is more than the largest number."""
+    """The frames that are places: every n-th of `count`, with n large enough for the largest number."""
     return np.arange(0, count, max(config.every, -(-count // config.places)), dtype=np.int64)
 
 
@@ -60,7 +60,7 @@ def similarities(images: list[Described], width: int, config: LoopConfig, seed: 
 
 
 def candidates(similarity: Array, frames: IntArray, config: LoopConfig) -> IntArray:
-    """Pairs (M, 2) of places, the earlier first: each place with the most similar places before the gap."""
+    """Pairs (M, 2) of places, the earlier first: each place and the most similar places before its gap."""
     pairs = []
     for later in range(len(frames)):
         earlier = np.flatnonzero(frames <= frames[later] - config.gap)

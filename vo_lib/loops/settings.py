@@ -11,11 +11,11 @@ from ..settings import Checked, setting
 class LoopConfig(Checked):
     """Places, accepted loops, and the weights of edges in the pose graph."""
 
-    every: int = setting(5, "distance of places, frames", low=1, high=1000)
+    every: int = setting(5, "frames from one place to the next", low=1, high=1000)
     places: int = setting(500, "largest number of places in a sequence", low=10, high=2000)
-    gap: int = setting(100, "smallest distance of two visits of a place, frames", low=1, high=100_000)
-    words: int = setting(64, "visual words of each of the four kinds of features", low=4, high=1000)
-    columns: int = setting(3, "columns of the image with a histogram each", low=1, high=20)
+    gap: int = setting(100, "smallest number of frames between two visits of a place", low=1, high=100_000)
+    words: int = setting(64, "visual words for each of the four kinds of features", low=4, high=1000)
+    columns: int = setting(3, "image columns, each with its own histogram of visual words", low=1, high=20)
     similarity: float = setting(0.25, "smallest similarity of two places to compare", low=-1, high=1)
     candidates: int = setting(2, "number of similar earlier places to compare with a place", low=1, high=50)
     radius: int = setting(400, "radius of the search for a feature", unit="px", low=5, high=5000)
@@ -25,4 +25,4 @@ class LoopConfig(Checked):
     frame_step: float = setting(0.01, "standard deviation of a frame's step", unit="m", low=1e-4, high=9)
     loop_turn: float = setting(0.05, "standard deviation of a loop's turn", unit="deg", low=1e-4, high=9)
     loop_step: float = setting(0.05, "standard deviation of a loop's step", unit="m", low=1e-4, high=9)
-    scale: float = setting(3.0, "residual, standard deviations, of a loop of weight ½", low=0.01, high=1e6)
+    scale: float = setting(3.0, "residual of a loop of weight ½, in standard deviations", low=0.01, high=1e6)

@@ -9,13 +9,13 @@ from .settings import BucketConfig
 
 
 def square_numbers(uv: Array, side: int) -> IntArray:
-    """Number (N,) of the image square, `side` wide, of each pixel (N, 2)."""
+    """Number (N,) of the image square, `side` pixels wide, that contains each pixel (N, 2)."""
     column, row = (uv // side).astype(np.int64).T
     return np.asarray(row * (column.max(initial=0) + 1) + column)
 
 
 def select_by_bucket(uv: Array, age: IntArray, strength: Array, config: BucketConfig) -> Index:
-    """The oldest features of each bucket, of equally old ones the strongest (section 1, from earlier work).
+    """The oldest features of each bucket; among equally old features the strongest (section 1).
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Blobs and corners of an image, their Sobel descriptors, and the comparison of descriptors (chapter 1).
 
-Features are the extrema of two 5×5 masks; each is compared only with features of its own kind, by the sum
-of absolute differences of 16 positions of the two Sobel images around it.
-Source: Geiger, Ziegler and Stiller, "StereoScan: dense 3d reconstruction in real-time", IV 2011, section III.
+Features are the extrema of two 5×5 masks. A feature is compared only with features of its own kind, by the
+sum of absolute differences of two Sobel images at 16 positions around it. Source: Geiger, Ziegler and
+Stiller, "StereoScan: dense 3d reconstruction in real-time", IV 2011, section III.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Described(Rows):
 def describe(image: Image, config: FeatureConfig) -> Described:
     """Blob maxima and minima, corner maxima and minima (kinds 0 … 3) of an image, with descriptors.
 
-    A feature is a pixel with the largest response of a square around it, `config.blob_cell` pixels wide, if
-    that is above `config.blob_quality`.
+    A feature is a pixel whose response is the largest in a square around it, `config.blob_cell` pixels wide,
+    and above `config.blob_quality`.
     """
     # 16-bit integers represent every response exactly, and take half the time of floats.
     responses = [np.asarray(cv2.filter2D(image, cv2.CV_16S, m), np.int16) for m in (BLOB, CORNER)]
@@ -82,7 +82,7 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
     """For each left feature the most similar right feature of its kind, and vice versa.
 
     Two features are compared if their rows differ by `MAX_ROW_DIFFERENCE_PX` at most and their disparity
-    is 0 … max_disparity, pixels. These pairs are few: all are compared at once.
+    is 0 … max_disparity, pixels. Such pairs are few, so all are compared at once.
 
     Returns
     -------

@@ -11,9 +11,9 @@ operation for all sets in one pass over memory.
     -> E = x E0 + y E1 + z E2 + w E3
 
 Two steps differ from Nistér's paper. Nistér sets w = 1; here (z, w) is a point of the projective line, and no
-solution is at infinity. He divides by the pivots of ten monomials, which may be small; here four are
-eliminated by reflections and the other six stay in the determinant: the same polynomial with, in the worst
-twentieth of the sets, a hundred to a thousand times less rounding noise.
+solution is at infinity. Nistér divides by the pivots of ten monomials, which may be small; here reflections
+eliminate four, and the other six stay in the determinant. In the worst 5 % of the sets, the same polynomial
+has a hundred to a thousand times less rounding noise.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Candidates(NamedTuple):
     Attributes
     ----------
     E : (M, 3, 3) essential matrices of Frobenius norm 1; the sign is arbitrary.
-    set_index : (M,) the set, 0 … S-1, that each one solves.
+    set_index : (M,) the set, 0 … S-1, that each matrix solves.
     """
 
     E: Array
@@ -74,8 +74,8 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
 
     Returns
     -------
-    Candidates, up to ten per set. A set has none when its matches are dependent (a point twice) or when a
-    whole family of E fits them (no parallax and no noise). The memory use is about 10 kB per set.
+    Candidates, up to ten per set. A set has no candidates if its matches are dependent (a point twice) or if
+    a whole family of E fits them (no parallax and no noise). The memory use is about 10 kB per set.
     """
     basis, independent = null_space(epipolar_rows(x_p, x_c))
     solutions, indices, todo = [np.empty((4, 0))], [np.empty(0, dtype=np.intp)], np.flatnonzero(independent)
@@ -100,7 +100,7 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
 
 
 def _solve(basis: Array) -> tuple[Array, Index, BoolArray]:
-    """Solutions v = (x, y, z, w) of norm 1, (4, M), their sets (M,), and which sets are doubtful (S,)."""
+    """Solutions v = (x, y, z, w) of norm 1, (4, M), their sets (M,), and a mask (S,) of doubtful sets."""
     rows = eliminate(cubic_constraints(basis))
     z, w, index, doubtful = real_roots(determinant(rows))
     start = back_substitute(rows, z, w, index)
@@ -140,11 +140,11 @@ def null_space(rows: Array) -> tuple[Array, BoolArray]:
     """Four orthonormal matrices (4, 3, 3, S) that span all E with rows · vec(E) = 0.
 
     Reflections Q that make Q rowsᵀ triangular turn [rowsᵀ | I] into [R | Q]; the last four rows of Q
-    are orthogonal to all five rows. Also returned: (S,) whether the five rows are independent.
+    are orthogonal to all five rows. The second result is a mask (S,) of the sets with independent rows.
 
-    Their order matters. Row i of Q is near the unit vector i, so that the four are near the entries E22, E21,
-    E20, E12. Of these z and w get E20 and E12, two components of the translation, in which solutions
-    differ; E22 is small for all of them.
+    The order of the matrices matters. Row i of Q is near the unit vector i, so the four rows are near the
+    entries E22, E21, E20, E12. The last two, with the factors z and w, are components of the translation, in
+    which solutions differ; E22 is small in all solutions.
     """
     sets = rows.shape[-1]
     identity = np.broadcast_to(np.eye(9)[..., None], (9, 9, sets))
@@ -170,7 +170,7 @@ def cubic_constraints(basis: Array) -> Array:
 
 
 def eliminate(cubics: Array) -> Array:
-    """Take x³, y³, x²y, xy² out of the ten cubics: six rows remain, (6, 16, S)."""
+    """Eliminate x³, y³, x²y, xy² from the ten cubics: six rows remain, (6, 16, S)."""
     return householder(cubics.copy(), 4)[4:, 4:]
 
 

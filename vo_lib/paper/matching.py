@@ -97,7 +97,7 @@ def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple
 
     Returns
     -------
-    Their indices (N,) in the previous left and right, and in the current left and right image.
+    Indices (N,) of these features in the previous left and right, and in the current left and right image.
     """
     # Left features with the same right feature share the rest of the loop, so each right feature is matched
     # once.

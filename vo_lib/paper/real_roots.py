@@ -28,7 +28,7 @@ ROOT_STEPS, ROOT_DONE = 20, 1e-7
 
 
 def _bernstein_matrices() -> tuple[Array, Array]:
-    """Matrices from power to Bernstein coefficients on PIECES of [-1, 1], and from these to PARTS of [0, 1].
+    """Matrices from power to Bernstein coefficients on PIECES of [-1, 1], and from these on PARTS of [0, 1].
 
     Shapes (11 · PIECES, 11) and (11 · PARTS, 11), coefficient by coefficient.
     """
@@ -57,12 +57,12 @@ class Intervals(NamedTuple):
 
 
 def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
-    """Intervals that each hold one real root in [-1, 1] of polynomials (11, P), coefficients of t¹⁰ … 1.
+    """Intervals with one real root each, in [-1, 1], of polynomials (11, P), coefficients of t¹⁰ … 1.
 
     The number of roots in an interval is at most the number of sign changes among the Bernstein coefficients
-    there (Descartes): none means no root, one means one. Other intervals are cut into parts. The second
-    result has the intervals in which rounding noise hides the number of roots: all coefficients of an
-    interval to be cut, or the smallest one without a sign change, are below the noise.
+    there (Descartes): no change means no root, one change means one. Other intervals are cut into parts. The
+    second result has the intervals in which rounding noise hides the number of roots: with several changes,
+    all coefficients are below the noise; without a change, the smallest one is.
     """
     size = np.max(np.abs(polynomials), axis=0)
     noise = np.maximum(ROUNDING_ERROR[0] * size, ROUNDING_ERROR[1])
@@ -107,7 +107,7 @@ def real_roots(polynomials: Array) -> tuple[Array, Array, Index, BoolArray]:
     Returns
     -------
     z, w : (M,) roots; index : (M,) the polynomial of each; doubtful : (S,) polynomials with roots so near
-    each other that their number is uncertain. Samples of such an interval are returned instead.
+    each other that their number is uncertain. Samples of the interval replace such roots.
     """
     sets = polynomials.shape[1]
     both = np.concatenate([polynomials, polynomials[::-1]], axis=1)  # in z/w, and in w/z
@@ -143,9 +143,9 @@ def _newton(c: Array, interval: Intervals) -> Array:
         move, t = np.abs(new - t), new
         if step >= 2:  # only now is it worth while to sort out the few that go on
             root[todo] = t
-            left = np.flatnonzero(~(move < ROOT_DONE))
-            if not left.size:
+            remaining = np.flatnonzero(~(move < ROOT_DONE))
+            if not remaining.size:
                 break
-            todo, low, high, t, rising = (a[left] for a in (todo, low, high, t, rising))
-            c, slopes, powers = (a.take(left, axis=1) for a in (c, slopes, powers))
+            todo, low, high, t, rising = (a[remaining] for a in (todo, low, high, t, rising))
+            c, slopes, powers = (a.take(remaining, axis=1) for a in (c, slopes, powers))
     return root

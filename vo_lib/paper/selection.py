@@ -27,11 +27,11 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
     Parameters
     ----------
     E : (M, 3, 3) candidates; x_p, x_c : (N, 2) normalised points.
-    threshold : in the unit of the points; a match never costs more than threshold².
+    threshold : in the unit of the points; the squared error of a match is at most threshold².
 
     Returns
     -------
-    mean(min(d² / threshold², 1)), in [0, 1]. In single precision: enough to rank, twice as fast.
+    mean(min(d² / threshold², 1)), in [0, 1]. Single precision is enough for a ranking, and twice as fast.
     """
     d2 = squared_distances(candidate_terms(E, np.float32), match_terms(x_p, x_c, np.float32))
     np.minimum(d2, d2.dtype.type(threshold**2), out=d2)
@@ -61,7 +61,7 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Bo
 
     Parameters
     ----------
-    E : (M, 3, 3) candidates; set_index : (M,) the set each one comes from.
+    E : (M, 3, 3) candidates; set_index : (M,) the set of each candidate.
     e_prev : (9,) essential vector of the previous frame (the paper's E_prev).
 
     Returns
@@ -78,7 +78,7 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Bo
 
 
 def competing(E: Array, set_index: Index, e_prev: Array | None, config: SelectionConfig) -> BoolArray:
-    """Mask (M,) of candidates near the previous essential vector; all without that vector or the prior."""
+    """Mask (M,) of candidates near the previous essential vector; without vector or prior, all of them."""
     if not config.prior or e_prev is None:
         return np.ones(len(E), np.bool_)
     return nearest_to_prior(E, set_index, e_prev, config.keep)

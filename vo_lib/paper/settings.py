@@ -97,17 +97,15 @@ class SelectionConfig(Checked):
         choices=("error", "inliers"),
     )
     prior: bool = setting(
-        True, "only the solutions nearest to the previous essential vector compete; off: all compete"
+        True, "select only among the solutions nearest to the previous essential vector; off: among all"
     )
     keep: int = setting(
-        2, "solutions kept per set, nearest to the previous one first (k of the paper)", low=1, high=10
+        2, "solutions kept per five-point set, nearest to the previous one (k of the paper)", low=1, high=10
     )
-    threshold: float = setting(
-        0.5, "a match is an inlier if its Sampson distance is smaller", unit="px", low=0.05, high=10
-    )
+    threshold: float = setting(0.5, "largest Sampson distance of an inlier", unit="px", low=0.05, high=10)
     standstill_flow: float = setting(
         0.5,
-        "no essential matrix is estimated if the median optical flow is smaller: the camera is still",
+        "smallest median optical flow for an essential matrix; below this value, the camera is still",
         unit="px",
         low=0,
         high=5,
@@ -121,7 +119,7 @@ class TranslationLimits(Checked):
     max_depth: float = setting(100.0, "largest depth of a feature that is used", unit="m", low=5, high=1000)
     agreement: float = setting(
         1.0,
-        "a feature is an inlier if the residual of its eight equations is smaller",
+        "largest residual of an inlier's eight equations",
         unit="px",
         low=0.1,
         high=50,
@@ -134,7 +132,7 @@ class TranslationConfig(TranslationLimits):
 
     pairs: int = setting(
         3,
-        "stereo pairs that give equations for a feature: two, as in (3), or three for tracked features",
+        "stereo pairs in the equations of a feature: two, as in equation (3); three if it was tracked",
         low=2,
         high=3,
     )
@@ -144,10 +142,10 @@ class TranslationConfig(TranslationLimits):
 class ReprojectionConfig(Checked):
     """The VISO2 estimator: three matches per trial, Gauss-Newton on the reprojection error (StereoScan)."""
 
-    trials: int = setting(200, "motions from three random matches per frame", low=1, high=5000)
+    trials: int = setting(200, "trial motions per frame, each from three random matches", low=1, high=5000)
     threshold: float = setting(
         2.0,
-        "a match is an inlier if the residual norm over its four current coordinates is smaller",
+        "largest norm of an inlier's residuals in its four current coordinates",
         unit="px",
         low=0.05,
         high=20,
@@ -155,7 +153,7 @@ class ReprojectionConfig(Checked):
     iterations: int = setting(20, "largest number of Gauss-Newton steps", low=1, high=100)
     centre: float = setting(
         0.05,
-        "a residual's weight is 1 / (|u - cu| / |cu| + this); a smaller value favours the image centre",
+        "c in a residual's weight 1 / (|u - cu| / |cu| + c); a smaller value favours the image centre",
         low=1e-3,
         high=100,
     )
@@ -169,7 +167,7 @@ class MethodConfig(Checked):
 
     seed: int = setting(0, "seed of the random five-point sets", low=0)
     min_matches: int = setting(
-        12, "with fewer matches, the previous motion is used for the frame", low=5, high=1000
+        12, "smallest number of matches; with fewer, the previous motion is used", low=5, high=1000
     )
     features: ImageBorder = section(ImageBorder)
     matching: StereoLimits = section(StereoLimits)
@@ -179,7 +177,7 @@ class MethodConfig(Checked):
     translation: TranslationLimits = section(TranslationLimits)
     estimator: str = setting(
         "essential",
-        "rotation from the essential matrix, then translation; or both from the reprojection error",
+        "essential: rotation from the essential matrix, then translation; reprojection: both at once",
         choices=("essential", "reprojection"),
     )
     reprojection: ReprojectionConfig = section(ReprojectionConfig)

@@ -24,7 +24,7 @@ class Viso2(Odometry):
     """VISO2 on a sequence: StereoScan's estimator instead of the essential matrix and equation (3)."""
 
     def stands_still(self, matches: StereoMatches) -> bool:
-        """False: the reprojection error is also defined for a still camera."""
+        """Always False, since the reprojection error is also defined for a still camera."""
         return False
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
@@ -106,7 +106,7 @@ def _gauss_newton(
     iterations: int,
     tolerance: float,
 ) -> tuple[Array, Array]:
-    """Least squares of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N), R, t to start.
+    """Least squares of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N); R, t: start.
 
     A converged problem is not changed any more; a divergent problem keeps its last state.
     """

@@ -100,7 +100,7 @@ def run_sweep(
         config = base
         for axis, value in zip(axes, values, strict=True):
             config = change(config, axis.name, value)  # raises for settings that contradict each other
-        words = {axis.name: _typed(value) for axis, value in zip(axes, values, strict=True)}
+        words = {axis.name: settings.as_typed(value) for axis, value in zip(axes, values, strict=True)}
         name = "+".join(f"{axis}={word}" for axis, word in words.items()).replace(",", "-")
         cell_path = folder / "cells" / base.variant / name
         configs = [dataclasses.replace(config, seed=seed) for seed in range(seeds)]
@@ -141,8 +141,11 @@ def sweep_table(sweep: Sweep) -> ReportTable:
 def heat_map(sweep: Sweep) -> bytes:
     """TE and RE of a grid as PNG, the last setting across; dark means large, a cross means no result."""
     *down, across = sweep.axes
-    columns = [_typed(value) for value in across.values]
-    rows = [", ".join(map(_typed, values)) for values in itertools.product(*(axis.values for axis in down))]
+    columns = [settings.as_typed(value) for value in across.values]
+    rows = [
+        ", ".join(map(settings.as_typed, values))
+        for values in itertools.product(*(axis.values for axis in down))
+    ]
     width, height = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns)), 2 * (1.2 + 0.55 * len(rows)) + 0.8
     figure = page(sweep.title, width, height)
     for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
@@ -158,10 +161,3 @@ def heat_map(sweep: Sweep) -> bytes:
             colour = "white" if image.norm(values[row, column]) > 0.6 else "black"
             axis.text(column, row, text, ha="center", va="center", color=colour, fontsize="small")
     return png(figure)
-
-
-def _typed(value: Any) -> str:
-    """A value as written on the command line."""
-    if isinstance(value, bool):
-        return "on" if value else "off"
-    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
