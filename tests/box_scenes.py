@@ -1,4 +1,4 @@
-"""A street of points and vehicles, for tests of the box rules: exact, or with noise."""
+"""A simulated street of points and vehicles for tests of the box rules, with or without noise."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def street_points(rng: np.random.Generator, number: int) -> Array:
 def match_points(
     X_p: Array, X_c: Array, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> StereoMatches:
-    """Matches of points (N, 3), given in the frames of the previous and the current left camera."""
+    """Matches of points (N, 3) in the frames of the previous and of the current left camera."""
     n = len(X_p)
     views = (*CAMERA.project(X_p), *CAMERA.project(X_c))
     if rng is not None:
@@ -57,7 +57,7 @@ class Vehicle:
         return np.concatenate([uv.min(axis=0), uv.max(axis=0)])
 
     def drive(self) -> None:
-        """Move the vehicle to the next frame and its camera axes."""
+        """Move the vehicle to its position in the next frame, in the axes of the next camera."""
         turned = transform(STEP, self.X) - transform(STEP, np.array([self.place]))
         self.place = tuple((transform(STEP, np.array([self.place]))[0] + self.step).tolist())
         self.X = np.array(self.place) + turned
@@ -66,7 +66,7 @@ class Vehicle:
 def drive(
     vehicles: list[Vehicle], frames: int, noise: float = 0.15
 ) -> tuple[Boxes, list[tuple[StereoMatches, Boxes]]]:
-    """Boxes of the first frame; then matches and boxes of each next frame, without occlusion."""
+    """Boxes of the first frame; then matches and boxes of each following frame, without occlusion."""
     rng = np.random.default_rng(6)
     first, result = _boxes(vehicles), []
     for _ in range(frames):

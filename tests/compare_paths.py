@@ -1,11 +1,11 @@
-"""Script, not a test: digests of the poses of every method, to compare paths before and after a change.
+"""Script, not a test: digests of the poses of every method, for a comparison before and after a change.
 
     python tests/compare_paths.py [SEQUENCE ...] > before.txt
     python tests/compare_paths.py [SEQUENCE ...] | diff before.txt -
 
-A line for each run: a sequence, a mode and a method, or a published method; its digest is the SHA-256 of its
-poses as KITTI writes them. Without sequences: synthetic/traffic and synthetic/jam, and kitti/00 where there
-is one (KITTI_ROOT).
+A line for each run: sequence, mode (none for published methods), method, and the SHA-256 of the poses in
+KITTI's format. The default sequences are synthetic/traffic, synthetic/jam and, if it exists in
+KITTI_ROOT, kitti/00.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ BANDS = (4, 6, 9, 12, 16, 20)  # disparity of each band of rows, pixels
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Sort the tests: the slowest files first."""
+    """Sort the tests by file, the slowest files first."""
     items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
 
 
@@ -63,7 +63,7 @@ def find_browser() -> str | None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_hashes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep the hashes of the tests' images out of the user's cache folder."""
+    """Store the hashes of the tests' images outside the user's cache folder."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("user") / "synthetic"
         patch.setattr("vo_lib.runs.identity.cache_folder", lambda: folder)
@@ -72,7 +72,7 @@ def _own_hashes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def clips() -> Path:
-    """Root of the real KITTI clips; the test is skipped without them."""
+    """Root of the real KITTI clips; without the clips, the test is skipped."""
     if not CLIPS.is_dir():
         pytest.skip("the real KITTI clips are not beside this checkout (shared/data/kitti_clips)")
     return CLIPS
@@ -80,9 +80,9 @@ def clips() -> Path:
 
 @pytest.fixture(scope="session")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    """`synthetic/traffic` in the user's cache folder, as the notebooks use it.
+    """`synthetic/traffic` in the user's cache folder, which the notebooks also use.
 
-    Drawing takes most of a minute: the first test process draws the scene, the others wait.
+    Drawing takes almost a minute; the first test process draws the scene, and the other processes wait.
     """
     base = tmp_path_factory.getbasetemp()
     with FileLock((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "street.lock"):
@@ -90,7 +90,7 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
 
 
 def texture(rng: np.random.Generator, height: int, width: int, smooth: float) -> Image:
-    """Random grey values (H, W) over the whole range, blurred by `smooth` pixels."""
+    """Random grey values (H, W) from 0 to 255, blurred with a deviation of `smooth` pixels."""
     noise = cv2.GaussianBlur(rng.uniform(0, 255, (height, width)), (0, 0), smooth)
     low, high = noise.min(), noise.max()
     return np.asarray(255 * (noise - low) / (high - low), np.uint8)
@@ -127,7 +127,7 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
 
 
 def small(method: str = "solution_selection", **changes: object) -> KitConfig:
-    """A method of variant `kit` with cells for the band sequence, and settings such as selection__sets=20."""
+    """A method of variant `kit` for the band sequence, with settings such as selection__sets=20."""
     config = change(preset(method, variant="kit"), "features.cell", 10)
     for name, value in changes.items():
         config = change(config, name.replace("__", "."), value)
@@ -152,7 +152,7 @@ def winding_road(frames: int, turn: float, step: float) -> Array:
 
 
 def write_euroc_truth(path: Path, times_ns: IntArray, poses: Array) -> None:
-    """EuRoC's truth: nanoseconds, position, quaternion with w first, speed and biases."""
+    """Text of EuRoC's ground truth: nanoseconds, position, quaternion with w first, velocity and biases."""
     rows = ["#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], …"]
     for t, T in zip(times_ns.tolist(), poses, strict=True):
         x, y, z, w = quaternion_from_rotation(T[:3, :3])

@@ -1,7 +1,7 @@
-"""A stereo camera with known faults, written from the pinhole equations alone.
+"""A stereo camera with given faults, computed only from the pinhole equations.
 
-The matches are independent of the library: a point (X, Y, Z) has the image u = f X / Z + cx,
-v = f Y / Z + cy, and the faults are added.
+The matches are independent of the library: a point (X, Y, Z) has the image u = f X / Z + cx, v = f Y / Z + cy
+plus the faults.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def none(x: Array, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Faults:
-    """Errors of disparities and rows as fields of (x, y), half in each camera, and of lenses, pixels."""
+    """Errors, pixels: of disparities and rows as fields of (x, y), half in each camera; of lenses."""
 
     disparities: Field = none
     rows: Field = none
@@ -66,7 +66,7 @@ def pair(X: Array, faults: Faults, noise: float, rng: np.random.Generator) -> tu
 def drive(
     frames: int, faults: Faults, noise: float = 0.2, points: int = 300, step: float = 1.0
 ) -> Iterator[tuple[StereoMatches, Array, Array]]:
-    """Matches, R_cp and t_cp of a camera that moves `step` metres forward per frame and turns."""
+    """Matches, R_cp and t_cp of a camera that turns and moves `step` metres forward per frame."""
     rng = np.random.default_rng(11)
     for i in range(frames):
         R_cp, t_cp = yaw_matrix(0.01 * np.sin(i / 5)), np.array([0.0, 0.0, -step])

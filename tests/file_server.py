@@ -9,14 +9,14 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 
 class FileServer:
-    """Serves `files` by name.
+    """A server of `files` by name.
 
     Attributes
     ----------
     files : content by name. ranges : whether the server supports ranges.
-    drop_every : close the connection half-way through every n-th answer (0: never).
-    status : code of every answer (0: the normal one).
-    gets, sent : number of GETs and of sent body bytes, by name.
+    drop_every : n closes the connection in the middle of every n-th answer; 0 never does.
+    status : HTTP status of every answer; 0 is the normal status.
+    gets, sent : numbers of GET requests and of sent body bytes, by name.
     """
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ class FileServer:
             daemon_threads = True
 
             def handle_error(self, *details: object) -> None:
-                """Ignore lost connections: they are part of the tests."""
+                """Ignore lost connections, which are part of the tests."""
 
         self._server = Quiet(("127.0.0.1", 0), Handler)
         self.url = f"http://127.0.0.1:{self._server.server_address[1]}/"
@@ -79,7 +79,7 @@ class FileServer:
         self._thread.start()
 
     def count(self, name: str) -> bool:
-        """Count a GET; returns whether its connection must break."""
+        """Count a GET request; returns whether its connection is closed early."""
         with self._lock:
             self.gets[name] += 1
             number = sum(self.gets.values())

@@ -1,4 +1,4 @@
-"""Artificial runs for tables: straight drives whose steps are too long by a known percentage."""
+"""Artificial runs for tables: straight drives whose steps are too long by a given percentage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All readers of files, each with a folder of valid files that the tests of bad input damage."""
+"""All readers of files, each with a folder of valid files, which the tests of invalid input damage."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ STAMPS = "2011-09-26 13:02:25.964389445\n2011-09-26 13:02:26.064389445\n"
 
 
 def expanded(text: str) -> str:
-    """The text with each <words*times> replaced by that many copies of the words."""
+    """The text, in which each <words*times> is replaced by `times` copies of `words`."""
     return re.sub(r"<(.+?)\*(\d+)>", lambda run: run[1] * int(run[2]), text)
 
 
 @dataclass(frozen=True)
 class Reader:
-    """A file in a folder, the function that reads the folder, and the content of all its files."""
+    """A file in a folder, the function that reads the folder, and the content of all files of the folder."""
 
     file: str
     read: Callable[[Path], Any]

@@ -46,7 +46,7 @@ def free_port() -> int:
 
 @pytest.fixture(scope="module")
 def lab(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a JupyterLab that `vo lab` started on a copy of the notebooks, with a given KITTI_ROOT."""
+    """Address of a JupyterLab that `vo lab` starts on a copy of the notebooks with a given KITTI_ROOT."""
     folder, port = tmp_path_factory.mktemp("lab"), free_port()
     for plugin, values in SETTINGS.items():
         path = folder / "settings" / f"{plugin}.jupyterlab-settings"

@@ -1,4 +1,4 @@
-"""Every notebook runs from top to bottom without an error, and is committed without outputs."""
+"""Every notebook runs from top to bottom without an error and has no stored outputs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def outputs(notebook: Any) -> list[Any]:
 
 
 def complaints(notebook: Any) -> list[str]:
-    """Errors in the outputs and in the saved widget state, where panels show theirs."""
+    """Errors in the outputs of the cells and, for panels, in the saved widget state."""
     states = notebook.metadata.get("widgets", {}).get(WIDGETS, {}).get("state", {}).values()
     widget_outputs = [output for state in states for output in state["state"].get("outputs", [])]
     result = []
@@ -58,7 +58,7 @@ def verdicts(notebook: Any) -> list[str]:
 
 
 def execute(path: Path, folder: Path, sequence: str = STREET, **environment: str) -> Any:
-    """The notebook with outputs and widget state, run in a folder and optionally on another sequence."""
+    """The notebook with outputs and widget state after a run in a folder, optionally on another sequence."""
     notebook = read(path)
     for cell in notebook.cells:
         cell.source = cell.source.replace(f'load("{STREET}")', f"load({sequence!r})")
@@ -73,7 +73,7 @@ def execute(path: Path, folder: Path, sequence: str = STREET, **environment: str
 
 @pytest.fixture(scope="module")
 def student(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[Path, Any]]:
-    """A student who has solved all chapters: the folder with the saved answers, and the notebooks."""
+    """The folder of a student who has solved all chapters, with the saved answers, and the notebooks."""
     folder = tmp_path_factory.mktemp("student")
     (folder / "00_start_here.ipynb").touch()
     return folder, {path: execute(path, folder) for path in SOLUTIONS}

@@ -15,7 +15,7 @@ UNTRUE_FRAMES = 54  # length of the shortest drive in the notebooks
 
 @pytest.fixture(scope="module")
 def untrue(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first frames of the drawn street without poses and true depth."""
+    """The first frames of the drawn street, without true poses and depth."""
     folder = tmp_path_factory.mktemp("untrue") / "street"
     late = [f"{number:06d}.*" for number in range(UNTRUE_FRAMES, len(street))]
     shutil.copytree(street.folder, folder, ignore=shutil.ignore_patterns("poses.txt", "truth", *late))

@@ -22,7 +22,7 @@ GIVEN = {"buckets.size", "selection.keep"}  # settings with values in the paper
 
 
 def table_rows(text: str) -> list[list[str]]:
-    """Cells of all tables in a text, without their headings."""
+    """Cells of all tables in a text, without the headings."""
     lines = [line for line in text.splitlines() if line.startswith("|")]
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     heads = [number - 1 for number, row in enumerate(cells) if set("".join(row)) <= set("-:")]

@@ -1,4 +1,4 @@
-"""Any file content and any option value gives a result or an error of one line."""
+"""Every file content and every option value gives a result or a one-line error."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PIECE = re.compile(rb"[^\s,:\[\]{}\"]+")
 
 @st.composite
 def damaged(draw: st.DrawFn, valid: bytes) -> bytes:
-    """Random bytes, or a valid file with unusual words, or with a part removed, doubled or replaced."""
+    """Random bytes, or a valid file with unusual words or with a part removed, doubled or replaced."""
     how = draw(st.sampled_from(["bytes", "words", "words", "words", "part"]))
     if how == "bytes":
         return draw(st.binary(max_size=200))
@@ -49,7 +49,7 @@ def damaged(draw: st.DrawFn, valid: bytes) -> bytes:
 
 
 def outcome(work: Callable[[], Any]) -> tuple[Any, str]:
-    """The result of a function, and the text of its `DataError`."""
+    """The result of a function, and the text of its `DataError` or ""."""
     try:
         return work(), ""
     except DataError as error:
@@ -57,7 +57,7 @@ def outcome(work: Callable[[], Any]) -> tuple[Any, str]:
 
 
 def arrays(value: Any) -> Iterator[Any]:
-    """All arrays of floats in a result."""
+    """All floating-point arrays in a result."""
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
         yield value
     elif dataclasses.is_dataclass(value):
@@ -68,7 +68,7 @@ def arrays(value: Any) -> Iterator[Any]:
 
 
 def spoilt(how: str | list[str], valid: bytes) -> bytes:
-    """A file's bytes: `how` itself, or the valid ones with the first of two texts replaced by the second.
+    """Invalid content of a file: the text `how`, or the valid content after replacement of a text by another.
 
     Bytes that are not UTF-8 are written as Python's surrogates.
     """

@@ -1,4 +1,4 @@
-"""Values of the presets, with the reason of each choice of the paper."""
+"""Values of the presets, with the source of each value in the paper."""
 
 from __future__ import annotations
 

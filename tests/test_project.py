@@ -87,7 +87,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 
 
 def imports(path: Path) -> set[str]:
-    """Dotted names of all imports of a file, at its top or inside a function."""
+    """Dotted names of all imports in a file, at the top level or inside a function."""
     own = path.relative_to(ROOT).with_suffix("").parts
     result: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -100,7 +100,7 @@ def imports(path: Path) -> set[str]:
 
 
 def imported_packages(path: Path) -> set[str]:
-    """Packages (or single modules) of vo_lib that a file imports."""
+    """Packages and single modules of vo_lib that a file imports."""
     return {name.split(".")[1] for name in imports(path) if name.startswith("vo_lib.")}
 
 

@@ -1,4 +1,4 @@
-"""Settings: declared ranges, parsing, and refusal of bad values."""
+"""Settings: declared ranges, parsing, and errors for invalid values."""
 
 from __future__ import annotations
 

@@ -87,21 +87,21 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
     sides = {f"image_{side}": _by_number(folder / f"image_{side}") for side in range(4 if colour else 2)}
     problems: list[str] = []
     part = kitti.read_part(folder)
-    wanted = kitti.wanted_frames(folder)
-    expected = None if wanted is None else len(wanted)
-    if wanted is None:  # a user's own clip may start with any number
+    numbers = kitti.wanted_frames(folder)
+    expected = None if numbers is None else len(numbers)
+    if numbers is None:  # a user's own clip may start with any number
         everything = set().union(*sides.values())
-        wanted = range(min(everything, default=0), max(everything, default=-1) + 1)
-    frames = len(wanted)
+        numbers = range(min(everything, default=0), max(everything, default=-1) + 1)
+    frames = len(numbers)
     mark = "" if part is None else part[0]
     parts = [("a part", mark)] if mark else []
     for side, images in sides.items():
         count = f"{len(images)} of {frames}" if expected is not None else str(len(images))
-        inside = [number for number in images if number in wanted]
+        inside = [number for number in images if number in numbers]
         if not images:
             problems.append(f"{side}: no images")
         elif len(inside) < frames:
-            first = next(number for number in wanted if number not in images)
+            first = next(number for number in numbers if number not in images)
             problems.append(f"{side}: {frames - len(inside)} images missing, the first is {first:06d}")
         if surplus := images.keys() - set(inside):
             problems.append(f"{side}: {len(surplus)} images not of this sequence, such as {min(surplus):06d}")

@@ -132,8 +132,8 @@ def without(*names: str) -> dict[str, Any]:
 
 def without_faults(*names: str) -> dict[str, Any]:
     """The change that removes the faults of the rig whose names begin with a prefix."""
-    left = {name: fault for name, fault in rig.RIG_FAULTS.items() if not name.startswith(names)}
-    return {f"{RIG}.RIG_FAULTS": left}
+    faults = {name: fault for name, fault in rig.RIG_FAULTS.items() if not name.startswith(names)}
+    return {f"{RIG}.RIG_FAULTS": faults}
 
 
 IDEAS = (

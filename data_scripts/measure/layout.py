@@ -72,10 +72,10 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
                     f"{label} ({number(float(old[kind, 0]))} → {number(float(new[kind, 0]))})"
                 )
         lower, higher = (", ".join(sides[side]) or "no row" for side in (True, False))
-        left = count - sum(map(len, sides.values()))
+        rest = count - sum(map(len, sides.values()))
         sentences.append(
             f"{subject} lowers {unit.split(',')[0]} on {lower}; it raises {unit.split(',')[0]} on {higher}. "
-            f"On {left} of {count} rows the change is within two standard deviations or {100 * SHARE:.0f} %."
+            f"On {rest} of {count} rows the change is within two standard deviations or {100 * SHARE:.0f} %."
         )
     return sentences
 

@@ -1,4 +1,4 @@
-"""Bad input to any command gives an error of one line, and exit code 2 before any work."""
+"""Invalid input to any command gives a one-line error and exit code 2 before any work."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CASES = json.loads((Path(__file__).parent / "bad_input.json").read_text(encoding
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """A sequence, its images, its poses, half a mask, a run's settings, a loop, an unwritten folder."""
+    """Invalid and valid inputs by name: images, poses, half a mask, settings, a symbolic loop, and others."""
     bands = write_bands(tmp_path_factory.mktemp("bad") / "bands")
     config = {"method": "mesvo_f", "variant": "published", "settings": {}}
     (bands / "config.json").write_text(json.dumps(config), encoding="utf-8")

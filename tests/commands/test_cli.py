@@ -32,7 +32,7 @@ BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
 
 @pytest.fixture
 def done(bands: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """A function that calls `vo run` on the bands and returns its output."""
+    """A function that calls `vo run` on the band sequence and returns the printed text."""
 
     def run(out: str, *words: str, code: int = 0, variant: str = "published") -> str:
         assert main(["run", str(bands), "--out", str(bands.parent / out), *SMALL[variant], *words]) == code

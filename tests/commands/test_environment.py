@@ -17,7 +17,7 @@ from vo_lib.data.scenes import SCENES
 
 @pytest.fixture(autouse=True)
 def _own_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No data, no detectors, a cache with 2 MB of matches by other code."""
+    """An environment without data and detectors; the cache has 2 MB of matches of another code version."""
     for name in ("KITTI_ROOT", "XDG_CACHE_HOME", "XDG_DATA_HOME"):
         monkeypatch.setenv(name, str(tmp_path / name))
     monkeypatch.setattr("vo_lib.data.catalogue.PROJECT", tmp_path)

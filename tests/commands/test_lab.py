@@ -22,7 +22,7 @@ def files(folder: Path) -> set[str]:
 
 
 def notebook(source: str, count: int | None = None) -> str:
-    """A notebook of one cell with an execution count."""
+    """Text of a notebook with one cell and an execution count."""
     cell = {"cell_type": "code", "source": [source], "execution_count": count}
     return json.dumps({"cells": [cell], "metadata": {}, "nbformat": 4, "nbformat_minor": 5})
 

@@ -1,4 +1,4 @@
-"""The checker of the exercises: each verdict once, and the saved functions."""
+"""The checker of the exercises: one test per verdict, and the saved functions."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from vo_lib.paper.five_point import null_space as other_name
 
 
 def table(right: Any, *more: Any, twice: Any = -1, odd: Any = -3, **options: Any) -> Exercise:
-    """An exercise with two known mistakes: an answer, or a test, each."""
-    known = {"twice: {got:g}.": twice, "odd.": odd}
+    """An exercise with two known mistakes, defined by a wrong answer or by a test."""
+    mistakes = {"twice: {got:g}.": twice, "odd.": odd}
     words = {"praise": "well done, {got}.", "hint": "try."}
-    return Exercise(right, *more, mistakes=known, **{**words, **options})
+    return Exercise(right, *more, mistakes=mistakes, **{**words, **options})
 
 
 def square(x: float) -> float:
@@ -172,7 +172,7 @@ def test_a_library_function_under_another_name_is_recognised() -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The current folder, with the course's first notebook in it."""
+    """The current folder, which contains the first notebook of the course."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "00_start_here.ipynb").touch()
     return tmp_path

@@ -1,4 +1,4 @@
-"""Numbers of chapters 5 and 7 from the measured tables."""
+"""Numbers of chapters 5 and 7 that are read from measured tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ threshold and boxes,"0.25 px, boxes removed",kitti/drive_0013,2.8,0.03,0.23,0.01
 
 @pytest.fixture
 def table(tmp_path: Path) -> Path:
-    """The table without the rows of thresholds and boxes, except those of one drive."""
+    """The table of choices, whose rows on thresholds and boxes are only from one drive."""
     lines = [line for line in CHOICES.read_text("utf-8").splitlines() if "threshold and boxes" not in line]
     path = tmp_path / "choices.csv"
     path.write_text("\n".join(lines) + ROWS, encoding="utf-8")

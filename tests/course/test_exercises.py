@@ -60,15 +60,15 @@ GIVEN: dict[str, tuple[Any, ...]] = {
 }
 
 
-def judge(name: str, told: Any) -> Verdict:
-    """The verdict on an answer of a table, handed in as a student would: a function, a value or facts."""
+def judge(name: str, answer: Any) -> Verdict:
+    """The verdict on an answer (function, value or facts) that is checked like a student's answer."""
     exercise, given = TABLES[name], GIVEN.get(name, ())
     exercise.failures.clear()
-    if isinstance(told, dict):
-        told = exercise.right | told
-    elif callable(told) and exercise.cases is None:
-        told = told(*given)
-    return exercise(told, *given)
+    if isinstance(answer, dict):
+        answer = exercise.right | answer
+    elif callable(answer) and exercise.cases is None:
+        answer = answer(*given)
+    return exercise(answer, *given)
 
 
 @pytest.mark.parametrize("name", TABLES)

@@ -15,10 +15,10 @@ from vo_lib.data.sequence import Sequence
 def test_what_a_sequence_lacks_is_printed(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sequence = replace(open_sequence(bands), truth=None, labels=None)
     assert not any(frames.has_truth(sequence, what) for what in frames.LACKING)
-    said = capsys.readouterr().out.splitlines()
+    lines = capsys.readouterr().out.splitlines()
     sentence = "bands has no ground truth: no error can be stated."
-    assert said[0] == f"{sentence} The corresponding part of this cell is skipped."
-    assert len(said) == len(frames.LACKING)
+    assert lines[0] == f"{sentence} The corresponding part of this cell is skipped."
+    assert len(lines) == len(frames.LACKING)
 
 
 def test_a_drawn_scene_lacks_nothing(street: Sequence, capsys: pytest.CaptureFixture[str]) -> None:
@@ -39,6 +39,6 @@ def test_a_real_frame_is_shown_beside_the_drawn_one(
 ) -> None:
     monkeypatch.setenv("KITTI_ROOT", str(clips))
     assert frames.real_pair(street, 60, "kitti/drive_0013") is not None
-    found = frames.real_frame("kitti/drive_0013")
-    assert found is not None
-    assert found[0].name == "kitti/drive_0013"
+    frame = frames.real_frame("kitti/drive_0013")
+    assert frame is not None
+    assert frame[0].name == "kitti/drive_0013"

@@ -1,4 +1,4 @@
-"""A lorry with part of the matches: its features, and the path with and without them."""
+"""A lorry with a large share of the matches: its features, and the path with and without these features."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ def test_the_lorry_holds_its_share_hides_what_is_behind_it_and_its_features_keep
 
 
 def require_path_kept(sequence: Sequence, variant: str, bound: float) -> None:
-    """TE over 20 m, %, is below `bound` without the lorry's features, and with half or more of all is not."""
+    """Require TE < `bound` (%) without the lorry's features, and TE > 20 % with a share of 0.5 or more."""
     configs = {name: preset(name, variant=variant) for name in ("solution_selection", "feature_selection")}
     frames = list(find_matches(sequence, configs["solution_selection"]))
     assert sequence.truth is not None
     for share in (0.3, 0.5, 0.7, 0.85):
         runs = drive_past_lorry(sequence, configs, frames, LorryConfig(share, DISTANCE))
-        found = (kitti_errors(sequence.truth, run.poses, (20.0,), step=1) for run in runs.values())
-        every, removed = (100 * errors.t_err.mean() for errors in found)
+        of_runs = (kitti_errors(sequence.truth, run.poses, (20.0,), step=1) for run in runs.values())
+        every, removed = (100 * errors.t_err.mean() for errors in of_runs)
         assert removed < bound, share
         assert every > 20.0 or share < 0.5, share
 

@@ -21,8 +21,8 @@ def test_the_drive_has_steps_of_a_metre_on_gentle_bends() -> None:
 def test_robust_rows_beat_the_other_weightings_and_bear_wrong_matches() -> None:
     for wrong, promised in ((0.0, 4.5), (0.3, 8.0)):
         tracks = TrackConfig(points=300, noise=0.3, wrong=wrong)
-        found = [weighting_errors(tracks, 12, seed) for seed in range(2)]
-        median = {name: np.median(np.concatenate([run[name] for run in found])) for name in found[0]}
+        runs = [weighting_errors(tracks, 12, seed) for seed in range(2)]
+        median = {name: np.median(np.concatenate([run[name] for run in runs])) for name in runs[0]}
         assert median[ROBUST] <= promised
         assert median[ROBUST] < 0.75 * median[METRES]
         assert median[MEDIAN] < median[MEAN]

@@ -1,4 +1,4 @@
-"""The student's stages joined, filmed, judged and marked; some drawn frames."""
+"""The student's stages: their composition, film, evaluation and marks, on a few drawn frames."""
 
 from __future__ import annotations
 
@@ -138,11 +138,11 @@ def solve_five(x_p, x_c): return five_point(x_p, x_c)
     ben.write_text("1 / 0")
     monkeypatch.setattr(sys, "argv", ["marks", str(anna), str(ben)])
     assert marks.main() == 2
-    told = capsys.readouterr()
+    output = capsys.readouterr()
     weights, select = "4.8  weights              passes", "3.5  select               not there"
     for line in (f"1 of {len(marks.asked())} pass", weights, select, "hands the work to `five_point`"):
-        assert line in told.out
-    assert re.fullmatch("error: .*ben.py: the file cannot be run.*\n", told.err)
+        assert line in output.out
+    assert re.fullmatch("error: .*ben.py: the file cannot be run.*\n", output.err)
     monkeypatch.setattr(sys, "argv", ["marks", "--json", str(anna)])
     assert marks.main() == 0
     functions = json.loads(capsys.readouterr().out)[str(anna)]["functions"]

@@ -27,11 +27,11 @@ Image(cv2.imencode('.png', np.zeros((2, 2)))[1].tobytes())"""
 )
 def test_every_formula_of_the_course_can_be_drawn(path: Path) -> None:
     for cell in read(path).cells:
-        for found in FORMULA.finditer(cell.source if cell.cell_type == "markdown" else ""):
-            if not found.group(1):
-                made = with_mathml(found.group())
+        for formula in FORMULA.finditer(cell.source if cell.cell_type == "markdown" else ""):
+            if not formula.group(1):
+                made = with_mathml(formula.group())
                 ElementTree.fromstring(made)
-                assert "\\" not in made, found.group()
+                assert "\\" not in made, formula.group()
 
 
 def test_pages_need_no_network_and_failed_cells_and_damaged_notebooks_are_named(

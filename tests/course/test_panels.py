@@ -1,4 +1,4 @@
-"""Panels answer to each of their controls with another picture, and to bad input with a sentence."""
+"""Each control of a panel changes the picture, and invalid input gives a sentence."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ TYPED = {
 
 @pytest.fixture(scope="module", params=PANELS, ids=lambda kind: kind.__name__)
 def panel(request: pytest.FixtureRequest, street: Sequence) -> Iterator[Panel]:
-    """Each panel once, on the common street; the explorer drives a few frames only."""
+    """One instance of each panel on the same street; the explorer runs over a few frames only."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("course.ch07.explore.FRAMES", 12)
         made: Panel = request.param(street)
@@ -48,7 +48,7 @@ def panel(request: pytest.FixtureRequest, street: Sequence) -> Iterator[Panel]:
 
 
 def stops(knob: Knob) -> list[Any]:
-    """Both ends of a control, its first and last choice, or two typed values."""
+    """Two values of a control: both ends, the first and the last choice, or two typed values."""
     widget = knob.widget
     if isinstance(widget, widgets.Checkbox):
         return [False, True]
@@ -74,20 +74,20 @@ def test_every_control_changes_the_picture_and_the_same_state_gives_the_same_one
     back: dict[str, Any] = {}
     for key, values in driven.items():
         awake = AWAKE.get(key, {"variant": "kit"}) if key in grey else {}
-        begun, seen = {name: back.get(name, widget_of[name].value) for name in (key, *awake)}, {first}
+        begun, pictures = {name: back.get(name, widget_of[name].value) for name in (key, *awake)}, {first}
         if awake:
             panel.set(**{**back, **awake})
             assert not panel.knobs[key].shown.disabled, f"{key} is grey under {awake}"
-            back, seen = {}, {panel.picture.value}
+            back, pictures = {}, {panel.picture.value}
         for value in values:  # none for paths, which have tests of their own
             panel.set(**{**back, key: value})
             assert panel.error == "", (key, value)
-            seen.add(panel.picture.value)
+            pictures.add(panel.picture.value)
             picture = cv2.imdecode(np.frombuffer(panel.picture.value, np.uint8), cv2.IMREAD_COLOR)
             assert picture is not None
             assert picture.shape == (panel.height, WIDTH, 3), (key, value)
             back = {}
-        assert len(seen) > 1 or not values, f"{key} changes nothing"
+        assert len(pictures) > 1 or not values, f"{key} changes nothing"
         back |= begun
     panel.set(**back)
     assert panel.picture.value == first

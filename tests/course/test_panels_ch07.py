@@ -1,4 +1,4 @@
-"""Chapter 7's panels: Table 1 is run; the part that is run."""
+"""Panels of chapter 7: the run of Table 1 and its part of a sequence."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ON_CLIPS = pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_c
 
 @pytest.fixture
 def road(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Forty-three frames, 21 m: sub-sequences of 20 m fit. Caches are in a folder of the test."""
+    """43 frames, 21 m: enough for sub-sequences of 20 m. The caches are in a temporary folder."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return write_bands(tmp_path / "bands", 43)
 
@@ -61,8 +61,8 @@ def test_a_part_of_00_begins_where_its_truth_can_be_believed(monkeypatch: pytest
     assert part_of(whole, len(whole) - 1).frames[0] == "000001"
     # The images say that the car speeds up evenly; the truth before that frame does not follow them.
     ran = run_plan(Plan(whole.part(0, 60), ("solution_selection",), 1, "kit"))[0]
-    true, found = (np.linalg.norm(np.diff(p[:, :3, 3], axis=0), axis=1) for p in (ran.truth, ran.poses))
-    off, first = np.abs(true - found), FIRST["kitti/00"]
+    true, estimated = (np.linalg.norm(np.diff(p[:, :3, 3], axis=0), axis=1) for p in (ran.truth, ran.poses))
+    off, first = np.abs(true - estimated), FIRST["kitti/00"]
     assert 0.17 < off[:first].max() < 0.2
     assert off[first:].max() < 0.06
 

@@ -1,4 +1,4 @@
-"""Statements of chapters 1 to 6 about their panels hold on the street that they name."""
+"""Statements of chapters 1 to 6 about their panels are true on the street of the chapter."""
 
 from __future__ import annotations
 
@@ -31,153 +31,153 @@ PANELS = {
 NONE_MADE_UP = {"view__scale": 0.0, "view__yaw": 0.0, "view__noise": 0.0, "view__jitter": 0.0}
 LONG = 300.0  # seconds; a safeguard
 Facts = dict[str, float]
-Seen = Callable[..., tuple[Facts, Facts, list[float]]]
+Look = Callable[..., tuple[Facts, Facts, list[float]]]
 
 
 @pytest.fixture(scope="module")
-def seen(street: Sequence) -> Seen:
-    """Facts of a chapter's panel before and after a change of settings, and the numbers in its text."""
+def look(street: Sequence) -> Look:
+    """Facts of a chapter's panel before and after a change of settings, and numbers in the chapter."""
 
-    def look(chapter: str, sentence: str, **settings: Any) -> tuple[Facts, Facts, list[float]]:
+    def facts(chapter: str, sentence: str, **settings: Any) -> tuple[Facts, Facts, list[float]]:
         cells = nbformat.read(next(FOLDER.glob(f"{chapter}_*.ipynb")), as_version=4).cells  # type: ignore[no-untyped-call]
-        said = re.search(sentence, "\n".join(cell.source for cell in cells))
-        assert said is not None, sentence
+        match = re.search(sentence, "\n".join(cell.source for cell in cells))
+        assert match is not None, sentence
         panel = PANELS[chapter](street, frame=60)
         panel.wait(LONG)
         before = dict(panel.facts)
         panel.set(**settings)
         panel.wait(LONG)
         assert panel.error == ""
-        return panel.facts, before, [float(number) for number in said.groups()]
+        return panel.facts, before, [float(number) for number in match.groups()]
 
-    return look
+    return facts
 
 
-def test_rows_cost_right_matches_the_loop_costs_few_and_strong_features_are_no_better(seen: Seen) -> None:
-    now, _, said = seen("01", r"\*row tolerance\* to ([.\d]+) px and see", matching__row_tolerance=0.1)
-    assert said == [0.1]
+def test_rows_cost_right_matches_the_loop_costs_few_and_strong_features_are_no_better(look: Look) -> None:
+    now, _, numbers = look("01", r"\*row tolerance\* to ([.\d]+) px and see", matching__row_tolerance=0.1)
+    assert numbers == [0.1]
     assert now["right ones dropped"] > 100
-    more, before, said = seen("01", r"Raise it to (\d) px: some more", matching__row_tolerance=3.0)
-    assert said == [3]
+    more, before, numbers = look("01", r"Raise it to (\d) px: some more", matching__row_tolerance=3.0)
+    assert numbers == [3]
     assert (more["wrong among the kept"] - before["wrong among the kept"]) / (
         more["kept"] - before["kept"]
     ) > 0.5
-    loop, before, said = seen("01", r"\*loop tolerance\* to ([.\d]+) px", matching__loop_tolerance=0.1)
-    assert said == [0.1]
+    loop, before, numbers = look("01", r"\*loop tolerance\* to ([.\d]+) px", matching__loop_tolerance=0.1)
+    assert numbers == [0.1]
     assert loop["kept"] > 0.9 * before["kept"] > 1.5 * now["kept"]
-    strong, before, said = seen("01", r"\*threshold\* to (\d+) grey levels", features__blob_quality=500)
-    assert said == [500]
+    strong, before, numbers = look("01", r"\*threshold\* to (\d+) grey levels", features__blob_quality=500)
+    assert numbers == [500]
     shares = [each["wrong among the kept"] / each["kept"] for each in (strong, before)]
     assert shares[0] > 0.9 * shares[1]
-    kit, before, _ = seen("01", r"Switch the \*method\* to `kit`", variant="kit")
+    kit, before, _ = look("01", r"Switch the \*method\* to `kit`", variant="kit")
     for name in ("features", "wrong among the kept", "median error of the kept"):
         assert kit[name] < before[name]
 
 
-def test_neighbours_and_noise_make_sets_worse_and_a_low_threshold_tells_solutions_apart(seen: Seen) -> None:
+def test_neighbours_and_noise_make_sets_worse_and_a_low_threshold_tells_solutions_apart(look: Look) -> None:
     median = "rotation error: median of the sets"
-    now, before, _ = seen("02", r"\*five matches\* to `side by side`", view__spread="side by side")
+    now, before, _ = look("02", r"\*five matches\* to `side by side`", view__spread="side by side")
     assert now[median] > 5 * before[median]
-    now, before, _ = seen("02", r"Raise the \*noise\*", view__noise=1.0)
+    now, before, _ = look("02", r"Raise the \*noise\*", view__noise=1.0)
     assert now[median] > 5 * before[median]
     shares = []
     for threshold in (0.1, 5.0):
         text = r"\*inlier threshold\* to ([.\d]+) px, then raise it to (\d) px"
-        bad, _, said = seen("02", text, selection__threshold=threshold, view__candidate=3)
-        good, _, _ = seen("02", text, selection__threshold=threshold)
-        assert threshold in said
+        bad, _, numbers = look("02", text, selection__threshold=threshold, view__candidate=3)
+        good, _, _ = look("02", text, selection__threshold=threshold)
+        assert threshold in numbers
         shares.append(bad["inliers"] / good["inliers"])
     assert shares[0] < 0.2 < 0.6 < shares[1]
 
 
-def test_the_winner_of_few_sets_varies_more_from_draw_to_draw(seen: Seen) -> None:
+def test_the_winner_of_few_sets_varies_more_from_draw_to_draw(look: Look) -> None:
     text = r"Lower `n` to (\d+) and press .* five times: .* rises to ([.\d]+)°.* 200 sets .* below ([.\d]+)°"
     largest = {10: 0.0, 200: 0.0}
     for sets in largest:
         for draw in range(6):
-            now, _, (few, worst, bound) = seen("03", text, selection__sets=sets, view__draw=draw)
+            now, _, (few, worst, bound) = look("03", text, selection__sets=sets, view__draw=draw)
             largest[sets] = max(largest[sets], now["error by selection"])
     assert few == 10
     assert round(largest[10], 2) == worst
     assert largest[200] < bound
 
 
-def test_moving_matches_win_the_vote_and_wrong_ones_do_not(seen: Seen) -> None:
-    now, _, said = seen("03", r"Set \*moving share\* to ([.\d]+) instead", view__moving=0.6)
-    assert said == [0.6]
+def test_moving_matches_win_the_vote_and_wrong_ones_do_not(look: Look) -> None:
+    now, _, numbers = look("03", r"Set \*moving share\* to ([.\d]+) instead", view__moving=0.6)
+    assert numbers == [0.6]
     assert now["error by selection"] > 1.5
-    now, _, said = seen("03", r"Set \*wrong share\* to ([.\d]+)", view__wrong=0.6)
-    assert said == [0.6]
+    now, _, numbers = look("03", r"Set \*wrong share\* to ([.\d]+)", view__wrong=0.6)
+    assert numbers == [0.6]
     assert now["error by selection"] < 0.05
 
 
-def test_the_vote_takes_one_solution_of_a_plane_and_the_prior_stays_with_the_other(seen: Seen) -> None:
+def test_the_vote_takes_one_solution_of_a_plane_and_the_prior_stays_with_the_other(look: Look) -> None:
     text = r"set `k` to (\d)\. .* after the first and the seventh press, .* more than ([.\d]+)° wrong"
     for draw in (1, 7):
         plane = {"view__plane": True, "selection__keep": 1, "view__draw": draw}
-        now, _, (keep, wrong) = seen("03", text, **plane)
+        now, _, (keep, wrong) = look("03", text, **plane)
         assert keep == 1
         assert now["error by consensus"] > wrong > 3 * now["error by selection"]
-        now, _, _ = seen("03", "With `k` = 2 it follows the vote", **plane | {"selection__keep": 2})
+        now, _, _ = look("03", "With `k` = 2 it follows the vote", **plane | {"selection__keep": 2})
         assert now["error by selection"] > 0.7 * now["error by consensus"]
 
 
-def test_far_features_are_not_missed_and_near_ones_are(seen: Seen) -> None:
+def test_far_features_are_not_missed_and_near_ones_are(look: Look) -> None:
     text = r"from about a millimetre to more than a tenth of a metre"
-    now, before, _ = seen("04", text, view__weighting="mean of features")
+    now, before, _ = look("04", text, view__weighting="mean of features")
     assert 0.5 < before["σ in z"] < 1.5
     assert 100 < now["σ in z"] < 200
     text = r"to (\d+) m\. A third of the features goes, and the error stays below a millimetre"
-    now, before, said = seen("04", text, translation__max_depth=20)
-    assert said == [20]
+    now, before, numbers = look("04", text, translation__max_depth=20)
+    assert numbers == [20]
     assert now["features used"] / before["features used"] == pytest.approx(2 / 3, abs=0.05)
     assert max(now["error"], before["error"]) < 1
     text = r"At (\d+) m about a dozen are left, .* and \*σ in z\* jumps"
-    now, before, said = seen("04", text, translation__max_depth=5)
-    assert said == [5]
+    now, before, numbers = look("04", text, translation__max_depth=5)
+    assert numbers == [5]
     assert 10 <= now["features used"] <= 14
     assert now["σ in z"] > 20 * before["σ in z"]
 
 
-def test_a_wrong_rotation_slips_by_the_depth_times_the_angle(seen: Seen) -> None:
+def test_a_wrong_rotation_slips_by_the_depth_times_the_angle(look: Look) -> None:
     text = r"a rotation error of ([.\d]+)° makes `t` more than (\d+) mm wrong in `x`"
-    far, _, (angle, least) = seen("04", text, view__turn=0.1)
+    far, _, (angle, least) = look("04", text, view__turn=0.1)
     assert angle == 0.1
     assert abs(far["error in x"]) > least > 10 * far["σ in x"]
-    near, _, _ = seen("04", "Use only features nearer than 15 m", view__turn=0.2, translation__max_depth=15)
+    near, _, _ = look("04", "Use only features nearer than 15 m", view__turn=0.2, translation__max_depth=15)
     assert near["error in x / rotation error"] < 0.7 * far["error in x / rotation error"]
     assert ch04.turned_sideways(near).passed
 
 
-def test_the_lorry_wins_the_vote_and_the_street_wins_it_again(seen: Seen) -> None:
+def test_the_lorry_wins_the_vote_and_the_street_wins_it_again(look: Look) -> None:
     lost, street = 50.0, 5.0  # centimetres, of a step of a metre
     text = r"At (\d) m, move the \*share\* from ([.\d]+) to ([.\d]+): .* The lorry wins the vote"
-    now, before, said = seen("05", text, view__share=0.3)
-    assert said == [5, 0.3, 0.5]
+    now, before, numbers = look("05", text, view__share=0.3)
+    assert numbers == [5, 0.3, 0.5]
     assert now["error, all features"] < street
     assert before["error, all features"] > lost
     text = r"share of ([.\d]+), set the \*distance\* of the lorry to (\d+) m: the street wins again"
-    near, _, said = seen("05", text, view__share=0.7)
-    far, _, _ = seen("05", text, view__share=0.7, view__distance=10.0)
-    assert said == [0.7, 10]
+    near, _, numbers = look("05", text, view__share=0.7)
+    far, _, _ = look("05", text, view__share=0.7, view__distance=10.0)
+    assert numbers == [0.7, 10]
     assert near["error, all features"] > lost
     assert far["error, all features"] < street
     assert far["after the buckets"] < 0.5 * far["on the lorry"]
     assert near["error, box removed"] == before["error, box removed"]
     text = r"is the same at every share\. At 5 m it is larger than at (\d+) m"
-    far, _, said = seen("05", text, view__distance=15.0)
-    assert said == [15]
+    far, _, numbers = look("05", text, view__distance=15.0)
+    assert numbers == [15]
     assert 2 * far["error, box removed"] < near["error, box removed"]
 
 
-def test_made_up_errors_have_the_size_that_is_said(seen: Seen) -> None:
+def test_made_up_errors_have_the_size_that_is_said(look: Look) -> None:
     text = r"TE is (\d) % for every length, and RE is (\d)\. With sim3, ATE is nearly 0"
-    now, _, said = seen("06", text, **NONE_MADE_UP | {"view__scale": 2.0, "view__alignment": "sim3"})
-    assert said == [round(now["TE"], 1), round(now["RE"], 1)]
+    now, _, numbers = look("06", text, **NONE_MADE_UP | {"view__scale": 2.0, "view__alignment": "sim3"})
+    assert numbers == [round(now["TE"], 1), round(now["RE"], 1)]
     assert now["ATE"] < 0.01
     text = r"\*Noise\* of (\d+) mm alone: RPE is (\d+) mm a frame, TE ([.\d]+) %"
-    now, _, said = seen("06", text, **NONE_MADE_UP | {"view__noise": 50.0})
-    assert said == [50, round(now["RPE"]), round(now["TE"], 2)]
+    now, _, numbers = look("06", text, **NONE_MADE_UP | {"view__noise": 50.0})
+    assert numbers == [50, round(now["RPE"]), round(now["TE"], 2)]
     text = r"\*Jitter\* of ([.\d]+)° alone: RPE is ([.\d]+) mm, but TE is ([.\d]+) %"
-    now, _, said = seen("06", text, **NONE_MADE_UP | {"view__jitter": 0.1})
-    assert said == [0.1, round(now["RPE"], 2), round(now["TE"], 2)]
+    now, _, numbers = look("06", text, **NONE_MADE_UP | {"view__jitter": 0.1})
+    assert numbers == [0.1, round(now["RPE"], 2), round(now["TE"], 2)]

@@ -49,7 +49,7 @@ def test_exact_matches_of_standing_points_are_on_their_lines_and_moving_ones_are
 
 
 class Detector:
-    """Two boxes on the one labelled vehicle, the worse scored one exact, and one on nothing."""
+    """Two boxes on the labelled vehicle (the low-scored box is exact), and one without a vehicle."""
 
     path = Path("made.onnx")
 

@@ -1,4 +1,4 @@
-"""Folders in KITTI's layout: their content, and the errors of invalid ones."""
+"""Folders in KITTI's layout: their content, and the errors for invalid folders."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_folder_has_camera_times_and_truth(bands: Path) -> None:
 
 
 def test_baseline_is_the_distance_between_the_cameras(bands: Path) -> None:
-    """KITTI's colour cameras are beside the origin: the last column of P2 is not zero."""
+    """KITTI's colour cameras are not at the origin, so the last column of P2 is not zero."""
     words = (bands / "calib.txt").read_text(encoding="utf-8").split()
     words[4] = str(float(words[4]) + 30.0)  # P0[0,3]
     words[17] = str(float(words[17]) + 30.0)  # P1[0,3]
@@ -72,7 +72,7 @@ def edit(name: str, change: Callable[[str], str]) -> Callable[[Path], object]:
 
 
 def cut(name: str, rows: int) -> Callable[[Path], object]:
-    """An image's first rows only."""
+    """The bytes of an image with only its first rows."""
     return lambda folder: cv2.imwrite(str(folder / name), cv2.imread(str(folder / name), 0)[:rows])  # type: ignore[index]
 
 

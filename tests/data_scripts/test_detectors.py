@@ -19,7 +19,7 @@ DATA = np.random.default_rng(1).bytes(200_000)
 
 @pytest.fixture
 def small(server: FileServer) -> Detector:
-    """A detector on the test's server."""
+    """A detector file on the test server."""
     server.files["small.onnx"] = DATA
     sha256 = hashlib.sha256(DATA).hexdigest()
     return Detector("small", server.url + "small.onnx", len(DATA), sha256, "for tests")

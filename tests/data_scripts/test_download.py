@@ -1,4 +1,4 @@
-"""Download of one file over HTTP: it is complete and verified, or absent."""
+"""Download of one file over HTTP: the file is complete and verified, or is not written."""
 
 from __future__ import annotations
 

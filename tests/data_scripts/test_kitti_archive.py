@@ -1,4 +1,4 @@
-"""Sequences from zip archives, by HTTP ranges or from disk: complete files, checksums, second calls."""
+"""Sequences from zip archives, by HTTP ranges or from disk: complete files, checksums, repeated calls."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vo_lib.errors import DataError
 
 
 def content(name: str) -> bytes:
-    """Incompressible bytes of a member, different for every name."""
+    """Incompressible content of a member, different for every name."""
     return np.random.default_rng(list(name.encode())).bytes(3000 + len(name))
 
 

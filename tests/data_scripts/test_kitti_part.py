@@ -23,7 +23,7 @@ SYNC, CALIBRATION = f"{NAME}_sync.zip", "2011_09_26_calib.zip"
 
 @pytest.fixture
 def raw(server: FileServer, drive: Path) -> FileServer:  # noqa: F811
-    """The archives of a synthetic drive of eight pairs, with laser points, and of its calibration."""
+    """Archives of a synthetic drive (eight pairs and laser points) and of its calibration."""
     points = drive / "velodyne_points" / "data" / "0000000003.bin"
     points.parent.mkdir(parents=True)
     points.write_bytes(np.random.default_rng(0).bytes(1_000_000))
@@ -50,7 +50,7 @@ def images(folder: Path) -> list[list[int]]:
 
 
 def assert_drive(folder: Path, start: int, stop: int) -> None:
-    """Require these frames of the synthetic drive, with calibration, times and path."""
+    """Require the given frames of the synthetic drive, with calibration, times and poses."""
     sequence = open_folder(folder, "")
     assert [int(frame) for frame in sequence.frames] == list(range(start, stop))
     assert sequence.camera.f == P0[0, 0]

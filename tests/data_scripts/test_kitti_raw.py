@@ -35,7 +35,7 @@ def path_of_the_camera(frames: int = 8) -> Array:
 
 
 def packets(T_w_c: Array) -> list[str]:
-    """GPS/IMU rows of a vehicle with these camera poses, by the inverse Mercator projection."""
+    """GPS/IMU rows of a vehicle with the given camera poses, by the inverse Mercator projection."""
     T_cam_imu = rigid(R_RECT, np.zeros(3)) @ CAM_VELO @ VELO_IMU
     start = rigid(rotation_from_vector(np.array([0.0, 0.0, 0.7])), np.array([0.0, 0.0, 116.0]))
     T = start @ inverse(T_cam_imu) @ T_w_c @ T_cam_imu

@@ -1,4 +1,4 @@
-"""Calibration files of other tools, and rectification to equal rows."""
+"""Calibration files of other tools, and rectification, after which rows match."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def write(path: Path, matrices: dict[str, Array]) -> Path:
 
 
 def rectified_pixels(maps: tuple[NDArray[np.uint8], NDArray[np.uint8]], uv: Array) -> Array:
-    """Positions of raw pixels (N, 2) in the rectified image, by search in the map."""
+    """Positions of raw pixels (N, 2) in the rectified image, by a search in the rectifying map."""
     back = cv2.convertMaps(maps[0], maps[1], cv2.CV_32FC1)[:2]
     source = np.stack(back, axis=-1)
     landed = []

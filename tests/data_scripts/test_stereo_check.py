@@ -1,4 +1,4 @@
-"""Checks for swapped images, wrong baselines and shifted rows, on a drawn and a real pair."""
+"""Checks for swapped images, wrong baselines and shifted rows, on a drawn pair and a real pair."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def drawn(street: Sequence) -> list[Pair]:
 
 @pytest.fixture(scope="module", params=["drawn", "00"])
 def pairs(request: pytest.FixtureRequest) -> list[Pair]:
-    """A drawn and a real pair."""
+    """A drawn pair and a real pair."""
     if request.param == "drawn":
         result: list[Pair] = request.getfixturevalue("drawn")
         return result
@@ -34,7 +34,7 @@ def pairs(request: pytest.FixtureRequest) -> list[Pair]:
 
 
 def changed(pairs: list[Pair], change: Callable[[Image], Image]) -> PairStatistics:
-    """Statistics with the right images changed."""
+    """Statistics of pairs after a change of the right images."""
     return measure_pairs((left, change(right)) for left, right in pairs)
 
 

@@ -46,7 +46,7 @@ def test_paths_identify_evaluated_drives() -> None:
 
 
 def write_set(folder: Path, count: int = 12, roboflow: bool = False, prefix: str = "") -> Path:
-    """A data set of bright rectangles on dark images, in the kit's layout or in that of a Roboflow export."""
+    """A data set of bright rectangles on dark images, in the kit's layout or in the layout of Roboflow."""
     rng = np.random.default_rng(3)
     for split in ("train", "valid"):
         for kind in ("images", "labels"):

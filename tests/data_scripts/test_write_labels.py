@@ -32,7 +32,7 @@ def model(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def write(bands: Path, model: Path) -> Write:
-    """A function that calls the script on the bands with this network and more options."""
+    """A function that calls the script on the band sequence with the network and further options."""
     return lambda *words: load("write_labels")([str(bands), "--model", str(model), *words])
 
 

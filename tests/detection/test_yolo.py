@@ -38,7 +38,7 @@ def test_letterbox_round_trip(width: int, height: int, columns: int, rows: int, 
 
 
 def yolov8_answer(classes: int = 2) -> np.ndarray:
-    """One box of class 1, centre (32, 24), 20 × 10 px, score 0.75, in a network's image of 64 × 64."""
+    """Output with one box of class 1: centre (32, 24), 20 × 10 px, score 0.75, in an input of 64 × 64 px."""
     answer = np.zeros((1, 4 + classes, CELLS), np.float32)
     answer[0, :4, 7] = 32, 24, 20, 10
     answer[0, 5, 7] = 0.75
@@ -46,7 +46,7 @@ def yolov8_answer(classes: int = 2) -> np.ndarray:
 
 
 def yolox_answer() -> np.ndarray:
-    """The same box as raw numbers of a cell of stride 16, in column 1 and row 1."""
+    """The same box as raw output of the cell in column 1 and row 1 of the grid with stride 16."""
     answer = np.zeros((1, CELLS, 5 + 2), np.float32)
     row = 8 * 8 + 1 * 4 + 1
     answer[0, row, :4] = 32 / 16 - 1, 24 / 16 - 1, np.log(20 / 16), np.log(10 / 16)
@@ -59,7 +59,7 @@ LAYOUTS = {"yolov8": yolov8_answer(), "yolox": yolox_answer()}
 
 @pytest.fixture(params=LAYOUTS)
 def either(request: pytest.FixtureRequest, tmp_path: Path) -> YoloDetector:
-    """A network of each layout that detects this box, a car, in every image."""
+    """A network of each layout that detects the same box of a car in every image."""
     path = write_answering(tmp_path / "m.onnx", LAYOUTS[request.param], names="{0: 'cat', 1: 'Car'}")
     detector = YoloDetector(path)
     assert detector.layout == request.param
@@ -124,8 +124,8 @@ def recall_precision(
 ) -> tuple[float, float, int]:
     """Recall, precision and number of true boxes, from the detections and true boxes of each image.
 
-    A detection is correct if it overlaps a true box that no better detection has taken. Boxes lower than
-    `min_height`, pixels, do not count.
+    A detection is correct if it overlaps a true box without a detection of higher score. Boxes with a height
+    under `min_height` pixels are ignored.
     """
     correct = counted = true_boxes = 0
     for detections, truth in images:

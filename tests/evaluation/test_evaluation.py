@@ -1,4 +1,4 @@
-"""KITTI errors, ATE and RPE: known cases, invariances, and comparisons with other implementations."""
+"""KITTI errors, ATE and RPE: simple cases, invariances, and comparisons with other implementations."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def chain(motions: Array) -> Array:
-    """Poses (N+1, 4, 4) from identity along motions (N, 4, 4) from each frame to the next."""
+    """Poses (N+1, 4, 4) from the motions (N, 4, 4) between frames; the first pose is the identity."""
     T = [np.eye(4)]
     for motion in motions:
         T.append(T[-1] @ motion)
@@ -62,7 +62,7 @@ def random_rigid(seed: int) -> Array:
 
 
 def drifting(truth: Array, seed: int) -> Array:
-    """An estimate of a KITTI truth with noise in rotation and translation and 0.3 % of scale."""
+    """An estimate of KITTI poses with noise in rotation and translation and a scale error of 0.3 %."""
     rng = np.random.default_rng(seed)
     T = truth.copy()
     T[:, :3, :3] = [nearest_rotation(R) for R in T[:, :3, :3]]
@@ -74,9 +74,9 @@ def drifting(truth: Array, seed: int) -> Array:
 def literal_kitti_errors(
     truth: Array, estimate: Array, lengths: tuple[float, ...], step: int
 ) -> list[tuple[float, ...]]:
-    """The benchmark's definition, one sub-sequence at a time.
+    """Errors by the definition of the benchmark, one sub-sequence at a time.
 
-    Path lengths, and errors over the benchmark's own lengths, are in single precision.
+    Path lengths, and errors over the lengths of the benchmark, have single precision.
     """
     path = [np.float32(0.0)]
     for before, after in zip(truth[:-1, :3, 3], truth[1:, :3, 3], strict=True):

@@ -1,4 +1,4 @@
-"""Projection and back-projection are inverse to each other."""
+"""Back-projection is the inverse of projection."""
 
 from __future__ import annotations
 

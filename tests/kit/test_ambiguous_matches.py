@@ -1,4 +1,4 @@
-"""Similar textures mislead one step of the loop: only the check of the loop detects this error."""
+"""Similar textures cause a wrong match in one step of the loop; only the check of the loop detects it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Pair = tuple[Image, Image]
 
 
 def matched(kind: str, pairs: list[Pair], loop_tolerance: float) -> StereoMatches:
-    """Matches of the last pair with the previous one."""
+    """Matches of the last pair with the previous pair."""
     # The surface check is off: the image shows two depths at once.
     open_ones: dict[str, Any] = {"surface_share": 0.0, "surface_tolerance": 10.0, "max_difference": 40.0}
     limits: dict[str, Any] = {"max_disparity": 32, "loop_tolerance": loop_tolerance}
@@ -36,7 +36,7 @@ def matched(kind: str, pairs: list[Pair], loop_tolerance: float) -> StereoMatche
 
 
 def waves(seed: int, shift: float) -> Array:
-    """A smooth random texture (H, W), deviation 20 grey levels, moved to the right by `shift`."""
+    """A smooth random texture (H, W), deviation 20 grey levels, shifted by `shift` px to the right."""
     rng = np.random.default_rng(seed)
     period, (angle, phase) = rng.uniform(6, 14, 60), rng.uniform(0, 2 * np.pi, (2, 60))
     along_u = np.exp(2j * np.pi / period * np.cos(angle) * (np.arange(WIDTH)[:, None] - shift) + 1j * phase)
@@ -45,7 +45,7 @@ def waves(seed: int, shift: float) -> Array:
 
 
 def window_pane(slip: float) -> list[Pair]:
-    """Two pairs of a still camera: a wall, and in front of it a pane with a reflection.
+    """Two pairs of a camera at standstill: a wall behind a window pane with a reflection.
 
     The reflection is faint in the first right image, the wall in the second left image. Matching from right
     to right therefore follows the wall, and matching within the second pair follows the reflection. Wall and
@@ -71,7 +71,7 @@ def test_mixed_textures_do_not_close_a_loop(kind: str) -> None:
         assert any_loop > 100
         return closed / any_loop
 
-    # With one position in all images the loops close; with two, 1.5 px apart, most stay open.
+    # With equal positions in all images, the loops close; with a slip of 1.5 px, most stay open.
     assert share(0.0) > {"kit": 0.8, PAPER: 0.85}[kind]
     assert share(1.5) < 0.6
     # Two textures in one window move a position by some tenths of a pixel.

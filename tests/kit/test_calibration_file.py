@@ -1,4 +1,4 @@
-"""Learnt calibrations: round trip of the file, description in words, and refusal of damaged files."""
+"""Estimated calibrations: round trip of the file, description in words, and errors for damaged files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def learnt() -> Calibration:
 
 
 def errors(**terms: float) -> Array:
-    """Coefficients by name: d_ for disparities, r_ for rows."""
+    """Coefficients by name: prefix d_ for disparities, r_ for rows."""
     short = {"d": "disparity", "r": "row"}
     named = {" ".join(short.get(part, part) for part in key.split("_")): v for key, v in terms.items()}
     return np.array([named.get(name, 0.0) for name in ERROR_NAMES])

@@ -20,7 +20,7 @@ def test_corners_of_a_square_without_its_edges() -> None:
 
 
 def test_corner_strength_is_the_smaller_eigenvalue() -> None:
-    """Against the definition, with NumPy's eigenvalues, around one pixel at half size; in grey levels."""
+    """The strength (grey levels) at a pixel of the half-size image is computed with NumPy's eigenvalues."""
     half = np.random.default_rng(3).integers(0, 255, (30, 40)).astype(np.uint8)
     image = np.pad(np.repeat(np.repeat(half, 2, axis=0), 2, axis=1), ((0, 0), (0, 1)))
     strength = corner_strength(image)
@@ -45,7 +45,7 @@ def test_corners_respect_the_border() -> None:
 
 
 def cells_of(uv: Array) -> set[tuple[int, ...]]:
-    """The cells, 18 px wide, of pixels (N, 2)."""
+    """The cells of pixels (N, 2), 18 px wide."""
     return {tuple(cell) for cell in (uv // 18).astype(int).tolist()}
 
 

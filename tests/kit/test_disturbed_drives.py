@@ -32,10 +32,10 @@ Pair = tuple[Image, Image]
 
 @dataclass(frozen=True)
 class Fault:
-    """A camera's fault.
+    """A fault of the stereo camera.
 
-    images : from the undisturbed drive and the number of a frame to the pair of the faulty camera.
-    shown : from that number to the frame whose left image that is.
+    images : function from the undisturbed drive and a frame number to the pair of the faulty camera.
+    shown : function from the frame number to the frame of the visible left image.
     """
 
     images: Callable[[list[Pair], int], Pair]
@@ -53,7 +53,7 @@ def both(change: Callable[[Image], NDArray[Any]], number: int = FRAMES) -> Fault
 
 
 def taken_from(left: Callable[[int], int], right: Callable[[int], int] | None = None) -> Fault:
-    """Each frame shows images of other frames; `right` where the right camera has its own."""
+    """Each frame has images of other frames; `right` gives different frames for the right camera."""
     of_right = right or left
     return Fault(lambda drive, i: (drive[left(i)][0], drive[of_right(i)][1]), left)
 
@@ -67,14 +67,14 @@ def frozen(number: int) -> Callable[[int], int]:
 
 
 def rolled(image: Image) -> NDArray[Any]:
-    """The image turned by 3° about its centre."""
+    """The image rotated by 3° about its centre."""
     height, width = image.shape
     A = cv2.getRotationMatrix2D((width / 2, height / 2), 3.0, 1.0)
     return cv2.warpAffine(image, A, (width, height), borderMode=cv2.BORDER_REFLECT)
 
 
 def noisy(image: Image) -> NDArray[Any]:
-    """Other noise in each image, the same in each run."""
+    """The image with noise that differs between images and is the same in each run."""
     return image + np.random.default_rng(int(image.sum())).normal(0, 60.0, image.shape)
 
 
@@ -98,7 +98,7 @@ DRIVES: dict[str, Fault] = {
 
 @pytest.fixture(scope="module")
 def drive(street: Sequence) -> tuple[list[Pair], Sequence]:
-    """Windows of the images of a part of the street, and that part."""
+    """Cropped images of a part of the street, and the part as a sequence."""
     part = street.part(FIRST, FIRST + FRAMES + OMITTED)
     pairs = [part.stereo(i) for i in range(len(part))]
     return [(left[ROWS, COLUMNS], right[ROWS, COLUMNS]) for left, right in pairs], part
@@ -116,7 +116,7 @@ class Shown(Sequence):
 
 
 def shown(like: Sequence, pairs: list[Pair], camera: StereoCamera | None = None) -> Shown:
-    """A sequence of these images, a tenth of a second apart, by the camera of another one."""
+    """A sequence of given images at intervals of 0.1 s, with the camera of another sequence."""
     frames = tuple(f"{i:06d}" for i in range(len(pairs)))
     times = np.asarray(FRAME_S * np.arange(len(pairs)), np.float64)
     return Shown("shown", like.folder, frames, camera or like.camera, times, None, None, tuple(pairs))
@@ -142,7 +142,7 @@ def test_vehicle_check_never_worsens_a_disturbed_path(drive: tuple[list[Pair], S
 
 
 def run_both(sequence: Sequence) -> tuple[Run, Run]:
-    """With the vehicle check and without."""
+    """Runs with and without the vehicle check."""
     kit = preset("solution_selection", variant="kit")
     both = {"on": kit, "off": change(kit, "vehicle.check", False)}
     return tuple(run_methods(sequence, both).values())  # type: ignore[return-value]

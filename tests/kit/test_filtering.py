@@ -1,4 +1,4 @@
-"""Box rules: features in vehicle boxes of their own image are removed unless too few would remain."""
+"""Box rules: features in vehicle boxes are removed, unless too few features would remain."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Point = tuple[float, float]
 
 
 def going(*steps: tuple[Point, Point]) -> StereoMatches:
-    """Matches from one left point to another."""
+    """Matches with given points in the previous and in the current left image."""
     p, c = (np.array(points) for points in zip(*steps, strict=True))
     whole = np.ones(len(p), np.int64)
     return StereoMatches(p, p - (20.0, 0.0), c, c - (20.0, 0.0), whole, np.ones(len(p)), np.arange(len(p)))
@@ -70,9 +70,9 @@ def test_filter_is_off_with_too_few_matches() -> None:
 
 
 def filtered(config: KitFilterConfig, kept: slice = slice(None), outline: float = 0.0) -> list[Filtered]:
-    """The results of a rule for features 200 … 219 on a car at constant distance, and 20 on a parked car.
+    """The results of a rule: features 200 … 219 are on a car at constant distance, 20 are on a parked car.
 
-    kept : the input features. outline : jump of the last feature in the last of six frames, pixels.
+    kept : indices of the input features. outline : jump of the last feature in the sixth frame, pixels.
     """
     ahead = tuple((-STEP[:3, 3]).tolist())
     first, frames = drive([Vehicle((-0.5, 0.8, 14.0), ahead), Vehicle((4.0, 0.8, 22.0))], 6, noise=0.1)

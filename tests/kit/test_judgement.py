@@ -42,7 +42,7 @@ def test_car_ahead_at_constant_distance_moves() -> None:
 
 
 def test_features_of_moving_boxes_are_removed() -> None:
-    """A car crosses by 3 m per frame, so some features of the street are in only one of its boxes."""
+    """A car crosses at 3 m per frame, so some features of the street are in only one of its boxes."""
     before, frames = drive([Vehicle((-6.0, 0.8, 14.0), (3.0, 0.0, 0.0))], 3)
     for number, judgement in enumerate(judged(before, frames)):
         matches, boxes = frames[number]

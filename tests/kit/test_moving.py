@@ -1,4 +1,4 @@
-"""Motion of the vehicle in a box: steps of features in space, and of their boxes."""
+"""Motion of the vehicle in a box: steps of the features in space, and steps of the box."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CAR = np.array([-0.7, 0.3, 0.2])  # step of a car relative to the street, curren
 
 
 def step_of(yaw: float, roll: float = 0.0) -> Array:
-    """Motion T_cp of a camera that moves 0.8 m forward and turns, degrees."""
+    """Motion T_cp of a camera that moves 0.8 m forward and rotates by `yaw` and `roll` degrees."""
     return rigid(rotation_from_vector(np.radians([0.0, yaw, roll])), np.array([0.05, 0.0, -0.8]))
 
 
@@ -42,7 +42,7 @@ def test_feature_in_two_boxes_belongs_to_the_nearer() -> None:
 
 
 def steps_of(step: Array, background: int) -> tuple[PointSteps, NDArray[np.int64]]:
-    """20 features on a vehicle 15 m ahead, `background` ones behind it, 100 on the street; owners."""
+    """20 features on a vehicle 15 m ahead, `background` features behind it, 100 on the street; and owners."""
     rng = np.random.default_rng(4)
     car = np.array([0.5, 0.8, 15.0]) + rng.uniform(-0.8, 0.8, (20, 3))
     behind = np.array([1.0, 0.0, 25.0]) + rng.uniform(-2, 2, (background, 3))

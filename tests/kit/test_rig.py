@@ -1,4 +1,4 @@
-"""Self-calibration: true errors are estimated, and a perfect rig stays uncorrected."""
+"""Self-calibration: true errors are estimated, and a perfect rig is not corrected."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def learnt(
     noise: float = 0.2,
     step: float = 1.0,
 ) -> Rig:
-    """The rig after a drive with known motion."""
+    """The rig after a drive with given motion."""
     rig = Rig(CAMERA, config or CalibrationConfig())
     for matches, R_cp, t_cp in drive(frames, faults, noise, step=step):
         rig.update_from_rows(matches)
@@ -54,13 +54,13 @@ def learnt(
 
 
 def true_field(faults: Faults) -> Array:
-    """Errors (2, N) of disparity and row at `GRID`."""
+    """Errors (2, N) of disparity and row at the points of `GRID`."""
     x, y = CAMERA.normalise(GRID).T
     return np.stack([faults.disparities(x, y), faults.rows(x, y)])
 
 
 def by_name(**terms: float) -> Array:
-    """Coefficients (19,); d_ for disparities, r_ for rows."""
+    """Coefficients (19,) by name: prefix d_ for disparities, r_ for rows."""
     names = {f"d_{term}": f"disparity {term}" for term in DISPARITY_TERMS}
     names |= {f"r_{term}": f"row {term}" for term in ROW_TERMS}
     return np.array([{names.get(k, k): v for k, v in terms.items()}.get(name, 0.0) for name in ERROR_NAMES])
@@ -107,7 +107,7 @@ def test_corrected_positions_equal_the_exact_ones(faults: Faults, errors: Array 
 
 @pytest.mark.parametrize(("noise", "step"), [(0.1, 1.0), (0.3, 1.0), (0.3, 0.15)])
 def test_perfect_lenses_stay_uncorrected(noise: float, step: float) -> None:
-    """For any noise of the matches: noise of a position does not resemble a lens error."""
+    """For any noise of the matches, the noise of positions is not estimated as a lens error."""
     rig = learnt(Faults(), CalibrationConfig(), 100, noise, step)
     np.testing.assert_array_equal(rig.errors[FIELD:], np.zeros(4))
     assert (np.abs(rig.estimate[FIELD:]) < 2.0 * np.sqrt(np.diag(rig.covariance)[FIELD:])).all()

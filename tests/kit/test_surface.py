@@ -41,7 +41,7 @@ def test_surface_of_a_plane_has_its_slope() -> None:
 def test_other_depths_lower_the_share_of_a_surface(
     beside: float, column: int, share: tuple[float, float]
 ) -> None:
-    """Pixels four nearer, an outline, and no disparities at all."""
+    """Disparities near the feature: 4.5 px larger, an outline, or missing."""
     coarse = np.full((100, 300), 10.0, np.float32)
     coarse[:, column:] = beside
     surface = fit_surface(coarse, np.array([[350.0, 120.0]]), np.array([10.0]))
@@ -52,7 +52,7 @@ def test_other_depths_lower_the_share_of_a_surface(
 
 @pytest.mark.parametrize("right", [False, True])
 def test_warp_is_the_derivative_of_the_motion(right: bool) -> None:
-    """The right camera sees the same wall from one baseline to the right."""
+    """The right camera is one baseline to the right in front of the same wall."""
     slope, t = SLOPE, T
     place = np.array([350.0, 120.0])
     if right:

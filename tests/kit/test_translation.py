@@ -33,7 +33,7 @@ def solved(matches: StereoMatches, R_cp: Array = R_CP, **settings: float) -> tup
 
 
 def eliminated(matches: StereoMatches, depth: Array) -> EliminatedPoints:
-    """The system of the library, rows divided by depth (N,)."""
+    """The system of the library with rows divided by depth (N,)."""
     before = stereo_points(CAMERA, matches.prev_left, matches.prev_right).rotated(R_CP)
     now = stereo_points(CAMERA, matches.cur_left, matches.cur_right)
     return EliminatedPoints(before, now, depth, depth)
@@ -41,7 +41,7 @@ def eliminated(matches: StereoMatches, depth: Array) -> EliminatedPoints:
 
 @pytest.mark.parametrize("in_pixels", [False, True])
 def test_elimination_equals_the_dense_solution(in_pixels: bool) -> None:
-    """Against the system of all features, points included, solved densely."""
+    """Comparison with the dense solution of the system of all features, including their points."""
     matches, X_p = scene(25, 0.5)
     depth = X_p[:, 2] if in_pixels else np.ones(25)
     A, B, c = feature_rows(CAMERA, matches, R_CP)
@@ -85,9 +85,9 @@ def test_far_features_are_excluded() -> None:
 
 
 def pull(depth: float, error: tuple[float, ...], scale: float = 20.0) -> Array:
-    """Change of t (3,), metres, by the error of one feature straight ahead in the current pair.
+    """Change of t (3,), metres, due to the pixel error of one feature straight ahead in the current pair.
 
-    error : pixels, u and v on the left, u and v on the right. The camera does not move, so every depth stays
+    error : (u, v) in the left and in the right image, pixels. The camera does not move, so every depth stays
     the same. The other 800 points are symmetric about the line midway between the cameras, so the axes are
     not coupled.
     """

@@ -1,4 +1,4 @@
-"""Motions beyond the limits of a vehicle are flagged; an earlier motion replaces only a missing one."""
+"""Motions beyond the limits of a vehicle are flagged; only a missing motion is replaced by an earlier one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MISSING = FrameResult(np.eye(4), flags=(Flag.FEW_MATCHES,))
 
 
 def motion(ahead: float = 1.0, turn: Array | tuple[float, ...] = (0.0, 0.0, 0.0)) -> FrameResult:
-    """`ahead` metres along z, and degrees about x, y, z."""
+    """Motion by `ahead` metres along z with a rotation in degrees about x, y, z."""
     return FrameResult(rigid(rotation_from_vector(np.radians(turn)), np.array([0.0, 0.0, -ahead])))
 
 

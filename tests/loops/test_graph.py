@@ -1,4 +1,4 @@
-"""The pose graph against its definition and against GTSAM."""
+"""Comparison of the pose graph with its definition and with GTSAM."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIGMA = np.array([0.02, 0.1])  # radians, metres
 
 
 def random_graph(seed: int) -> tuple[Array, Edges]:
-    """Poses by integrated odometry, and the edges: 12 poses of two rounds, noise of `SIGMA` on every edge."""
+    """12 poses of two rounds, integrated from odometry, and the edges with noise of `SIGMA`."""
     rng = np.random.default_rng(seed)
     step = np.array([0.0, 2 * np.pi / 6, 0.0, 0.0, 0.0, 3.0])
     steps = motion_from_twist(step + rng.normal(0, 0.05, (COUNT - 1, 6)))

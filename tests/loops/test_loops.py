@@ -32,7 +32,7 @@ METHOD = preset("feature_selection")
 
 
 def twice(folder: Path) -> Sequence:
-    """The six frames of a folder, then the same again."""
+    """A sequence with the six frames of a folder twice."""
     for image in folder.glob("image_*/*.png"):
         shutil.copy(image, image.with_name(f"{int(image.stem) + 6:06d}.png"))
     poses = folder / "poses.txt"
@@ -42,7 +42,7 @@ def twice(folder: Path) -> Sequence:
 
 
 def circle(count: int, drift: float) -> Array:
-    """Poses of two rounds of 40 frames, with a constant error of the heading, radians a frame."""
+    """Poses of rounds of 40 frames with a constant error `drift` of the heading, radians per frame."""
     step = motion_from_twist(np.array([0.0, 2 * np.pi / 40 + drift, 0.0, 0.0, 0.0, 1.0]))
     return np.array([np.linalg.matrix_power(step, k) for k in range(count)])
 

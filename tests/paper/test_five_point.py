@@ -20,12 +20,12 @@ def distance(E: Array, F: Array) -> Array:
 
 
 def off_essential(E: Array) -> Array:
-    """Deviation (M, 3) of the singular values of unit matrices (M, 3, 3) from an essential matrix."""
+    """Difference (M, 3) of singular values of unit matrices (M, 3, 3) and of an essential matrix."""
     return np.asarray(np.abs(np.linalg.svd(E, compute_uv=False) - [0.5**0.5, 0.5**0.5, 0.0]))
 
 
 def error_of_best(result: Candidates, truth: Array) -> Array:
-    """Distance (S,) of the nearest candidate of a set to the truth (S, 3, 3); infinite without candidates."""
+    """Distance (S,) of each set's nearest candidate to the truth (S, 3, 3); infinite without candidates."""
     error = np.full(len(truth), np.inf)
     np.minimum.at(error, result.set_index, distance(result.E, truth[result.set_index]))
     return error
@@ -82,7 +82,7 @@ def test_candidates_are_essential_and_fit_their_points(motion: Motion, noise_px:
 
 
 def test_number_of_candidates_is_even_and_at_most_ten() -> None:
-    """Complex roots of a real polynomial are paired, so the number of real ones among ten is even."""
+    """Complex roots of a real polynomial are in pairs, so the number of real roots among ten is even."""
     simulated = problems("general", 5000, noise_px=0.3)
     count = np.bincount(five_point(simulated.x_p, simulated.x_c).set_index, minlength=5000)
     assert count.max() <= 10
@@ -154,7 +154,7 @@ def test_degenerate_sets_give_finite_candidates() -> None:
 
 
 def test_real_roots_are_all_found() -> None:
-    """Products of known factors; for roots beyond 1 the solver computes w/z."""
+    """Polynomials with given roots; the solver computes roots beyond 1 as w/z."""
     rng = np.random.default_rng(2)
     for expected in ([0.3], [-0.9, 0.91, 5.0], [0.1, 0.101, -7.0, 100.0], list(np.linspace(-3.1, 2.7, 10))):
         complex_pairs = (10 - len(expected)) // 2

@@ -1,4 +1,4 @@
-"""The responses of the two 5×5 masks, and the pixels of the descriptor, as in the paper's source.
+"""The responses of the two 5×5 masks and the pixels of the descriptor are as in StereoScan.
 
 StereoScan (Geiger, Ziegler and Stiller 2011), section III: blob and corner masks of 5×5, and the horizontal
 and the vertical Sobel response at 16 places of an 11×11 block.
@@ -29,7 +29,7 @@ def flat(grey: int = 100) -> Image:
 
 
 def strongest(result: Described, kind: int) -> tuple[tuple[float, ...], float]:
-    """Position and strength of the strongest feature of a kind."""
+    """Position and strength of the strongest feature of the given kind."""
     mine = np.flatnonzero(result.kind == kind)
     best = mine[np.argmax(result.strength[mine])]
     return tuple(result.uv[best].tolist()), float(result.strength[best])

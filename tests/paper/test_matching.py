@@ -18,19 +18,19 @@ WALL = texture(np.random.default_rng(1), 160, 320 + 2 * MARGIN, 2.0)
 
 
 def view(left_edge: int) -> Image:
-    """The wall from `left_edge` on."""
+    """The part of the wall to the right of `left_edge`."""
     return np.ascontiguousarray(WALL[:, left_edge : left_edge + 320])
 
 
 def two_images() -> tuple[Image, Image]:
-    """Blurred noise twice side by side, and its mirror image: some descriptors occur twice."""
+    """Blurred noise, repeated side by side and mirrored, so that some descriptors occur twice."""
     image = np.random.default_rng(1).integers(0, 255, (80, 120), np.uint8)
     image = np.tile(np.asarray(cv2.GaussianBlur(image, (5, 5), 1), np.uint8), (1, 2))
     return image, image[:, ::-1].copy()
 
 
 def most_alike(a: Described, b: Described, near: BoolArray) -> Index:
-    """Index (N,) of the most similar feature of the same kind among the M features, where near (N, M)."""
+    """Index (N,) of the most similar feature of the same kind among the M features with near (N, M) true."""
     near = near & (a.kind[:, None] == b.kind)
     difference = np.abs(a.descriptor[:, None] - b.descriptor).sum(axis=2)
     match = np.where(near.any(axis=1), np.argmin(np.where(near, difference, np.inf), axis=1), -1)

@@ -44,7 +44,7 @@ CONFIG = PUBLISHED["solution_selection"].translation
 def scene(
     number: int = 300, seed: int = 0, T_cp: Array = T_CP, noise: float = 0.0, farthest: float = 50.0
 ) -> StereoMatches:
-    """Matches of points all over the image, 6 m to `farthest` metres away, for a motion T_cp."""
+    """Matches of points in the whole image, at depths from 6 m to `farthest` metres, for a motion T_cp."""
     rng = np.random.default_rng(seed)
     disparity = CAMERA.f * CAMERA.baseline / rng.uniform(6.0, farthest, number)
     X = CAMERA.back_project(rng.uniform((60, 20), (1180, 356), (number, 2)), disparity)
@@ -62,7 +62,7 @@ def translation(
 
 
 def pair_before(matches: StereoMatches, T_cp: Array) -> PairBefore:
-    """The previous pair of all matches but the last, in another order, with the same motion."""
+    """A previous pair with the same motion and with all matches except the last, in a different order."""
     X_p = CAMERA.triangulate(matches.prev_left, matches.prev_right)
     earlier = match_points(transform(inverse(T_cp), X_p), X_p)
     return PairBefore(earlier[np.arange(len(matches) - 2, -1, -1)], T_cp)
@@ -98,7 +98,7 @@ def test_winner_becomes_e_prev() -> None:
 
 
 def test_prior_selects_before_the_error() -> None:
-    """Two sets: the first has the truth and a solution near E_prev, the second a solution between them."""
+    """The first set has the truth and a solution near E_prev, the second set has a solution between both."""
     matches = scene()
     x_p, x_c = CAMERA.normalise(matches.prev_left), CAMERA.normalise(matches.cur_left)
     before, between = (turned_by(angle) for angle in (0.10, 0.05))
@@ -149,7 +149,7 @@ def test_features_in_boxes_are_removed_before_buckets() -> None:
 
 
 def test_one_feature_gives_a_translation() -> None:
-    """Equation (3): eight rows, six unknowns, as section 2.1 says."""
+    """Equation (3) has eight rows and six unknowns (section 2.1)."""
     M, d = eliminate_points(*feature_rows(CAMERA, scene(5), R_CP))
     for rows, values in zip(M, d, strict=True):
         np.testing.assert_allclose(np.linalg.pinv(rows) @ values, T_CP[:3, 3], atol=1e-9)
@@ -164,7 +164,7 @@ def test_previous_pair_adds_four_rows() -> None:
 
 
 def off_by_rectification(matches: StereoMatches) -> StereoMatches:
-    """The matches with a smooth disparity error like that of KITTI's rectification."""
+    """The matches with a smooth disparity error similar to the error of KITTI's rectification."""
     for right in (matches.prev_right, matches.cur_right):
         x, y = CAMERA.normalise(right).T
         right[:, 0] += 0.2 - 0.8 * x**2 - 6.3 * y**2 - 0.8 * x * y + 4 * x**4 - 1.5 * x**2 * y
@@ -172,7 +172,7 @@ def off_by_rectification(matches: StereoMatches) -> StereoMatches:
 
 
 def test_third_frame_lowers_the_rectification_error() -> None:
-    """After a step of 1 m, the previous pair lowers the error of the next one, though both are too long."""
+    """The previous pair lowers the error of a step of 1 m, although both steps are too long."""
     forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
     errors = []
     for seed in range(20):
@@ -214,7 +214,7 @@ def test_stacked_rows_equal_the_pseudo_inverse() -> None:
 
 
 def test_pixel_noise_does_not_shorten_steps() -> None:
-    """Least squares with noisy coefficients is biased: with rows in metres, steps are 0.7 % too short."""
+    """Least squares with noisy coefficients has a bias: with rows in metres, steps are 0.7 % too short."""
     forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
     far = (scene(400, seed, forward, noise=0.2, farthest=100.0) for seed in range(40))
     steps = [translation(matches, np.eye(3))[0] for matches in far]
@@ -239,7 +239,7 @@ def test_seed_determines_the_bytes(bands: Path) -> None:
 
 
 def test_published_errors_on_00(clips: Path) -> None:
-    """First 201 frames of KITTI 00, 100 m from every frame."""
+    """First 201 frames of KITTI 00, sub-sequences of 100 m from every frame."""
     sequence = open_sequence(clips / "sequences" / "00")
     poses = run(sequence, preset("solution_selection", variant="published")).poses
     assert sequence.truth is not None

@@ -1,4 +1,4 @@
-"""The Sampson distance as matrix products."""
+"""The Sampson distance, computed with matrix products."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`vo evaluate`: runs, pose files of other systems, and their truth."""
+"""`vo evaluate`: runs, pose files of other systems, and truth files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TURNED = rigid(rotation_from_vector(np.array([0.3, -1.0, 2.0])), np.array([4.0, 
 
 
 def scaled(poses: Array, factor: float) -> Array:
-    """The path with all steps longer by a factor."""
+    """The path with all steps multiplied by a factor."""
     longer = poses.copy()
     longer[:, :3, 3] *= factor
     return longer
@@ -41,7 +41,7 @@ def numbers(capsys: pytest.CaptureFixture[str], *words: Path | str) -> dict[str,
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
-    """The error of a refused `vo evaluate`."""
+    """The error text of a refused `vo evaluate`."""
     assert main(["evaluate", *map(str, words)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     return line
@@ -49,7 +49,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run folders: a, b by another method, c with another seed, part of the frames, another sequence."""
+    """Run folders: a; b with another method; c with another seed; part of the frames; another sequence."""
     base = tmp_path_factory.mktemp("runs")
     sequence, other = (open_sequence(write_bands(base / name)) for name in ("bands", "street"))
     jobs = {"a": (sequence, "viso2", 0), "b": (sequence, "mesvo_f", 0), "c": (sequence, "viso2", 1)}

@@ -14,7 +14,7 @@ PNG = bytes(cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1])
 
 
 def page(problems: tuple[str, ...] = ()) -> str:
-    """A page with markup characters in every text."""
+    """A report page with markup characters in every text."""
     table = ReportTable(
         "<b>", ["a & b", "solution_selection <TE>"], [["kitti/07, <script> a_b", "1"]], ["1 < 2"]
     )

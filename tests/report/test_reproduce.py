@@ -203,7 +203,7 @@ def test_jobs_have_separate_folders() -> None:
 
 @pytest.fixture
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a KITTI root of 02, 07 and, without truth, 11."""
+    """A folder with a KITTI root: sequences 02, 07, and 11 without truth."""
     for name in ("02", "07", "11"):
         write_bands(tmp_path / "kitti" / "sequences" / name)
     (tmp_path / "kitti" / "sequences" / "11" / "poses.txt").unlink()

@@ -1,4 +1,4 @@
-"""`vo sweep`: axes, records of single runs, and the heat map."""
+"""`vo sweep`: axes of the grid, records of single runs, and the heat map."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vo_lib.runs.jobs import run_jobs
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    """Forty-three frames, 21 m: long enough for sub-sequences of 20 m."""
+    """A sequence of 43 frames and 21 m, long enough for sub-sequences of 20 m."""
     return open_sequence(write_bands(tmp_path_factory.mktemp("sweep") / "bands", 43))
 
 
@@ -30,7 +30,7 @@ def axis(text: str) -> Axis:
 
 
 def sweep_of(sequence: Sequence, place: Path, *axes: str) -> Sweep:
-    """A sweep of `feature_selection` with two seeds; cache and runs are in a folder."""
+    """A sweep of `feature_selection` with two seeds; cache and runs are in a temporary folder."""
     do, config = partial(run_jobs, cache=place / "cache"), preset("feature_selection")
     return run_sweep(sequence, "feature_selection", config, tuple(map(axis, axes)), 2, place, do)
 

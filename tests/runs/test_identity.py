@@ -1,4 +1,4 @@
-"""Digests change with every input of a result, and with nothing else."""
+"""Digests change only with inputs of a result, and with each of them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def hashed(monkeypatch: pytest.MonkeyPatch, folder: Path) -> tuple[str, list[str]]:
-    """The digest of a sequence's images, and the names of the images read for the digest."""
+    """The digest of a sequence's images, and the names of the images that are read for the digest."""
     read: list[str] = []
 
     def watched(path: Path) -> str:
@@ -104,7 +104,7 @@ def test_masks_are_in_the_identity_of_runs_only(bands: Path) -> None:
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of vo_lib for changes of files."""
+    """A copy of vo_lib whose files a test can change."""
     shutil.copytree(identity.PACKAGE, tmp_path / "vo_lib", ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(identity, "PACKAGE", tmp_path / "vo_lib")
     return tmp_path / "vo_lib"

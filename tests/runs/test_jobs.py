@@ -1,4 +1,4 @@
-"""Parallel runs: same bytes as single runs, shared front end, separate failures."""
+"""Parallel runs: same results as single runs, a shared front end, separate failures."""
 
 from __future__ import annotations
 

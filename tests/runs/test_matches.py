@@ -1,4 +1,4 @@
-"""The match cache: bytes equal to computed matches, keys, and damaged files."""
+"""The match cache: equality with computed matches, keys, and damaged files."""
 
 from __future__ import annotations
 

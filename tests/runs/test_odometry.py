@@ -1,4 +1,4 @@
-"""Whole runs: exact on the band sequence, flags for bad images, error bounds on real clips."""
+"""Whole runs: exact results on the band sequence, flags for bad images, error bounds on real clips."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run of variant `published` uses nothing of the kit; every declared setting of a variant is read."""
+"""A run of variant `published` calls nothing of the other variant; every setting of a variant is read."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_every_setting_is_read(bands: Path, variant: str) -> None:
 
 @contextmanager
 def recorded(config: Any, read: set[str]) -> Iterator[None]:
-    """A context that collects the dotted names of the settings of a configuration that are read."""
+    """A context that collects the dotted names of all settings that are read from a configuration."""
 
     def watch(prefix: str) -> Any:
         def getter(self: Any, name: str) -> Any:
@@ -73,7 +73,7 @@ def recorded(config: Any, read: set[str]) -> Iterator[None]:
 
 
 def parts(config: Any, prefix: str = "") -> list[tuple[str, Any]]:
-    """The configuration and its sections, with the prefix of their settings' names."""
+    """The configuration and its sections, each with the prefix of its settings' names."""
     values = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
     sections = [(f"{prefix}{name}.", part) for name, part in values.items() if dataclasses.is_dataclass(part)]
     return [(prefix, config), *(pair for prefix, part in sections for pair in parts(part, prefix))]

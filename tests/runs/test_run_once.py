@@ -1,4 +1,4 @@
-"""Run folders: restart after an interruption, refusal of other runs, and locks."""
+"""Run folders: restart after an interruption, errors for folders of other runs, and locks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FRAMES = 14
 
 
 class Stopped(Exception):
-    """Raised by a test in the middle of a run."""
+    """Exception that a test raises in the middle of a run."""
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def stop_at(frame: int) -> Callable[[int, int], None]:
 
 
 def require_same(folder: Path, sequence: Sequence) -> None:
-    """Require the results of an uninterrupted run in the folder, except for times."""
+    """Require that the folder has the results of an uninterrupted run, apart from times."""
     whole, done = run(sequence, boxed()), read_run(folder, sequence)
     assert (folder / "poses.txt").read_text(encoding="utf-8") == format_kitti_poses(whole.poses)
     for one, other in zip(whole.motions, done.motions, strict=True):

@@ -1,4 +1,4 @@
-"""The number of threads does not change a result."""
+"""Results do not depend on the number of threads."""
 
 from __future__ import annotations
 

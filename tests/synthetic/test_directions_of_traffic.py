@@ -21,7 +21,7 @@ SCENE = scene_config("jam", length=60.0, parked=0.5, bends=0.0)  # a straight st
 
 
 def traffic(kind: str, config: SceneConfig = SCENE) -> tuple[World, list[Vehicle]]:
-    """A world without pictures, with one kind of vehicle."""
+    """A drawn world with one kind of vehicle; no images are rendered."""
     route = make_route(config)
     drive = make_drive(config, route)
     models = [Model(name, shape, NOTHING, NOTHING) for name, shape in SHAPES.items()]
@@ -37,9 +37,9 @@ def steps(poses: Array) -> Array:
 
 
 def in_camera(world: World, vehicle: Vehicle) -> tuple[Array, Array, Array]:
-    """Positions of a vehicle to the right (N,) and ahead (N,) of the camera of each frame, metres.
+    """Distances of a vehicle to the right (N,) and ahead (N,) of the camera of each frame, metres.
 
-    Third result: the vehicle's previous position, ahead (N - 1,) of the camera of the current frame, metres.
+    Third result: distance (N - 1,) of the vehicle's previous position ahead of the current camera, metres.
     """
     eye = inverse(world.drive.poses)
     here, before = eye @ vehicle.poses, eye[1:] @ vehicle.poses[:-1]

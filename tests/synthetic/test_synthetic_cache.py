@@ -1,4 +1,4 @@
-"""Drawn scenes: same bytes for the same settings, and reuse from the cache."""
+"""Drawn scenes: identical files for the same settings, and reuse from the cache."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def course(name: str) -> tuple[SceneConfig, Route, Drive]:
 
 
 def traffic(name: str) -> tuple[Drive, list[Vehicle]]:
-    """Drive and vehicles of a scene, without faces."""
+    """Drive and vehicles of a scene, without the faces."""
     config, route, drive = course(name)
     models = [Model(key, shape, NOTHING, NOTHING) for key, shape in SHAPES.items()]
     return drive, make_traffic(config, route, drive, models)
@@ -87,7 +87,7 @@ def test_block_repeats_its_outer_houses() -> None:
 
 
 class Fronts:
-    """In place of a mesh: collects texture numbers and corners of house fronts."""
+    """Replacement for a mesh: collects texture numbers and corners of house fronts."""
 
     def __init__(self) -> None:
         self.fronts: list[tuple[int, Array]] = []

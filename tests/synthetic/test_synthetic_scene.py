@@ -1,4 +1,4 @@
-"""The rendered street against its own geometry: depth, disparity, motion, labels."""
+"""Comparison of the rendered street with its geometry: depth, disparity, motion, labels."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def world() -> World:
 
 
 def away_from_edges(truth: Truth, frame: int) -> np.ndarray:
-    """Pixels whose neighbourhood shows one object with smooth depth."""
+    """Mask of the pixels whose neighbourhood shows one object with smooth depth."""
     near = (1.0 / depth(truth, frame)).astype(np.float32)
     kernel = np.ones((5, 5))
     one_thing = cv2.erode(near, kernel) > 0.85 * cv2.dilate(near, kernel)
@@ -56,7 +56,7 @@ def test_scene_folder_is_a_kitti_sequence(sequence: Sequence, truth: Truth) -> N
 
 
 def cast(faces: Faces, T_s_c: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """Depth (N,) of the nearest face along each ray, by testing every face: slow, but independent."""
+    """Depth (N,) of the nearest face along each ray, by a slow but independent test of every face."""
     corners = transform(inverse(T_s_c), faces.corners.reshape(-1, 3)).reshape(-1, 4, 3)
     best = np.full(len(rays), np.inf)
     for face in corners[corners[:, :, 2].max(axis=1) > NEAR]:
@@ -107,7 +107,7 @@ def track(
 
 @pytest.mark.parametrize("step", [0, 1])
 def test_images_agree_with_true_positions(sequence: Sequence, truth: Truth, step: int) -> None:
-    """Lucas-Kanade from left to right (step 0) and from frame to frame (1): no bias, rows equal."""
+    """Lucas-Kanade from left to right (step 0) or frame to frame (step 1): no bias, equal rows."""
     errors = []
     for frame in range(0, len(truth.poses) - 1, 2):
         left, right = sequence.stereo(frame)

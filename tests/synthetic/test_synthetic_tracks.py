@@ -1,4 +1,4 @@
-"""Simulated matches: exact without noise, with the given fractions of wrong and moving ones."""
+"""Simulated matches: exact without noise, with given fractions of wrong matches and moving points."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def poses() -> np.ndarray:
 
 
 def moved(frame: SimulatedFrame) -> np.ndarray:
-    """Left and right pixels (N, 4) of the previous pair's points if all were static."""
+    """Left and right pixels (N, 4) of the previous pair's points for a static scene."""
     m = frame.matches
     X = CAMERA.back_project(m.prev_left, (m.prev_left - m.prev_right)[:, 0])
     return np.concatenate(CAMERA.project(transform(frame.T_cp, X)), axis=1)
