@@ -2,7 +2,7 @@
 
 `panel` has the base class of all panels; `controls` makes controls from declared settings. Frames and their
 matches are in `frames`, the style of pictures is in `drawing`, threads for work of more than a second are in
-`progress`; `checker` judges exercises, `keep` saves functions that passed.
+`progress`; `checker` judges exercises, `keep` saves answers that passed.
 """
 
 from .drawing import figure, finish, show, show_source, stack

@@ -80,33 +80,33 @@ SLIPS: dict[str, tuple[str, Callable[[Any], Any]]] = {
 
 
 def any_order(indices: Array) -> Array:
-    """The normal form of a result in which the order does not matter."""
+    """A result whose order does not matter, sorted."""
     return np.sort(indices, axis=None) if indices.ndim < 2 else indices
 
 
 @dataclass(eq=False, repr=False)
 class Exercise:
-    """An exercise; a call with an answer, and with further data that the task names, returns the `Verdict`.
+    """An exercise; a call with an answer, and with the further data of the task, returns the `Verdict`.
 
     An answer is right if its results equal those of `right` in every case. The message for a wrong answer is
-    the known mistake with the same results in most cases; else a slip; else a mistake whose test holds; else
-    the `hint`. The third different wrong answer in a row also gets the `line` of code.
+    that of the mistake with the same results in most cases; else of a slip; else of a mistake whose test
+    holds; else the `hint`. The third different wrong answer in a row also gets the `line` of code.
 
     Parameters
     ----------
     right : a function of the inputs of a case; a value; or, for a panel, facts of a panel that passes.
     cases : for functions: returns the inputs of the calls, simple inputs first.
     also : other right answers.
-    praise, hint : the messages for right answers and for unknown mistakes. `praise` has fields: `got` and
-        `right`, results of the first case, or names of facts.
-    line : the code of a right answer, shown from the third different failure on; by default the hint.
+    praise, hint : the messages for right answers and for other mistakes. Fields of `praise` are `got` and
+        `right`, the results of the first case, or names of facts.
+    line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
-    mistakes : answers with a mistake, by message (with `got` and `right`, or with facts): functions of the
-        inputs or values, one or several, or a `When`; for facts, a test of the facts.
-    slips : messages for slips of `SLIPS`, by name, in place of the usual ones; for values, there are no others.
+    mistakes : wrong answers by message (with fields as in `praise`): one or several functions of the inputs,
+        one or several values, or a `When`; for facts, a test of the facts.
+    slips : messages by name of a slip, in place of those of `SLIPS`; for values, only these slips are tested.
     parts : names of several results, in the order in which they are judged.
     form : the part of a result that is compared, such as `any_order`.
-    atol, rtol : tolerance in the unit of the result, and as a share of the expected result.
+    atol, rtol : absolute tolerance in the unit of the result, and relative tolerance.
     """
 
     right: Any
@@ -287,7 +287,7 @@ class Exercise:
         return got.shape == expected.shape and np.allclose(got, expected, rtol, atol, equal_nan=True)
 
     def _difference(self, got: Any, expected: Any, what: str, inputs: Case) -> str:
-        """The wrong and the expected result, with the short ones of the inputs."""
+        """The wrong and the expected result, with the inputs that are short."""
         if self.cases is None:
             return f"{shown(got)} is wrong."  # the message hides the right value
         if is_list(expected) and (expected.size > SHORT or not shown(got)):

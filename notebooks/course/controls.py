@@ -10,7 +10,7 @@ import ipywidgets as widgets
 from vo_lib.settings import Setting
 
 COLUMN = {"flex": "0 1 320px", "min_width": "260px", "margin": "0 12px 0 0"}  # of controls
-LABEL_WIDTH = "156px"  # of the longest label: all sliders begin below each other
+LABEL_WIDTH = "156px"  # of the longest label; aligns the sliders
 STEPS = 100  # of a slider, if no step is given
 
 
@@ -20,7 +20,7 @@ class Control:
 
     Attributes
     ----------
-    name : dotted name of a setting: "selection.keep" of the method, or "view.noise" of the panel.
+    name : dotted name of a setting: "selection.keep" for the method, or "view.noise" for the panel.
     label : words beside the control; by default the last part of the name.
     low, high : ends of the slider, if narrower than the declared range.
     step : step of the slider.
@@ -36,7 +36,7 @@ class Control:
 
 
 class Knob:
-    """A control: its `widget`, the `shown` widget, and the declared sentence as its tooltip."""
+    """A control: `widget` has the value, `shown` is displayed; the declared sentence is the tooltip."""
 
     def __init__(self, control: Control, setting: Setting, value: Any):
         self.setting = setting

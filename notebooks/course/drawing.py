@@ -114,7 +114,7 @@ def raster(chart: Figure) -> Image:
 
 
 def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
-    """A grey or BGR picture as BGR, `width` pixels wide; with `height`, it fits into both, on white."""
+    """A grey or BGR picture as BGR, `width` pixels wide; with `height`, fitted into both on white."""
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
     scale = width / colour.shape[1]
     if height is not None:
@@ -139,7 +139,7 @@ def caption(picture: Image, words: str) -> Image:
 
 
 def beside(left: Image, right: Image, *words: str) -> Image:
-    """Two pictures side by side, each with half the width and with words."""
+    """Two pictures side by side, each with half the width and a label."""
     halves = [photo(each, WIDTH // 2, HALF_HEIGHT) for each in (left, right)]
     return np.concatenate([*map(caption, halves, words)] if words else halves, axis=1)
 

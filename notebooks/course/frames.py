@@ -119,7 +119,7 @@ def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDispari
 
 
 def before_step(sequence: Sequence, frame: int, config: MethodConfig) -> tuple[Any, Any]:
-    """A front end after the pairs before `frame` >= 1, and the prepared pair of `frame`."""
+    """A front end that has processed the pairs before `frame` >= 1, and the prepared pair of `frame`."""
     front_end = make_front_end(sequence.camera, config)
 
     def prepare(index: int) -> Any:
@@ -227,7 +227,7 @@ def has_truth(sequence: Sequence, what: str = "poses") -> bool:
 def real_frame(name: str = "", frame: int = 40) -> tuple[Sequence, int] | None:
     """A sequence of KITTI and a frame number; without KITTI, a sentence is printed and the result is None.
 
-    The sequence is `name` ("kitti/drive_0013") if available, else the first of all.
+    The sequence is `name` ("kitti/drive_0013") if available, else the first sequence of KITTI.
     """
     names = [each for each in available() if each.startswith(KITTI)]
     if not names:

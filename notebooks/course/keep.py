@@ -1,4 +1,4 @@
-"""Functions of a student: saved in `my_vo.py` beside the notebooks after they pass, and checked for calls."""
+"""Functions of a student: storage in `my_vo.py` beside the notebooks, and detection of library calls."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
 
     Dependencies are imports, other functions and classes of the student (by source) and constants of the
     notebook (by value). Definitions of the same name are replaced; the rest of the file does not change.
-    Nothing is written, and the result is "", in folders without the notebook `00_start_here.ipynb` (of tests
-    and scripts), and for functions without source (a lambda, lines of a console). `judge`, the check of the
+    Nothing is written, and the result is "", in folders without `00_start_here.ipynb` (folders of tests or
+    scripts), and for functions without source (a lambda, a function of a console). `judge`, the check of the
     exercise, then tests the saved function. Never raises.
     """
     if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
@@ -71,7 +71,7 @@ def load(path: Path) -> dict[str, Any]:
         exec(compile(path.read_bytes(), path, "exec"), vars(module))  # never from the cache of compiled files
     except ImportError as error:
         raise DataError(
-            f"the file cannot be run, {error}: CONTRIBUTING.md says what moved where", path
+            f"the file cannot be run, {error}: CONTRIBUTING.md lists the new names of imports", path
         ) from None
     except (Exception, SystemExit, KeyboardInterrupt) as error:
         raise DataError(f"the file cannot be run, {type(error).__name__}: {error}", path) from None
@@ -87,7 +87,7 @@ def _source(thing: Any) -> str:
 
 
 def _needed(function: Any) -> dict[str, tuple[str, list[str]]]:
-    """Source and imports by name, for a function and all its dependencies in the notebook, itself last."""
+    """Source and imports by name, of the dependencies of a function in the notebook and of the function."""
     definitions: dict[str, tuple[str, list[str]]] = {}
 
     def add(name: str, value: Any, around: Any) -> None:
@@ -110,7 +110,7 @@ def _needed(function: Any) -> dict[str, tuple[str, list[str]]]:
 
 
 def _names(source: str) -> list[str]:
-    """Global names in the source of a function or class: neither parameters nor assigned inside."""
+    """Global names in the source of a function or class: all names except parameters and assigned names."""
     tree = ast.parse(source)
     parameters = {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)}
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]

@@ -63,7 +63,7 @@ def marks(path: Path) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Print the marks of the files as text or JSON; 2 if a file could not be read, else 0."""
+    """Print the marks of the files as text or JSON; return 2 if a file could not be read, else 0."""
     parser = argparse.ArgumentParser(prog="python -m course.marks", description=__doc__.splitlines()[0])
     parser.add_argument("files", nargs="+", type=Path, metavar="my_vo.py")
     parser.add_argument("--json", action="store_true", help="print JSON instead of lines of text")

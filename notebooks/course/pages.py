@@ -172,7 +172,7 @@ def _shown(state: dict[str, Any], model: str) -> list[str]:
 
 
 def main() -> int:
-    """Write the pages; 1 if a cell failed, 2 if a file could not be read or written, else 0."""
+    """Write the pages; return 1 if a cell failed, 2 if a file could not be read or written, else 0."""
     parser = OneLineParser(prog="python -m course.pages", description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder for the pages")
     options = parser.parse_args()

@@ -1,7 +1,8 @@
 """The base class of all panels: a column of controls beside a picture of fixed size, a sentence and numbers.
 
 A panel defines `title`, `controls` and `draw(state)`. The same state has the same picture. Callbacks run on
-another thread than cells, so this module does not use pyplot. Pictures are bytes in one `Image`: no flicker.
+another thread than cells, so this module does not use pyplot. Pictures are bytes in one `Image`, so they do
+not flicker.
 
 A panel starts with the method of the paper. With a configuration `kit`, the panel has a switch between the
 variants `published` and `kit`; controls of settings that the selected variant lacks are grey:
@@ -84,7 +85,8 @@ class Panel:
     Class attributes
     ----------------
     title : a line above the controls.
-    controls : controls from top to bottom; settings of `start`, of `kit` or, with the prefix "view.", of `view`.
+    controls : controls from top to bottom; settings of `start`, of `kit` or, with the prefix "view.", of
+        `view`.
     view : class of the settings of the panel itself, declared with `setting`.
     start : configuration with the first values of the controls.
     kit : configuration for the switch "published | kit"; without it, there is no switch.
@@ -266,7 +268,7 @@ class Panel:
 
     @staticmethod
     def _lacks(config: MethodConfig, name: str) -> bool:
-        """Whether a configuration has no such setting."""
+        """Whether a configuration lacks a setting."""
         return not name.startswith("view.") and name not in {item.name for item in declared(type(config))}
 
     def _make_knobs(self, first: dict[str, Any]) -> dict[str, Knob]:
@@ -316,7 +318,7 @@ class Panel:
             self._offer(str(Path(change["new"].strip()).expanduser()))
 
     def _open(self, name: str) -> None:
-        """Open a sequence and draw; an open sequence at once, others as a job with a bar."""
+        """Choose a sequence and draw; a sequence that is not open is opened by a job with a bar."""
         if is_open(name):
             self._use(opened(name))
         else:

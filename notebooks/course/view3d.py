@@ -1,4 +1,4 @@
-"""Shapes in three dimensions, rotated with the mouse, in a cell or a page; without a network.
+"""Shapes in three dimensions, rotated with the mouse, in a cell or a page; no network is needed.
 
     view(*camera(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
 
@@ -53,7 +53,7 @@ class Shape:
     colour : "#RRGGBB"; for dots also grey levels (N,).
     name : words at the first place of a line or area; of a path, at the last place.
     width : width of a line or dot, pixels.
-    seen : (N,) first frame of each dot or place of a path; a slider selects the frame.
+    seen : (N,) first frame with each dot or place of a path; a slider selects the frame.
     """
 
     at: Array
@@ -81,7 +81,7 @@ class View:
         self.shapes, self.height, self.times, self.title = shapes, height, times, title
 
     def page(self) -> str:
-        """The page as one text without other files."""
+        """The complete page as one text."""
         template = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True)
         data = {"times": self.times, "eye": [YAW, TILT], "shapes": [*map(vars, self.shapes)]}
         text = json.dumps(data, default=lambda array: np.round(array, 3).tolist()).replace("<", "\\u003c")
@@ -153,7 +153,7 @@ def points_of(run: Run) -> list[tuple[Array, int, int]]:
 
 
 def write_view(folder: Path, page: Path) -> None:
-    """Write the page of the run in a folder, one file without other files.
+    """Write the page of the run in `folder` as a single file.
 
     Raises `DataError` if the run or its sequence cannot be read.
     """

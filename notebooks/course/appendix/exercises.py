@@ -1,4 +1,4 @@
-"""Exercises of the appendix: depths and steps by disparities that are too large, roll from rows, shrinkage."""
+"""Exercises of the appendix: depths and steps from too large disparities, roll from rows, shrinkage."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def depth_seen(Z: Array | float, e: float, fb: float = FB) -> Array:
 
 
 def step_seen(Z: Array, e: float, fb: float) -> Array:
-    """The length that a step of 1 m towards points at Z (N,) seems to have."""
+    """Measured length, metres, of a step of 1 m towards points at Z (N,) metres."""
     return depth_seen(Z, e, fb) - depth_seen(Z - 1.0, e, fb)
 
 
@@ -30,7 +30,7 @@ def fitted_roll(x: Array, y: Array, rows: Array, terms: tuple[int, ...] = (0, 1,
 
 
 def rolled() -> list[Case]:
-    """Row differences of 60 matches, most on the right: a roll alone, an offset, a focal length, noise too."""
+    """Row differences of 60 matches, most on the right: by a roll; also by offset, focal length and noise."""
     rng = np.random.default_rng(3)
     x = rng.uniform(-0.5, 0.9, 60)
     y = rng.uniform(-0.2, 0.3, 60) + 0.4 * x
@@ -39,13 +39,13 @@ def rolled() -> list[Case]:
 
 
 def shrunk(estimate: Array, covariance: Array, spare: float = 0.0) -> Array:
-    """An estimate (k,) times the share of its square, in deviations, that noise does not explain."""
+    """An estimate (k,) times the share of its square, in standard deviations, that noise does not explain."""
     squared = float(estimate @ np.linalg.solve(covariance, estimate))
     return np.asarray(estimate * max(0.0, 1.0 - (len(estimate) - spare) / squared))
 
 
 def estimates() -> list[Case]:
-    """Estimates of four and of two errors, pixels: clear, doubtful, within noise; independent and correlated."""
+    """Estimates of two or four errors, pixels: above, near or below the noise; independent or correlated."""
     alike, different = 0.04 * np.eye(4), np.diag([0.01, 0.04, 0.09, 0.25])
     clear, doubtful = np.array([1.0, -0.5, 0.3, 0.2]), np.array([0.2, -0.5, 0.3, 0.2])
     two = clear[:2], alike[:2, :2]

@@ -58,7 +58,7 @@ _tracks: Memory[list[SimulatedFrame]] = Memory(8)
 
 
 def rig(faults: dict[str, float]) -> Array:
-    """Errors (ERROR_COUNT,) of a rig that has these sizes of `RIG_FAULTS`, pixels, and perfect lenses."""
+    """Errors (ERROR_COUNT,) of a rig with perfect lenses and `RIG_FAULTS` of the given sizes, pixels."""
     errors = np.zeros(ERROR_COUNT)
     for fault, size in faults.items():
         columns, rows, _ = RIG_FAULTS[fault]
@@ -76,14 +76,14 @@ DRIVES_FIELD = rig({"shift along the rows": -0.2, **{f"columns, {term}": px for 
 def learn(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = DISPARITY_TERMS
 ) -> tuple[Rig, dict[str, Array]]:
-    """Spoil matches by errors (ERROR_COUNT,) and learn them from frame to frame, of the disparities only these terms.
+    """Add errors (ERROR_COUNT,) to matches and learn them frame by frame; of disparity errors only `terms`.
 
-    Returns the estimate of the rig, and the steps' lengths (N,) as shares of the true ones, "as measured"
+    Returns the estimate of the rig, and the ratios (N,) of step lengths to true step lengths, "as measured"
     and "corrected".
     """
     learnt = Rig(camera, CalibrationConfig(drift=0.0))
     if terms != DISPARITY_TERMS:
-        # The others are given as zero; the rows, which are learnt apart, say nothing about them.
+        # The other terms are set to zero; the rows, which are learnt separately, do not affect them.
         free = np.isin([*DISPARITY_TERMS, *[terms[0]] * (ERROR_COUNT - len(DISPARITY_TERMS))], terms)
         learnt.set_estimate(learnt.estimate, np.diag(np.diag(learnt.covariance) * np.where(free, 1.0, 1e-8)))
     shares: dict[str, list[float]] = {"as measured": [], "corrected": []}
@@ -104,9 +104,9 @@ def learn(
 def third_frame(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, config: TranslationConfig
 ) -> dict[str, Array]:
-    """Lengths (N,) of the published steps as shares of the true ones, with two frames and with three.
+    """Ratios (N,) of step lengths of variant `published` to true ones, with two and with three frames.
 
-    `true` : errors (ERROR_COUNT,) of the rig; rotations are the true ones.
+    `true` : errors (ERROR_COUNT,) of the rig; the rotations are the true rotations.
     """
     shares: dict[str, list[float]] = {"two frames": [], "three frames": []}
     before: dict[str, PairBefore | None] = dict.fromkeys(shares)
@@ -123,7 +123,7 @@ def third_frame(
 
 
 def too_long(shares: Array) -> float:
-    """Mean excess length of the last `LAST` steps, %; NaN for a resting camera."""
+    """Mean excess length of the last `LAST` steps, %; NaN for a camera at rest."""
     judged = shares[np.isfinite(shares)][-LAST:]
     return 100.0 * float(np.mean(judged) - 1.0) if len(judged) else np.nan
 
@@ -152,7 +152,7 @@ def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> 
 
 
 def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], height: int = 130) -> Figure:
-    """Where the points of `image_grid` are moved, by title: arrows (2, N), the last of them in blue."""
+    """Displacements of the points of `image_grid`, by title: arrows (2, N); the last arrows are blue."""
     points, lines, width = image_grid(camera), -(-len(moved) // 4), min(len(moved), 4)
     made = Figure(figsize=(WIDTH / DPI, lines * height / DPI), dpi=DPI, layout="constrained")
     for axis, (title, parts) in zip(made.subplots(lines, width).flat, moved.items(), strict=True):
@@ -177,7 +177,7 @@ def faults_figure(camera: StereoCamera) -> Figure:
 
 
 def lens_figure(camera: StereoCamera) -> Figure:
-    """Where Brown's p1, p2, k1 and k2 move the points; blue: across the epipolar lines of a drive straight ahead."""
+    """Displacements by Brown's p1, p2, k1 and k2; blue: across epipolar lines of a drive straight ahead."""
     points = image_grid(camera).T
     across = points[::-1] * [[1], [-1]] / np.maximum(np.linalg.norm(points, axis=0), 1e-6)
     moved: dict[str, tuple[Array, ...]] = {}
@@ -231,7 +231,7 @@ class CalibrationPanel(Panel):
 
 
 def tracks_of(sequence: Sequence, frame: int) -> list[SimulatedFrame]:
-    """Simulated matches along `FRAMES` frames of a sequence's true path; straight ahead without truth."""
+    """Simulated matches along `FRAMES` frames of the true path, or straight ahead without truth."""
     poses = block_tour(1) if sequence.truth is None else sequence.truth
     first = max(min(frame, len(poses) - FRAMES) - 1, 0)
     given = poses[first : first + FRAMES + 1], sequence.camera, TrackConfig(points=150)

@@ -40,9 +40,9 @@ def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
 
 
 def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
-    """A line for each run: mean errors of a step, and the distance of the end of the path from the true one.
+    """A line for each run: mean errors of a step, and the distance of the end of the path from the true end.
 
-    Of several seeds the mean and the standard deviation.
+    For several seeds, the line has the mean and the standard deviation.
     """
     lines, end = [], true_path(sequence)[-1]
     for name in seeds[0]:
@@ -58,7 +58,7 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
 
 
 def results_table(title: str, only: str = "") -> ReportTable:
-    """A table of the page of results, `results.md`; the rows whose name begins with `only`."""
+    """A table of `results.md`, with the rows whose name begins with `only`."""
     lines = RESULTS.read_text(encoding="utf-8").split(f"## {title}\n")[1].split("\n## ")[0].splitlines()
     columns, _, *rows = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line[:1] == "|")
     return ReportTable(title, columns, [row for row in rows if row[0].startswith(only)], [])
@@ -83,7 +83,7 @@ def whole_drive(section: str, row: str) -> dict[str, str]:
 def claim_figure(
     sequence: Sequence, runs: Mapping[str, Array], height: int = 250, frame: int | None = None
 ) -> Figure:
-    """Errors of each step by run, one `frame` marked, and the paths from above; x and z have their own scales."""
+    """Errors of each step by run, one `frame` marked, and the paths from above with different scales."""
     made, (turns, lengths, path) = figure(height, 3, (1.0, 1.0, 0.8))
     true = true_path(sequence)
     frames = int(sequence.frames[0]) + np.arange(1, len(true))
@@ -125,7 +125,7 @@ def by_threshold(path: Path = CHOICES) -> dict[tuple[str, str], Array]:
 
 
 def threshold_figure(measured: Mapping[tuple[str, str], Array]) -> Figure:
-    """RE over the inlier threshold, an axis for each sequence; bars are one standard deviation."""
+    """RE over the inlier threshold, one chart per sequence; bars are one standard deviation."""
     names = list(dict.fromkeys(name for name, _ in measured))
     made, axes = figure(260, len(names))
     for (name, boxes), rows in measured.items():

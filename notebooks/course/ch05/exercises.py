@@ -26,7 +26,7 @@ KEPT, LOST = "on moving things, kept", "on standing things, removed"
 
 
 def net_boxes() -> list[Case]:
-    """Two boxes inside the image, a box over the lower right corner, a box over the upper left corner, all."""
+    """Two boxes inside the image, a box over the lower right or upper left corner; then all four boxes."""
     inner = [[10.0, 240, 90.5, 300], [320, 280, 470, 360]]
     low, high = [[600.0, 250, 655, 420]], [[-9.0, 200, 60, 300]]
     letterbox = fit_letterbox(*SIZE, *NET)
@@ -35,7 +35,7 @@ def net_boxes() -> list[Case]:
 
 
 def in_image(xyxy: Array, scale: float, left: int, top: int, width: int, height: int) -> Array:
-    """Boxes (K, 4) of the network's image in the image, cut at its edges."""
+    """Boxes (K, 4) of the network's image, mapped into the camera's image and cut at its edges."""
     return Letterbox(*NET, scale, left, top).to_image(xyxy, width, height)
 
 
@@ -60,7 +60,7 @@ def pairs() -> list[Case]:
 def suppressed(corners: Array, scores: Array, most: float, rivals: slice | None = slice(None)) -> list[int]:
     """Indices that greedy suppression keeps, best first.
 
-    A box is compared with the kept boxes that `rivals` selects, or with all better boxes if it is None.
+    A box is compared with the kept boxes in the slice `rivals`, or with all better boxes if `rivals` is None.
     """
     order, shares = np.argsort(-scores, kind="stable").tolist(), overlap(corners, corners)
     kept: list[int] = []
@@ -83,7 +83,7 @@ def heaps() -> list[Case]:
 
 
 def features() -> list[Case]:
-    """Points of 300 matches with boxes in both images; and without any."""
+    """Points of 300 matches with boxes in both images, then without boxes."""
     rng = np.random.default_rng(9)
     uv_p = rng.uniform((0, 60), (500, 220), (300, 2))
     uv_c = uv_p + rng.uniform(-25, 25, (300, 2))
@@ -91,12 +91,12 @@ def features() -> list[Case]:
 
 
 def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> BoolArray:
-    """Which matches are in a box in neither image."""
+    """Mask (N,) of the matches that are outside all boxes in both images."""
     return np.asarray(~(inside(uv_p, boxes_p).any(axis=1) | inside(uv_c, boxes_c).any(axis=1)))
 
 
 def driven() -> list[Case]:
-    """Boxes: parked, driving ahead, crossing; with wrong matches, street behind, noise in depth, few features.
+    """Vehicles that are parked, ahead or crossing; wrong matches, street behind, depth noise, few features.
 
     The camera drives a metre ahead and turns by 2°.
     """
@@ -131,7 +131,7 @@ def middle(steps: Array) -> Any:
 def judged(
     length: Callable[[Array], Any], steps: Callable[..., Array] = left_over, few: Any = None, fewest: int = 3
 ) -> Callable[..., Any]:
-    """A test "does this box move?" by a length of the features' steps; `few` is its answer for too few features."""
+    """An answer that compares a length of the steps with `least`; `few` is its result for few features."""
     return lambda X_p, X_c, T_cp, least: length(steps(X_p, X_c, T_cp)) > least if len(X_p) >= fewest else few
 
 

@@ -53,7 +53,7 @@ _motions: Memory[FrameResult] = Memory(48)
 
 
 def detector_of(model: str) -> YoloDetector:
-    """A detector for all of its classes, loaded once; the filter chooses among them."""
+    """A detector of all its classes, loaded once; the box rule selects the classes."""
     path = find_model(model.strip())
     key = (path.resolve(), path.stat().st_mtime_ns)
     return _detectors.get(key, lambda: YoloDetector(path, DetectorConfig(classes=())))
@@ -105,9 +105,9 @@ def filtered_frame(
 
 
 def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: MethodConfig) -> FrameResult:
-    """The frame's motion from the matches that `keep` (N,) leaves, of its two pairs alone.
+    """Motion of a frame from the matches in the mask `keep` (N,), without earlier frames.
 
-    Without a previous vector and a calibration only the choice of features differs.
+    No previous vector and no calibration are used, so only the choice of features differs.
     """
     alone = change(change(config, "filter.rule", "none"), "selection.prior", False)
     if isinstance(alone, KitConfig):
@@ -141,7 +141,7 @@ def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) 
 
 
 class FilteringPanel(Panel):
-    """A frame's candidates, boxes and features, and its motion with and without the removed ones."""
+    """A frame's candidates, boxes and features, and its motion with and without the removed features."""
 
     title = "From boxes to the features that stay"
     view = FilteringView
@@ -216,7 +216,7 @@ class FilteringPanel(Panel):
         return Drawing(stack([picture, self._network(state, boxes)], self.height), sentence, tuple(facts))
 
     def _network(self, state: State, boxes: Boxes) -> Image:
-        """The picture of the candidates; of labels the image alone."""
+        """The picture of the candidates; for labels, only the image."""
         image, score = stereo(state.sequence, state.frame)[0], state.config.filter.score
         if state.view.model.strip() == LABELS:
             plain = photo(image, WIDTH, PHOTO_HEIGHT)
@@ -230,5 +230,5 @@ class FilteringPanel(Panel):
 
 
 def _apart(T: Array, T_other: Array | None) -> float:
-    """Distance between the translations of two motions, millimetres; NaN without the other."""
+    """Distance between the translations of two motions, millimetres; NaN if the second is None."""
     return np.nan if T_other is None else 1e3 * float(np.linalg.norm(T[:3, 3] - T_other[:3, 3]))

@@ -31,7 +31,7 @@ FETCH = {
 
 
 def find_detector(name: str) -> str:
-    """The ONNX file of a detector of real vehicles; "" and a printed sentence without one."""
+    """The ONNX file of a detector of real vehicles; if there is none, "" and a printed sentence."""
     try:
         return str(find_model(name))
     except DataError:
@@ -60,7 +60,7 @@ def line_distances(sequence: Sequence, matches: StereoMatches, T_cp: Array) -> A
 
 
 def distance_lines(sequence: Sequence, frame: int, matches: StereoMatches, distances: Array) -> str:
-    """The median distance of the features outside all boxes, and of those in each box, left to right."""
+    """Median distance of the features outside all boxes, and of the features in each box, left to right."""
     xyxy = sequence.boxes(frame).xyxy
     xyxy = xyxy[np.argsort(xyxy[:, 0])]
     within = inside(matches.cur_left, xyxy).T

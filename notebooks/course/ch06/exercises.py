@@ -33,10 +33,10 @@ def end(path: Array, first: int, length: float) -> int | None:
 
 
 def judged_pair() -> tuple[Array, Array]:
-    """A truth and an estimate (N, 4, 4) that are wrong in every way at once.
+    """A truth (N, 4, 4) and an estimate (N, 4, 4) with all kinds of errors.
 
-    The car drives 1 to 3 m a frame, so metres are no frames; its camera is tilted, so the rotation error is about
-    all axes.
+    The car drives 1 to 3 m per frame, so a length in metres is not a number of frames. The camera is tilted,
+    so the rotation error is about all axes.
     """
     truth = block_tour(1)
     truth = truth[np.cumsum(np.resize([0, 1, 2, 3, 2], 400))]
@@ -46,9 +46,9 @@ def judged_pair() -> tuple[Array, Array]:
 
 
 def stretches() -> list[Case]:
-    """Two sub-sequences of the pair: first and last frame, length; and two that are right but for rounding.
+    """Two sub-sequences of the pair: first and last frame, length; and two whose only error is rounding.
 
-    A rotation in a printed file has few digits: with either order of the motions one trace is above 3.
+    Rounding gives the rotation error of one of these two a trace above 3, for either order of the motions.
     """
     truth, estimate = judged_pair()
     cases: list[Case] = [(truth, estimate, 20, 114, 150.0), (truth, estimate, 150, 276, 200.0)]
@@ -70,7 +70,7 @@ def sequences() -> list[Case]:
 
 
 def cosine_of(error: Array) -> float:
-    """Cosine of the angle of an error of motion (4, 4)."""
+    """Cosine of the rotation angle of an error (4, 4)."""
     return float(np.clip((np.trace(error[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
 
 
@@ -99,7 +99,7 @@ def loop(
 ) -> Array:
     """TE and RE (2,) over all sub-sequences; `end` gives their last frames.
 
-    The path lengths are those of the truth, or of `along`.
+    Path lengths are those of the truth, or of the path `along`.
     """
     path = trajectory_distances(truth if along is None else along)
     parts = [(i, end(path, i, length), length) for i in range(0, len(truth), step) for length in lengths]
@@ -108,7 +108,7 @@ def loop(
 
 
 def by_frame_number(path: Array, first: int, length: float) -> int | None:
-    """The end of a sub-sequence where the number of the first frame is taken for metres."""
+    """End of a sub-sequence if the number of the first frame is used as a length in metres."""
     return next((i for i in range(len(path)) if path[i] > first + length), None)
 
 

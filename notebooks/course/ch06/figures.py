@@ -58,7 +58,7 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
 def length_chart(
     axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool = False
 ) -> None:
-    """Each sub-sequence as a dot over its length, the mean of each length as a line; means of others, too."""
+    """Each sub-sequence as a dot over its length; the means of each length as lines, also of others."""
     values = 100.0 * (np.degrees(errors.r_err) if rotation else errors.t_err)
     lengths = np.unique(errors.length).tolist()
     apart = np.min(np.diff(lengths), initial=lengths[0] if lengths else 1.0)
@@ -71,7 +71,7 @@ def length_chart(
     highest = max(float(np.max(line.get_ydata(), initial=0.0)) for line in axis.get_lines())
     axis.set_ylim(0, room(1.05 * highest, least=1e-3))
     if not lengths:
-        say(axis, "no sub-sequence is so long")
+        say(axis, "the path is too short for these lengths")
     axis.set_xticks(lengths[:8])
     kind, unit = ("rotation", "RE [deg/100 m]") if rotation else ("translation", "TE [%]")
     finish(axis, f"{kind} error by length", "length [m]", unit)
@@ -86,7 +86,7 @@ def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) ->
 
 
 def part_figure(truth: Array, estimate: Array, first: int, last: int, number: int = 0) -> Figure:
-    """The paths from one start, and a sub-sequence with its starts made equal; `number` is that of frame 0."""
+    """The paths from one start, and a sub-sequence with equal starts; `number` is the number of frame 0."""
     made, (whole, part) = figure(300, 2)
     paths_chart(whole, from_first(truth), from_first(estimate), "the whole path", (first, last))
     piece, moved = _at_start(truth, estimate, first, last)

@@ -1,4 +1,4 @@
-"""Chapter 6: one trajectory judged in every way, with one of its sub-sequences in view."""
+"""Chapter 6: all errors of one trajectory, with one of its sub-sequences in view."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class EvaluationPanel(Panel):
 
     def work(self, state: State, progress: Progress) -> Drawing:
         if state.view.file.strip() or state.view.estimate == MADE_UP:
-            raise DataError("empty the field of your file and choose a method as the estimate")
+            raise DataError("clear the field of your file and choose a method as the estimate")
         poses_of(state.sequence, preset(state.view.estimate), progress)
         return self.draw(state)
 

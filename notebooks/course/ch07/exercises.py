@@ -28,19 +28,19 @@ FRAMES, LENGTHS, VALUES = 30, (20.0,), (8, 16, 100)
 
 
 def rows(te: dict[str, Any], without: str = "01", none: Any = None) -> list[float]:
-    """The numbers of a column without one row, with another value instead of None."""
+    """The numbers of a column without the row `without`; `none` replaces None."""
     values = [none if value is None else value for name, value in te.items() if name != without]
     return [value for value in values if value is not None]
 
 
 def change(before: Array, after: Array, spread: float | None = None) -> tuple[float, float]:
-    """Mean and standard deviation of the change, or another spread."""
+    """Mean of the change, and its standard deviation or the given spread."""
     return float(np.mean(after - before)), float(np.std(after - before) if spread is None else spread)
 
 
 @functools.cache
 def simulated() -> tuple[Sequence, list[TimedMatches]]:
-    """A sequence of FRAMES simulated frames, a third of its matches wrong, and these matches."""
+    """A sequence of FRAMES simulated frames, and its matches, of which a third are wrong."""
     truth = drive(FRAMES - 1)
     tracks = TrackConfig(points=200, noise=0.3, wrong=0.3)
     matches: list[TimedMatches] = [(empty_matches(), {})]

@@ -36,7 +36,7 @@ CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 def paths_figure(title: str, truth: Array, runs: dict[str, Array], frame: int = 0, words: str = "") -> Figure:
     """Paths from above, as the paper's Figure 4, and beside them their distances from the truth.
 
-    truth : (N, 4, 4); runs : (N, 4, 4) by name; frame : marked in both pictures; words : without runs.
+    truth : (N, 4, 4); runs : (N, 4, 4) by name; frame : marked in both pictures; words : text without runs.
     """
     made, (paths, drift) = figure(PATHS_HEIGHT, 2)
     draw_trajectories(paths, "", truth, runs)
@@ -62,8 +62,9 @@ def tables_of(entries: list[Entry]) -> list[ReportTable]:
 def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
     """A verdict on each printed TE and RE that a report of `vo reproduce` has; none without a report.
 
-    The paper's number is one run more. It is within the spread where it differs from the mean of our n seeds by at
-    most `SPREADS` s √(1 + 1/n), with their standard deviation s, and half of the last digit printed.
+    The paper's number counts as one more run. The number is within the spread if it differs from the mean of
+    our n seeds by at most `SPREADS` s √(1 + 1/n), with their standard deviation s, plus half of the last
+    printed digit.
     """
     path, tables = folder / "table1.csv", []
     names, *lines = (cells for _, cells in read_csv(path)) if path.exists() else ([],)
@@ -112,7 +113,7 @@ def table_html(table: ReportTable) -> str:
 
 
 def choice_ratios(path: Path = CHOICES) -> dict[str, dict[str, dict[str, float]]]:
-    """TE with another choice over TE as published: by choice, alternative and sequence.
+    """Ratio of TE with another choice to TE of variant `published`: by choice, alternative and sequence.
 
     The choices come in the order of their largest mean |log ratio| over the sequences.
     """
@@ -132,7 +133,7 @@ def choice_ratios(path: Path = CHOICES) -> dict[str, dict[str, dict[str, float]]
 
 
 def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
-    """A line per alternative, a dot per sequence: left of 1 the other choice is better, right of 1 worse."""
+    """A line per alternative, a dot per sequence: the alternative is better left of 1, worse right of 1."""
     made, (axis,) = figure(380)
     box = axis.get_position()
     axis.set_position((0.27, box.y0, 0.57, box.height))  # room for names and for the legend

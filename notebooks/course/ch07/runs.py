@@ -33,7 +33,7 @@ def _key(sequence: Sequence, *others: Hashable) -> tuple[Hashable, ...]:
 
 
 def has_run(sequence: Sequence, config: MethodConfig) -> bool:
-    """Whether `poses_of` has the result already."""
+    """Whether `poses_of` has stored the result."""
     return _key(sequence, config) in _poses
 
 
@@ -62,12 +62,12 @@ class Plan:
 
     @property
     def is_run(self) -> bool:
-        """Whether `run_plan` has been called with it."""
+        """Whether `run_plan` has stored the result."""
         return self.key in _entries
 
 
 def part_of(sequence: Sequence, frames: int, first: int | None = None) -> Sequence:
-    """So many frames of a sequence, all where it has no more; by default the first ones with a good truth."""
+    """`frames` frames of a sequence, at most all; by default the first frames with a good truth."""
     if frames >= len(sequence):
         return sequence
     first = min(FIRST.get(sequence.name, 0) if first is None else first, len(sequence) - frames)
@@ -77,12 +77,12 @@ def part_of(sequence: Sequence, frames: int, first: int | None = None) -> Sequen
 def clip(
     frames: int, detector: str = "", progress: Progress | None = None, first: int | None = None
 ) -> Sequence:
-    """`WHOLE` where it is found; else a part of the first KITTI sequence with truth and 100 m, else of the street.
+    """`WHOLE` if available; else a part of the first KITTI sequence with truth and 100 m, else of the street.
 
-    `first` : the part's first frame, as in `part_of`.
+    `first` : first frame of the part, as in `part_of`.
 
-    Its boxes are the labels beside its images, else those of a detector, a name or the path of an ONNX file;
-    by default of the first that was fetched. Without one there are none.
+    Its boxes are the labels beside its images, else the boxes of `detector`, a name or the path of an ONNX
+    file; by default of the first detector that was fetched. Without a detector there are no boxes.
     """
     names = sorted((name for name in available() if name.startswith(KITTI)), key=lambda name: name != WHOLE)
     opened_ones = ((name, open_sequence(name)) for name in names)
@@ -98,7 +98,7 @@ def clip(
 def run_plan(plan: Plan, progress: Progress | None = None) -> list[Entry]:
     """Errors of each method, all run on the same matches.
 
-    The errors are those of KITTI's sub-sequences, or of shorter ones on a short path.
+    The errors are those of KITTI's sub-sequences, or of shorter sub-sequences on a short path.
     """
 
     def run() -> list[Entry]:

@@ -1,4 +1,4 @@
-"""Exercises of chapter 8: one's own stages, the drift at the end, TE and RE, better than published."""
+"""Exercises of chapter 8: the student's stages, the drift at the end, TE and RE, better than published."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chapter 8: the student's functions of all chapters, and in the place of a missing one the library's."""
+"""Chapter 8: the student's functions of all chapters; a function of the library replaces each missing one."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Joined:
 
     @property
     def facts(self) -> dict[str, float]:
-        """Number of borrowed stages, for the check."""
+        """Number of stages from the library, for the check."""
         return {"borrowed": float(sum(words != "yours" for words in self.whose.values()))}
 
     @property
@@ -80,7 +80,7 @@ class Joined:
 
 
 def join(**given: Any) -> Joined:
-    """All stages: a given function, that of `my_vo.py` if it passes its check, or that of the library."""
+    """All stages: a function of `given` or `my_vo.py` that passes its check, else the library's function."""
     written, exercises = {**load(Path(NAME)), **given}, asked()
     functions, whose, slow = {}, {}, dict[str, float]()
     for name in STAGES:
@@ -101,14 +101,14 @@ def join(**given: Any) -> Joined:
 
 
 def watched(matches: Iterable[TimedMatches], report: Progress, frames: int) -> Iterator[TimedMatches]:
-    """The matches of so many frames, with the progress of the one who takes them."""
+    """The matches of `frames` frames; each frame is reported when the next frame is requested."""
     for number, each in enumerate(matches, start=1):
         yield each
         report(number, frames)
 
 
 def kept_by(run: Run, matches: Iterable[TimedMatches]) -> list[TimedMatches]:
-    """The matches of each frame that the boxes of a finished run of the kit leave."""
+    """The matches of each frame that remain after the box rule of a finished run of variant `kit`."""
     given = list(matches)
     return [given[0], *((shown.matches[shown.keep], {}) for shown in film_frames(run, given))]
 
@@ -135,9 +135,9 @@ def film(
     poses: Array,
     every: int = 1,
 ) -> Image:
-    """Write a film of poses (N, 4, 4) with the features that your stages keep, of `every` so many frames.
+    """Write a film of poses (N, 4, 4) with the features that your stages keep; a picture per `every` frames.
 
-    Returns its last picture, BGR.
+    Returns the last picture of the film, BGR.
     """
     run = Run(sequence, preset("feature_selection"), poses, [])
     with Film(path, run, "your path and features") as made, np.errstate(all="ignore"):

@@ -20,7 +20,7 @@ TRUE_GAP_M = 1.0  # a loop is true if its motion is this near to the truth
 
 
 def block(progress: Progress | None = None) -> Sequence:
-    """The drawn scene `block` with small images; drawn where it is missing."""
+    """The drawn scene `block` with small images; a missing scene is drawn."""
     return open_folder(ensure_scene(scene_config("block", **SMALL), progress=progress), "block")
 
 
@@ -30,7 +30,7 @@ def ate(truth: Array, poses: Array) -> float:
 
 
 def is_true(loops: Loops, truth: Array) -> BoolArray:
-    """Which loops (N,) have the true motion."""
+    """Mask (N,) of the loops that have the true motion."""
     motion = inverse(truth[loops.first]) @ truth[loops.second]
     return np.asarray(np.linalg.norm((inverse(motion) @ loops.motion)[:, :3, 3], axis=1) < TRUE_GAP_M)
 

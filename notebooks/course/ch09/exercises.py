@@ -10,7 +10,7 @@ from ..checker import Case, Exercise
 
 
 def nearest_earlier(S: Array, gap: int) -> IntArray:
-    """For each place, the most similar place at least `gap` places earlier; -1 without one."""
+    """For each place, the most similar place at least `gap` places earlier; -1 if there is none."""
     return np.array([int(S[k, : k - gap + 1].argmax()) if k >= gap else -1 for k in range(len(S))])
 
 
@@ -50,14 +50,14 @@ def plane_edges() -> list[Case]:
 
 
 def gauss_newton(J: Array, r: Array) -> Array:
-    """The step (3N,) of all poses; the first one stays."""
+    """The step (3N,) of all poses; the first pose is fixed."""
     delta = np.zeros(J.shape[1])
     delta[3:] = np.linalg.solve(J[:, 3:].T @ J[:, 3:], -J[:, 3:].T @ r)
     return delta
 
 
 def linear_problems() -> list[Case]:
-    """Derivatives (3M, 3N) and residuals (3M,) of small graphs in the plane, which no shift of all changes."""
+    """Derivatives (3M, 3N) and residuals (3M,) of small graphs in the plane with a free gauge."""
     rng, cases = np.random.default_rng(2), []
     for edges in ([(0, 1), (1, 2), (0, 2)], [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]):
         J = np.zeros((3 * len(edges), 3 * (1 + max(max(edge) for edge in edges))))

@@ -20,7 +20,7 @@ GREEN_BGR, RED_BGR = (90, 160, 0), (60, 60, 220)
 
 
 def similarity_figure(matrices: Mapping[str, Array], frames: IntArray) -> Figure:
-    """Matrices (N, N) of the similarity of places, beside each other, by their frames."""
+    """Matrices (N, N) of the similarity of places, side by side, with frame numbers on the axes."""
     page, axes = figure(380, len(matrices))
     extent = (frames[0], frames[-1], frames[-1], frames[0])
     for axis, (title, matrix) in zip(axes, matrices.items(), strict=True):
@@ -41,7 +41,7 @@ def compared_picture(above: Image, below: Image, matches: StereoMatches, agrees:
 
 
 def draw_path(axis: Axes, paths: Mapping[str, tuple[Array, str]], title: str = "from above") -> None:
-    """Paths (N, 4, 4) from above, with a colour each."""
+    """Paths (N, 4, 4) from above, each in its colour."""
     for name, (poses, colour) in paths.items():
         axis.plot(*poses[:, [0, 2], 3].T, color=colour, label=name, linewidth=1.6)
     axis.set_aspect("equal", adjustable="datalim")
@@ -49,13 +49,13 @@ def draw_path(axis: Axes, paths: Mapping[str, tuple[Array, str]], title: str = "
 
 
 def draw_edges(axis: Axes, poses: Array, first: IntArray, second: IntArray, weight: Array) -> None:
-    """Lines between the two places of loops on a path; the paler, the smaller the weight."""
+    """Lines between the two places of loops on a path; a paler line has a smaller weight."""
     for a, b, w in zip(first, second, weight, strict=True):
         axis.plot(*poses[[a, b]][:, [0, 2], 3].T, "-", color=BAD, alpha=0.15 + 0.85 * float(w), linewidth=1.0)
 
 
 def closing_figure(truth: Array, before: Array, closed: Mapping[str, Array]) -> Figure:
-    """The truth, a path before, and the same path closed in several ways, from above."""
+    """The truth, a path before closing, and the same path closed in several ways, from above."""
     page, axes = figure(360, len(closed))
     for axis, (name, poses) in zip(axes, closed.items(), strict=True):
         paths = {"truth": (truth, DARK), "before": (before, BEFORE), "closed": (poses, AFTER)}

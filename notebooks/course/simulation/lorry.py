@@ -58,7 +58,7 @@ def with_lorry(
     for index, matches in enumerate(frames):
         number, along = divmod(STEP * index + way / 2, way)
         place = np.array([along - way / 2, 0.0, 0.0])
-        # Left and right image: u and v of the side's ends, and of its points as they are measured.
+        # Left and right image: u and v of the ends of the side, and measured u and v of its points.
         rims = np.stack(camera.project(start + place + SIDE * [[0.0], [1.0]])).reshape(2, 4)
         seen = np.stack(camera.project(points + place)) + NOISE * rng.standard_normal((2, POINTS, 2))
         if index == 0:
@@ -79,7 +79,7 @@ def with_lorry(
 
 
 def _hidden(camera: StereoCamera, matches: StereoMatches, rims: list[Array], distance: float) -> BoolArray:
-    """Mask of the matches (N,) behind the lorry in any of the four images, from its rims (4,) in each."""
+    """Mask (N,) of the matches behind the lorry in any of the four images, with its boxes `rims` (4,)."""
     nearer = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2] < distance
     places = matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right
     covered = [inside(uv, rim[None])[:, 0] for uv, rim in zip(places, rims, strict=True)]
@@ -92,7 +92,7 @@ def drive_past_lorry(
     frames: Iterable[TimedMatches],
     lorry: LorryConfig,
 ) -> dict[str, Run]:
-    """As `run_methods`, on the matches and boxes of `with_lorry`.
+    """Like `run_methods`, but with the matches and boxes of `with_lorry`.
 
     The boxes of the sequence do not count: a method that removes vehicles removes the lorry alone.
     """

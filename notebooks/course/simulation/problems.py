@@ -52,15 +52,15 @@ def random_problems(
     noise_px: float = 0.0,
     rotation: float | None = None,
 ) -> PoseProblems:
-    """Draw `count` problems of `points` matches seen by both cameras; t_cp has one metre.
+    """Draw `count` problems of `points` matches visible in both cameras; t_cp has a length of one metre.
 
     Parameters
     ----------
-    motion : "general" any direction; "forward" and "sideways" exactly along the optical and the x axis;
-        "planar" and "planar_forward" the same with all points of a problem on one plane of random tilt;
-        "small_baseline" 1 cm in any direction; "pure_rotation" no translation.
+    motion : "general": any direction; "forward" or "sideways": exactly along the optical axis or the x axis;
+        "planar" or "planar_forward": "general" or "forward", with all points on one plane of random tilt;
+        "small_baseline": 1 cm in any direction; "pure_rotation": no translation.
     noise_px : standard deviation of Gaussian noise on every image coordinate, pixels.
-    rotation : largest rotation angle, radians; by default 0.3, and 0.05 when moving forward as a car does.
+    rotation : largest rotation angle, radians; by default 0.05 for forward motions, else 0.3.
     """
     forward = motion in ("forward", "planar_forward")
     if rotation is None:

@@ -19,10 +19,10 @@ from vo_lib.geometry.motion import inverse, rigid, rotation_from_vector, transfo
 from vo_lib.geometry.rows import Rows, joined
 from vo_lib.geometry.types import Array, BoolArray, IntArray
 
-ROUNDS = 8  # attempts to fill a frame with points before it is left with fewer
+ROUNDS = 8  # attempts to fill a frame with points; then the frame has fewer
 NEAREST, FARTHEST = 4.0, 70.0  # metres, depth of the points
 CAMERA_HEIGHT = 1.65  # metres above the road
-AHEAD = rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))  # an object's way from frame to frame, metres
+AHEAD = rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))  # motion of an object from frame to frame, metres
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class TrackConfig:
 
 @dataclass(frozen=True)
 class SimulatedFrame:
-    """Matches between two stereo pairs, and what is true of them.
+    """Matches between two stereo pairs, and their truth.
 
     Attributes
     ----------
     frame : number of the current pair, 1 to N - 1.
     matches : (M,) matches between the pairs frame - 1 and frame.
-    wrong : (M,) the current pair shows another point; never set together with `moving`.
+    wrong : (M,) mask of matches whose current pair shows another point; never on moving objects.
     moving : (M,) mask of points on moving objects.
     T_cp : (4, 4) the camera's true motion, X_c = T_cp X_p.
     """
@@ -60,7 +60,7 @@ class SimulatedFrame:
 
 @dataclass(frozen=True, eq=False)
 class _Features(Rows):
-    """Features alive: points (n, 3) in their body's frame, body -1 is the street, else an object."""
+    """Tracked features: points (n, 3) in the axes of their body; body -1 is the street."""
 
     point: Array
     body: IntArray
@@ -80,8 +80,8 @@ def simulate_tracks(
     ----------
     poses : (N, 4, 4) T_w_c of the left camera, for example KITTI's ground truth.
     camera : the stereo camera, with its image size.
-    config : number of points, noise, and fraction of wrong ones.
-    seed : of all random numbers.
+    config : number of points, noise, and share of wrong matches.
+    seed : seed of all random numbers.
 
     Yields
     ------
@@ -93,7 +93,7 @@ def simulate_tracks(
 
 
 class _Street:
-    """The state that runs along: features alive, and where the objects are."""
+    """State of the simulation: tracked features and poses of the objects."""
 
     def __init__(self, poses: Array, camera: StereoCamera, config: TrackConfig, rng: np.random.Generator):
         self.poses, self.camera, self.config, self.rng = poses, camera, config, rng
@@ -119,7 +119,7 @@ class _Street:
         return self._measure(frame, joined(parts))
 
     def _measure(self, frame: int, seen: _Features) -> SimulatedFrame:
-        """Measure the features in the current pair; some of them wrongly."""
+        """Measure the features in the current pair, some of them at wrong positions."""
         config, rng, count = self.config, self.rng, len(seen)
         left, right = (uv + self._noise(count) for uv in self._project(1, seen.point, seen.body))
         moving, wrong = seen.body >= 0, np.zeros(count, bool)
@@ -137,7 +137,7 @@ class _Street:
         return SimulatedFrame(frame, matches, wrong, moving, self.from_world[frame] @ self.poses[frame - 1])
 
     def _new(self, frame: int, wanted: int, moving: bool) -> _Features:
-        """Features first seen in the previous pair, visible in the current one as well."""
+        """New features that are visible in the previous and in the current pair."""
         point, body = np.zeros((0, 3)), np.zeros(0, np.int64)
         for _ in range(ROUNDS):
             if (lacking := wanted - len(body)) <= 0:
@@ -172,7 +172,7 @@ class _Street:
         return self.camera.project(np.einsum("nij,nj->ni", T[:, :3, :3], point) + T[:, :3, 3])
 
     def _visible(self, point: Array, body: IntArray) -> BoolArray:
-        """Inside both pictures of both pairs, with a little room for noise."""
+        """Mask of the points inside all four images, with a margin for noise."""
         uv = np.stack([self._project(pair, point, body) for pair in (0, 1)])
         far_corner = (self.camera.width - 3.0, self.camera.height - 3.0)
         return np.asarray(((uv > 2.0) & (uv < far_corner)).all(axis=(0, 1, 3)))

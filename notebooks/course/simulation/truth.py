@@ -1,4 +1,4 @@
-"""Questions about the ground truth of a drawn scene: depths, predicted places, errors of matches."""
+"""Results from the ground truth of a drawn scene: depths, predicted places, errors of matches."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array,
 
     Parameters
     ----------
-    frame_p, frame_c : frame of the points given, and frame asked for; they may be the same.
+    frame_p, frame_c : frame of the input points, and frame of the result; they may be equal.
     uv : (N, 2) pixels in the left image of frame_p.
 
     Returns
     -------
     left, right : (N, 2) pixels in frame_c.
-    valid : (N,) mask of the points that have a depth (no sky) and are inside both images of frame_c. Something
-        nearer may hide it there.
+    valid : (N,) mask of the points that have a depth (no sky) and are inside both images of frame_c. A
+        nearer surface may hide a valid point.
     """
     uv, camera = np.asarray(uv, np.float64).reshape(-1, 2), truth.config.camera
     z = _depth_at(truth, frame_p, uv)
@@ -44,10 +44,9 @@ def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array,
 
 
 def match_errors(truth: Truth | None, matches: StereoMatches, frame: int) -> Array:
-    """Largest distance (N,) of matches from their true places, pixels; NaN where these are not known.
+    """Largest distance (N,) of matches from their true places, pixels; NaN where the true places are unknown.
 
-    The matches are between the pair `frame` and the previous one. Their places in the three images other
-    than the previous left one are judged.
+    The matches are between the pair `frame` and the previous one. The place in the previous left image is exact.
     """
     if truth is None:
         return np.full(len(matches), np.nan)
@@ -58,9 +57,9 @@ def match_errors(truth: Truth | None, matches: StereoMatches, frame: int) -> Arr
 
 
 def _depth_at(truth: Truth, frame: int, uv: Array) -> Array:
-    """Depth (N,) at sub-pixel positions: 1/Z is linear over a flat face, so it is interpolated.
+    """Depth (N,) at sub-pixel positions: interpolation of 1/Z, which is linear over a flat face.
 
-    Across an outline the depth of the nearest pixel counts.
+    At an outline, the result is the depth of the nearest pixel.
     """
     near, numbers = 1.0 / depth(truth, frame), truth.instances(frame)
     height, width = near.shape
