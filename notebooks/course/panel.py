@@ -151,6 +151,10 @@ class Panel:
         """Names of the controls that have no effect in a state; they become grey."""
         return set()
 
+    def surface(self) -> Any:
+        """The widget of the picture."""
+        return self.picture
+
     def work(self, state: State, progress: Progress) -> Drawing:
         """The long job of the Run button; it calls progress(done, total) several times per second."""
         raise NotImplementedError
@@ -297,7 +301,7 @@ class Panel:
         if self.long_job:
             controls.append(widgets.Button(description=self.long_job, icon="play", layout={"width": "auto"}))
             controls[-1].on_click(self.run)
-        shown = [self.job.box, self._message, self.picture, self._text]
+        shown = [self.job.box, self._message, self.surface(), self._text]
         columns = [widgets.VBox(controls, layout=COLUMN), widgets.VBox(shown, layout=BESIDE)]
         title = widgets.HTML(f"<b>{html.escape(self.title)}</b>")
         rows = [widgets.HBox([title, self._sign]), widgets.HBox(columns, layout={"flex_flow": "row wrap"})]

@@ -6,8 +6,10 @@ And, drawn for its pages: matches in boxes, depths, and one picture for each sta
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
+import ipywidgets as widgets
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -40,6 +42,12 @@ from ..simulation.truth import depth as true_depths
 from ..view3d import Shape, View, camera, view
 
 LEFT_HEIGHT = 298
+# Writes the place of a click, as shares of the picture, into the hidden text field beside it.
+ON_CLICK = """<div style="height:100%; cursor:crosshair" onclick="
+const box = this.closest('.vo-clicks'), field = box.querySelector('input');
+const at = box.querySelector('img').getBoundingClientRect();
+field.value = [(event.clientX - at.x) / at.width, (event.clientY - at.y) / at.height];
+field.dispatchEvent(new Event('change', {bubbles: true}))"></div>"""
 RAYS, RAYS_END = 14, 15.0  # so many rays, to points nearer than this, metres
 DEPTHS, ERRORS = (3.0, 100.0), (0.01, 100.0)  # metres shown
 
@@ -71,6 +79,23 @@ class StartPanel(Panel):
         Control("view.v", "row v / height", step=0.005),
         Control("matching.max_disparity", high=256, step=16),
     )
+
+    def surface(self) -> Any:
+        """The picture; a click in the left image moves the point."""
+        place = widgets.Text(continuous_update=False, layout={"display": "none"})
+        place.observe(self._clicked, "value")
+        over = [self.picture, widgets.HTML(ON_CLICK, layout={"margin": "0"}), place]
+        for each in over:
+            each.layout.grid_area = "1 / 1"
+        return widgets.GridBox(over, layout={"width": "fit-content"}).add_class("vo-clicks")
+
+    def _clicked(self, change: Any) -> None:
+        camera, (x, y) = self.state().sequence.camera, map(float, change["new"].split(","))
+        scale = min(WIDTH / camera.width, LEFT_HEIGHT / camera.height)
+        u = 0.5 + (x - 0.5) * WIDTH / (scale * camera.width)
+        v = 0.5 + (y * self.height - LEFT_HEIGHT / 2) / (scale * camera.height)
+        if 0 <= u <= 1 and 0 <= v <= 1:
+            self.set(view__u=u, view__v=v)
 
     def draw(self, state: State) -> Drawing:
         sequence, frame, camera = state.sequence, state.frame, state.sequence.camera
