@@ -121,10 +121,10 @@ def stale(package: Path, file: str) -> set[str]:
     before = {name: identity.code_digest(modules) for name, modules in digests.items()}
     content = path.read_bytes()
     path.write_bytes(content + b"\n")
-    identity._digest_of_files.cache_clear()
+    identity.code_digest.cache_clear()
     after = {name: identity.code_digest(modules) for name, modules in digests.items()}
     path.write_bytes(content)
-    identity._digest_of_files.cache_clear()
+    identity.code_digest.cache_clear()
     return {name for name in digests if before[name] != after[name]}
 
 

@@ -40,9 +40,14 @@ POSE_CODE = {
 }
 
 
-def code_digest(modules: Iterable[str]) -> str:
+@functools.cache
+def code_digest(modules: tuple[str, ...]) -> str:
     """Digest of the files of modules, such as "runs.drive", and of their top-level imports from vo_lib."""
-    return _digest_of_files(import_closure(modules))
+    paths = import_closure(modules)
+    names = [path.relative_to(PACKAGE).as_posix().encode() for path in paths]
+    return _digest(
+        b"".join(name + b"\n" + path.read_bytes() for name, path in zip(names, paths, strict=True))
+    )
 
 
 def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
@@ -58,14 +63,6 @@ def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
                 folder = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
                 waiting += [folder.with_suffix(".py"), *(folder / f"{name.name}.py" for name in node.names)]
     return tuple(sorted(files))
-
-
-@functools.cache
-def _digest_of_files(paths: tuple[Path, ...]) -> str:
-    names = [path.relative_to(PACKAGE).as_posix().encode() for path in paths]
-    return _digest(
-        b"".join(name + b"\n" + path.read_bytes() for name, path in zip(names, paths, strict=True))
-    )
 
 
 def _digest(data: bytes) -> str:
