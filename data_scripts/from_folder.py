@@ -88,6 +88,8 @@ def run(options: argparse.Namespace) -> int:
         raise DataError("give the images by --left and --right, or by one of --video, --raw and --euroc")
     if options.fps is not None and not MIN_FPS <= options.fps <= MAX_FPS:
         raise DataError(f"--fps {options.fps:g}: expected {MIN_FPS:g} to {MAX_FPS:g} pairs per second")
+    if not options.max_delay >= 0:
+        raise DataError(f"--max-delay {options.max_delay:g}: expected 0 s or more")
     drive = read_drive(options)
     source: Source
     times: Array | float

@@ -20,20 +20,24 @@ CASES = json.loads((Path(__file__).parent / "bad_input.json").read_text(encoding
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Invalid and valid inputs by name: images, poses, half a mask, settings, a symbolic loop, and others."""
+    """Invalid and valid inputs by name: images, poses, two masks, settings, a symbolic loop, and others."""
     bands = write_bands(tmp_path_factory.mktemp("bad") / "bands")
     config = {"method": "mesvo_f", "variant": "published", "settings": {}}
     (bands / "config.json").write_text(json.dumps(config), encoding="utf-8")
     (bands / "loop").symlink_to(bands / "loop")
     cv2.imwrite(str(bands / "mask.png"), np.zeros((120, 480), np.uint8))
+    cv2.imwrite(str(bands / "full.png"), np.full((240, 480), 255, np.uint8))
+    (bands / "seven.txt").write_text("0 0 0 0 0 0 1\n", encoding="utf-8")
     paths = {
         "MASK": bands / "mask.png",
+        "FULL": bands / "full.png",
+        "SEVEN": bands / "seven.txt",
         "BANDS": bands,
         "LEFT": bands / "image_0",
         "POSES": bands / "poses.txt",
         "OUT": bands / "out",
     }
-    paths |= {"CONFIG": bands / "config.json", "MASK": bands / "mask.png", "LOOP/x": bands / "loop" / "x"}
+    paths |= {"CONFIG": bands / "config.json", "LOOP/x": bands / "loop" / "x"}
     return {name: str(path) for name, path in paths.items()}
 
 

@@ -143,7 +143,9 @@ def test_evaluate_refuses_missing_truth_and_other_lengths(
     assert "a pose file without ground truth" in refused(
         capsys, runs / "a", runs / "else", tmp_path / "five.txt"
     )
-    assert "has 5 poses, but the truth of bands has 6" in refused(capsys, runs / "a", tmp_path / "five.txt")
+    assert "has 5 poses, but the truth of bands has 6: without times" in refused(
+        capsys, runs / "a", tmp_path / "five.txt"
+    )
     assert "contains no finished run: expected the folder of a run" in refused(capsys, tmp_path)
     (tmp_path / "later.txt").write_text(format_tum(np.arange(10.0, 15.0), straight(5)))
     assert "fewer than two poses at the times" in refused(capsys, runs / "a", tmp_path / "later.txt")
@@ -189,7 +191,9 @@ def test_evaluate_options_of_rpe_and_times(tmp_path: Path, capsys: pytest.Captur
         assert rpe[f"delta_{key}"] == float(delta[:-1])
         assert rpe["translation"]["rmse_m"] == pytest.approx(error, abs=1e-6)
     assert main(["evaluate", *map(str, words), "--delta", "3.2m"]) == 0
-    assert "RPE over 3.2 m" in " ".join(capsys.readouterr().out.split())
+    assert "RPE over 3.2 m: root mean square" in " ".join(capsys.readouterr().out.split())
+    assert main(["evaluate", *map(str, words), "--delta", "500m"]) == 0
+    assert "No RPE over 500 m: the path" in " ".join(capsys.readouterr().out.split())
 
 
 def test_evaluate_matches_euroc_and_tum_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

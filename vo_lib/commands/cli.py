@@ -12,7 +12,7 @@ from collections.abc import Sequence as Items
 from importlib import metadata
 from typing import Any
 
-from ..errors import DataError
+from ..errors import DataError, did_you_mean
 from .script import ENDINGS, OneLineParser, exit_code
 
 # Module and help line of each command. Only the module of the command in use is imported: all imports
@@ -55,7 +55,7 @@ def main(words: Items[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")  # "?" for letters that the terminal lacks
     with warnings.catch_warnings(record=True) as raised:
         try:
-            refuse_replaced(words)
+            refuse_unknown(words)
             namespace = argparse.Namespace(line=shlex.join(["vo", *words]))
             options = make_parser(words).parse_args(words, namespace)
             code = int(options.command(options))
@@ -67,13 +67,15 @@ def main(words: Items[str] | None = None) -> int:
     return code
 
 
-def refuse_replaced(words: Items[str]) -> None:
-    """`DataError` with the replacement of a command or an option of an earlier version."""
-    options = {word.partition("=")[0] for word in words}
+def refuse_unknown(words: Items[str]) -> None:
+    """`DataError` with the nearest command, or the replacement of one of an earlier version."""
     for name, replacement in REPLACED.items():
         command, *option = name.split()
-        if words[:1] == [command] and options.issuperset(option):
+        if words[0] == command and {word.partition("=")[0] for word in words}.issuperset(option):
             raise DataError(f"`vo {name}` no longer exists; use: {replacement}")
+    if words[0] not in COMMANDS and not words[0].startswith("-"):
+        near = did_you_mean(words[0], COMMANDS)
+        raise DataError(f"unknown command {words[0]!r}; {near}`vo --help` lists the commands")
 
 
 def make_parser(words: Items[str]) -> argparse.ArgumentParser:
@@ -83,6 +85,6 @@ def make_parser(words: Items[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, text) in COMMANDS.items():
         command: Any = commands.add_parser(name, help=text)
-        if name == next((word for word in words if not word.startswith("-")), ""):
+        if name == words[0]:
             importlib.import_module(f".{module}", __package__).add(command)
     return parser

@@ -85,7 +85,12 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
     if part is None:
         return sequence
     sequence = dataclasses.replace(sequence, masks=part.masks)
-    return sequence.part(*parse_frames(part.frames, len(sequence))) if part.frames else sequence
+    if part.frames:
+        sequence = sequence.part(*parse_frames(part.frames, len(sequence)))
+    masks = zip(sequence.mask_files(), sequence.mask_images(), strict=False)
+    if part.masks and all(mask.all() for _, mask in masks):
+        raise DataError("the mask covers every image, so there are no features", part.masks)
+    return sequence
 
 
 def read_settings(options: argparse.Namespace) -> MethodConfig:

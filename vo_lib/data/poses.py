@@ -69,6 +69,18 @@ def read_euroc(path: str | Path) -> tuple[Array, Array]:
     return _timed_poses(rows[:, [0, 1, 2, 3, 5, 6, 7, 4]], lines, path, EUROC_ROW)
 
 
+def read_path(path: Path) -> tuple[Array | None, Array]:
+    """Times (N,), None in KITTI's format, and poses (N, 4, 4) of a file in KITTI, TUM or EuRoC format."""
+    rows = (line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#"))
+    first = next(rows, "")
+    if "," in first:
+        return read_euroc(path)
+    columns = len(first.split())
+    if columns not in (0, 8, 12):
+        raise DataError(f"{columns} columns; expected {KITTI_ROW} (KITTI), or {TUM_ROW} (TUM)", path)
+    return read_tum(path) if columns == 8 else (None, read_kitti_poses(path))
+
+
 def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str) -> tuple[Array, Array]:
     """Times and poses of rows (N, 8) in TUM's order, checked."""
     times = rows[:, 0]

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..data.catalogue import open_sequence
-from ..data.poses import TIME_TOLERANCE_S, match_times, read_euroc, read_kitti_poses, read_tum
+from ..data.poses import TIME_TOLERANCE_S, match_times, read_path
 from ..errors import DataError
 from ..evaluation.ate_rpe import Alignment, Delta, align, rmse
 from ..evaluation.evaluate import ONE_FRAME, Evaluation, evaluate
 from ..evaluation.kitti import SHORT_MEASURE, Measure, suitable_measure
-from ..files import read_text, write_atomic
+from ..files import write_atomic
 from ..geometry.types import Array, Index
 from ..runs.folder import CONFIG, POSES, POSES_TUM, read_config
 from .page import ReportTable, number, without_empty_columns
@@ -40,16 +40,6 @@ class ComparedPaths:
     truth: Array
     times: Array | None
     estimates: dict[str, Array]
-
-
-def read_path(path: Path) -> tuple[Array | None, Array]:
-    """Times (N,), None in KITTI's format, and poses (N, 4, 4) of a file in KITTI, TUM or EuRoC format."""
-    rows = (line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#"))
-    first = next(rows, "")
-    if "," in first:
-        return read_euroc(path)
-    is_tum = len(first.split()) == 8 or (len(first.split()) != 12 and "tum" in path.name)
-    return read_tum(path) if is_tum else (None, read_kitti_poses(path))
 
 
 def read_paths(
@@ -141,7 +131,8 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float) -> tuple[Index,
         rows, pose_rows = match_times(truth.times, times, tolerance)
         return rows, poses[pose_rows]
     if len(poses) != len(truth.truth):
-        raise DataError(f"has {len(poses)} poses, but the truth of {truth.name} has {len(truth.truth)}", path)
+        counts = f"has {len(poses)} poses, but the truth of {truth.name} has {len(truth.truth)}"
+        raise DataError(f"{counts}: without times, row k of both must be frame k; cut the longer file", path)
     return np.arange(len(poses)), poses
 
 
@@ -168,10 +159,11 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
         rows.append([s.name, number(s.kitti.te), number(s.kitti.re), *(number(value, 4) for value in drift)])
     columns = ["system", *(unit for unit, _ in ERROR_KINDS.values()), "ATE m", "RPE m", "RPE deg"]
     first = systems[0]
-    notes = [f"ATE and RPE: root mean squares; ATE {first.ate.alignment.words}; RPE {first.rpe.delta.words}."]
-    shorter = f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter than"
-    notes += [f"No TE and RE: {shorter} every sub-sequence."] if not len(first.kitti) else []
-    notes += [f"No RPE: {shorter} its interval."] if not len(first.rpe.rotation) else []
+    path = f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter"
+    notes = [f"ATE {first.ate.alignment.words}: root mean square."]
+    has_rpe, interval = len(first.rpe.rotation) > 0, first.rpe.delta.words
+    notes.append(f"RPE {interval}: root mean square." if has_rpe else f"No RPE {interval}: {path}.")
+    notes += [] if len(first.kitti) else [f"No TE and RE: {path} than every sub-sequence."]
     short = "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
     head = [short] if measure == SHORT_MEASURE else []
     by_length = []

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from vo_lib.config import PUBLISHED, preset
-from vo_lib.data.poses import from_first
+from vo_lib.data.poses import from_first, read_path
 from vo_lib.errors import DataError
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, check_pair, relative_error, rmse
 from vo_lib.evaluation.kitti import KittiErrors, kitti_errors, suitable_measure
 from vo_lib.geometry.types import Array, Progress
 from vo_lib.report.entries import te_and_re
-from vo_lib.report.paths import read_path
 from vo_lib.settings import Checked, setting
 
 from ..ch07.runs import has_run, poses_of
