@@ -88,9 +88,9 @@ def any_order(indices: Array) -> Array:
 class Exercise:
     """An exercise; a call with an answer, and with the further data of the task, returns the `Verdict`.
 
-    An answer is right if its results equal those of `right` in every case. The message for a wrong answer is
-    that of the mistake with the same results in most cases; else of a slip; else of a mistake whose test
-    holds; else the `hint`. The third different wrong answer in a row also gets the `line` of code.
+    An answer is right if its results equal those of `right` in every case. A wrong answer gets the message of
+    the mistake with the same results in most cases, else of a slip, else of a mistake whose test holds, else
+    the `hint`. The third different wrong answer in a row also gets the `line` of code.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ class Exercise:
         `right`, the results of the first case, or names of facts.
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
-    mistakes : wrong answers by message (with fields as in `praise`): one or several functions of the inputs,
-        one or several values, or a `When`; for facts, a test of the facts.
+    mistakes : by message (with fields as in `praise`), one or several wrong answers: functions of the inputs,
+        values or a `When`; for facts, a test of the facts.
     slips : messages by name of a slip, in place of those of `SLIPS`; for values, only these slips are tested.
     parts : names of several results, in the order in which they are judged.
     form : the part of a result that is compared, such as `any_order`.
@@ -271,7 +271,7 @@ class Exercise:
         return [Unusable(False, message, f"`return {names}`.")] * len(self.parts)
 
     def _agreed(self, got: list[Any], expected: list[Any]) -> int:
-        """Number of equal results before the first different one."""
+        """Number of equal results before the first different result."""
         same = [self._same(*pair) for pair in zip(got, expected, strict=True)]
         return same.index(False) if False in same else len(same)
 

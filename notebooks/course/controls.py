@@ -24,7 +24,7 @@ class Control:
     label : words beside the control; by default the last part of the name.
     low, high : ends of the slider, if narrower than the declared range.
     step : step of the slider.
-    button : a button in place of the slider; it adds one to a whole number, up to the maximum, then restarts.
+    button : a button in place of the slider; it adds one to an integer, up to the maximum, then restarts.
     """
 
     name: str

@@ -82,7 +82,7 @@ def finish(
 
 
 def log_axis(axis: Axis, low: float, high: float, steps: tuple[float, ...] = (1.0,)) -> None:
-    """Make an axis logarithmic, with few, plain numbers: the steps × 10ⁿ from low to high."""
+    """Make an axis logarithmic from `low` to `high`, with plain numbers at `steps` × 10ⁿ."""
     name = "x" if axis is axis.axes.xaxis else "y"
     axis.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
     axis.set_major_locator(LogLocator(subs=steps, numticks=20))

@@ -48,7 +48,7 @@ class Memory(Generic[Value]):
         return key in self._kept
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """The result under `key`; if there is none, `make` computes it while other threads use the memory."""
+        """The result under `key`; if there is none, `make` computes it without a lock on the memory."""
         with self._lock:
             value = self._kept.pop(key, None)
         if value is None:
@@ -207,7 +207,7 @@ LACKING: dict[str, tuple[Callable[[Sequence], object | None], str]] = {
 
 
 def lacks(sequence: Sequence, what: str = "poses") -> str:
-    """A sentence where a sequence has no data of a kind in `LACKING`; else ""."""
+    """A sentence if a sequence has no data of a kind in `LACKING`; else ""."""
     data, words = LACKING[what]
     return f"{sequence.name} {words}." if data(sequence) is None else ""
 

@@ -87,7 +87,7 @@ def _source(thing: Any) -> str:
 
 
 def _needed(function: Any) -> dict[str, tuple[str, list[str]]]:
-    """Source and imports by name, of the dependencies of a function in the notebook and of the function."""
+    """Source and imports by name, first of a function's dependencies in the notebook, then of the function."""
     definitions: dict[str, tuple[str, list[str]]] = {}
 
     def add(name: str, value: Any, around: Any) -> None:
@@ -131,7 +131,7 @@ def _import_of(name: str, value: Any, home: str) -> str:
 
 
 def _written(name: str, value: Any) -> str:
-    """A constant as Python writes it: an array, or numbers and words, also in lists, tuples and dicts."""
+    """Python source of a constant: an array, numbers or text, also in lists, tuples and dicts."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size <= LARGEST:
         return f"np.array({value.tolist()!r}, np.{value.dtype.name})"
     text = repr(value.item() if isinstance(value, np.generic) else value)
@@ -143,7 +143,7 @@ def _written(name: str, value: Any) -> str:
 
 
 def _refuse_clash(text: str, name: str, needed: Mapping[str, tuple[str, list[str]]]) -> None:
-    """ValueError if a helper or constant would replace one that other functions of the file use."""
+    """ValueError if a definition that other functions of the file use would be replaced."""
     body = ast.parse(text).body
     for helper, (source, _) in needed.items():
         here = [node for node in body if helper in _defined(node)]
@@ -164,7 +164,7 @@ def _defined(node: ast.stmt) -> list[str]:
 
 
 def _with(text: str, name: str, source: str, imports: list[str]) -> str:
-    """The text of a module with a definition, in place of its last definition of that name or at the end."""
+    """The text of a module in which a definition replaces the last of that name or is added at the end."""
     lines, body = text.split("\n"), ast.parse(text).body
     heads = [node for node in body if isinstance(node, (ast.Import, ast.ImportFrom))]
     new_imports = [line for line in imports if line not in map(ast.unparse, heads)]
@@ -192,9 +192,9 @@ def is_stub(answer: Any) -> bool:
 
 
 def handed_back(answer: Any, names: Sequence[str]) -> str:
-    """The first of some functions of the library that an answer is, or calls; "" if there is none.
+    """The first of the library functions `names` that an answer calls or is; "" if there is none.
 
-    The tables of the exercises themselves may call any function.
+    An answer of the library or of the course may call any function.
     """
     module = str(getattr(answer, "__module__", ""))
     if not isinstance(answer, FunctionType) or module.startswith(("vo_lib.", __package__)):

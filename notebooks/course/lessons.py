@@ -172,8 +172,8 @@ def errors_by_seed(scenes: list[Scene], frames: int, seeds: int, progress: Progr
 def adaptive_stopping(candidates: Candidates, points: Points, limit: float, orders: int) -> tuple[Array, ...]:
     """Number of sets that adaptive stopping draws, for several orders of the same sets.
 
-    Results after each set, (orders, sets): the number of sets for one right set with 99 % probability, and the
-    smallest image error so far. The third result is the number of sets at the stop, (orders,).
+    Results after each set, (orders, sets): the number of sets required for one right set with 99 % probability,
+    and the smallest image error so far. The third result is the number of sets at the stop, (orders,).
     """
     sets, first = np.unique(candidates.set_index, return_index=True)
     order = np.array([np.random.default_rng(seed).permutation(len(sets)) for seed in range(orders)])

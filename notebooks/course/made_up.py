@@ -13,7 +13,7 @@ SIDE, CORNER = 200, 20  # metres: a side of the block, and the arc that rounds a
 
 
 def block_tour(rounds: int = 2) -> Array:
-    """Poses (N, 4, 4) round a square block of 800 m, one metre per frame; the last pose is the first."""
+    """Poses (N, 4, 4) round a square block of 800 m, one metre per frame; the last pose equals the first."""
     straight = rigid(np.eye(3), np.array([0.0, 0.0, 1.0]))
     bend = rigid(rotation_from_vector(np.array([0.0, 0.5 * np.pi / CORNER, 0.0])), np.array([0.0, 0.0, 1.0]))
     side = [straight] * (SIDE - CORNER) + [bend] * CORNER

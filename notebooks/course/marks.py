@@ -3,7 +3,7 @@
     python -m course.marks my_vo.py
     python -m course.marks --json class/*/my_vo.py
 
-Run it in the folder of the notebooks. It runs the code of the students.
+Run the command in the folder of the notebooks. The command executes the code of the students.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python -m course.pages DIR
 
-Run it in the folder of the notebooks. nbconvert makes the pages. Formulas are MathML instead of a script from
-the network; a panel is its picture with its words.
+Run the command in the folder of the notebooks. nbconvert makes the pages. Formulas are MathML, without a
+script from the network; a panel is shown as its picture and text.
 """
 
 from __future__ import annotations

@@ -264,7 +264,7 @@ class Panel:
         self._fail(error)
 
     def _clear(self) -> None:
-        """No picture, sentence, numbers or tables."""
+        """Remove picture, sentence, numbers and tables."""
         self.picture.value, self._text.value, self.tables.value, self.facts = self._white(), "", "", {}
 
     def _white(self) -> bytes:

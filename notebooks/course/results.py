@@ -56,7 +56,7 @@ def marked(text: str) -> str:
 
 
 class Unusable(Verdict):
-    """A result that cannot be compared; two are equal if their messages are equal up to the colon."""
+    """A result that cannot be compared; two such results are equal if their messages are equal up to the colon."""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Unusable) and self.message.split(":")[0] == other.message.split(":")[0]
@@ -80,7 +80,7 @@ def outcome(answer: Any, inputs: tuple[Any, ...]) -> Any:
 
 
 def result(outcome: Any) -> Any:
-    """A result as an array, a single number with the shape (); None and `Unusable` unchanged."""
+    """A result as an array, of shape () for a single number; None and `Unusable` do not change."""
     if outcome is None or isinstance(outcome, Unusable):
         return outcome
     try:
@@ -116,7 +116,7 @@ def not_indices(got: Any, expected: Any) -> str:
 
 
 def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
-    """The reason why a result cannot be compared with the expected one; `hint` is for another shape."""
+    """The reason why a result cannot be compared with the expected result; `hint` is for a wrong size."""
     if isinstance(got, Unusable):
         return got
     if got is None:
@@ -160,7 +160,7 @@ def shown(value: Any, digits: int = DIGITS[0]) -> str:
 
 
 def compared(got: Any, expected: Any) -> str:
-    """Both numbers in enough digits to distinguish them; else their difference."""
+    """Both numbers with enough digits to distinguish them; their difference if `DIGITS` are too few."""
     for digits in DIGITS:
         if shown(got, digits) != shown(expected, digits):
             return f"is {shown(got, digits)}, expected {shown(expected, digits)}"
@@ -170,7 +170,7 @@ def compared(got: Any, expected: Any) -> str:
 
 @dataclass(frozen=True)
 class Fact:
-    """A number below a picture; `digits` after the point."""
+    """A number below a picture, with `digits` decimals."""
 
     name: str
     value: float

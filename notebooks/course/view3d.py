@@ -2,11 +2,11 @@
 
     view(*camera(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
 
-As the last expression of a cell, `view(...)` is shown; without scripts, it is a picture. The page of a run:
+As the last expression of a cell, `view(...)` is shown; without scripts, as a picture. The page of a run:
 
     python -m course.view3d RUN_FOLDER OUT.html
 
-Run it in the folder of the notebooks; RUN_FOLDER is the folder of `vo run --out`.
+Run the command in the folder of the notebooks; RUN_FOLDER is the folder of `vo run --out`.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def camera(T_w_c: Array, name: str = "", colour: str = DARK, size: float = 0.3) 
 
 
 class View:
-    """Shapes as a page inside a cell, or as a picture where no script runs; made by `view`."""
+    """Shapes as a page inside a cell, or as a picture if no script runs; the result of `view`."""
 
     def __init__(self, shapes: tuple[Shape, ...], height: int, times: Any, title: str):
         self.shapes, self.height, self.times, self.title = shapes, height, times, title

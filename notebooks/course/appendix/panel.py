@@ -76,7 +76,7 @@ DRIVES_FIELD = rig({"shift along the rows": -0.2, **{f"columns, {term}": px for 
 def learn(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = DISPARITY_TERMS
 ) -> tuple[Rig, dict[str, Array]]:
-    """Add errors (ERROR_COUNT,) to matches and learn them frame by frame; of disparity errors only `terms`.
+    """Add errors (ERROR_COUNT,) to matches and learn their disparity terms `terms` and row terms.
 
     Returns the estimate of the rig, and the ratios (N,) of step lengths to true step lengths, "as measured"
     and "corrected".
@@ -104,7 +104,7 @@ def learn(
 def third_frame(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, config: TranslationConfig
 ) -> dict[str, Array]:
-    """Ratios (N,) of step lengths of variant `published` to true ones, with two and with three frames.
+    """Ratios (N,) of step lengths of variant `published` to true step lengths, by two or three frames.
 
     `true` : errors (ERROR_COUNT,) of the rig; the rotations are the true rotations.
     """
@@ -231,7 +231,7 @@ class CalibrationPanel(Panel):
 
 
 def tracks_of(sequence: Sequence, frame: int) -> list[SimulatedFrame]:
-    """Simulated matches along `FRAMES` frames of the true path, or straight ahead without truth."""
+    """Simulated matches along `FRAMES` frames of the true path, or straight ahead if there is no truth."""
     poses = block_tour(1) if sequence.truth is None else sequence.truth
     first = max(min(frame, len(poses) - FRAMES) - 1, 0)
     given = poses[first : first + FRAMES + 1], sequence.camera, TrackConfig(points=150)

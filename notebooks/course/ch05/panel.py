@@ -53,7 +53,7 @@ _motions: Memory[FrameResult] = Memory(48)
 
 
 def detector_of(model: str) -> YoloDetector:
-    """A detector of all its classes, loaded once; the box rule selects the classes."""
+    """A detector with all its classes, loaded once; the box rule selects the classes."""
     path = find_model(model.strip())
     key = (path.resolve(), path.stat().st_mtime_ns)
     return _detectors.get(key, lambda: YoloDetector(path, DetectorConfig(classes=())))

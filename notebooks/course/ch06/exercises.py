@@ -46,9 +46,9 @@ def judged_pair() -> tuple[Array, Array]:
 
 
 def stretches() -> list[Case]:
-    """Two sub-sequences of the pair: first and last frame, length; and two whose only error is rounding.
+    """Four sub-sequences: poses, first and last frame, length; the only error of the last two is rounding.
 
-    Rounding gives the rotation error of one of these two a trace above 3, for either order of the motions.
+    The rounded rotation error of one of these two has a trace above 3, for either order of the motions.
     """
     truth, estimate = judged_pair()
     cases: list[Case] = [(truth, estimate, 20, 114, 150.0), (truth, estimate, 150, 276, 200.0)]

@@ -58,7 +58,7 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
 def length_chart(
     axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool = False
 ) -> None:
-    """Each sub-sequence as a dot over its length; the means of each length as lines, also of others."""
+    """Each sub-sequence as a dot over its length; lines are the means of each length, also of `others`."""
     values = 100.0 * (np.degrees(errors.r_err) if rotation else errors.t_err)
     lengths = np.unique(errors.length).tolist()
     apart = np.min(np.diff(lengths), initial=lengths[0] if lengths else 1.0)

@@ -45,8 +45,8 @@ SLOW, LEAST_S = 5.0, 0.02  # times the library's seconds for a check, from which
 class Joined:
     """The stages as attributes: `mine.select(…)`.
 
-    `whose` : by name, whether a stage is yours, or the reason why not; `slow` : its time relative to the
-    library's.
+    `whose` : by stage, "yours" or the reason for the library's function; `slow` : time of your function
+    relative to the library's.
     """
 
     functions: Mapping[str, Any]
@@ -121,7 +121,7 @@ def mixed(rotations: Array, translations: Array) -> Array:
 
 
 def residuals(M: Array, c: Array, t: Array) -> Array:
-    """Residuals (N,) of the rows M (N, 8, 6) and c (N, 8) of N features for t (3,), each with its best Q."""
+    """Residuals (N,) of the rows M (N, 8, 6) and c (N, 8) of N features for t (3,), with the best point Q."""
     A, d = M[..., :3], c - M[..., 3:] @ t
     left = d[..., None] - A @ (np.linalg.pinv(A) @ d[..., None])
     return np.asarray(np.linalg.norm(left[..., 0], axis=1))

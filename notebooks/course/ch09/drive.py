@@ -45,7 +45,7 @@ def second_visits(truth: Array, frames: IntArray, gap: int, near: float = 3.0) -
 
 
 def made_up_loops(truth: Array, pairs: IntArray, sigma: Array, false: int, seed: int) -> Loops:
-    """Loops with the true motion between pairs (M, 2), then false ones; noise of sigma (6,) on every twist."""
+    """Loops with the true motion between pairs (M, 2), then false loops; noise of sigma (6,) on every twist."""
     rng, last = np.random.default_rng([9, seed]), len(truth) - 1
     wrong = np.sort(rng.integers(0, last // 5 + 1, (false, 2)) * 5, axis=1)
     first, second = np.concatenate([pairs, wrong]).T

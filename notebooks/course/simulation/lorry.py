@@ -39,16 +39,17 @@ class LorryConfig(Checked):
 def with_lorry(
     camera: StereoCamera, frames: Iterable[StereoMatches], config: LorryConfig, seed: int = 0
 ) -> Iterator[tuple[StereoMatches, Boxes]]:
-    """The matches of each frame with those on a lorry, and the lorry's box in the left image.
+    """The matches of each frame with added matches on a lorry, and the lorry's box in the left image.
 
-    The lorry's side is perpendicular to the view, at a constant distance from the camera. It starts in the
-    middle of the view and moves to the right; when it has disappeared, the next lorry enters from the left. The
-    lorry hides matches behind it. Its features keep their ids, which are negative, while they are matched.
+    The lorry's side is perpendicular to the view, at a constant distance from the camera. The lorry starts in
+    the middle of the view and moves to the right; when it has disappeared, the next lorry enters from the
+    left. The lorry hides matches behind it. The features of the lorry have negative ids, which are constant
+    while the features are matched.
 
     Parameters
     ----------
-    camera : with the size of its image.
-    frames : matches of every frame of a sequence; those of the first frame are empty.
+    camera : the camera, with its image size.
+    frames : matches of every frame of a sequence; the first frame has none.
     """
     rng = np.random.default_rng(seed)
     start = np.array([-SIDE[0] / 2, CAMERA_HEIGHT - SIDE[1], config.distance])
@@ -79,7 +80,7 @@ def with_lorry(
 
 
 def _hidden(camera: StereoCamera, matches: StereoMatches, rims: list[Array], distance: float) -> BoolArray:
-    """Mask (N,) of the matches behind the lorry in any of the four images, with its boxes `rims` (4,)."""
+    """Mask (N,) of the matches behind the lorry in any of the four images; `rims` are its boxes (4,)."""
     nearer = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2] < distance
     places = matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right
     covered = [inside(uv, rim[None])[:, 0] for uv, rim in zip(places, rims, strict=True)]
@@ -94,7 +95,7 @@ def drive_past_lorry(
 ) -> dict[str, Run]:
     """Like `run_methods`, but with the matches and boxes of `with_lorry`.
 
-    The boxes of the sequence do not count: a method that removes vehicles removes the lorry alone.
+    The boxes of the sequence are ignored, so a method that removes vehicles removes only the lorry.
     """
     runs = {name: MethodRun(sequence, config) for name, config in configs.items()}
     with single_threaded():

@@ -1,6 +1,6 @@
-"""Matches without pictures: points of a random street, seen along any trajectory, with chosen errors.
+"""Matches without images: points of a random street along any trajectory, with given errors.
 
-Fast enough to try a method over thousands of frames in seconds:
+The simulation of thousands of frames takes seconds:
 
     for frame in simulate_tracks(poses, camera, TrackConfig(noise=0.3, wrong=0.1), seed=1):
         frame.matches, frame.wrong, frame.moving
@@ -106,7 +106,7 @@ class _Street:
         self.alive = self._new(0, 0, False)
 
     def step(self, frame: int) -> SimulatedFrame:
-        """Features that remain and new ones, measured in the current pair."""
+        """Remaining and new features, measured in the current pair."""
         config, rng = self.config, self.rng
         self._move_objects(frame)
         kept = self.alive[rng.random(len(self.alive)) < config.survival]
@@ -152,7 +152,7 @@ class _Street:
         return _Features(point, body, left, right, ages, self.rng.gamma(2.0, 20.0, count), ids)
 
     def _sample(self, frame: int, count: int, moving: bool) -> tuple[Array, IntArray]:
-        """Random points in their body's frame: on road and fronts near the previous camera, or on objects."""
+        """Random points in the axes of their body: on road or house fronts near the camera, or on objects."""
         rng = self.rng
         if moving:
             body = rng.integers(self.config.objects, size=count)
