@@ -40,7 +40,7 @@ def section(cls: type) -> Any:
 class Setting:
     """One declared setting: `name` is a dotted path such as "selection.sets", `kind` a Python type.
 
-    If the default is None, None is a valid value. If the default is a tuple, the setting has several values.
+    If the default is None, None is a valid value. If the default is a tuple, the value is a tuple.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Setting:
         return (typing.get_args(self.kind) or (self.kind,))[0]
 
     def parse(self, raw: str) -> Any:
-        """The value of a command-line argument; `DataError` names the values allowed."""
+        """The value of a command-line argument; `DataError` names the allowed values."""
         kind = self._item_kind
         try:
             if kind is bool:
@@ -87,7 +87,7 @@ class Setting:
         return (self.low is None or item >= self.low) and (self.high is None or item <= self.high)
 
     def describe(self) -> str:
-        """The values allowed, as text: "a number from 0 to 5 px"."""
+        """The allowed values as text, such as "a number from 0 to 5 px"."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
         if self._item_kind is bool:
@@ -133,7 +133,7 @@ def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
 
 
 def replace(config: Any, name: str, value: Any) -> Any:
-    """A copy of nested settings with a new value, checked, for the setting of a dotted name."""
+    """A copy of nested settings with a new, checked value of the setting with a dotted name."""
     items = {item.name: item for item in declared(type(config))}
     if name not in items:
         raise DataError(f"{name}: there is no such setting; {did_you_mean(name, items)}".rstrip("; "))

@@ -35,7 +35,7 @@ def _demo(options: argparse.Namespace) -> int:
     reproduce.add(parser)
     words = [*OPTIONS, "--jobs", str(DRAWING_PROCESSES), "--out", options.out, "--fresh"]
     line = f"vo reproduce {shlex.join(words)}"
-    chosen = parser.parse_args(words, argparse.Namespace(line=line, cache=options.cache))
-    code = reproduce.reproduce(chosen, LIMIT)
+    arguments = parser.parse_args(words, argparse.Namespace(line=line, cache=options.cache))
+    code = reproduce.reproduce(arguments, LIMIT)
     say("\nWhat next:" + steps(NEXT_STEPS))
     return code

@@ -146,7 +146,7 @@ def _help_settings(config: MethodConfig) -> int:
 
 
 def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | None:
-    """The calibration of --calibration, if any; `DataError` for options that contradict each other."""
+    """The calibration of --calibration, or None; `DataError` for options that contradict each other."""
     if options.sequence is None or options.out is None:
         raise DataError("expected a sequence and --out DIR")
     if options.detector is not None and options.labels is not None:

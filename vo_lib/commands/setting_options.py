@@ -24,7 +24,7 @@ def add_option(
 
 
 def option_values(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:
-    """Values of the settings present in the options, by name; `DataError` names the values allowed."""
+    """Values of the settings in the options, by name; `DataError` names the allowed values."""
     values: dict[str, Any] = {}
     for item in items:
         if (text := getattr(options, item.name)) is not None:
@@ -40,7 +40,7 @@ def add_settings(group: OptionGroup, cls: type, defaults: bool = True) -> None:
 
 
 def from_options(options: argparse.Namespace, cls: type[Config], prefix: str = "") -> Config:
-    """The settings with the values in the options; `DataError` names a wrong value and the values allowed.
+    """The settings with the values in the options; `DataError` names a wrong value and the allowed values.
 
     prefix : beginning of the option names, such as "detector.".
     """

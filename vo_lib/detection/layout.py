@@ -117,13 +117,13 @@ def _corners(centre: Array, size: Array) -> Array:
 
 
 def best_boxes(
-    corners: Array, scores: Array, score: float, nms: float, wanted: BoolArray | None = None
+    corners: Array, scores: Array, score: float, nms: float, class_mask: BoolArray | None = None
 ) -> Boxes:
     """Boxes after non-maximum suppression, best first; a cell has the box of its best class, if its score is
     at least `score`. The IoU of suppression is `nms` within a class, `ONE_OBJECT_IOU` between classes.
 
     corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` is the column. Boxes with numbers that are
-    not finite are ignored. wanted : (C,) mask of the classes to report; by default all.
+    not finite are ignored. class_mask : (C,) mask of the classes to report; by default all.
     """
     finite = np.isfinite(corners).all(axis=1)
     corners, scores = corners[finite], scores[finite]
@@ -131,7 +131,7 @@ def best_boxes(
     best = scores[np.arange(len(scores)), kind]
     sizes = corners[:, 2:] - corners[:, :2]
     valid = (best >= score) & (sizes > 0).all(axis=1)
-    index = np.flatnonzero(valid if wanted is None else valid & wanted[kind])
+    index = np.flatnonzero(valid if class_mask is None else valid & class_mask[kind])
     index = index[np.argsort(-best[index], kind="stable")][:MAX_SUPPRESSED_BOXES]
     if not len(index):
         return no_boxes()

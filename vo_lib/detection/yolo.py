@@ -75,8 +75,8 @@ class YoloDetector:
         self.names = names_from_metadata(metadata.get("names", ""), count) or default_names
         self._default_size = layout.size_from_metadata(metadata.get("imgsz", "")) or USUAL_INPUT_PX
         self._numbers = class_numbers(self.names)
-        self._wanted = choose_classes(self.config.classes, self.names)
-        if not self._wanted.any():
+        self._class_mask = choose_classes(self.config.classes, self.names)
+        if not self._class_mask.any():
             classes, names = ", ".join(self.config.classes), ", ".join(self.names)
             raise DataError(f"the model has none of the classes {classes}, only {names[:200]}", self.path)
 
@@ -98,7 +98,7 @@ class YoloDetector:
 
     def select_boxes(self, output: NetworkOutput, score: float, nms: float) -> Boxes:
         """The boxes of an output at these thresholds, in the image, as returned by `detect`."""
-        boxes = layout.best_boxes(output.corners, output.scores, score, nms, self._wanted)
+        boxes = layout.best_boxes(output.corners, output.scores, score, nms, self._class_mask)
         xyxy = output.letterbox.to_image(boxes.xyxy, output.width, output.height)
         return dataclasses.replace(boxes, xyxy=xyxy, class_id=self._numbers[boxes.class_id])
 

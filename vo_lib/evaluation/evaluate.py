@@ -25,7 +25,7 @@ ONE_FRAME = Delta()
 
 @dataclass(frozen=True)
 class SequenceResult:
-    """All errors of a named path; `distance` is the length of the true path, metres."""
+    """All errors of one path with its name; `distance` is the length of the true path, metres."""
 
     name: str
     frames: int
@@ -46,7 +46,7 @@ class Evaluation:
     def to_dict(self, key: str = "sequences") -> dict[str, Any]:
         """All results except the single sub-sequences, for JSON, with None for missing numbers.
 
-        `key` : key of the named paths.
+        `key` : key of the paths in the result.
         """
         return {
             "lengths_m": list(self.lengths),

@@ -67,7 +67,7 @@ class Calibration:
         return rig.errors
 
     def in_words(self, config: CalibrationConfig) -> str:
-        """The errors used for the correction, as text with deviations; uncertain errors are omitted."""
+        """The errors used for the correction, as text with standard deviations, without uncertain errors."""
         return describe_errors(self.in_use(config), self.covariance, self.camera)
 
     def to_json(self) -> str:

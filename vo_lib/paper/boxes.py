@@ -14,10 +14,10 @@ from .settings import FilterConfig
 
 def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
     """The boxes of vehicles with a sufficient score, with the margin."""
-    chosen = boxes[np.isin(boxes.class_id, config.classes) & (boxes.score >= config.score)]
-    low, high = chosen.xyxy[:, :2], chosen.xyxy[:, 2:]
+    selection = boxes[np.isin(boxes.class_id, config.classes) & (boxes.score >= config.score)]
+    low, high = selection.xyxy[:, :2], selection.xyxy[:, 2:]
     grow = config.margin * (high - low)
-    return replace(chosen, xyxy=np.concatenate([low - grow, high + grow], axis=1))
+    return replace(selection, xyxy=np.concatenate([low - grow, high + grow], axis=1))
 
 
 def inside(uv: Array, xyxy: Array) -> BoolArray:

@@ -58,12 +58,12 @@ def describe(image: Image, config: FeatureConfig) -> Described:
     sobel = cv2.merge([cv2.Sobel(image, cv2.CV_16S, dx, 1 - dx, ksize=3) for dx in (1, 0)])
     # Pixels are numbered row by row, and the two responses of one are read as one number.
     steps = np.array([1, image.shape[1]])
-    read = (
+    samples = (
         sobel.view(np.int32)
         .ravel()
         .take((positions.astype(np.intp) @ steps)[:, None] + DESCRIPTOR_OFFSETS @ steps)
     )
-    descriptor = read.view(np.int16).astype(np.float32)
+    descriptor = samples.view(np.int16).astype(np.float32)
     return Described(positions, kind, strength, descriptor)
 
 

@@ -59,19 +59,19 @@ class Odometry:
         self._frame += 1
         self.clock = Clock()
         static = self.without_boxes(matches, boxes)
-        chosen = self.bucketed(static)
+        selection = self.bucketed(static)
         self.clock.stage("filter")
-        if len(chosen) < self.config.min_matches:
+        if len(selection) < self.config.min_matches:
             motion = FrameResult(self._last, flags=(Flag.FEW_MATCHES,))
-        elif self.stands_still(chosen):
-            motion = self.rest(chosen)
+        elif self.stands_still(selection):
+            motion = self.rest(selection)
         else:
-            motion = self.motion(chosen) or FrameResult(self._last, flags=(Flag.NO_MOTION,))
+            motion = self.motion(selection) or FrameResult(self._last, flags=(Flag.NO_MOTION,))
         self._last = motion.T_cp
         # Only a measured motion is precise enough for the features of the previous pair.
         self._before = None if motion.flags else PairBefore(static, motion.T_cp)
         removed = len(matches) - len(static)
-        return replace(motion, matches=len(matches), removed=removed, used=len(chosen), ms=self.clock.ms)
+        return replace(motion, matches=len(matches), removed=removed, used=len(selection), ms=self.clock.ms)
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Rotation from the essential matrix, then the translation; None without a result."""

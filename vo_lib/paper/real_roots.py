@@ -81,8 +81,8 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
             magnitude = np.abs(b)
             faint = np.where(many, magnitude.max(axis=0), magnitude.min(axis=0)) < noise[p]
             hidden = (faint & ~single) | (many & (cut + 1 == CUTS))
-        for group, chosen in zip(groups, (single, hidden), strict=True):
-            k = np.flatnonzero(chosen)
+        for group, mask in zip(groups, (single, hidden), strict=True):
+            k = np.flatnonzero(mask)
             group.append(Intervals(low[k], np.full(k.size, width), p[k], b.take(k, axis=1)))
         more = np.flatnonzero(many & ~hidden)
         if not more.size:

@@ -4,7 +4,7 @@ With known R, a feature at x = (u - cx) / f, y = (v - cy) / f gives two rows in 
 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where P = Q in the previous pair
 and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). The paper has Q in the current frame, and
 calls the projection matrix P. Divided by the feature's depth, a row is in pixels over f, like the projection
-in (2) with its factor α. In metres, far features would weigh most, and steps would be too long.
+in (2) with its factor α. In metres, far features would have the largest weight, and steps would be too long.
 
 Section 2 requires the constraints of three consecutive frames. A feature that was also matched in the
 previous pair has four more rows with P = R' Q + t', where (R', t') is the inverse of the last motion. These
@@ -27,7 +27,7 @@ SOLVING_ROUNDS = 2
 
 
 class PairBefore(NamedTuple):
-    """The matches up to the previous frame, and their motion T_cp (4, 4), metres."""
+    """The matches of the previous frame with the frame before it, and their motion T_cp (4, 4), metres."""
 
     matches: StereoMatches
     T_cp: Array
@@ -47,7 +47,7 @@ def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> t
     Returns
     -------
     A (N, 8, 3), B (N, 8, 3), c (N, 8). Rows: x and y in previous left, previous right, current left,
-    current right. Q in the previous left frame and t_cp, metres.
+    current right. Q (in the previous left frame) and t_cp are in metres.
     """
     n = len(matches)
     views = (matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right)
@@ -99,7 +99,7 @@ def solve_translation(
     """One translation for all features: equation (3) stacked and solved by the pseudo-inverse.
 
     Each feature alone gives a translation; the median of these is the start. Features whose rows do not fit
-    are removed from the stacked system. This step is then repeated from its solution.
+    are removed from the stacked system. The solution is the start of a second pass.
 
     Parameters
     ----------

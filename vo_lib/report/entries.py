@@ -55,15 +55,15 @@ class Entry:
 
     @property
     def is_whole(self) -> bool:
-        """Whether the sequence is a whole one of the benchmark, with the benchmark's measure."""
+        """Whether the sequence is a complete sequence of the benchmark, with the benchmark's measure."""
         return len(self.truth) == BENCHMARK_FRAMES.get(self.sequence) and self.measure == KITTI_MEASURE
 
 
 @dataclass(frozen=True)
 class Group:
-    """Entries that may be averaged: of one variant and measure, all of KITTI or all of other sequences.
+    """Entries that may be averaged: one variant, one measure, and sequences only of KITTI or only of others.
 
-    `entries` : by (sequence, method); `kitti` : whether the sequences are the benchmark's.
+    `entries` : entries by (sequence, method); `kitti` : whether the sequences are from the benchmark.
     """
 
     variant: str
@@ -78,7 +78,7 @@ class Group:
 
     @property
     def averaged(self) -> list[str]:
-        """Names of the sequences of the mean: all, without KITTI's 01 if there are others."""
+        """Names of the sequences in the mean: all except KITTI's 01, or only 01 if there are no others."""
         return [name for name in self.sequences if name != f"{KITTI}{LEFT_OUT}"] or self.sequences
 
     @property
@@ -88,7 +88,7 @@ class Group:
 
     @property
     def is_papers(self) -> bool:
-        """Whether the group has whole runs of the paper's ten sequences, so that the means are comparable."""
+        """Whether the group has complete runs of the paper's ten sequences, for comparable means."""
         complete = {entry.sequence for entry in self.entries.values() if entry.is_whole}
         return {f"{KITTI}{row}" for row in PAPER_ROWS[1:]} <= complete
 
@@ -97,7 +97,7 @@ class Group:
         return [entry for (_, name), entry in self.entries.items() if name == method]
 
     def mean(self, method: str) -> Array:
-        """TE and RE of each seed, (2, S): the plain mean over the averaged sequences."""
+        """Unweighted mean of TE and RE over the averaged sequences, for each seed, (2, S)."""
         entries = [e for e in self.of_method(method) if e.sequence in self.averaged]
         by_seed = [te_and_re(part for part in parts if len(part)) for parts in _by_seed(entries)]
         means = [part.mean(axis=1) if part.size else (np.nan, np.nan) for part in by_seed]
@@ -120,7 +120,7 @@ def te_and_re(parts: Iterable[KittiErrors]) -> Array:
 
 
 def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -> Entry:
-    """Errors of a method's runs, one per seed; the default measure is the suitable one for the sequence."""
+    """Errors of a method's runs, one per seed; the default measure is that of `suitable_measure`."""
     sequence = runs[0].sequence
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth, so there are no errors")

@@ -43,7 +43,7 @@ TRUE_PATH_COLOUR, LOOP_LINE_COLOUR = plots.bgr(plots.TRUTH_COLOUR), plots.bgr(pl
 
 @dataclass(frozen=True)
 class FilmFrame:
-    """A frame of a film: N matches, the mask `keep` (N,) of those not removed, K boxes.
+    """A frame of a film: N matches, the mask `keep` (N,) of the matches that are not removed, K boxes.
 
     `state` : (K,) states of the boxes for `match_image`; None for a rule without states.
     """
@@ -89,8 +89,8 @@ def film_frames(
 class Film:
     """A video file of a run's frames; the file appears, complete, at the end of the context.
 
-    `loops` : pairs of frames at one place, drawn from the second of them on. `method` : name of the method,
-    for the colour of the path.
+    `loops` : pairs of frames at one place; a pair is drawn from its second frame on. `method` : name of the
+    method, for the colour of the path.
     """
 
     def __init__(self, path: Path, run: Run, label: str, loops: Pairs = (), method: str = PROPOSAL):
@@ -129,7 +129,7 @@ class Film:
         self._count += 1
 
     def picture(self, frame: FilmFrame) -> Image:
-        """The picture of a frame, BGR: text, which controls of a player do not cover, image and path."""
+        """The picture of a frame, BGR: text (at the top, clear of a player's controls), image and path."""
         page = np.full((*self._shape, 3), WHITE, np.uint8)
         left, _ = self.run.sequence.stereo(frame.index)
         image = plots.match_image(left, frame.matches, frame.keep, frame.boxes, frame.state, by_age=True)
@@ -181,9 +181,9 @@ class Film:
 
 
 def with_frame_rate(video: bytes, frames: int) -> bytes:
-    """An MP4 file of `ENCODER_FPS` frames per second with the rate FILM_FPS, and its durations.
+    """An MP4 file of `ENCODER_FPS` frames per second, changed to `FILM_FPS` frames per second.
 
-    Only numbers of the header change: time units a second, and durations (ISO 14496-12, boxes of version 0).
+    Only header numbers change: time units per second, and durations (ISO 14496-12, boxes of version 0).
     """
     if not frames:
         return video

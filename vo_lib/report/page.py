@@ -32,7 +32,7 @@ class ReportTable:
 
 
 def without_empty_columns(table: ReportTable) -> ReportTable:
-    """The table without the columns that have dashes only."""
+    """The table without columns that contain only dashes."""
     filled = [k for k in range(len(table.columns)) if any(row[k] != NO_NUMBER for row in table.rows)]
     columns, *rows = [[line[k] for k in filled] for line in (table.columns, *table.rows)]
     return replace(table, columns=columns, rows=rows)
@@ -54,7 +54,7 @@ def signed(value: float, digits: int) -> str:
 
 
 def mean_and_spread(values: Array) -> tuple[float, float]:
-    """Mean and standard deviation over seeds (S,); both NaN without seeds, the deviation with one seed."""
+    """Mean and standard deviation over seeds (S,); NaN without seeds, the deviation also with one seed."""
     mean = float(values.mean()) if len(values) else math.nan
     return mean, float(values.std()) if len(values) > 1 else math.nan
 
@@ -65,7 +65,7 @@ def plus_minus(mean: float | None, deviation: float | None) -> str:
 
 
 def seeds_text(count: int) -> str:
-    """The statistic of a table's numbers over seeds, as text."""
+    """Description of a table's numbers: means with standard deviations, or single runs."""
     return "one seed" if count == 1 else f"mean ± standard deviation over {count} seeds"
 
 

@@ -48,8 +48,8 @@ def read_paths(
     """Run folders and pose files, grouped by ground truth: the truth file, or the runs' sequences.
 
     Poses correspond to true poses by time, within `tolerance` seconds, or row by row if one file has no
-    times. Only frames that all paths have are compared. Raises `DataError` if the truth of a path is unknown
-    or does not correspond to it.
+    times. Only frames that occur in all paths are compared. Raises `DataError` if the truth of a path is
+    unknown or does not correspond to it.
     """
     sources = list(dict.fromkeys(source.absolute() for source in sources))
     for source in sources:
@@ -151,7 +151,7 @@ def evaluate_paths(
 
 
 def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
-    """A table of errors of the systems on a sequence, and one of TE and RE by length."""
+    """A table of the systems' errors on a sequence, and a table of TE and RE by length."""
     measure, systems = Measure(result.lengths, result.step), result.sequences
     rows = []
     for s in systems:

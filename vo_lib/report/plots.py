@@ -64,14 +64,14 @@ def bgr(colour: str) -> tuple[int, int, int]:
 
 
 def method_colour(name: str, number: int) -> str:
-    """The colour of the truth or of a method; for another name, the colour of its number."""
+    """The colour of the truth or of a method; for another name, the colour with this number."""
     return TRUTH_COLOUR if name == TRUTH else METHOD_COLOURS.get(name, CYCLE[number % len(CYCLE)])
 
 
 def styled(named: Mapping[str, Values]) -> Iterator[tuple[str, Values, dict[str, Any]]]:
     """Names, values and line styles for Matplotlib, the proposal first, the truth last.
 
-    Each line is thinner than the one before, so that overlapping lines stay visible.
+    Each line is thinner than the previous line, so that overlapping lines stay visible.
     """
     for number, name in enumerate(sorted(named, key=lambda name: (name == TRUTH, name != PROPOSAL))):
         width = LINE_WIDTHS.get(name, 1.0 + 0.4 * (len(named) - 1 - number))
@@ -124,7 +124,7 @@ def draw_loops(axis: Axes, poses: Array, loops: Sequence[tuple[int, int]]) -> No
 def trajectories_figure(
     panels: Mapping[str, tuple[Array | None, dict[str, Array]]], loops: Sequence[tuple[int, int]] = ()
 ) -> Figure:
-    """A row per sequence (title: truth, named estimates): top view and, with truth, distance from it."""
+    """A row per sequence (title: truth, named estimates): top view and, with truth, the error."""
     rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
     figure = page(width=width * columns, height=(height - 1.0) * rows + 1.0)
@@ -202,7 +202,7 @@ def match_image(
     words: Sequence[str] = (),
     by_age: bool = False,
 ) -> Image:
-    """The current left image (H, W) as BGR (H, W, 3), each match a line from its previous place to a dot.
+    """The current left image (H, W) as BGR (H, W, 3); a match is a line from its previous position to a dot.
 
     Kept matches are blue (`by_age`: greener with age), removed ones orange. With the boxes' `state` (K,) from
     `kit.judgement`, moving boxes have a thick solid line, parked boxes a dashed line, unknown boxes a dotted

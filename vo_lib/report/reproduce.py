@@ -75,7 +75,7 @@ def default_sequences() -> list[str]:
 
 
 def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
-    """Names of available sequences, and of missing KITTI sequences; `DataError` if none is available."""
+    """Names of available sequences, and of missing KITTI sequences; `DataError` if all are missing."""
     folders = available()
     missing = [name for name in names if name.startswith(KITTI) and name not in folders]
     present = [name for name in dict.fromkeys(names) if name not in missing]

@@ -22,8 +22,8 @@ BOX_METHODS = ("feature_selection", "moving_selection")  # the methods that need
 def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:
     """Table 1 as a record per row and method, in the order of the rows; None for a missing number.
 
-    Rows of a group: the mean (the paper's Avg, for whole runs of its ten sequences), each sequence with 01
-    last, and all sub-sequences pooled. Only whole sequences have the paper's numbers.
+    Rows of a group: the mean (the paper's Avg, for complete runs of its ten sequences), each sequence with 01
+    last, and all sub-sequences pooled. Only complete sequences are compared with the paper's numbers.
     """
     return [record for group in groups for record in _records(group, paper)]
 
@@ -62,7 +62,7 @@ def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]
 def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
     """Tables of a group's records: one table or, with the paper's numbers, one of TE and one of RE.
 
-    Without rows that have errors there is no table.
+    A group without errors has no table.
     """
     records = [record for record in _records(group, paper) if record["te_percent"] is not None]
     if not records:

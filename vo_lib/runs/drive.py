@@ -93,7 +93,7 @@ class MethodRun:
         self.motions.append(dataclasses.replace(motion, ms={**ms, **motion.ms}))
 
     def result(self) -> Run:
-        """The run, after all frames."""
+        """The result of the run, after all frames."""
         poses = [np.eye(4)]
         for motion in self.motions:
             T_w_c = poses[-1] @ inverse(motion.T_cp)
@@ -184,7 +184,7 @@ def run_methods(
 
 
 class _ThreadLimit:
-    """The number of open `single_threaded` contexts in this process, and the callbacks that end the limit."""
+    """The number of open `single_threaded` contexts in this process, and callbacks that end the limit."""
 
     lock = threading.Lock()
     contexts = 0
@@ -193,10 +193,10 @@ class _ThreadLimit:
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """A context without threads of BLAS and OpenCV, which slow down work on small matrices and images here,
-    since the kit prepares frames in threads of its own.
+    """A context without threads of BLAS and OpenCV: the kit already prepares frames in threads, and further
+    threads slow down work on small matrices and images.
 
-    Threads of a process may enter and leave in any order: the first one sets the limit, the last one ends it.
+    Threads of a process enter and leave in any order: the first sets the limit, the last removes it.
     """
     with _ThreadLimit.lock:
         _ThreadLimit.contexts += 1

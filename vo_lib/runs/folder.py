@@ -118,7 +118,7 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
 
 
 def path_lost(result: Run) -> bool:
-    """Whether more than `MAX_MISSING_FRAMES` frames in a row have no motion of their own."""
+    """Whether more than `MAX_MISSING_FRAMES` frames in a row have no measured motion."""
     groups = itertools.groupby(motion.measured for motion in result.motions)
     return any(len(list(group)) > MAX_MISSING_FRAMES for measured, group in groups if not measured)
 
@@ -155,9 +155,9 @@ def is_finished(folder: Path) -> bool:
 
 
 def read_run(folder: Path, sequence: Sequence) -> Run:
-    """A finished run of the sequence from its folder, with the precision of poses.txt and frames.csv.
+    """A finished run of the sequence, read from its folder with the precision of poses.txt and frames.csv.
 
-    Raises `DataError` if a file is missing or invalid, or has not one row per frame.
+    Raises `DataError` if a file is missing or invalid, or does not have one row per frame.
     """
     data = read_config(folder)
     try:

@@ -112,7 +112,7 @@ def labels_digest(sequence: Sequence) -> str:
 
 
 def _digest_of_data(files: list[Path]) -> str:
-    """Digest of the stems and contents of the files that exist."""
+    """Digest of the stems and contents of the existing files."""
     return _digest(b"".join(f"{path.stem} ".encode() + read_bytes(path) for path in files if path.exists()))
 
 
@@ -143,7 +143,7 @@ def matches_identity(sequence: Sequence, config: MethodConfig) -> dict[str, Any]
 def run_identity(
     sequence: Sequence, config: MethodConfig, method: str, calibration: Calibration | None = None
 ) -> dict[str, Any]:
-    """All inputs of the poses of a run, and its names, in the form that JSON reading returns.
+    """All inputs of the poses of a run, and its names, in the form returned by a JSON reader.
 
     Runs with equal identities have byte-identical poses.
     """

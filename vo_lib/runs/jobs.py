@@ -1,4 +1,4 @@
-"""Runs with a folder each: a run is computed once and then read back; several run in parallel."""
+"""Runs with a folder each: a run is computed once and then read back; jobs run in parallel."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def run_once(
 
     Files are written after the last frame. A run that is killed and repeated gives the same bytes. `matches`,
     `calibration` and `progress` are those of `run_methods`; `method` is the name written into the folder.
-    `fresh` computes the run in any case; finished files are kept until new ones replace them.
+    `fresh` computes the run in any case; new files replace the finished files at the end.
 
     Raises `DataError` if the folder is missing, not writable, in use by another process, or contains another
     run or other files.
@@ -64,7 +64,7 @@ def run_once(
 
 
 def _refuse_another(folder: Path, identity: dict[str, Any]) -> None:
-    """`DataError` with the differences, if the folder contains a run of another identity."""
+    """`DataError` with the differences, if the folder contains a run with another identity."""
     stored, expected = dict(_flat(read_config(folder))), dict(_flat(identity))
     del expected["sequence"]  # the name may change
     if differences := [name for name, value in expected.items() if stored.get(name) != value]:
@@ -122,7 +122,7 @@ def run_jobs(
     ----------
     jobs : runs in different folders.
     workers : number of processes; 1 means this process.
-    progress : called with (frames done, total frames); a front end's frame counts `MATCHING_FRAMES` times.
+    progress : called with (frames done, total frames); a frame of a front end counts as `MATCHING_FRAMES`.
     cache : folder of the match cache; default the user's cache folder.
     scheduler : address of a Dask scheduler, "tcp://host:port", used instead of local processes; its workers
         need the same files under the same paths.
