@@ -38,7 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check the sequences, print the result and the commands for missing files."""
+    """Check the sequences; print the result and the commands that fetch missing files."""
     root: Path = options.root or kitti_root()
     get = typed(f"vo data get_kitti --root {root}")
     names = None if options.sequences is None else parse_numbers(options.sequences)
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
-    """Print a tree of sequences and their parts, with at most a few problems per sequence in red."""
+    """Print a tree of sequences and their files, with at most a few problems per sequence in red."""
     tree = Tree(Text(str(root), style="bold"))
     for report in reports:
         total = "" if report.expected is None else f" of {report.expected}"

@@ -1,13 +1,13 @@
 """Convert your own stereo images to KITTI's layout, for `vo run FOLDER`.
 
-The images come from two folders or patterns, from one video with both images
-side by side, or from a drive of KITTI's raw data or a EuRoC folder (mav0),
-which include calibration, times and truth. If file names are times
-(nanoseconds, or seconds with decimals), left and right images are paired by
-time. The calibration is given as three numbers for rectified images, or as
-OpenCV YAML files: with K1 D1 K2 D2 R T, the script rectifies the images; with
-P1 P2 alone, the images must already be rectified. The order of left and right,
-the rows and the baseline are checked on a sample.
+The images come from two folders or patterns, or from a video with both images
+side by side. A drive of KITTI's raw data or a EuRoC folder (mav0) includes
+calibration, times and truth. If file names are times (nanoseconds, or seconds
+with decimals), left and right images are paired by time. The calibration is
+given as three numbers for rectified images, or as OpenCV YAML files: with K1
+D1 K2 D2 R T, the script rectifies the images; with P1 P2 alone, the images
+must already be rectified. The order of left and right, the rows and the
+baseline are checked on a sample.
 
 examples:
   vo data from_folder --left L --right R --out data/mine \\

@@ -33,7 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """List, explain, register or download detectors."""
+    """List, describe, register or download detectors."""
     folder: Path = options.folder or detector_folder()
     if options.name is None:
         if options.source is not None:
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def fetch(options: argparse.Namespace, folder: Path) -> int:
-    """Describe the detector, ask for confirmation, download and verify."""
+    """Describe the detector, ask for confirmation, then download and verify the file."""
     if options.name not in FETCHABLE:
         raise DataError(f"unknown detector {options.name!r}; expected one of {', '.join(FETCHABLE)}")
     detector = FETCHABLE[options.name]

@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) -> int:
-    """Determine the missing files, print their size, ask for confirmation, and write them."""
+    """Determine the missing files, print their size, ask for confirmation, and write the files."""
     if options.raw is None:
         sources, targets = sequence_archives(options.host, sequences, options.color)
     else:

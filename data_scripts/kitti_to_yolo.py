@@ -81,7 +81,7 @@ def share(text: str) -> float:
 
 
 def parse_drives(items: list[str]) -> dict[str, str]:
-    """Raw drives by tracking sequence."""
+    """Raw drive of each tracking sequence."""
     drives = {}
     for item in items:
         sequence, equals, drive = item.partition("=")

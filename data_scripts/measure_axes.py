@@ -1,4 +1,4 @@
-"""Estimate the constant angles between a camera's axes and those of its ground
+"""Estimate the constant angles between the axes of a camera and of its ground
 truth.
 
 examples:
@@ -6,9 +6,9 @@ examples:
   vo data measure_axes truth.txt runs/00/poses.txt --lengths 20,50,100 --step 1
 
 KITTI's ground truth is measured by an inertial unit and transformed to the
-camera with a calibration; its error rotates every motion. The printed pitch
-and yaw minimise the translation error TE. KITTI's benchmark has no such
-correction. Both files are in KITTI's format, one row per frame.
+camera with a calibration. An error of this calibration rotates every motion.
+The printed pitch and yaw minimise the translation error TE. KITTI's benchmark
+has no such correction. Both files are in KITTI's format, one row per frame.
 """
 
 from __future__ import annotations

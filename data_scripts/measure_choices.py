@@ -64,12 +64,12 @@ def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any, before: Any =
 
 
 def from_current(before: Any, pair: Any, matches: Any, config: Any) -> Any:
-    """Sub-pixel positions of matches whose feature is at an integer pixel of the current left image."""
+    """Sub-pixel matches whose position in the current left image is an integer pixel."""
     return backwards(subpixel_matches(pair, before, backwards(matches), config))
 
 
 def backwards(m: Any) -> Any:
-    """The matches with previous and current pair exchanged."""
+    """The matches after an exchange of the previous and the current pair."""
     return replace(
         m, prev_left=m.cur_left, prev_right=m.cur_right, cur_left=m.prev_left, cur_right=m.prev_right
     )
@@ -88,7 +88,7 @@ def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
 
 
 def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> int:
-    """`Odometry.select` with another winner: principal vector of the best tenth of the best candidates."""
+    """`Odometry.select` with another winner: the principal vector of the best tenth of candidates."""
     errors = truncated_errors(E, x_p, x_c, odometry.threshold)
     compete = competing(E, set_index, odometry.e_prev, odometry.config.selection)
     errors = np.where(compete, errors, np.inf)

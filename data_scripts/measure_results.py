@@ -5,7 +5,7 @@ examples:
   vo data measure_results --sequences 00,01 --detector yolov8n.onnx --jobs 2
 
 Each system of Table 1 is run in both variants with seeds 0-4. A second call
-with the same --runs does only the missing runs.
+with the same --runs executes only the missing runs.
 """
 
 from __future__ import annotations

@@ -68,8 +68,8 @@ def run(options: argparse.Namespace) -> int:
 def measure(sequence: Sequence, config: MethodConfig, progress: Progress | None = None) -> dict[str, Any]:
     """Times of a method on a sequence and of the decoding of its images, milliseconds per frame.
 
-    The stages have wall time, the whole run has wall time and processor time of all threads, and decoding has
-    processor time of one thread.
+    Stages: wall time. Whole run: wall time, and processor time of all threads. Decoding: processor time of
+    one thread.
     """
     count = len(sequence)
     run_sequence(sequence.part(0, 2), config)  # excludes work that a process does only once
@@ -89,7 +89,7 @@ def measure(sequence: Sequence, config: MethodConfig, progress: Progress | None 
 
 
 def describe_machine() -> dict[str, Any]:
-    """Processor, number of cores, system, commit and versions."""
+    """Processor, number of cores, operating system, commit and versions."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

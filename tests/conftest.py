@@ -100,7 +100,7 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
     """A folder in KITTI's layout whose geometry is exact in integer pixels.
 
     The scene has six bands of texture at six depths. The camera moves to the right by one baseline per
-    frame, so the left image of a frame equals the right image of the previous frame. `standing`: the
+    frame, so the left image of a frame equals the right image of the previous frame. With `standing`, the
     camera does not move.
     """
     rng = np.random.default_rng(7)
@@ -169,7 +169,7 @@ def bands(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[FileServer]:
-    """A web server on this machine; downloads retry without a pause."""
+    """A web server on this machine; failed downloads are repeated without a pause."""
     monkeypatch.setattr("fetch.download.PAUSE_S", 0.0)
     made = FileServer()
     yield made

@@ -14,7 +14,7 @@ class FileServer:
     Attributes
     ----------
     files : content by name. ranges : whether the server supports ranges.
-    drop_every : n closes the connection in the middle of every n-th answer; 0 never does.
+    drop_every : interval n of the answers whose connection is closed half-way; 0: none.
     status : HTTP status of every answer; 0 is the normal status.
     gets, sent : numbers of GET requests and of sent body bytes, by name.
     """

@@ -129,7 +129,7 @@ def _truth() -> dict[str, str | bytes]:
 
 @functools.cache
 def _run() -> tuple[dict[str, str | bytes], Callable[[Path], Any]]:
-    """The files of a run folder, and the function that reads it."""
+    """The files of a run folder, and the function that reads the folder."""
     with tempfile.TemporaryDirectory() as place:
         sequence = open_sequence(write_bands(Path(place, "bands"), frames=3))
         config = preset("solution_selection", variant="kit")

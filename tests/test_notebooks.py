@@ -73,7 +73,7 @@ def execute(path: Path, folder: Path, sequence: str = STREET, **environment: str
 
 @pytest.fixture(scope="module")
 def student(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[Path, Any]]:
-    """The folder of a student who has solved all chapters, with the saved answers, and the notebooks."""
+    """The folder with the saved answers of a student who has solved all chapters, and the notebooks."""
     folder = tmp_path_factory.mktemp("student")
     (folder / "00_start_here.ipynb").touch()
     return folder, {path: execute(path, folder) for path in SOLUTIONS}

@@ -1,4 +1,4 @@
-"""Numbers in the README and in the course's pages equal the measured ones."""
+"""Numbers in the README and in the course's pages equal the measured numbers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ROWS = dict(zip(README, ("kitti/drive_0013, 50 m, axes removed", "synthetic/jam,
 
 
 def require_rounded(quoted: Iterable[str], exact: Iterable[float | str]) -> None:
-    """Require that each quoted number is the rounded exact number."""
+    """Require that each number in a text is the rounded exact number."""
     for text, number in zip(quoted, exact, strict=True):
         decimals = len(text.partition(".")[2])
         assert abs(float(text) - float(number)) <= 0.5 * 10**-decimals + 1e-9

@@ -68,9 +68,9 @@ def arrays(value: Any) -> Iterator[Any]:
 
 
 def spoilt(how: str | list[str], valid: bytes) -> bytes:
-    """Invalid content of a file: the text `how`, or the valid content after replacement of a text by another.
+    """Invalid content of a file: `how` as text, or the valid content with how[1] in place of how[0].
 
-    Bytes that are not UTF-8 are written as Python's surrogates.
+    Bytes that are not UTF-8 are encoded as Python's surrogates.
     """
     if isinstance(how, str):
         return expanded(how).encode("utf-8", "surrogateescape")

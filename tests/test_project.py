@@ -110,7 +110,7 @@ def packages(path: Path) -> set[str]:
 
 
 def package_of(path: Path) -> str:
-    """The package of a file of vo_lib, or the name of a single module."""
+    """The package of a file in vo_lib, or the name of a single module."""
     parts = path.relative_to(ROOT / "vo_lib").with_suffix("").parts
     return parts[0]
 
@@ -143,7 +143,7 @@ def test_public_names_are_unique() -> None:
 
 
 def public_names(path: Path) -> set[str]:
-    """Classes, functions and constants at the top of a file."""
+    """Names of the classes, functions and constants at the top level of a file."""
     names: set[str] = set()
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):

@@ -76,7 +76,7 @@ def require_space(folder: Path, size: int) -> None:
 def confirm(question: str, yes: bool) -> bool:
     """Whether the user agrees, or `yes` is set.
 
-    Raises `DataError` without a terminal.
+    Raises `DataError` if there is no terminal.
     """
     if yes:
         return True
@@ -92,10 +92,10 @@ def confirm(question: str, yes: bool) -> bool:
 def download(url: str, path: Path, size: int, sha256: str, progress: Progress | None = None) -> None:
     """Download a file into memory, and write it after a check of size and SHA-256.
 
-    size, sha256 : bytes, and 64 hexadecimal digits; any other file is refused.
+    size, sha256 : size in bytes and SHA-256 in hexadecimal digits of the expected file.
     progress : called with (bytes done, total bytes).
 
-    Raises `DataError` without a connection, for a wrong file, or for a full disk.
+    Raises `DataError` for a failed connection, a wrong file or a full disk.
     """
     require_space(path.parent, size)
     data = bytearray()

@@ -26,10 +26,10 @@ LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  # of a 4×4 pose
 
 
 def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
-    """The drive in a folder mav0 or its parent; `DataError` with the file for missing or invalid data.
+    """The drive in a folder mav0 or its parent. Raises `DataError` with the name of an invalid file.
 
     Each left image is paired with the right image nearest in time, within `max_delay` seconds. Other images
-    are skipped. If there is ground truth, pairs before its start and after its end are skipped.
+    are skipped. Pairs before the start or after the end of the ground truth are skipped.
     """
     base = folder / "mav0" if (folder / "mav0").is_dir() else folder
     if not (base / "cam0").is_dir():
@@ -106,7 +106,7 @@ def _rig(base: Path) -> tuple[Rig, Array]:
             raise DataError("T_BS is not a pose: expected a rotation and a translation, row by row", path)
         T_body.append(T)
     if (sizes[0] != sizes[1]).any():
-        raise DataError("resolution differs from that of cam0", base / "cam1" / "sensor.yaml")
+        raise DataError("resolution differs from the resolution of cam0", base / "cam1" / "sensor.yaml")
     T_10 = inverse(T_body[1]) @ T_body[0]
     width, height = (int(side) for side in sizes[0])
     matrices |= {"R": T_10[:3, :3], "T": T_10[:3, 3]}

@@ -1,4 +1,4 @@
-"""Single sequences of KITTI's odometry archives: by HTTP ranges, from zip files, or as links."""
+"""Single sequences of the KITTI odometry benchmark: by HTTP ranges, from zip files, or as links."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Targets = dict[str, str]
 
 
 def sequence_archives(host: str, sequences: Iterable[str], color: bool = False) -> tuple[list[str], Targets]:
-    """Addresses of the benchmark's archives, and the paths of the files of sequences ("00" … "21")."""
+    """Addresses of the benchmark's archives, and path patterns of the files of sequences "00" … "21"."""
     kinds, names = [GRAY, *([COLOR] if color else []), CALIB, POSES], f"(?:{'|'.join(sequences)})"
     inside = rf"(sequences/{names}/(?:image_[0-3]/\d+\.png|calib\.txt|times\.txt)|poses/{names}\.txt)"
     return [f"{host.rstrip('/')}/{kind}" for kind in kinds], {inside: r"\1"}
@@ -80,7 +80,7 @@ def absent(members: list[Member], root: Path, progress: Progress | None = None) 
 def fetch(
     archives: Archives, members: list[Member], root: Path, jobs: int = 4, progress: Progress | None = None
 ) -> None:
-    """Write members below `root`, several in parallel, each file atomically.
+    """Write members of archives as files below `root`, several in parallel, each file atomically.
 
     The first failure ends the download; complete files are kept, so a second call continues.
 

@@ -1,4 +1,4 @@
-"""Parts of KITTI's sequences, and raw drives as sequences: archive members, part.txt, other text files."""
+"""Parts of KITTI's sequences, and sequences from raw drives: members of archives, part.txt, poses."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ DRIVE = re.compile(r"(\d{4}_\d\d_\d\d)_(drive_\d{4})", re.ASCII)
 
 
 def parse_drive(text: str) -> tuple[str, str]:
-    """Day and sequence of a raw drive: 2011_09_26 and drive_0013 of 2011_09_26_drive_0013."""
+    """Day and sequence of a raw drive, such as 2011_09_26 and drive_0013 for 2011_09_26_drive_0013."""
     if (match := DRIVE.fullmatch(text)) is None:
         raise DataError(f"--raw {text!r}: expected a drive such as 2011_09_26_drive_0013")
     return match[1], match[2]
 
 
 def drive_archives(host: str, drive: str, color: bool = False) -> tuple[list[str], Targets]:
-    """Archives of a synchronised, rectified drive and of that day's calibration; paths of their files.
+    """Addresses of the archives of a rectified drive and of its calibration, and path patterns of the files.
 
     The images have the same numbers as in the drive. Calibration, timestamps and GPS/IMU packets go into RAW.
     """
@@ -43,7 +43,7 @@ def drive_archives(host: str, drive: str, color: bool = False) -> tuple[list[str
 def select_frames(
     members: list[Member], root: Path, frames: Callable[[int], tuple[int, int]], drive: str | None = None
 ) -> tuple[list[Member], dict[Path, str]]:
-    """The members of the given frames and of the frames of earlier calls, and the text of each part.txt.
+    """The members for the given frames and for the frames of earlier calls, and the text of each part.txt.
 
     Parameters
     ----------

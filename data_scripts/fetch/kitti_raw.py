@@ -52,13 +52,13 @@ def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:
     height, width = read_image(first).shape
     if (width, height) != tuple(size):
         raise DataError(
-            f"the image is {width}×{height}, the rectified ones are {size[0]:.0f}×{size[1]:.0f}: "
+            f"the image is {width}×{height}, rectified images are {size[0]:.0f}×{size[1]:.0f}: "
             "use the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
             first,
         )
     moments = _timestamps(drive / "image_00" / "timestamps.txt")
     if len(moments) <= int(stems[-1]):
-        raise DataError(f"{len(moments)} rows, but there is an image {stems[-1]}", drive / "image_00")
+        raise DataError(f"{len(moments)} rows, but image {stems[-1]} exists", drive / "image_00")
     times = moments[[int(stem) for stem in stems]]
     poses, note = _poses(drive, where, cameras, stems)
     return Drive(paths, rig_from_matrices(P, (0, 0), path, rectified=True), times - times[0], poses, note)

@@ -40,7 +40,7 @@ class Rig:
 
     Attributes
     ----------
-    f, cx, cy : pixels. baseline : metres, negative if the right camera is on the left in the calibration.
+    f, cx, cy : pixels. baseline : metres; negative if the calibration has the right camera on the left.
     maps : two rectifying maps of `cv2.remap` per camera, or None for rectified images.
     R1 : (3, 3) rotation from the axes of the left camera to the rectified axes.
     """
@@ -71,7 +71,7 @@ class Rig:
 
 
 def read_opencv(paths: list[Path]) -> dict[str, Array]:
-    """The matrices of NAMES found in one or more OpenCV storage files (YAML, XML or JSON)."""
+    """The matrices of NAMES in one or more OpenCV storage files (YAML, XML or JSON)."""
     matrices: dict[str, Array] = {}
     for path in paths:
         for name, matrix in _matrices(path).items():
@@ -104,7 +104,7 @@ def _matrices(path: Path) -> dict[str, Array]:
 
 
 def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
-    """A matrix of rows × cols numbers. The count is checked, since more numbers overflow OpenCV's buffer."""
+    """A matrix, after a check of its size: more than rows × cols numbers overflow OpenCV's buffer."""
     sizes = node.getNode("sizes")  # instead of rows and cols for a vector
     sides = [sizes.at(i) for i in range(sizes.size())] or [node.getNode("rows"), node.getNode("cols")]
     shape = [int(side.real()) if side.isInt() else 0 for side in sides]
@@ -133,7 +133,7 @@ def _shaped(name: str, matrix: Array, path: Path) -> Array:
 def rig_from_matrices(
     matrices: dict[str, Array], size: tuple[int, int], path: Path, rectified: bool = False, unit: float = 1.0
 ) -> Rig:
-    """The rig of calibration matrices.
+    """The rig with the given calibration matrices.
 
     The rectification is computed from K, D of both cameras and from R, T (`cv2.stereoRectify`, only common
     pixels), or is given by R1, P1, R2, P2. With P1 and P2 alone, the images must already be rectified.

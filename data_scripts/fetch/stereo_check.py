@@ -1,4 +1,4 @@
-"""Check of a sample of stereo pairs: left and right not exchanged, equal rows, disparities."""
+"""Check of a sample of stereo pairs for exchanged images, unequal rows and wrong disparities."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class PairStatistics:
     pairs, matches : numbers of pairs and of matches.
     disparity : median of u_left - u_right, pixels.
     negative : share of disparities below -1 px, in [0, 1].
-    row : median of v_right - v_left, pixels: 0 in a rectified pair.
+    row : median of v_right - v_left, pixels; 0 for rectified pairs.
     row_spread : robust standard deviation of v_right - v_left, pixels.
     """
 
@@ -45,7 +45,7 @@ class PairStatistics:
 
 
 def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
-    """Statistics of SIFT matches without geometric constraints, for swapped and unrectified pairs too."""
+    """Statistics of SIFT matches without geometric constraints, so also for swapped or unrectified pairs."""
     shifts = [_shifts(left, right) for left, right in pairs]
     disparity, row = np.concatenate([np.zeros((0, 2)), *shifts]).T * [[-1.0], [1.0]]
     if not len(row):
@@ -62,7 +62,7 @@ def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
 
 
 def _shifts(left: Image, right: Image) -> Array:
-    """Pixel in the right image minus pixel in the left image for matched features, (N, 2)."""
+    """Position in the right image minus position in the left image, (N, 2), of matched features, pixels."""
     if left.shape != right.shape:
         sizes = " and ".join(f"{image.shape[1]}×{image.shape[0]}" for image in (left, right))
         raise DataError(f"the left and the right image have different sizes: {sizes}")

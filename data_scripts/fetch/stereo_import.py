@@ -57,7 +57,7 @@ def rig_of(
 
 
 def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[str]:
-    """Results of the check of a sample, a line each. Raises `DataError` for problems.
+    """Results of the check of a sample, a line each. Raises `DataError` for failed checks.
 
     `anyway` : report problems as warnings, except a wrong sign of the baseline. `nearest` : smallest
     plausible median depth, metres.
@@ -127,7 +127,7 @@ def write_sequence(
 
 
 def write_tables(folder: Path, rig: Rig, times: Array, poses: Array | None) -> None:
-    """Write calib.txt, times.txt of (N,) seconds and, with true poses (N, 4, 4), poses.txt."""
+    """Write calib.txt, times.txt from `times` (N,), seconds, and poses.txt from `poses` (N, 4, 4), if any."""
     camera = StereoCamera(rig.f, rig.cx, rig.cy, rig.baseline)
     write_atomic(folder / "calib.txt", calibration_text(camera))
     write_atomic(folder / "times.txt", "".join(f"{seconds:.9f}\n" for seconds in times))

@@ -64,7 +64,7 @@ class FolderSource:
     left_count: int = 0
 
     def of_pairs(self, rows: Array) -> Array:
-        """A row per pair (N, …), from rows per pair or from rows per left image."""
+        """The rows (N, …) of the N pairs; `rows` has a row per pair or per left image."""
         return rows[[*self.left]] if len(rows) == self.left_count else rows
 
     def sample(self) -> list[Pair]:
@@ -89,7 +89,7 @@ class VideoSource:
     swap: bool = False
 
     def sample(self) -> list[Pair]:
-        """Pairs of the first frames, since videos are read in order."""
+        """Pairs of the first frames of the video, since a video is read in order."""
         some = itertools.islice(self.pairs(), 0, SAMPLE_PAIRS * VIDEO_SAMPLE_STEP, VIDEO_SAMPLE_STEP)
         return [read() for read in some]
 
@@ -173,7 +173,7 @@ def pair_images(
         chosen = [list(range(len(sides[0])))] * 2
     else:
         counts = f"has {len(sides[1])} images, {left} has {len(sides[0])}"
-        raise DataError(f"{counts}, and their names do not match", right)
+        raise DataError(f"{counts}, and the names do not match", right)
     files = [list(side.values()) for side in sides]
     single = [f[n] for f, c in zip(files, chosen, strict=True) for n in sorted({*range(len(f))} - {*c})]
     if single and not skip_unpaired:

@@ -26,11 +26,11 @@ HEADER_BYTES = (
 
 @dataclass(frozen=True)
 class Member:
-    """A file of an archive.
+    """A member of an archive, which becomes a file.
 
     Attributes
     ----------
-    archive : the archive's path or URL; info : the member's entry in the directory.
+    archive : path or URL of the archive. info : entry of the member in the archive's directory.
     end : end of the member in the archive, bytes. target : path of the file below the KITTI folder.
     """
 
@@ -113,7 +113,7 @@ class Archives:
 
 
 def _close_unread(response: requests.Response, *details: object, **options: object) -> None:
-    """Close responses that are not read: errors, and whole files instead of a range."""
+    """Close the responses that are not read: errors, and whole files in place of a range."""
     if response.status_code >= 400 or (response.status_code == 200 and "Range" in response.request.headers):
         response.close()
 

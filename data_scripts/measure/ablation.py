@@ -38,8 +38,8 @@ class Idea:
 
     Attributes
     ----------
-    name : name of the idea in the table. lines : number of lines of its code.
-    off : values that turn off the idea: of settings by dotted name, of functions and constants by full name.
+    name : name of the idea in the table. lines : number of code lines of the idea.
+    off : values that turn off the idea, by dotted name of a setting, or full name of a function or constant.
     method : the method in which the idea is turned off.
     stays : reason to keep an idea that does not reduce the errors.
     """
@@ -114,7 +114,7 @@ def papers_translation(camera: Any, matches: Any, R_cp: Array, config: Any) -> A
 
 
 def least_squares(system: Any, limit: float) -> Array:
-    """`robust_start` by least squares over all features."""
+    """`robust_start` replaced by least squares over all features."""
     return np.asarray(np.linalg.solve(system.W.sum(axis=1)[FULL], system.right_sides().sum(axis=1)))
 
 

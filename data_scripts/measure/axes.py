@@ -21,7 +21,7 @@ GRID_SHRINK, GRIDS = 0.6, 40  # the last grid is 1e-9° wide
 class TurnedErrors:
     """KITTI errors of an estimate with axes rotated by `pitch` and `yaw`, degrees.
 
-    Positive pitch: the camera points up in the axes of the truth (y is down). Positive yaw: it points right.
+    In the axes of the truth, a camera with positive pitch points up, a camera with positive yaw points right.
     """
 
     pitch: float
@@ -44,7 +44,7 @@ def turn_axes(poses: Array, C: Array) -> Array:
 def fit_axes(
     truth: Array, estimate: Array, lengths: Items[float] = KITTI_LENGTHS, step: int = KITTI_STEP
 ) -> TurnedErrors:
-    """Errors with the pitch and yaw (at most `MAX_ANGLE_DEG`) that minimise TE. Without sub-sequences, 0°.
+    """Errors after a rotation by the pitch and yaw, at most `MAX_ANGLE_DEG`, that minimise TE.
 
     The translation of inverse(C Δest C⁻¹) Δgt has the length of t_gt - C t_est. The mean length is nearly
     convex in both angles: a search with ever smaller 5×5 grids around the best point finds the minimum.
@@ -68,7 +68,7 @@ def fit_axes(
 
 
 def is_raw_drive(sequence: Sequence) -> bool:
-    """Whether the truth comes from KITTI's raw data, whose GPS/INS axes are rotated."""
+    """Whether the truth comes from KITTI's raw data, which has rotated GPS/INS axes."""
     return sequence.name.rpartition("/")[2].startswith("drive_")
 
 

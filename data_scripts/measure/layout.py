@@ -20,7 +20,7 @@ SHARE = 0.02  # a change counts beyond the spread and this share of the error
 def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence") -> list[ReportTable]:
     """Tables of TE, of RE and of the spread of each; the sentences are above the first table.
 
-    A `mesvo_f` equal to `solution_selection` is not repeated. Tables of spreads have only rows with a spread.
+    Numbers of `mesvo_f` equal to `solution_selection` are not repeated. Rows without a spread are omitted.
     """
     columns = list(next(iter(cells.values())))
     result = []
@@ -54,7 +54,7 @@ def _repeats(cell: Cell, other: Cell) -> bool:
 
 
 def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
-    """A sentence each for TE and RE: the rows where the column `after` is clearly below or above `before`."""
+    """One sentence for TE and one for RE: the rows in which `after` is clearly below or above `before`."""
     sentences = []
     for kind, unit in enumerate(KINDS):
         sides: dict[bool, list[str]] = {True: [], False: []}
@@ -81,7 +81,7 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
 
 
 def plain(title: str, name: str, rows: Mapping[str, Mapping[str, float | None]], digits: int) -> ReportTable:
-    """A table of single numbers by row and column."""
+    """A table of numbers without spreads, by row and column."""
     columns = list(next(iter(rows.values())))
     cells = [
         [label, *(NO_NUMBER if x is None else f"{x:.{digits}f}" for x in row.values())]

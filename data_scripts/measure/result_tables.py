@@ -70,7 +70,7 @@ def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int],
 
 
 def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
-    """Table rows of a sequence, each with its measure: KITTI's measure, or one row per short length."""
+    """Labels of the table rows of a sequence, each with its measure: KITTI's, or one per short length."""
     assert sequence.truth is not None
     whole = sequence.name.startswith(SYNTHETIC) and suitable_measure(sequence.truth) == KITTI_MEASURE
     if whole:
@@ -163,7 +163,7 @@ def page_tables(
 
 
 def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:
-    """libviso2 and ORB-SLAM2 beside methods of both variants, on the clips with results of these systems."""
+    """Table of libviso2, ORB-SLAM2 and methods of both variants on the clips with results of both systems."""
     rows: dict[str, dict[str, float | None]] = {}
     for label, others in OTHERS.items():
         if any(label not in cells for cells in systems.values()):

@@ -118,7 +118,7 @@ def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
 
 
 def _listed(folder: Path, pattern: str) -> list[Path]:
-    """Files of a folder, whose names must be numbers."""
+    """Files of a folder whose file names must be numbers."""
     files = sorted(folder.glob(pattern))
     if not files:
         raise DataError(f"expected files {pattern}", folder)
@@ -129,7 +129,7 @@ def _listed(folder: Path, pattern: str) -> list[Path]:
 
 
 def _object_drives(mapping: Path | None, permutation: Path | None) -> list[str]:
-    """Raw drive of each object image: image i has row permutation[i] (counted from 1) of the mapping."""
+    """Raw drive of each object image: row permutation[i] of the mapping, counted from 1, is about image i."""
     if mapping is None or permutation is None:
         return []
     rows = [line.split() for line in read_text(mapping).splitlines() if line.strip()]
@@ -147,7 +147,7 @@ def _object_drives(mapping: Path | None, permutation: Path | None) -> list[str]:
 
 
 def check_origin(images: list[Labelled], allow_evaluated: bool) -> list[Labelled]:
-    """The images allowed for training, without those of evaluated drives.
+    """The images that are allowed for training: images of evaluated drives are removed.
 
     Raises `DataError` for images of unknown origin. `allow_evaluated` : whether all images are allowed.
     """

@@ -1,6 +1,6 @@
 """A drawn detection data set in YOLO format: left images of many streets, with exact boxes.
 
-Every street has a different seed and random settings, and only a few distant frames are drawn. The test split
+Every street has a different seed and random settings. Only a few frames per street are drawn. The test split
 has scenes that are not in the training split: the kit's named scenes, also with other seeds.
 """
 
@@ -89,7 +89,7 @@ def random_scene(seed: int) -> SceneConfig:
 
 
 def streets(config: DetectionSetConfig) -> list[Street]:
-    """All streets of a data set; equal settings give equal lists."""
+    """All streets of a data set; equal settings give equal streets."""
     frames = config.frames
     result = []
     for split, first, images in (("train", TRAIN_SEED, config.train), ("valid", VALID_SEED, config.valid)):

@@ -27,7 +27,7 @@ def soften_edges(
     light, inverse_depth : (H, W) brightness and 1/Z at the pixel centres.
     faces : (H, W) face of each pixel.
     edges : (F, 4, 3) a point (x, y, 1) is inside a face if its products with all four rows are >= 0.
-    camera : camera with f, cx and cy.
+    camera : camera of the image, with f, cx and cy.
     """
     height, width = faces.shape
     change = np.zeros(light.size, np.float32)

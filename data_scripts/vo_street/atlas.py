@@ -51,7 +51,7 @@ class TextureSet:
     names: dict[str, int] = field(default_factory=dict)
 
     def add(self, name: str, image: NDArray[np.generic], wrap: tuple[bool, bool] = (False, False)) -> int:
-        """Number of a new texture with sides of powers of two. `wrap` : repeats along s, along t."""
+        """Number of a new texture with power-of-two sides. `wrap` : whether it repeats along s and t."""
         self.names[name] = len(self.images)
         self.images.append(np.asarray(image, np.float32))
         self.wraps.append(wrap)
@@ -63,7 +63,7 @@ class TextureSet:
         return columns, rows
 
     def build(self) -> Atlas:
-        """Shrink every texture to all pairs of scales, and arrange the results in rows of the atlas."""
+        """Shrink every texture to all pairs of scales, and arrange the results in the atlas."""
         count = len(self.images)
         size = np.array([self.size(k) for k in range(count)], np.int64)
         top = np.log2(size).astype(np.int64) - 2
@@ -102,12 +102,12 @@ class TextureSet:
 
 
 def _starts(size: int, top: int) -> list[int]:
-    """First texel of each level including padding, and the total length of all levels."""
+    """First texel of each level, including padding, and the total length of the levels."""
     return [0, *np.cumsum([(size >> i) + 2 * PAD for i in range(top + 1)]).tolist()]
 
 
 def _pad(image: Float32, wrap: tuple[bool, bool]) -> Float32:
-    """The texture with padding: texels of the opposite side if it repeats, else border texels."""
+    """The texture with padding: opposite texels along repeated axes, otherwise border texels."""
     mode = [cv2.BORDER_WRAP if w else cv2.BORDER_REPLICATE for w in wrap]
     wide = cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, PAD, PAD, mode[0])
     return np.asarray(cv2.copyMakeBorder(wide, PAD, PAD, 0, 0, mode[1]), np.float32)

@@ -49,7 +49,7 @@ def build_houses(site: Site, side: float, first: float, last: float) -> None:
 
 
 def add_house(site: Site, s: float, side: float, width: float, offset: float) -> None:
-    """One house whose front faces the street, unless a bend would run through it."""
+    """Add a house whose front faces the street, unless a bend of the street would intersect the house."""
     rng = site.rng
     height, depth = float(rng.uniform(6.5, 11.0)), float(rng.uniform(8.0, 10.0))
     ridge = height + float(rng.uniform(1.8, 3.6))
@@ -77,7 +77,7 @@ def add_house(site: Site, s: float, side: float, width: float, offset: float) ->
 
 
 def house_faces(side: float, width: float, height: float, depth: float, ridge: float) -> dict[str, Array]:
-    """Faces of a house, metres. The front is in the plane x = 0, the body on the side with sign `side`."""
+    """Faces of a house, metres. The front is in the plane x = 0; `side` is the sign of x in the body."""
     w, d = width / 2, side * depth
     plan = np.array([[0, 0, -w], [0, 0, w], [d, 0, w], [d, 0, -w]])
     tall = plan - (0.0, height, 0.0)

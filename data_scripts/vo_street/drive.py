@@ -56,7 +56,7 @@ class Route:
         return np.asarray(np.interp(s, self.s, self.heading))
 
     def pose(self, s: Array | float, offset: Array | float = 0.0, turn: float = 0.0) -> Array:
-        """Poses (..., 4, 4), street frame, of bodies turned by `turn` rad from the road to the right."""
+        """Poses (..., 4, 4), street frame, of bodies with headings `turn` rad to the right of the road's."""
         position = self.point(s, offset)
         T = np.zeros((*position.shape[:-1], 4, 4))
         T[..., :3, :3] = yaw_rotation(self.angle(s) + turn)
@@ -129,9 +129,9 @@ class Drive:
     Attributes
     ----------
     times : (N,) seconds.
-    s, speed : (N,) arc length, metres, and speed along the street, metres per second.
+    s, speed : (N,) arc length, metres, and speed along the street, m/s.
     poses : (N, 4, 4) pose of the left camera in the street frame, T_s_c.
-    clock, way : (M,) fine samples of time t and arc length s(t), also beyond both ends of the drive.
+    clock, way : (M,) samples of time, s, and arc length, m, also outside the drive.
     """
 
     times: Array

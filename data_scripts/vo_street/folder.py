@@ -57,7 +57,7 @@ def write_scene(
 
 @functools.lru_cache(maxsize=1)
 def _renderer(config: SceneConfig) -> Renderer:
-    """The renderer of a scene in this process."""
+    """The renderer of a scene, one per process."""
     cv2.setNumThreads(1)  # the processes share the work by frames
     return Renderer(make_world(config))
 

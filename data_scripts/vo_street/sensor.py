@@ -82,8 +82,8 @@ def smear(world: World, frame: int, view: View, right: bool) -> Float32:
 def image_velocity(world: World, frame: int, view: View, right: bool) -> Float32:
     """Image velocity (2, H, W) of each pixel, pixels per second.
 
-    A point X in the camera frame has the velocity X' = -v - w × X + o: v and w are velocity and turn rate of
-    the camera, o is the velocity of the object with the point.
+    A point X in the camera frame has the velocity X' = -v - w × X + o: v and w are velocity and angular
+    velocity of the camera, o is the velocity of the point's object.
     """
     camera, poses = world.config.camera, world.drive.poses
     first, last = max(frame - 1, 0), min(frame + 1, len(poses) - 1)

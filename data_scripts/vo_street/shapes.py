@@ -18,7 +18,7 @@ class Shape:
     Attributes
     ----------
     kind : COCO class number.
-    length, width : metres.
+    length, width : size of the vehicle, metres.
     body : (z, height) of the upper edge of the lower body, rear to front.
     cabin : (rear base z, rear roof z, front roof z, front base z, base height, roof height) or None.
     wheels : z of the axles.

@@ -46,7 +46,7 @@ class Profile:
 
 
 class Site:
-    """Builder that adds faces to a mesh at positions on the street; `names` : texture numbers by name."""
+    """Builder that adds faces at positions on the street to a mesh. `names` : texture numbers by name."""
 
     def __init__(self, mesh: MeshBuilder, names: dict[str, int], route: Route, config: SceneConfig):
         self.mesh, self.names, self.route, self.config = mesh, names, route, config
@@ -57,7 +57,7 @@ class Site:
         self.rng = np.random.default_rng([config.seed, 4])
 
     def samples(self) -> Array:
-        """Arc lengths of the ends of ribbon segments along the whole street, which may be closed."""
+        """Arc lengths of the ends of all ribbon segments along the street, metres."""
         closing = 0.0 if self.route.lap is None else SEGMENT
         return np.arange(self.first, self.last + closing, SEGMENT)
 
@@ -66,7 +66,7 @@ class Site:
         self.mesh.add(corners, self.names[name], uv, gain)
 
     def place(self, shape: Array, s: float, offset: float, turn: float = 0.0, up: float = 0.0) -> Array:
-        """Corners (..., 3) moved from the origin to a position `up` metres above a point of the street."""
+        """Corners (..., 3) moved from the origin to a place on the street, `up` metres above the ground."""
         moved = transform(self.route.pose(s, offset, turn), shape.reshape(-1, 3)) - (0.0, up, 0.0)
         return np.asarray(moved.reshape(shape.shape))
 

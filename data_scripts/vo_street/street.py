@@ -109,7 +109,7 @@ def _build_woods(site: Site, middle: Array, radius: float) -> None:
 
 
 def _ordered(a: Array | float, b: Array | float) -> tuple[Array | float, Array | float]:
-    """The two lines, the left line first, so that a horizontal ribbon is visible from above."""
+    """Both lines of a ribbon, the left line first, so that a horizontal ribbon is visible from above."""
     return (a, b) if np.all(np.asarray(a) <= b) else (b, a)
 
 

@@ -52,7 +52,7 @@ def smeared(image: Image, length: int) -> Image:
 
 
 def box(image: Image, x0: float, y0: float, x1: float, y1: float, grey: float) -> None:
-    """A filled rectangle in texels."""
+    """Draw a filled rectangle; the coordinates are texels."""
     cv2.rectangle(image, (round(x0), round(y0)), (round(x1) - 1, round(y1) - 1), float(grey), -1)
 
 
@@ -72,7 +72,7 @@ def blend(image: Image, mask: Image, grey: Image | float) -> None:
 
 
 def asphalt(rng: Rng, lanes: int, width: float, length: float, solid_centre: bool) -> Image:
-    """A stretch of road with rows from left to right and columns along the road; repeats along the road.
+    """A stretch of road: rows go from left to right, columns go along the road. Repeats along the road.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def rail(rng: Rng) -> Image:
 
 
 def sign(rng: Rng, kind: int) -> Image:
-    """Face of a traffic sign: 0 speed limit, 1 warning, 2 crossing, 3 place name, 4 chevrons, 5 direction."""
+    """Face of a traffic sign: 0 limit, 1 warning, 2 crossing, 3 place name, 4 chevrons, 5 direction."""
     image = np.full((128, 128), 150.0, np.float32)
     dark, light = 40.0, 235.0
     if kind == 0:

@@ -11,7 +11,7 @@ from .site import KERB, Site
 
 
 def add_tree(site: Site, s: float, offset: float, size: float = 1.0) -> None:
-    """A tree with a trunk and a crown of a few rough balls; no tree is added on the road."""
+    """Add a tree: a trunk and a crown of a few rough balls. No tree is added on the road."""
     rng = site.rng
     tall = float(rng.uniform(2.4, 3.4)) * size
     foot = site.route.point(s, offset)
@@ -50,7 +50,7 @@ def add_leaves(site: Site, centre: Array, radius: float, gain: float) -> None:
 
 
 def add_pole(site: Site, foot: Array, height: float, radius: float) -> None:
-    """An upright post with six sides, metres."""
+    """An upright post with six sides; sizes in metres."""
     site.add("pole", prism(ring(foot, radius, 6), ring(foot - (0, height, 0), 0.8 * radius, 6)))
 
 
@@ -63,7 +63,7 @@ def add_lamp(site: Site, s: float, offset: float) -> None:
 
 
 def add_sign(site: Site, s: float, offset: float, kind: int, size: float = 0.65, high: float = 2.2) -> None:
-    """A sign on a post, metres, that faces the traffic on its side of the street."""
+    """A sign on a post, which faces the traffic on its side of the street; sizes in metres."""
     add_pole(site, site.route.point(s, offset), high + size, 0.035)
     turn = 0.0 if offset > 0 else np.pi
     front, back = two_sides(size / 2, 0.0, size, -0.05)

@@ -52,12 +52,12 @@ class Traffic:
         return pool[int(self.rng.integers(len(pool)))]
 
     def add(self, model: Model, s: Array, offset: float, turn: float = 0.0) -> None:
-        """A vehicle at arc lengths s (N,) and `offset` to the right, metres, turned by `turn` radians."""
+        """Add a vehicle at arc lengths s (N,) and `offset` to the right, metres, turned by `turn` radians."""
         poses = self.route.pose(s, offset, turn)
         self.vehicles.append(Vehicle(model, poses, float(self.rng.uniform(0.9, 1.1))))
 
     def ahead(self) -> None:
-        """Vehicles that drive in front of the camera: each is a short time ahead of the next vehicle."""
+        """Vehicles that drive in front of the camera, at short intervals of time."""
         config, rng, times = self.config, self.rng, self.drive.times
         trucks = [m for m in self.large if m.shape.kind == TRUCK]
         clear = 0.0

@@ -42,7 +42,7 @@ def decode_depth(code: NDArray[np.uint16]) -> Array:
 
 @dataclass(frozen=True)
 class Box:
-    """Box of a vehicle's visible part in the left image, pixels, with right column and bottom row."""
+    """Box of a vehicle's visible part in the left image, pixels; `right` and `bottom` are inside."""
 
     vehicle: int
     kind: int
@@ -52,7 +52,7 @@ class Box:
     bottom: int
 
     def yolo(self, camera: StereoCamera) -> str:
-        """One line of a YOLO label file: class, centre and size as shares of the image."""
+        """Line of a YOLO label file: class, centre and size in units of the image size."""
         w, h = self.right - self.left + 1, self.bottom - self.top + 1
         x, y = self.left + w / 2, self.top + h / 2
         shares = (x / camera.width, y / camera.height, w / camera.width, h / camera.height)

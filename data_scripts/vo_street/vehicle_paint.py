@@ -38,7 +38,7 @@ class _Canvas:
         self.width, self.height = width, height
 
     def at(self, points: object) -> NDArray[np.int32]:
-        """Texels of points (distance from the left edge, height above the ground), metres."""
+        """Texels of points (distance from the left edge, height above the ground) in metres."""
         p = np.asarray(points, float).reshape(-1, 2)
         texels = np.stack([p[:, 0], self.height - p[:, 1]], axis=1) * self.scale
         return np.asarray(np.rint(texels), np.int32)
@@ -142,7 +142,7 @@ def _paint_flat_side(c: _Canvas, shape: Shape, paint: float) -> None:
 
 
 def _paint_car_end(shape: Shape, paint: float, rng: Rng, front: bool) -> Image:
-    """Front or rear of a car: screen, lamps, grille or boot lid, plate."""
+    """Front or rear of a car: window, lamps, grille or boot lid, number plate."""
     assert shape.cabin
     w, low, high = shape.width, shape.cabin[4] + 0.04, shape.cabin[5] - 0.05
     c = _Canvas(128, 128, w, shape.height, paint)

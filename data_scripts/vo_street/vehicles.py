@@ -56,7 +56,7 @@ def _build(mesh: MeshBuilder, shape: Shape, views: list[int], dark: int, wheel: 
     half, length, height = shape.width / 2, shape.length, shape.height
 
     def project(corners: Array, view: int) -> Array:
-        """Texture coordinates of each corner, as shares of the view's picture."""
+        """Texture coordinates of each corner, in units of the size of the view."""
         x, y, z = corners[..., 0], -corners[..., 1], corners[..., 2]
         if view in (right_side, left_side):
             along = z / length if view == right_side else -z / length
@@ -108,7 +108,7 @@ def _build(mesh: MeshBuilder, shape: Shape, views: list[int], dark: int, wheel: 
 
 
 def _add_wheel(mesh: MeshBuilder, hub: Array, radius: float, dark: int, wheel: int) -> None:
-    """A wheel that protrudes 2 cm from the side of the body: disc and tread of 12 sides."""
+    """A wheel that protrudes 2 cm from the side of the body: a disc, and a tread with 12 sides."""
     out = np.sign(hub[0])
     angle = 2 * np.pi * np.arange(12) / 12
     circle = np.stack([np.zeros(12), np.sin(angle), out * np.cos(angle)], axis=1) * radius

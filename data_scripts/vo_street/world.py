@@ -23,7 +23,7 @@ from .vehicles import make_models
 
 
 def make_shade(config: SceneConfig, route: Route) -> Array:
-    """Light (M,) along the route: 1, and less in dark stretches of 10 to 40 m with soft ends."""
+    """Light (M,) along the route: 1 in general, less in dark stretches of 10 to 40 m with soft ends."""
     rng = np.random.default_rng([config.seed, 9])
     light = np.ones_like(route.s)
     at = 10.0
@@ -70,7 +70,7 @@ class World:
 
     @property
     def poses(self) -> Array:
-        """(N, 4, 4) camera poses T_w_c; the world is the first left camera."""
+        """(N, 4, 4) camera poses T_w_c; the world frame is the frame of the first left camera."""
         return np.asarray(inverse(self.drive.poses[0]) @ self.drive.poses)
 
     def vehicles_near(self, frame: int, reach: float = 200.0) -> list[int]:
@@ -92,7 +92,7 @@ class World:
 def place_vehicle(vehicle: Vehicle, instance: int, shadow: int, frame: int) -> Faces:
     """Faces of a vehicle and of its shadow in the street frame.
 
-    The vehicle has the light of the middle of the drive, so that its brightness does not change.
+    The light is computed for the middle of the drive, so that the brightness of a vehicle is constant.
     """
     parts = []
     for faces, number in ((vehicle.model.faces, instance), (vehicle.model.shadow, shadow)):

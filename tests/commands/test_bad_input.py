@@ -20,7 +20,7 @@ CASES = json.loads((Path(__file__).parent / "bad_input.json").read_text(encoding
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Invalid and valid inputs by name: images, poses, two masks, settings, a symbolic loop, and others."""
+    """Paths of inputs by name: images, poses, settings, two unusable masks, a link to itself."""
     bands = write_bands(tmp_path_factory.mktemp("bad") / "bands")
     config = {"method": "mesvo_f", "variant": "published", "settings": {}}
     (bands / "config.json").write_text(json.dumps(config), encoding="utf-8")

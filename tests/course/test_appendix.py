@@ -15,7 +15,7 @@ CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.5, width=1200, hei
 
 
 def tracks(frames: int) -> list[SimulatedFrame]:
-    """Simulated matches on the first side of a block."""
+    """Simulated matches of a drive along the first side of a block."""
     poses = block_tour(1)[: frames + 1]
     return list(simulate_tracks(poses, CAMERA, TrackConfig(points=200, noise=0.1), seed=0))
 

@@ -1,4 +1,4 @@
-"""The tables of the exercises: right answers pass, and each known mistake has its own message."""
+"""The tables of the exercises: right answers pass, and each known mistake has a different message."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ GIVEN: dict[str, tuple[Any, ...]] = {
 
 
 def judge(name: str, answer: Any) -> Verdict:
-    """The verdict on an answer (function, value or facts) that is checked like a student's answer."""
+    """The verdict on an answer, which is a function, a value or facts, as for a student."""
     exercise, given = TABLES[name], GIVEN.get(name, ())
     exercise.failures.clear()
     if isinstance(answer, dict):

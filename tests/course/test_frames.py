@@ -1,4 +1,4 @@
-"""Missing parts of a sequence are reported in a sentence; a real frame is shown if available."""
+"""A sentence reports the missing parts of a sequence; a real frame is shown if it is available."""
 
 from __future__ import annotations
 

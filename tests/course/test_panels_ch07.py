@@ -1,4 +1,4 @@
-"""Panels of chapter 7: the run of Table 1 and its part of a sequence."""
+"""Panels of chapter 7: the run of Table 1, and the part of a sequence for this run."""
 
 from __future__ import annotations
 

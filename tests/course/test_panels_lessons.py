@@ -1,4 +1,4 @@
-"""Special behaviour of single panels: fates of features, own pose files, running a method."""
+"""Special functions of single panels: steps that reject a feature, pose files of a user, run of a method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chapter 5: boxes of real drives, distances to epipolar lines, precision and recall, rules of the panel."""
+"""Chapter 5: boxes of real drives, distances to epipolar lines, precision and recall, box rules."""
 
 from __future__ import annotations
 

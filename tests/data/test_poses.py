@@ -1,4 +1,4 @@
-"""Trajectory files: round trips, matching of times, and failed writes."""
+"""Trajectory files: writing and reading, matching of times, and failed writing."""
 
 from __future__ import annotations
 

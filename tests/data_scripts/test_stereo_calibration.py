@@ -1,4 +1,4 @@
-"""Calibration files of other tools, and rectification, after which rows match."""
+"""Calibration files of other tools; after the rectification, rows are equal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Label folders of a detector: resuming, protection of other labels, and the cache."""
+"""Label folders of a detector: continuation, protection of other labels, and the cache."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The detector: letterbox, both layouts, suppression, errors, and recall and precision."""
+"""The detector: letterbox, both layouts of the output, suppression, errors, recall and precision."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Selection and joining of the rows of several arrays."""
+"""Selection and joining of rows of an object with several arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vo_lib.geometry.types import Array, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Points(Rows):
-    """Pixels (N, 2) and numbers (N,)."""
+    """Example of `Rows` with pixels (N, 2) and numbers (N,)."""
 
     uv: Array
     number: IntArray

@@ -1,4 +1,4 @@
-"""Symmetric 3×3 matrices as six numbers."""
+"""Symmetric 3×3 matrices that are stored as six numbers."""
 
 from __future__ import annotations
 

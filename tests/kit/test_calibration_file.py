@@ -45,7 +45,7 @@ def test_calibration_file_round_trip(learnt: Calibration, tmp_path: Path) -> Non
 
 
 def test_rounded_covariance_is_symmetric(learnt: Calibration, tmp_path: Path) -> None:
-    """After a long drive, entries near zero differ from their transposed entries by rounding."""
+    """After a long drive, small entries of the covariance are symmetric only up to rounding."""
     learnt.covariance[0, 1], learnt.covariance[1, 0] = 1e-15, -1e-15
     path = tmp_path / "calibration.json"
     path.write_text(learnt.to_json(), encoding="utf-8")

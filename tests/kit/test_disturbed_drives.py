@@ -35,7 +35,7 @@ class Fault:
     """A fault of the stereo camera.
 
     images : function from the undisturbed drive and a frame number to the pair of the faulty camera.
-    shown : function from the frame number to the frame of the visible left image.
+    shown : function from the frame number to the frame number of the left image that is shown.
     """
 
     images: Callable[[list[Pair], int], Pair]

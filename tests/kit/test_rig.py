@@ -45,7 +45,7 @@ def learnt(
     noise: float = 0.2,
     step: float = 1.0,
 ) -> Rig:
-    """The rig after a drive with given motion."""
+    """The rig after a drive whose motion is given."""
     rig = Rig(CAMERA, config or CalibrationConfig())
     for matches, R_cp, t_cp in drive(frames, faults, noise, step=step):
         rig.update_from_rows(matches)
@@ -107,14 +107,14 @@ def test_corrected_positions_equal_the_exact_ones(faults: Faults, errors: Array 
 
 @pytest.mark.parametrize(("noise", "step"), [(0.1, 1.0), (0.3, 1.0), (0.3, 0.15)])
 def test_perfect_lenses_stay_uncorrected(noise: float, step: float) -> None:
-    """For any noise of the matches, the noise of positions is not estimated as a lens error."""
+    """The estimate of the lens errors remains near zero for any noise of the matches."""
     rig = learnt(Faults(), CalibrationConfig(), 100, noise, step)
     np.testing.assert_array_equal(rig.errors[FIELD:], np.zeros(4))
     assert (np.abs(rig.estimate[FIELD:]) < 2.0 * np.sqrt(np.diag(rig.covariance)[FIELD:])).all()
 
 
 def test_calibration_ignores_features_in_boxes() -> None:
-    """A box over the left third of the image, in which cars cross."""
+    """A box around the crossing cars in the left third of the image."""
     over = Boxes(np.array([[0.0, 0.0, 400.0, 360.0]]), np.array([2]), np.ones(1))
     odometry = make_kit_odometry(CAMERA, preset("feature_selection", variant="kit"))
     odometry.start(over)

@@ -1,4 +1,4 @@
-"""Rules of the selection on simulated drives: without any one of the rules, the error is larger."""
+"""Rules of the selection on simulated drives: the error is larger if a rule is turned off."""
 
 from __future__ import annotations
 

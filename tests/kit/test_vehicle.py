@@ -1,4 +1,4 @@
-"""Motions beyond the limits of a vehicle are flagged; only a missing motion is replaced by an earlier one."""
+"""Motions beyond the limits of a vehicle are flagged; only a missing motion is replaced."""
 
 from __future__ import annotations
 

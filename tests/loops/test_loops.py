@@ -32,7 +32,7 @@ METHOD = preset("feature_selection")
 
 
 def twice(folder: Path) -> Sequence:
-    """A sequence with the six frames of a folder twice."""
+    """A sequence that contains the six frames of a folder twice."""
     for image in folder.glob("image_*/*.png"):
         shutil.copy(image, image.with_name(f"{int(image.stem) + 6:06d}.png"))
     poses = folder / "poses.txt"
@@ -48,7 +48,7 @@ def circle(count: int, drift: float) -> Array:
 
 
 def loops_between(truth: Array, pairs: list[tuple[int, int]]) -> Loops:
-    """Loops with the true motion between frames, 100 inliers of 100 matches each."""
+    """Loops with the true motion between the frames; each has 100 matches, all of which are inliers."""
     (first, second), whole = np.array(pairs).T, np.full(len(pairs), 100)
     motion = inverse(truth[first]) @ truth[second]
     return Loops(first, second, np.ones(len(pairs)), whole, whole, np.zeros(len(pairs)), motion)

@@ -70,7 +70,7 @@ def sobel(image: Image, u: int, v: int) -> tuple[int, int]:
 
 
 def columns(table: NDArray[Any]) -> list[list[float]]:
-    """The columns of a table, sorted."""
+    """The columns of a table, in sorted order."""
     return sorted(np.asarray(table, float).T.tolist())
 
 

@@ -98,7 +98,7 @@ def test_winner_becomes_e_prev() -> None:
 
 
 def test_prior_selects_before_the_error() -> None:
-    """The first set has the truth and a solution near E_prev, the second set has a solution between both."""
+    """One set has the truth and a solution near E_prev, the other set has a solution between these two."""
     matches = scene()
     x_p, x_c = CAMERA.normalise(matches.prev_left), CAMERA.normalise(matches.cur_left)
     before, between = (turned_by(angle) for angle in (0.10, 0.05))

@@ -1,4 +1,4 @@
-"""Digests change only with inputs of a result, and with each of them."""
+"""Digests change with every input of a result, and with no other file."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def stale(package: Path, file: str) -> set[str]:
-    """Names of the code digests that change with one byte of a file."""
+    """Names of the code digests that change after a change of one byte in a file."""
     digests = {
         f"{name} {variant}": modules
         for name, code in (("matches", identity.FRONT_END_CODE), ("poses", identity.POSE_CODE))

@@ -1,4 +1,4 @@
-"""A run of variant `published` calls nothing of the other variant; every setting of a variant is read."""
+"""A run of variant `published` calls no function of variant `kit`, and a run reads every declared setting."""
 
 from __future__ import annotations
 
