@@ -62,7 +62,7 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Definitions of a module of saved functions; empty without a file. `DataError` if the file cannot be run."""
+    """Definitions of a module of saved functions; empty if there is no file. `DataError` if the file cannot be run."""
     spec = importlib.util.spec_from_file_location(path.stem, path) if path.is_file() else None
     if spec is None or spec.loader is None:
         return {}

@@ -89,7 +89,7 @@ class Panel:
         `view`.
     view : class of the settings of the panel itself, declared with `setting`.
     start : configuration with the first values of the controls.
-    kit : configuration for the switch "published | kit"; without it, there is no switch.
+    kit : configuration for the switch "published | kit"; if None, there is no switch.
     height : height of the picture, pixels.
     long_job : label of the Run button, if `work` takes more than a second; else empty.
 

@@ -1,4 +1,4 @@
-"""Appendix: a rig with given faults, their effect on the length of a step, and the kit's estimate."""
+"""Appendix: a rig with given faults, their effect on the length of a step, and the estimate of variant `kit`."""
 
 from __future__ import annotations
 

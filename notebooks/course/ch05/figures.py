@@ -60,7 +60,7 @@ def filter_picture(
     state: NDArray[np.int64] | None,
     words: str,
 ) -> Image:
-    """The image with its matches, kept ones blue, removed ones orange, and the vehicle boxes."""
+    """The image with kept matches in blue, removed matches in orange, and the vehicle boxes."""
     # Words above small boxes would cover each other.
     wide = np.ptp(boxes.xyxy[:, ::2], axis=1) >= LEAST_LABELLED
     scores = [f"{score:.2f}" if each else "" for score, each in zip(boxes.score, wide, strict=True)]

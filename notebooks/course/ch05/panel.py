@@ -66,7 +66,7 @@ def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> 
 
 
 def real_drives() -> Iterator[Sequence]:
-    """The real drives found on this machine, one after the other."""
+    """The real drives on this machine, one after the other."""
     return (open_sequence(name) for name in available() if not name.startswith(SYNTHETIC))
 
 

@@ -88,7 +88,7 @@ def _directions(rng: np.random.Generator, count: int) -> Array:
 
 
 def _visible_points(rng: np.random.Generator, R_cp: Array, t_cp: Array, points: int, planar: bool) -> Array:
-    """Points (S, N, 3) in the previous camera's view and in front of both cameras."""
+    """Points (S, N, 3) in the view of the previous camera and in front of both cameras."""
     count = len(R_cp)
     # Planes n·X = n·X0 through a point X0 on the optical axis, tilted by up to about 60°.
     normal = _directions(rng, count) * 0.85 + [0.0, 0.0, 1.0]
