@@ -105,7 +105,7 @@ class Exercise:
         values or a `When`; for facts, a test of the facts.
     slips : messages by name of a slip, in place of those of `SLIPS`; for values, only these slips are tested.
     parts : names of several results, in the order in which they are judged.
-    form : the part of a result that is compared, such as `any_order`.
+    form : function that prepares results for the comparison, such as `any_order`.
     atol, rtol : absolute tolerance in the unit of the result, and relative tolerance.
     """
 

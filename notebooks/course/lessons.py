@@ -92,7 +92,7 @@ def motion_of(
 
 
 def consensus_rotation(points: Points | Pair, rng: np.random.Generator, focal: float) -> Array:
-    """R_cp (3, 3) of the candidate with the smallest error over all matches of a frame, refined."""
+    """Refined R_cp (3, 3) of the candidate with the smallest error over all matches of a frame."""
     config = KitSelectionConfig()
     sets = sample_sets(rng, len(points.x_p), config.sets)
     E, _ = five_point(points.x_p[sets], points.x_c[sets])

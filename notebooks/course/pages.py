@@ -93,7 +93,7 @@ def read(path: Path) -> Any:
 
 
 def execute(notebook: Any, beside: Path) -> None:
-    """Run a notebook in an empty folder, with the course of the folder `beside`, and store its outputs."""
+    """Run a notebook in an empty folder, with the package `course` of the folder `beside`; store its outputs."""
     with tempfile.TemporaryDirectory() as folder:
         where = {"metadata": {"path": folder}}
         client = NotebookClient(notebook, timeout=CELL_TIMEOUT_S, allow_errors=True, resources=where)

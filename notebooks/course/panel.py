@@ -160,7 +160,7 @@ class Panel:
         raise NotImplementedError
 
     def set(self, **values: Any) -> None:
-        """Set controls from code, `frame`, `sequence` and `variant` among them, and draw once.
+        """Set controls from code, including `frame`, `sequence` and `variant`, and draw once.
 
         A dot of a setting's name is written as two underscores: panel.set(selection__keep=3, frame=20).
         """

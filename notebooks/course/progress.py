@@ -1,4 +1,4 @@
-"""Progress of work of more than a second: a bar in a cell, or a thread with a bar and a Stop button."""
+"""Progress of long work: a bar in a cell, or a thread with a bar and a Stop button."""
 
 from __future__ import annotations
 

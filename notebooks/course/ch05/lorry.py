@@ -1,4 +1,4 @@
-"""Chapter 5: the winner of one frame when a share of the matches is on a lorry before the camera."""
+"""Chapter 5: the winner of one frame when a share of the matches is on a lorry in front of the camera."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class ReproduceView(Checked):
 
 
 class ReproducePanel(Panel):
-    """Methods over seeds on one sequence."""
+    """Methods with several seeds on one sequence."""
 
     title = "Table 1 and Figure 4"
     view = ReproduceView

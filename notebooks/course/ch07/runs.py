@@ -81,8 +81,8 @@ def clip(
 
     `first` : first frame of the part, as in `part_of`.
 
-    Its boxes are the labels beside its images, else the boxes of `detector`, a name or the path of an ONNX
-    file; by default of the first detector that was fetched. Without a detector there are no boxes.
+    The boxes are the labels of the sequence, else the boxes of `detector` (a name or the path of an ONNX file),
+    by default of the first detector on this machine. Without a detector there are no boxes.
     """
     names = sorted((name for name in available() if name.startswith(KITTI)), key=lambda name: name != WHOLE)
     opened_ones = ((name, open_sequence(name)) for name in names)
