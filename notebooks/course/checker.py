@@ -86,7 +86,7 @@ def any_order(indices: Array) -> Array:
 
 @dataclass(eq=False, repr=False)
 class Exercise:
-    """An exercise; a call with an answer, and with the further data of the task, returns the `Verdict`.
+    """An exercise. Its call with an answer, and with further data of the task, returns the `Verdict`.
 
     An answer is right if its results equal those of `right` in every case. A wrong answer gets the message of
     the mistake with the same results in most cases, else of a slip, else of a mistake whose test holds, else
@@ -103,7 +103,7 @@ class Exercise:
     library : functions of the library that an answer must not call.
     mistakes : by message (with fields as in `praise`), one or several wrong answers: functions of the inputs,
         values or a `When`; for facts, a test of the facts.
-    slips : messages by name of a slip, in place of those of `SLIPS`; for values, only these slips are tested.
+    slips : messages that replace those of `SLIPS`, by name; for values, only these slips are tested.
     parts : names of several results, in the order in which they are judged.
     form : function that prepares results for the comparison, such as `any_order`.
     atol, rtol : absolute tolerance in the unit of the result, and relative tolerance.
@@ -153,7 +153,7 @@ class Exercise:
         return replace(verdict, hint=f"{verdict.hint} {self.more}".strip()) if told_again else verdict
 
     def judge(self, answer: Any, *data: Any) -> Verdict:
-        """The verdict on an answer, without counting failures or keeping functions."""
+        """The verdict on an answer, without counting failures or saving functions."""
         if self.cases and not callable(answer):
             return Verdict(False, f"expected a function, got {type(answer).__name__}.")
         if self.cases and (name := handed_back(answer, self.library)):
@@ -249,7 +249,7 @@ class Exercise:
     def _results(self, answer: Any, cases: list[Case], changed: list[int] | None = None) -> list[Any]:
         """Results of an answer, ordered by part, then by case: arrays, None or `Unusable`.
 
-        Each call gets a copy of the inputs; `changed` collects the numbers of inputs that a call changed.
+        Each call gets a copy of the inputs; `changed` collects the positions of inputs that a call changed.
         """
         rows = []
         for inputs in cases:
@@ -260,7 +260,7 @@ class Exercise:
         return [row[part] for part in range(len(rows[0])) for row in rows]
 
     def _split(self, data: Any) -> list[Any]:
-        """The results of a call: one, or one for each name in `parts`."""
+        """The results of a call: a single result, or a result for each name in `parts`."""
         if not self.parts or data is None or isinstance(data, Unusable):
             return [result(data)] * max(len(self.parts), 1)
         results = list(data) if np.iterable(data) else []

@@ -9,5 +9,5 @@ GOOD, BAD, THIRD, FOURTH, FIFTH = CYCLE[:5]
 
 
 def bgr(colour: str) -> tuple[int, int, int]:
-    """A colour "#RRGGBB" as OpenCV's (blue, green, red)."""
+    """A colour "#RRGGBB" as the tuple (blue, green, red) of OpenCV."""
     return int(colour[5:7], 16), int(colour[3:5], 16), int(colour[1:3], 16)

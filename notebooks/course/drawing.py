@@ -100,7 +100,7 @@ def room(value: float, *, steps: tuple[float, ...] = FINE, least: float = 0.0) -
 
 
 def say(axis: Axes, words: str) -> None:
-    """Show words in place of a chart."""
+    """Show text in place of a chart."""
     axis.text(0.5, 0.5, words, ha="center", transform=axis.transAxes)
     axis.set_axis_off()
 

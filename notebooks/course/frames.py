@@ -238,7 +238,7 @@ def real_frame(name: str = "", frame: int = 40) -> tuple[Sequence, int] | None:
 
 
 def real_pair(scene: Sequence, frame: int, name: str = "") -> Shown | None:
-    """A drawn left image beside a real one; without KITTI, a sentence is printed and the result is None."""
+    """A drawn beside a real left image; without KITTI, a sentence is printed and the result is None."""
     real = real_frame(name)
     if real is None:
         return None

@@ -164,7 +164,7 @@ def _defined(node: ast.stmt) -> list[str]:
 
 
 def _with(text: str, name: str, source: str, imports: list[str]) -> str:
-    """The text of a module in which a definition replaces the last of that name or is added at the end."""
+    """The text of a module with a definition in place of the last definition of its name, or at the end."""
     lines, body = text.split("\n"), ast.parse(text).body
     heads = [node for node in body if isinstance(node, (ast.Import, ast.ImportFrom))]
     new_imports = [line for line in imports if line not in map(ast.unparse, heads)]

@@ -102,7 +102,7 @@ def execute(notebook: Any, beside: Path) -> None:
 
 
 def page(notebook: Any, path: Path) -> str:
-    """An executed notebook as a page with its pictures inside; folders of this machine become `.` and `~`."""
+    """An executed notebook as a page with embedded pictures; folders of this machine become `.` and `~`."""
     state = notebook.metadata.pop("widgets", {}).get(WIDGETS, {}).get("state", {})
     words = ""
     for cell in notebook.cells:

@@ -109,7 +109,7 @@ class Panel:
     long_job: ClassVar[str] = ""
 
     def __init__(self, sequence: str | Sequence = DEFAULT, frame: int = 60, **values: Any):
-        """`values` are first values of controls; a dot of the name is written as two underscores."""
+        """`values` are first values of controls; a dot in a name is written as two underscores."""
         self._lock = threading.RLock()
         self._quiet = True
         self._sequence: Sequence | None = None
@@ -162,7 +162,7 @@ class Panel:
     def set(self, **values: Any) -> None:
         """Set controls from code, including `frame`, `sequence` and `variant`, and draw once.
 
-        A dot of a setting's name is written as two underscores: panel.set(selection__keep=3, frame=20).
+        A dot in the name of a setting is written as two underscores: panel.set(selection__keep=3, frame=20).
         """
         sequence = values.pop("sequence", None)
         if self._sequence is None:

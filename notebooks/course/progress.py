@@ -34,7 +34,7 @@ class Stopped(Exception):
 
 
 class Job:
-    """At most one running function; a new one stops the previous one.
+    """At most one running function; the start of a function stops the previous function.
 
     `box` has a bar, words and a Stop button; it is hidden while nothing runs.
     """
