@@ -56,7 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     images.add_argument("--raw", type=Path, metavar="DIR", help="synced drive of KITTI's raw data")
     images.add_argument("--euroc", type=Path, metavar="DIR", help="EuRoC folder mav0, or its parent")
     images.add_argument("--swap", action="store_true", help="exchange left and right")
-    text = "skip images without a partner (EuRoC: always); without times, pairs count as evenly spaced"
+    text = "skip images without a partner (EuRoC: always); without times, pairs are taken as evenly spaced"
     images.add_argument("--skip-unpaired", action="store_true", help=text)
     text = f"largest time difference between left and right image, seconds; default {MAX_DELAY_S}"
     images.add_argument("--max-delay", type=float, default=MAX_DELAY_S, metavar="S", help=text)

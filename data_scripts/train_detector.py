@@ -46,12 +46,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the training."""
     parser.add_argument("data", type=Path, help="data.yaml, or its folder")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the training")
-    parser.add_argument("--one-class", metavar="NAME", help="merge all classes into one of this name")
+    parser.add_argument("--one-class", metavar="NAME", help="merge all classes into a class NAME")
     parser.add_argument(
         "--weights", type=Path, metavar="FILE", help="initial weights, a .pt file; default: random"
     )
     parser.add_argument("--epochs", default="400", metavar="N", help="epochs; default 400, as in the paper")
-    parser.add_argument("--size", default="640", metavar="PX", help="longer side of the images; default 640")
+    parser.add_argument("--size", default="640", metavar="PX", help="longer image side, pixels; default 640")
     parser.add_argument("--batch", default="16", metavar="N", help="images per step; default 16")
     parser.add_argument("--seed", default="0", metavar="N", help="random seed; default 0")
     parser.add_argument("--device", default="cpu", help="cpu, or the number of a GPU; default cpu")

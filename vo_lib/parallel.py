@@ -30,7 +30,7 @@ class ThisProcess(Executor):
 def local_pool(workers: int) -> Iterator[Executor]:
     """Worker processes on this machine, ended with the context; with 1 worker, calls run in this process.
 
-    Unlike the standard library's processes, loky's also start from scripts without a `__main__` guard.
+    Unlike processes of the standard library, loky's processes start without a `__main__` guard.
     """
     if workers == 1:
         yield ThisProcess()

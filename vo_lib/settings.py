@@ -133,7 +133,7 @@ def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
 
 
 def replace(config: Any, name: str, value: Any) -> Any:
-    """A copy of nested settings with a new, checked value of the setting with a dotted name."""
+    """A copy of nested settings with a new, checked value for the setting given by its dotted name."""
     items = {item.name: item for item in declared(type(config))}
     if name not in items:
         raise DataError(f"{name}: there is no such setting; {did_you_mean(name, items)}".rstrip("; "))

@@ -36,10 +36,10 @@ JPEG_QUALITY = 92
 class DetectionSetConfig(Checked):
     """Settings of a drawn data set for the training of a vehicle detector for drawn streets."""
 
-    seed: int = setting(0, "shifts all seeds of the streets", low=0, high=99_999)
+    seed: int = setting(0, "number added to the seed of every street", low=0, high=99_999)
     train: int = setting(4000, "images to train on", low=1, high=1_000_000)
-    valid: int = setting(240, "images for the curve of mAP while training", low=1, high=100_000)
-    frames: int = setting(24, "images taken from a street, far apart", low=1, high=1000)
+    valid: int = setting(240, "images for the mAP curve of the training", low=1, high=100_000)
+    frames: int = setting(24, "images per street, far from each other", low=1, high=1000)
 
 
 @dataclass(frozen=True)

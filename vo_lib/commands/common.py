@@ -52,7 +52,7 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
     text = "folder of YOLO label files; default: labels/ in the sequence's folder"
     parser.add_argument("--labels", metavar="DIR", help=text)
-    text = "PNG mask: no features where its pixels are not 0; or a folder with one mask per image, same names"
+    text = "PNG mask, 0 where features are allowed; or a folder with a mask for each image, with equal names"
     parser.add_argument("--masks", type=Path, metavar="PATH", help=text)
 
 

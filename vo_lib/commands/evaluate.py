@@ -22,7 +22,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     text = "folders of runs, and pose files of other systems in the format of KITTI, TUM or EuRoC"
     option("paths", nargs="+", type=Path, metavar="RUN_OR_FILE", help=text)
-    text = "ground truth of all paths, in one of these formats; default: the truth of the runs' sequences"
+    text = "ground-truth file of all paths (KITTI, TUM or EuRoC); default: the truth of the runs' sequences"
     option("--truth", type=Path, metavar="FILE", help=text)
     text = "sub-sequence lengths, metres; default 100,…,800, for short paths 20,50,100"
     option("--lengths", metavar="L,L,…", help=text)

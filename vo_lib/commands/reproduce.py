@@ -47,7 +47,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     start, config = time.perf_counter(), None
     if options.config is not None:
         if options.methods is not None:
-            raise DataError("--config and --methods: use only one of them, both set the method")
+            raise DataError("--config and --methods: use only one of them, since both set the method")
         config = common.read_settings(options)
         options.methods = options.method
     methods = common.parse_methods(options.methods, options.variant)

@@ -1,4 +1,4 @@
-"""`vo run`: one run over one sequence."""
+"""`vo run`: one method on one sequence."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     common.add_detector(parser)
     option("--out", metavar="DIR", help="folder for the results; a finished run in it is not repeated")
     option("--fresh", action="store_true", help="ignore a finished run in the folder")
-    text = "calibration.json of a run to start from (kit); --calibration.estimate off keeps it unchanged"
+    text = "initial calibration.json (variant kit); --calibration.estimate off keeps it unchanged"
     option("--calibration", type=Path, metavar="FILE", help=text)
     text = f"store and reuse matches and drawn scenes in DIR, by default {match_folder(None).parent}"
     option("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
@@ -150,7 +150,7 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
     if options.sequence is None or options.out is None:
         raise DataError("expected a sequence and --out DIR")
     if options.detector is not None and options.labels is not None:
-        raise DataError("--labels and --detector: use only one of them, both give the boxes")
+        raise DataError("--labels and --detector: use only one of them, since both give boxes")
     if (film := options.video) is not None:
         folder = film.absolute().parent
         exists = folder.is_dir() or folder == Path(options.out).absolute()

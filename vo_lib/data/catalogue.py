@@ -84,7 +84,7 @@ def open_sequence(
 ) -> Sequence:
     """A sequence by name ("kitti/07", "synthetic/traffic") or by the path of a folder in KITTI's layout.
 
-    A missing scene is drawn. Raises `DataError` like `open_folder`, and for an unknown name.
+    A missing scene is drawn. Raises the errors of `open_folder`, and `DataError` for an unknown name.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ class SceneConfig(Checked):
     bends: float = setting(35.0, "Largest change of heading in one bend.", unit="deg", low=0, high=60)
     sharp_turn: bool = setting(False, "A right-angled turn half-way.")
     standstill: float = setting(0.0, "Duration of a stop at one third of the way.", unit="s", low=0, high=60)
-    shake: float = setting(1.0, "Suspension: 1 is up to 1 cm of bounce and 0.2° of pitch.", low=0, high=10)
+    shake: float = setting(1.0, "Suspension: 1 gives up to 1 cm of bounce and 0.2° of pitch.", low=0, high=10)
 
     lanes: int = setting(1, "Lanes in each direction.", low=1, high=3)
     parked: float = setting(0.0, "Share of the kerbside places with a parked car.", low=0, high=1)

@@ -137,7 +137,7 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
 
 
 def _rows_of_frames(rows: Array, frames: list[str], path: Path) -> Array:
-    """One row per frame: all rows, or, for part of a sequence, the rows of the frame numbers."""
+    """One row per frame: all rows, or the rows with the frame numbers of part of a sequence."""
     if len(rows) == len(frames):
         return rows
     if len(rows) > int(frames[-1]):

@@ -135,7 +135,7 @@ def kitti_errors(
     this length ahead. Both errors of inverse(Δest) Δgt are divided by the nominal length.
 
     For KITTI's lengths, numbers have the devkit's single precision and agree with the devkit to the last
-    digit. This precision, 0.02° for angles, is too coarse for shorter paths; other lengths use double.
+    digit. Single precision, 0.02° for angles, is too coarse for shorter paths; these have double precision.
 
     Parameters
     ----------

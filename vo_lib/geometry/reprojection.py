@@ -76,13 +76,13 @@ def linearise(
 
     Parameters
     ----------
-    rotated : (..., N, 3) points R_cp X_p; t_cp : (3,) or broadcastable to them.
+    rotated : (..., N, 3) points R_cp X_p; t_cp : (3,) or broadcastable to `rotated`.
     measured : (..., N, 4) u, v in the left, u, v in the right current image, relative to the principal point.
 
     Returns
     -------
-    residuals (..., N, 4), pixels; derivatives (..., N, 4, 6) of the prediction to a rotation vector, which
-    turns about the previous camera's centre, and the translation; depth (..., N), metres.
+    residuals (..., N, 4), pixels; derivatives (..., N, 4, 6) of the prediction by a rotation vector (about
+    the previous camera's centre) and the translation; depth (..., N), metres.
     """
     X = rotated + t_cp
     z = np.maximum(X[..., 2], 1e-3)

@@ -102,7 +102,7 @@ def _cells(record: dict[str, Any], kind: str) -> list[str]:
 
 
 def caveats(group: Group) -> list[str]:
-    """Warnings above a table: parts of sequences, other sub-sequences, and sequences without boxes."""
+    """Warnings above a table: incomplete sequences, non-standard sub-sequences, sequences without boxes."""
     notes = []
     frames = {entry.sequence: len(entry.truth) for entry in group.entries.values() if group.kitti}
     parts = {name: n for name, n in frames.items() if n != BENCHMARK_FRAMES[name]}

@@ -51,7 +51,7 @@ def code_digest(modules: tuple[str, ...]) -> str:
 
 
 def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
-    """Files of modules of vo_lib and of the modules of vo_lib that they import at top level, sorted."""
+    """Files of modules of vo_lib and of their top-level imports from vo_lib, sorted."""
     waiting, files = [PACKAGE.joinpath(*name.split(".")).with_suffix(".py") for name in modules], set[Path]()
     while waiting:
         path = waiting.pop()
