@@ -71,7 +71,7 @@ def loop_pairs(closed: Closed) -> list[tuple[int, int]]:
 def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTable]:
     """Close the loops of finished runs in their folders; return a table of errors, or none without truth.
 
-    Places are compared once for all runs with the same settings of the comparison.
+    Runs with the same settings for the comparison of places share its result.
     """
     shared: dict[Any, Loops] = {}
     errors: dict[tuple[str, str, str], list[list[float]]] = {}

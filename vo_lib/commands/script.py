@@ -45,7 +45,7 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 def exit_code(program: str, error: BaseException) -> int:
-    """The exit code for one of `ENDINGS`, after a line about it on stderr.
+    """The exit code for an exception in `ENDINGS`, after its message on stderr.
 
     2 for bad input and errors of the system, 130 for Ctrl-C, 1 (without a message) for a closed output pipe.
     """

@@ -29,7 +29,7 @@ def kitti_roots() -> list[Path]:
 
 
 def kitti_root() -> Path:
-    """The KITTI folder that the kit uses: the first existing one, or the place for a new one."""
+    """The KITTI folder of the kit: the first existing folder, or the place for a new folder."""
     return next(iter(kitti_roots()), Path(os.environ.get("KITTI_ROOT") or PROJECT / "data" / "kitti"))
 
 

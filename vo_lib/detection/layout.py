@@ -46,7 +46,7 @@ class Letterbox:
 def fit_size(width: int, height: int, size: int) -> tuple[int, int]:
     """Width and height of a network's image with longer side `size` and the aspect ratio of the image.
 
-    Both are multiples of the stride, rounded up if the excess is more than a tenth of a stride.
+    Both sides are multiples of the stride, rounded up if the excess is more than a tenth of a stride.
     """
     scale = size / max(width, height)
     cells = [max(1, math.ceil(side * scale / INPUT_STRIDE_PX - MAX_SQUEEZE)) for side in (width, height)]

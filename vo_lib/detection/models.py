@@ -1,4 +1,4 @@
-"""Vehicle detectors by name: the included one, and those downloaded or registered."""
+"""Vehicle detectors by name: the included detector, and downloaded or registered detectors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def list_detectors(folder: Path | None = None) -> dict[str, Path]:
 def find_model(name: str | Path, folder: Path | None = None) -> Path:
     """The ONNX file of a model, by the name of an included, downloaded or registered model, or by path.
 
-    Raises `DataError` with the names available and the command that downloads models.
+    Raises `DataError` with the available names and the command that downloads models.
     """
     files = {**list_detectors(folder), **MODELS}
     path = files.get(str(name), Path(name))

@@ -40,7 +40,7 @@ def rotation_from_vector(w: Array) -> Array:
 def rotation_angle(R: Array) -> Array:
     """Angle of rotation matrices (..., 3, 3), radians, in [0, π].
 
-    The trace and the antisymmetric part together are precise even at small angles.
+    The formula with both the trace and the antisymmetric part is precise even at small angles.
     """
     R = np.asarray(R, dtype=np.float64)
     axis = np.stack(

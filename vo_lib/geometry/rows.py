@@ -15,7 +15,7 @@ AnyRows = TypeVar("AnyRows", bound="Rows")
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Base of frozen dataclasses with arrays of N rows: the rows i of all arrays describe one item.
+    """Base of frozen dataclasses with arrays of N rows: row i of every array describes item i.
 
     Comparison and hash are by identity; subclasses need `eq=False` too.
     """

@@ -76,7 +76,7 @@ def refine_over_time(
     Parameters
     ----------
     before, pair : images of the previous and the current pair.
-    previous : (N, 2) pixels in the previous left and right image; slope : (N, 2) of their surfaces.
+    previous : (N, 2) pixels in the previous left and right image; slope : (N, 2) slope of the surfaces.
     start : (N, 2) start positions in the current left and right image, pixels.
     motion : predicted R_cp and t_cp, metres.
 
@@ -109,7 +109,7 @@ def track_warped(
     ----------
     first, second : (H, W) uint8, of the same size.
     uv, start : (N, 2) pixels in the first image, and start positions in the second.
-    A : (N, 2, 2) warp of a window from the first to the second image; window : its side, pixels, odd.
+    A : (N, 2, 2) warp of a window from the first to the second image; window : side, pixels, odd.
 
     Returns
     -------

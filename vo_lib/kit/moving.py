@@ -1,9 +1,9 @@
 """Displacements of the vehicles in boxes against the background (chapter 5, not in the paper).
 
 The camera's motion is estimated from the features outside all boxes. This motion predicts the position of a
-static feature; its difference from the measured position is a displacement in space. Unlike the distance to
+static feature; the measured position minus this prediction is a displacement in space. Unlike the distance to
 an epipolar line, the displacement also detects a car ahead at a constant distance: its disparity is constant,
-while that of a parked car grows.
+while the disparity of a parked car grows.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def background_motion(camera: StereoCamera, matches: StereoMatches, start: Array
 
 
 def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> PointSteps:
-    """Displacement of each feature against the background: its position minus that of a static feature.
+    """Displacement of each feature against the background: position minus that of a static feature.
 
     Both points are triangulated from u_left, v and u_right. The displacement of a far feature is therefore
     precise across the line of sight and uncertain along it, as the information matrix expresses.
@@ -125,7 +125,7 @@ class BoxSteps(Rows):
     Attributes
     ----------
     step : (K, 3) displacement against the background in the current left camera's axes, metres.
-    information : (K, 3, 3) its inverse covariance, 1/m²; zero without a measurement.
+    information : (K, 3, 3) inverse covariance of `step`, 1/m²; zero without a measurement.
     matches : (K,) number of features that may be on the vehicle.
     """
 
@@ -140,13 +140,13 @@ def no_steps(number: int) -> BoxSteps:
 
 
 def box_steps(points: PointSteps, owner: IntArray, number: int, noise: float) -> BoxSteps:
-    """The displacement of each of `number` boxes, from its features; owner (N,) is their box, -1 for none.
+    """The displacement of each of `number` boxes from its features; owner : (N,) box of a feature, or -1.
 
     `noise` : variance of a match, pixels².
 
     The features of a box are on the vehicle, on the background behind it, or on outlines that belong to
-    neither. Two robust means with Cauchy weights compete: that of all features, and that of the features that
-    do not agree with the background.
+    neither. Two robust means with Cauchy weights compete: the mean of all features, and the mean of the
+    features that do not agree with the background.
     """
     static_error = points.squared_error(np.zeros(3)) / noise
     owned = (owner >= 0) & np.isfinite(static_error)

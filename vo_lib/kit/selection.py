@@ -1,7 +1,7 @@
 """Selection with a rejectable prior and a refined winner (chapters 2 and 3, not in the paper).
 
 Consensus takes the candidate with the smallest error over all features. Solution selection (paper, section
-2.2) first keeps, of the candidates of each five-point set, the k nearest to the essential vector of the
+2.2) first keeps the k candidates of each five-point set that are nearest to the essential vector of the
 previous frame. In our interpretation, the error over all features then decides.
 """
 

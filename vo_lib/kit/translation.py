@@ -1,7 +1,7 @@
 """The translation by weighted linear least squares, equations (2) and (3) of the paper (chapter 4).
 
 With known R, a feature at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image: (x e3 - e1)ᵀ P = 0
-and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where P = Q in the previous pair
+and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right image, where P = Q in the previous pair
 and P = R Q + t in the current pair: eight rows, six unknowns (Q, t). The paper has Q in the current frame,
 and its P is the projection.
 

@@ -55,7 +55,7 @@ def find_loops(
     """Pairs of similar places, accepted or not, with the motion between them.
 
     method : source of the seed, box rule, buckets and reprojection settings; the features are the paper's.
-    progress : called with (steps done, total steps); the places are the first half, the pairs the second.
+    progress : called with (steps done, total steps); places are the first half, pairs the second half.
     """
     frames = place_frames(len(sequence), config)
     similarity = place_similarities(sequence, method, config, lambda done, of: progress(done, 2 * of))

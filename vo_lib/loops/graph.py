@@ -32,7 +32,7 @@ class Edges(Rows):
     first, second : (N,) numbers of the poses.
     motion : (N, 4, 4) pose of the second camera relative to the first.
     sigma : (N, 2) standard deviations of the rotation, radians, and of the translation, metres.
-    is_loop : (N,) the edge has a robust weight.
+    is_loop : (N,) mask of the edges with a robust weight.
     """
 
     first: IntArray

@@ -19,7 +19,7 @@ LEARNING_ROUNDS = 5
 
 
 def place_frames(count: int, config: LoopConfig) -> IntArray:
-    """The frames that are places: every n-th of `count`, with n large enough for the largest number."""
+    """The frames that are places: every n-th of `count`, with n so large that their number is allowed."""
     return np.arange(0, count, max(config.every, -(-count // config.places)), dtype=np.int64)
 
 
@@ -60,7 +60,7 @@ def similarities(images: list[Described], width: int, config: LoopConfig, seed: 
 
 
 def candidates(similarity: Array, frames: IntArray, config: LoopConfig) -> IntArray:
-    """Pairs (M, 2) of places, the earlier first: each place and the most similar places before its gap."""
+    """Pairs (M, 2) of places, the earlier first: each place with its most similar places, a gap earlier."""
     pairs = []
     for later in range(len(frames)):
         earlier = np.flatnonzero(frames <= frames[later] - config.gap)

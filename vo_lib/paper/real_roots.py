@@ -28,7 +28,7 @@ ROOT_STEPS, ROOT_DONE = 20, 1e-7
 
 
 def _bernstein_matrices() -> tuple[Array, Array]:
-    """Matrices from power to Bernstein coefficients on PIECES of [-1, 1], and from these on PARTS of [0, 1].
+    """Matrices from power to Bernstein coefficients on PIECES of [-1, 1], and from these to PARTS of [0, 1].
 
     Shapes (11 · PIECES, 11) and (11 · PARTS, 11), coefficient by coefficient.
     """
@@ -60,9 +60,9 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
     """Intervals with one real root each, in [-1, 1], of polynomials (11, P), coefficients of t¹⁰ … 1.
 
     The number of roots in an interval is at most the number of sign changes among the Bernstein coefficients
-    there (Descartes): no change means no root, one change means one. Other intervals are cut into parts. The
-    second result has the intervals in which rounding noise hides the number of roots: with several changes,
-    all coefficients are below the noise; without a change, the smallest one is.
+    there (Descartes): no change means no root, one change means one root. Other intervals are cut into parts.
+    The second result has the intervals in which rounding noise hides the number of roots: with several
+    changes, all coefficients are below the noise; without a change, the smallest coefficient is.
     """
     size = np.max(np.abs(polynomials), axis=0)
     noise = np.maximum(ROUNDING_ERROR[0] * size, ROUNDING_ERROR[1])

@@ -57,7 +57,7 @@ def sampson_inliers(E: Array, x_p: Array, x_c: Array, threshold: float) -> BoolA
 
 
 def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> BoolArray:
-    """Solution selection: of each set's candidates, the `keep` nearest to the previous essential vector.
+    """Solution selection: the `keep` candidates of each set nearest to the previous essential vector.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def competing(E: Array, set_index: Index, e_prev: Array | None, config: Selectio
 
 
 def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:
-    """The one of the four motions (R, ±t) of E that agrees with the stereo depth of the matches.
+    """The motion, among the four (R, ±t) of E, that agrees with the stereo depth of the matches.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Thresholds of the systems of Table 1, with default, unit, range and one sentence each.
 
-The paper gives two of these numbers: buckets of 50×50 px, and two solutions kept per set. The rest is ours.
-The base classes `ImageBorder`, `StereoLimits`, `TranslationLimits` and `MethodConfig` declare the settings
-that both variants share.
+The paper gives two of these numbers: buckets of 50×50 px, and two solutions kept per five-point set. The
+others are ours. The base classes `ImageBorder`, `StereoLimits`, `TranslationLimits` and `MethodConfig`
+declare the settings that both variants share.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The translation by the pseudo-inverse, equations (2) and (3) of the paper (chapter 4).
 
 With known R, a feature at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image: (x e3 - e1)ᵀ P = 0
-and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right one, where P = Q in the previous pair
-and P = R Q + t in the current one. Eight rows, six unknowns (Q, t). The paper has Q in the current frame, and
-calls the projection matrix P. Divided by the feature's depth, a row is in pixels over f, like the projection
+and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right image, where P = Q in the previous pair
+and P = R Q + t in the current pair. Eight rows, six unknowns (Q, t). The paper has Q in the current frame,
+and P is its projection matrix. Divided by the feature's depth, a row is in pixels over f, like the projection
 in (2) with its factor α. In metres, far features would have the largest weight, and steps would be too long.
 
 Section 2 requires the constraints of three consecutive frames. A feature that was also matched in the

@@ -106,7 +106,7 @@ def distance_from_truth(poses: Array, truth: Array) -> Array:
 def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None:
     """Draw the distance of estimates from the truth over the length of the true path, metres.
 
-    This shows differences that are invisible from above.
+    The distance shows differences that are invisible from above.
     """
     path = trajectory_distances(truth)
     for _, poses, style in styled(estimates):
@@ -204,9 +204,9 @@ def match_image(
 ) -> Image:
     """The current left image (H, W) as BGR (H, W, 3); a match is a line from its previous position to a dot.
 
-    Kept matches are blue (`by_age`: greener with age), removed ones orange. With the boxes' `state` (K,) from
-    `kit.judgement`, moving boxes have a thick solid line, parked boxes a dashed line, unknown boxes a dotted
-    line. `words` are written above the boxes.
+    Kept matches are blue (`by_age`: greener with age), removed matches orange. With the boxes' `state` (K,)
+    from `kit.judgement`, moving boxes have a thick solid line, parked boxes a dashed line, unknown boxes a
+    dotted line. `words` are written above the boxes.
     """
     picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), np.uint8)
     states = [MOVING] * len(boxes) if state is None else state.tolist()

@@ -121,9 +121,9 @@ def caveats(group: Group) -> list[str]:
 
 
 def results(groups: list[Group]) -> list[str]:
-    """Sentences on each group: the proposal compared with the methods that the paper compares it with.
+    """Sentences on each group: the proposal compared with the same methods as in the paper.
 
-    The first comparison is with the same method without removal; the others are the paper's only.
+    The first comparison is with the same method without removal; the others are as in the paper.
     """
     compared = ((group, other) for group in groups for other in list(CLAIMS)[: 2 if group.is_papers else 1])
     return [sentence for group, other in compared for sentence in _comparison(group, other)]

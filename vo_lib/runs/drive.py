@@ -123,7 +123,7 @@ def make_odometry(
 
 
 def unmasked(sequence: Sequence, frames: Iterable[TimedMatches]) -> Iterator[TimedMatches]:
-    """The matches of each frame outside the masks of that frame and of the previous one."""
+    """The matches of each frame outside the masks of that frame and of the previous frame."""
     if sequence.masks is None:
         yield from frames
         return
