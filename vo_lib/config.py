@@ -93,5 +93,5 @@ def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
     except DataError:
         other = "published" if isinstance(config, KitConfig) else "kit"
         settings.replace(VARIANTS[other]["viso2"], name, value)  # raises if that variant lacks it too
-        raise DataError(f"{name} {value}: a setting of the other variant: add --variant {other}") from None
+        raise DataError(f"{name} {value} is a setting of the other variant: add --variant {other}") from None
     return changed

@@ -104,7 +104,7 @@ def _run(options: argparse.Namespace) -> int:
                 report(frame.index + 1, len(sequence))
         say(f"film: {options.video}")
     if read_back:
-        say("The folder has this run already, finished; --fresh repeats the run.")
+        say("The folder contains this run already; --fresh repeats the run.")
     return 0
 
 

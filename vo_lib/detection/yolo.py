@@ -170,7 +170,7 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
     except Exception as error:  # ONNX Runtime's exception types have no common base class
         raise DataError(f"is not a model that ONNX Runtime can load: {_first_line(error)}", path) from None
     if session.get_providers()[0] != provider_class:
-        raise DataError(f"provider {provider} did not start: it needs an NVIDIA GPU with CUDA and cuDNN")
+        raise DataError(f"provider {provider} did not start: expected an NVIDIA GPU with CUDA and cuDNN")
     return session
 
 

@@ -132,7 +132,7 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float) -> tuple[Index,
         return rows, poses[pose_rows]
     if len(poses) != len(truth.truth):
         counts = f"has {len(poses)} poses, but the truth of {truth.name} has {len(truth.truth)}"
-        raise DataError(f"{counts}: without times, row k of both must be frame k; cut the longer file", path)
+        raise DataError(f"{counts}: without times, row k of both files is frame k; cut the longer file", path)
     return np.arange(len(poses)), poses
 
 
