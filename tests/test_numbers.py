@@ -35,7 +35,7 @@ ROWS = dict(zip(README, ("kitti/drive_0013, 50 m, axes removed", "synthetic/jam,
 
 
 def require_rounded(quoted: Iterable[str], exact: Iterable[float | str]) -> None:
-    """Require that each number in a text is the rounded exact number."""
+    """Require that each number in a text equals the exact number after rounding."""
     for text, number in zip(quoted, exact, strict=True):
         decimals = len(text.partition(".")[2])
         assert abs(float(text) - float(number)) <= 0.5 * 10**-decimals + 1e-9

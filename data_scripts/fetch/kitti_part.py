@@ -29,7 +29,7 @@ def parse_drive(text: str) -> tuple[str, str]:
 def drive_archives(host: str, drive: str, color: bool = False) -> tuple[list[str], Targets]:
     """Addresses of the archives of a rectified drive and of its calibration, and path patterns of the files.
 
-    The images have the same numbers as in the drive. Calibration, timestamps and GPS/IMU packets go into RAW.
+    The images have the same numbers as in the drive. Calibration, timestamps and GPS/IMU packets are in RAW.
     """
     day, sequence = parse_drive(drive)
     base, folder, cameras = f"{host.rstrip('/')}/raw_data", f"sequences/{sequence}", "0-3" if color else "01"

@@ -54,7 +54,7 @@ class Archives:
         self._session.close()
 
     def directory(self, place: str) -> list[tuple[zipfile.ZipInfo, int]]:
-        """Entries of an archive, each with the end of its member in bytes. Raises `DataError`."""
+        """Entries of an archive, each with the position of its member's end, bytes. Raises `DataError`."""
 
         def ask() -> tuple[list[zipfile.ZipInfo], int]:
             remote, options = _is_url(place), {"session": self._session, "timeout": download.TIMEOUT_S}

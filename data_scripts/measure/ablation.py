@@ -39,7 +39,7 @@ class Idea:
     Attributes
     ----------
     name : name of the idea in the table. lines : number of code lines of the idea.
-    off : values that turn off the idea, by dotted name of a setting, or full name of a function or constant.
+    off : values that turn off the idea, by dotted name of a setting or full name of a function or constant.
     method : the method in which the idea is turned off.
     stays : reason to keep an idea that does not reduce the errors.
     """
@@ -84,12 +84,12 @@ def searched_once(self: Any, before: Any, features: Any, pair: Any) -> Any:
 
 
 def square_in_stereo(slope: Array) -> Array:
-    """`stereo_warp` that leaves windows square."""
+    """Replacement of `stereo_warp` for square windows."""
     return np.tile(np.eye(2), (len(slope), 1, 1))
 
 
 def square_over_time(camera: Any, uv: Array, *_: Any) -> Array:
-    """`motion_warp` that leaves windows square."""
+    """Replacement of `motion_warp` for square windows."""
     return square_in_stereo(uv)
 
 
@@ -108,13 +108,13 @@ def coarse_in_stereo(pair: Any, coarse: Any, left: Array, right: Array, config: 
 
 
 def papers_translation(camera: Any, matches: Any, R_cp: Array, config: Any) -> Any:
-    """`robust_translation` replaced by the paper's `solve_translation`."""
+    """Replacement of `robust_translation`: the paper's `solve_translation`."""
     solved = solve_translation(camera, matches, R_cp, TranslationConfig())
     return solved and (solved[0], np.where(solved[1], 0.0, np.inf))
 
 
 def least_squares(system: Any, limit: float) -> Array:
-    """`robust_start` replaced by least squares over all features."""
+    """Replacement of `robust_start`: least squares over all features."""
     return np.asarray(np.linalg.solve(system.W.sum(axis=1)[FULL], system.right_sides().sum(axis=1)))
 
 

@@ -129,7 +129,7 @@ def _listed(folder: Path, pattern: str) -> list[Path]:
 
 
 def _object_drives(mapping: Path | None, permutation: Path | None) -> list[str]:
-    """Raw drive of each object image: row permutation[i] of the mapping, counted from 1, is about image i."""
+    """Raw drive of each object image; image i is in row permutation[i] of the mapping, counted from 1."""
     if mapping is None or permutation is None:
         return []
     rows = [line.split() for line in read_text(mapping).splitlines() if line.strip()]

@@ -154,7 +154,7 @@ class Renderer:
     def _texels(
         self, face: Int, table: FaceTable, x: Float32, y: Float32
     ) -> tuple[Places, list[Float32], Float32]:
-        """Positions in the atlas whose values pixels (h, W) have.
+        """Positions in the atlas of the texels that give the brightness of pixels (h, W).
 
         Returns, for s and for t, the positions in the finer and in the coarser level and the share of the
         coarser level; and 1/Z.
@@ -191,7 +191,7 @@ class Renderer:
 
 
 def look_up(table: NDArray[Number], index: Int) -> NDArray[Number]:
-    """Faster table[index] for indices within the table."""
+    """A faster version of table[index], for indices within the table."""
     return table.take(index, mode="clip")
 
 

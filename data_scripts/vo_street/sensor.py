@@ -21,7 +21,7 @@ SHIFTS = 256  # places along each side where a picture's noise may begin
 
 
 def exposures(config: SceneConfig, times: Array) -> Array:
-    """Exposure (N,) of each frame, relative to 1, with the variation of the settings."""
+    """Exposure (N,) of each frame; it varies about 1 by the `exposure_change` of the settings."""
     rng = np.random.default_rng([config.seed, 7])
     wave = smooth_wave(times, rng, 4.0, 15.0)
     return np.asarray(np.exp(np.log1p(config.exposure_change) * wave))

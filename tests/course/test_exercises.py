@@ -61,7 +61,7 @@ GIVEN: dict[str, tuple[Any, ...]] = {
 
 
 def judge(name: str, answer: Any) -> Verdict:
-    """The verdict on an answer, which is a function, a value or facts, as for a student."""
+    """The verdict on a student's answer, which is a function, a value or facts."""
     exercise, given = TABLES[name], GIVEN.get(name, ())
     exercise.failures.clear()
     if isinstance(answer, dict):

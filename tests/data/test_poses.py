@@ -1,4 +1,4 @@
-"""Trajectory files: writing and reading, matching of times, and failed writing."""
+"""Trajectory files: reading and writing, matching of times, and errors of writing."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ def test_corners_of_a_square_without_its_edges() -> None:
 
 
 def test_corner_strength_is_the_smaller_eigenvalue() -> None:
-    """The strength (grey levels) at a pixel of the half-size image is computed with NumPy's eigenvalues."""
+    """Comparison with NumPy's eigenvalues at one pixel of the half-size image, grey levels."""
     half = np.random.default_rng(3).integers(0, 255, (30, 40)).astype(np.uint8)
     image = np.pad(np.repeat(np.repeat(half, 2, axis=0), 2, axis=1), ((0, 0), (0, 1)))
     strength = corner_strength(image)

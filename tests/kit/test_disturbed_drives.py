@@ -35,7 +35,7 @@ class Fault:
     """A fault of the stereo camera.
 
     images : function from the undisturbed drive and a frame number to the pair of the faulty camera.
-    shown : function from the frame number to the frame number of the left image that is shown.
+    shown : function from a frame number to the frame whose left image is in this frame.
     """
 
     images: Callable[[list[Pair], int], Pair]

@@ -52,7 +52,7 @@ def test_other_depths_lower_the_share_of_a_surface(
 
 @pytest.mark.parametrize("right", [False, True])
 def test_warp_is_the_derivative_of_the_motion(right: bool) -> None:
-    """The right camera has the same wall in view from a position one baseline to the right."""
+    """The right camera views the same wall from a position one baseline to the right."""
     slope, t = SLOPE, T
     place = np.array([350.0, 120.0])
     if right:

@@ -20,7 +20,7 @@ def distance(E: Array, F: Array) -> Array:
 
 
 def off_essential(E: Array) -> Array:
-    """Difference (M, 3) of singular values of unit matrices (M, 3, 3) and of an essential matrix."""
+    """Singular values (M, 3) of unit matrices (M, 3, 3) minus those of a unit essential matrix."""
     return np.asarray(np.abs(np.linalg.svd(E, compute_uv=False) - [0.5**0.5, 0.5**0.5, 0.0]))
 
 

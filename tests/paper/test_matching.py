@@ -30,7 +30,7 @@ def two_images() -> tuple[Image, Image]:
 
 
 def most_alike(a: Described, b: Described, near: BoolArray) -> Index:
-    """Index (N,) of the most similar of M features that has the same kind and is near: near (N, M)."""
+    """Index (N,) of the most similar feature of the same kind; the mask near (N, M) limits the choice."""
     near = near & (a.kind[:, None] == b.kind)
     difference = np.abs(a.descriptor[:, None] - b.descriptor).sum(axis=2)
     match = np.where(near.any(axis=1), np.argmin(np.where(near, difference, np.inf), axis=1), -1)

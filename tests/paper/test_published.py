@@ -172,7 +172,7 @@ def off_by_rectification(matches: StereoMatches) -> StereoMatches:
 
 
 def test_third_frame_lowers_the_rectification_error() -> None:
-    """The previous pair lowers the error of a step of 1 m, although both steps are too long."""
+    """Steps of 1 m are too long; with the previous pair, their error is smaller."""
     forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
     errors = []
     for seed in range(20):

@@ -49,7 +49,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run folders: a, and runs that differ from a in method, in seed, in frames, or in sequence."""
+    """Run folders: a reference, and runs with a different method, seed, part of the frames, or sequence."""
     base = tmp_path_factory.mktemp("runs")
     sequence, other = (open_sequence(write_bands(base / name)) for name in ("bands", "street"))
     jobs = {"a": (sequence, "viso2", 0), "b": (sequence, "mesvo_f", 0), "c": (sequence, "viso2", 1)}

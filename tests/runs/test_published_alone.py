@@ -1,4 +1,4 @@
-"""A run of variant `published` calls no function of variant `kit`, and a run reads every declared setting."""
+"""A run of variant `published` calls no function of variant `kit`; runs read every declared setting."""
 
 from __future__ import annotations
 
