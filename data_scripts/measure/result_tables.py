@@ -146,7 +146,7 @@ def page_tables(
         result += tables(VARIANT_WORDS[variant].capitalize(), cells, sentences)
     result += other_systems(systems)
     ours = {label: row for label, row in rules.items() if label.endswith(RULED[1])}
-    sentences = compared(ours, "none", "moving", f"Of {RULED[1]}, the rule `moving`, against no removal,")
+    sentences = compared(ours, "none", "moving", f"In {RULED[1]}, the rule `moving`, instead of `none`,")
     result += tables("Box rules, variant kit", rules, sentences, "sequence, method")
     result.append(plain("Box rules, variant kit: features removed, %", "sequence, method", removed, 0))
     learning = with_numbers(learning)
@@ -154,10 +154,10 @@ def page_tables(
     result += tables("What learning the calibration does", learning, sentences, "sequence, method")
     result.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))
     result[-1].notes.append(
-        "TE, pitch and yaw: with the rotation between camera and truth that minimises TE (`vo data "
-        "measure_axes`), seed 0. Length: of all steps, relative to the truth. The settings of the learning "
-        "were chosen on 00, 01, KITTI's raw drive 0005 and the drawn scenes, so these rows do not test them; "
-        "see the appendix."
+        "TE, pitch and yaw are those of the rotation between camera and truth that minimises TE (`vo data "
+        "measure_axes`), with seed 0. Length: excess length of the path over the truth. The settings of the "
+        "calibration were chosen on 00, 01, KITTI's raw drive 0005 and the drawn scenes, so these rows do "
+        "not test the settings; see the appendix."
     )
     return result
 
@@ -181,8 +181,8 @@ def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:
         return []
     table = plain("Other systems on the same frames", "sequence, system", rows, 2)
     table.notes.append(
-        "The published trajectories of libviso2 and ORB-SLAM2, and methods of the kit (mean over the seeds), "
-        "on KITTI's first 201 frames of 00 and 51 of 01, a start at every frame."
+        "Published trajectories of libviso2 and ORB-SLAM2, and methods of the kit (means over the seeds), on "
+        "the first 201 frames of KITTI's 00 and the first 51 of 01. A sub-sequence starts at every frame."
     )
     return [table]
 
